@@ -152,7 +152,7 @@ def same_body(a: bytes, b: bytes) -> bool:
 
 
 def unconfirmed_guesses(inputs: Sequence[Path]) -> list[str]:
-    """One line for each imported case whose map.yaml still has guesses to be confirmed, which `lab import --guess` marks."""
+    """One line for each case whose map.yaml has guesses that `lab import --guess` marks; it begins with "unconfirmed: "."""
     said = []
     for place in inputs:
         path = place / "map.yaml"
@@ -162,15 +162,20 @@ def unconfirmed_guesses(inputs: Sequence[Path]) -> list[str]:
             continue
         found = [line.removeprefix(UNCONFIRMED).strip() for line in lines if line.startswith(UNCONFIRMED)]
         if found:
+            names = [line.partition(": ")[0][:MOST_OF_GUESS] for line in found]
+            more = f" and {len(found) - MOST_GUESSES} more" if len(found) > MOST_GUESSES else ""
+            counted = "1 guess of the map is" if len(found) == 1 else f"{len(found)} guesses of the map are"
             said.append(
-                f"unconfirmed: {path} has {len(found)} guesses that nobody has confirmed ({found[0]}); check each, correct the "
-                f"map, delete its line {UNCONFIRMED!r}, and import again"
+                f"unconfirmed: {counted} not confirmed: {', '.join(names[:MOST_GUESSES])}{more}; check each in {path}, "
+                f"correct it, remove its line {UNCONFIRMED!r}, and import again"
             )
     return said
 
 
 UNCONFIRMED = "# CHECK:"
 """How `lab import --guess` begins a line about a guess that the data do not force."""
+MOST_GUESSES, MOST_OF_GUESS = 6, 60
+"""Named one by one; characters of each."""
 LARGEST_MAP = 1_000_000
 """Bytes."""
 DOUBTS = {

@@ -59,6 +59,8 @@ class Strange:
     """The first one's, from 0."""
     words: tuple[str, ...]
     cells: int
+    column: NDArray[np.str_]
+    """All cells of the column."""
 
 
 @dataclass(frozen=True)
@@ -160,7 +162,9 @@ def judge(cells: pd.Series[str], missing: Sequence[str | float] = (), decimal: s
         times = _times(cells, words)
         return Judged(np.array(cells, dtype=np.str_)) if times is None else Judged(times, "s")
     found = tuple(dict.fromkeys(map(str, cells[open_].head(SAMPLE))))[:MOST_WORDS]
-    return Judged(values, unit, Strange(int(np.argmax(open_)), found, int(open_.sum())), note)
+    return Judged(
+        values, unit, Strange(int(np.argmax(open_)), found, int(open_.sum()), np.array(cells, dtype=np.str_)), note
+    )
 
 
 def without_fillers(values: Array, missing: Sequence[str | float] = ()) -> tuple[Array, dict[float, int]]:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -11,7 +14,8 @@ from numpy.typing import NDArray
 from model.robot import Robot
 from recordings.trials import unit_of
 
-from ..files.config import ConfigError
+from ..files.config import ConfigError, check
+from ..files.config import Source as Proposed
 from ..files.units import KINDS
 from .columns import is_missing
 from .guess_tip import guess_angles, guess_quaternion, guess_tip, proposed_pressures
@@ -21,14 +25,17 @@ from .headings import (
     Heading,
     chamber,
     heading,
+    names_inflated,
     quadruples,
     quantity,
     turning,
 )
+from .map_file import Map, quantities
 from .proposal import Guess
-from .quantities import ATMOSPHERE
-from .reading import EPOCH
+from .quantities import ATMOSPHERE, quantities_of
+from .reading import EPOCH, texts
 from .series import Series
+from .trials import Change, Stages, changes
 
 Array = NDArray[np.float64]
 
@@ -53,21 +60,26 @@ def guess_map(series: Series, robot: Robot) -> Guess:
     headings = [heading(n, series.units.get(n, "")) for n in series.names if n in series.numbers or n in series.words]
     turns, angles = quadruples(headings), turning(headings)
     used = {name for four in turns for name in four} | {name for three in angles for name in three.columns}
-    pressures = _pressures(g, series, [h for h in headings if h.name not in used], robot)
-    used |= set(pressures)
+    counting = [h for h in headings if h.name not in used and _counts(h, series)]
+    others = [h for h in headings if h.name not in used and h not in counting]
+    if not any(chamber(h) is not None and h.name in series.numbers for h in others):  # "chamber" of a robot of one
+        counting, others = [], [*others, *counting]
+    pressures = _pressures(g, series, others, robot)
+    used |= {h.name for h in counting} | set(pressures)
     tip = guess_tip(g, series, [h for h in headings if h.name not in used and h.name in series.numbers], robot)
-    guess_quaternion(g, series, turns, tip)
+    guess_quaternion(g, series, turns, tip.columns)
     guess_angles(g, series, angles, tip)
-    used |= set(tip)
+    used |= set(tip.columns)
     _others(g, series, [h for h in headings if h.name not in used])
     _states(g, series, pressures)
+    _trials(g, series, counting, pressures)
     _missing(g, series)
     return g
 
 
 def _missing(g: Guess, series: Series) -> None:
     """Words of the columns in use that are no numbers."""
-    in_use = repr(g.values)
+    in_use = repr({k: v for k, v in g.values.items() if k != "trials"})
     words = [w for name, strange in series.strange.items() if repr(name) in in_use for w in strange.words]
     if words:
         said = list(dict.fromkeys(words))
@@ -171,7 +183,8 @@ def _others(g: Guess, series: Series, headings: Sequence[Heading]) -> None:
     ignored = []
     for h in headings:
         column = quantity(h)
-        if column is None or f"columns.{column}" in g.reasons or (h.name in series.words and column != "branch"):
+        words = h.name in series.words and column != "branch"
+        if column in (None, "trial", "repeat") or f"columns.{column}" in g.reasons or words:
             ignored.append(h.name)
             continue
         if column == "roll_deg" and _varies(series.numbers[h.name]):
@@ -241,7 +254,69 @@ def _states(g: Guess, series: Series, pressures: Sequence[str]) -> None:
         if not timed:
             g.say("source.rate", "100 Hz", "GUESSED: no column of time")
             g.doubts.append("source.rate: how many rows a second? 100 is a guess")
-        if "columns.trial" not in g.reasons:
-            g.say("trials", {"begin": "rest"}, "each return to ambient pressure begins a trial")
-    elif "columns.trial" not in g.reasons:
+
+
+# ------------------------------------------------------------------ trials
+def _counts(h: Heading, series: Series) -> bool:
+    """Whether a column counts trials, or counts repeats or names what is inflated and stays so for some rows."""
+    names = names_inflated(h) and _branches(series, h.name) is None
+    if h.stated or not (names or quantity(h) in ("trial", "repeat")):
+        return False
+    numbers = series.numbers.get(h.name, np.zeros(0))
+    if not names and (numbers[np.isfinite(numbers)] % 1 != 0).any():
+        return False
+    cells = texts(series, h.name, "").tolist()
+    known = [w for w in cells if w]
+    return bool(known) and (quantity(h) == "trial" or sum(a != b for a, b in pairwise(known)) < len(cells) / 2)
+
+
+def _trials(g: Guess, series: Series, counting: Sequence[Heading], pressures: Sequence[str]) -> None:
+    """Where trials begin: with each value of a column that counts them, or at each return to rest and each change of others."""
+    stages: Stages | None = None
+    every, change = [], []
+    with suppress(ConfigError):  # the import will say what is wrong
+        values = g.values | {"trials": {"change": [h.name for h in counting]}}
+        tried = check(Proposed(series.path.name, values, {}), Map)
+        named = {n: s for n, s in series.strange.items() if n in tried.trials.change}
+        q = quantities_of(replace(series, strange=named), tried, quantities(tried.constants, "constants"))
+        stages = Stages.of(q, tried.states, tried.trials.below)
+        every = changes(q, stages)
+    for h in counting:
+        own = [c for c in every if c.column == h.name]
+        if stages is not None and not _useful(g, series, h, own, stages):
+            continue
+        known = stages is None or all([
+            *(stages.within(own, *rest) for rest in stages.returns()), *map(stages.at_rest, own)
+        ])  # fmt: skip
+        column = quantity(h)
+        numbered = h.name in series.numbers and f"columns.{column}" not in g.reasons
+        if numbered and (column == "repeat" or (column == "trial" and known)):
+            g.say(f"columns.{column}", {"column": h.name}, f"the heading {h.name!r}")
+        else:
+            change.append(h.name)
+    if "columns.trial" in g.reasons or not pressures:
+        g.doubts += [f"not used: {', '.join(change)}"] if change else []
+    elif change:
+        why = f"each return to ambient pressure and each change of {' or '.join(change)} begins a trial"
+        g.say("trials", {"begin": "rest", "change": change}, why)
+    else:
         g.say("trials", {"begin": "rest"}, "each return to ambient pressure begins a trial")
+
+
+def _useful(g: Guess, series: Series, h: Heading, own: Sequence[Change], stages: Stages) -> bool:
+    """Whether trials may begin at these changes of a column; asks where the data do not show it."""
+    away = [c for c in own if not stages.at_rest(c)]
+    returns = len(stages.returns())
+    if not own:
+        g.doubts.append(f"not used: {h.name}, which is the same in all rows")
+        return False
+    if not returns and not stages.resting.all():
+        g.doubts.append(f"each change of {h.name!r} begins a trial, though the robot does not come to rest between two")
+    elif away and returns:
+        used = len(away) <= len(own) / 2 and len(own) < len(stages.start) / 2
+        g.doubts.append(
+            f"{h.name!r} changes while chambers are inflated (first from {away[0].before!r} to {away[0].after!r} in "
+            f"{series.place(away[0].row)}): {'no trial begins there; correct the cells' if used else 'it is not used'}"
+        )
+        return used
+    return True

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +13,9 @@ from model.robot import Robot
 from ..files.config import ConfigError
 from ..files.units import KINDS
 from .headings import BASE_WORDS, TIP_WORDS, Heading, Triple, heading, triples
-from .map_file import Frame
+from .map_file import Frame, Orientation
 from .proposal import Guess
+from .quantities import clearly_worse, misfits
 from .reading import at_rest, unit_in, unseen
 from .series import Series
 
@@ -21,11 +23,27 @@ Array = NDArray[np.float64]
 
 ASIDE = 0.5
 """Robot lengths off the longest axis from which on the resting tip does not tell which way the robot hangs."""
+ORDERS_IN_WORDS = (
+    "small letters turn about fixed axes (extrinsic, as in SciPy), capitals about axes that turn with the body (intrinsic); "
+    "robots of Universal Robots write a rotation vector"
+)
 AGREED = 0.5
 """Cosine between pressures and displacements below which the frame remains in doubt."""
 
 
-def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot) -> list[str]:
+@dataclass(frozen=True)
+class Tip:
+    """The columns taken for the tip."""
+
+    columns: tuple[str, ...]
+    places: Array
+    """(n, 3) m, in the recorded axes, against the base where one is recorded."""
+    resting: NDArray[np.bool_]
+    """(n,) rows with the lowest pressures and a place."""
+
+
+def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot) -> Tip:
+    """Write the columns, the frame and where the straight robot is; raises ConfigError where no tip can be made out."""
     found = [t for t in triples(headings) if all(c in series.numbers for c in t.columns)]
     found = [t for t in found if t.unit in ("", *KINDS["m"])]
     if not found:
@@ -68,7 +86,7 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
         g.doubts.append(
             f"not used: {', '.join('/'.join(t.columns) for t in others)}; markers along the body go under points.m1 .."
         )
-    return names
+    return Tip(tuple(names), between * KINDS["m"][unit], rest)
 
 
 def _whole(found: Sequence[Triple]) -> list[Triple]:
@@ -199,22 +217,28 @@ def _shared(columns: Sequence[str], tip: Sequence[str]) -> int:
     return len(set(heading(columns[0]).words) & {w for name in tip for w in heading(name).words})
 
 
-def guess_angles(g: Guess, series: Series, found: Sequence[Triple], tip: Sequence[str]) -> None:
-    """Three angles as the tip's orientation; their order and axes are asked about."""
+def guess_angles(g: Guess, series: Series, found: Sequence[Triple], tip: Tip) -> None:
+    """Three angles as the tip's orientation; order and axes are asked about."""
     there = [t for t in found if all(c in series.numbers for c in t.columns)]
-    there = sorted([t for t in there if not t.words & BASE_WORDS], key=lambda t: -_shared(t.columns, tip))
+    there = sorted([t for t in there if not t.words & BASE_WORDS], key=lambda t: -_shared(t.columns, tip.columns))
     if not there or "orientation" in g.reasons:
         return
     three = there[0]
     largest = float(np.nanmax(np.abs([series.numbers[c] for c in three.columns])))
     unit = three.unit or series.unit_of(three.columns[0], "deg") or ("deg" if largest > 2 * np.pi else "rad")
-    order = "rotation vector" if three.words & {"rotvec", "vector", "axis"} else "euler xyz"
+    given = Orientation.model_validate({"columns": three.columns, "order": "rotation vector", "unit": unit})
+    frame = Frame(**g.values.get("frame", {})).matrix
+    off = misfits(series, given, frame, tip.places @ frame.T, tip.resting)
+    order = "euler XYZ" if off and clearly_worse(off["euler xyz"], off["euler XYZ"]) else "euler xyz"
+    if three.words & {"rotvec", "vector", "axis"}:
+        order = given.order
     g.say(
         "orientation",
         {"columns": list(three.columns), "order": order, "unit": unit},
         f"three angles, up to {largest:.4g} {unit}",
     )
+    fits = ", ".join(f"{deg:.1f} deg with {name}" for name, deg in off.items())
+    said = f"; the tip turns about other axes than that of its bending by {fits}" if fits else ""
     g.doubts.append(
-        f"orientation: {' / '.join(three.columns)} are taken as {order} in {unit}; check the order (small letters: about "
-        "fixed axes, capital letters: about turned ones; robots of Universal Robots write a rotation vector)"
+        f"orientation.order: {' / '.join(three.columns)} are taken as {order} in {unit}{said}. Check the order: {ORDERS_IN_WORDS}"
     )

@@ -10,8 +10,8 @@ from ..files.units import KINDS
 
 WORDS = {
     "t": "t time zeit temps tiempo timestamp seconds sec elapsed",
-    "trial": "trial run experiment exp versuch inflation",
-    "repeat": "repeat repetition rep wiederholung",
+    "trial": "trial trials run runs experiment exp versuch inflation sweep cycle zyklus lauf messreihe essai ensayo prova",
+    "repeat": "repeat repeats repetition rep reps wiederholung wdh durchlauf durchgang répétition repetición ripetizione",
     "branch": "branch direction phase richtung",
     "spine_length": "spine spinelength growth grown insertion",
     "tip_mass": "mass weight payload masse gewicht",
@@ -20,6 +20,13 @@ WORDS = {
     "force": "force kraft",
 }
 """Words of a heading by column of trials.csv."""
+INFLATED_WORDS = """
+chamber chambers kammer kammern tendon tendons sehne sehnen actuator actuators aktor aktoren muscle muscles muskel muskeln
+bladder bladders pouch pouches valve valves ventil ventile channel channels kanal kanäle inflated active aktiv group gruppe side
+seite direction richtung pattern muster combination kombination
+"""
+INFLATED = frozenset(INFLATED_WORDS.split())
+"""Words of a heading under which stands what is inflated, as a number or a word."""
 PRESSURE = re.compile(r"(?<![^\W\d_])(?:p|pressures?|druck|chamber|kammer|press|pr|ch|sp|pv)(\d+)")
 PRESSURE_WORDS = frozenset(
     [
@@ -153,6 +160,11 @@ def quantity(h: Heading) -> str | None:
         if set(words.split()) & set(h.words) or (column == "t" and h.words in (("s",), ("x", "value"))):
             return column
     return None
+
+
+def names_inflated(h: Heading) -> bool:
+    """Whether what is inflated may stand under a heading: "chambers", but not "chamber 1" or "chamber [kPa]"."""
+    return bool(INFLATED & set(h.words)) and not h.stated and not any(c.isdigit() for w in h.words for c in w)
 
 
 def chamber(h: Heading) -> int | None:

@@ -89,6 +89,8 @@ class Orientation(Part):
 
     columns: tuple[Name, ...] = Field(min_length=3, max_length=4)
     order: Literal["wxyz", "xyzw", "rotation vector", "euler xyz", "euler XYZ", "euler zyx", "euler ZYX"] = "wxyz"
+    """Of angles, as in SciPy: small letters turn about fixed axes (extrinsic), capitals about axes that turn with the body
+    (intrinsic); the first column turns first."""
     unit: Literal["rad", "deg"] | None = None
     """Unless given, as the file says, or rad."""
 
@@ -170,12 +172,24 @@ class States(Part):
 
 
 class Trials(Part):
-    """Where a trial begins, unless a column says: with each file, also each time all pressures come back to rest, or with each
-    state, where settings follow each other in no order."""
+    """Where a trial begins, unless `columns.trial` says: with each file and each change of `columns.repeat`, also each time all
+    pressures come back to rest, or with each state, where settings follow each other in no order.
+
+    The rest after a descent belongs to the trial that descends, the rest before a rise to the trial that rises; a single one
+    belongs to the trial that rises, and so does all of a rest of `states.windows`."""
 
     begin: Literal["file", "rest", "state"] = "file"
+    change: tuple[Name, ...] = ()
+    """Columns that count runs or name the chambers inflated, in numbers or words: each change begins a trial. With `begin: rest`
+    none begins away from rest, and a note names the row."""
     below: FiniteFloat = Field(default=2000.0, gt=0, json_schema_extra={"unit": "Pa"})
     """What counts as at rest."""
+
+    @model_validator(mode="after")
+    def _one(self) -> Trials:
+        if self.begin == "state" and self.change:
+            raise ValueError("begin: state begins a trial with each state; leave out `change`")
+        return self
 
 
 class Stiffness(Part):
@@ -268,13 +282,15 @@ class Map(Part):
         return self
 
     def wrong_places(self) -> list[str]:
-        """What is wrong with tip and orientation."""
+        """What is wrong with tip, orientation and trials."""
         found = [f"points.{n}: must be tip, m1, m2 .." for n in self.points if not re.fullmatch(r"tip|m[1-9]\d?", n)]
         if "tip" in self.points and any(a in self.columns for a in "xyz"):
             found.append("points.tip: the tip is also given by columns x, y, z; keep one")
         if "tip" not in self.points and not all(a in self.columns for a in "xyz"):
             found.append("columns: give the tip by x, y and z, or by points.tip")
         turned = self.orientation is not None or any(p.turn for p in self.points.values())
+        if "trial" in self.columns and self.trials.change:
+            found.append("trials.change: columns.trial says where trials begin; keep one")
         if self.forces == "tip" and not turned:
             found.append("forces: a sensor that turns with the tip needs an orientation")
         if any(self.sensor) and not turned:
@@ -316,6 +332,7 @@ def named(wanted: Map) -> frozenset[str] | None:
     """The headings that a map names, of columns and markers; None where it counts columns instead."""
     found: list[str | int] = [column.column for column in wanted.columns.values()]
     found += [] if wanted.orientation is None else wanted.orientation.columns
+    found += wanted.trials.change
     for points in wanted.points.values():
         for point in (*points.of, *points.against):
             found += [point] if isinstance(point, str) else point

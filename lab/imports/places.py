@@ -62,6 +62,84 @@ def lever_off(rows: Sequence[TrialRow], length: float) -> tuple[float, float, fl
     return float(found[-1]), missed[0], missed[1]
 
 
+# ------------------------------------------------------------------ turn
+FITS, SIZES = 0.9, (0.15, 5.0)
+"""Agreement of place and turn (1 is the most) of bodies, and sizes of their displacements, of an arc's."""
+
+
+def turn_off(rows: Sequence[TrialRow], length: float) -> tuple[float, float] | None:
+    """Where place and turn of the tip contradict each other: the agreement (1 is the most) between the axis about which it turns
+    and that across its displacement, and the size of the displacement, of an arc's that turns as far; None where they do not."""
+    kept = [r for r in rows if r.tip and r.orientation]
+    resting = at_rest(np.array([r.pressures for r in kept])) if kept else np.zeros(0, bool)
+    if not resting.any():
+        return None
+    bent = _from_rest(Rotation.from_quat([r.orientation for r in kept], scalar_first=True), resting)
+    across = _across(np.array([r.tip for r in kept]), resting)
+    moved, turned = (np.linalg.norm(v, axis=1) for v in (across, bent))
+    told = turned > LEAST_TURN
+    if told.sum() < FEWEST or not (moved[told] > 0).any():
+        return None
+    agreement = float((across * bent)[told].sum() / (moved * turned)[told].sum())
+    size = float(moved[told].sum() / (length / 2 * turned[told].sum()))
+    return None if agreement > FITS and SIZES[0] < size < SIZES[1] else (agreement, size)
+
+
+def turn_misfit(tip: Array, turn: Rotation, resting: NDArray[np.bool_]) -> float | None:
+    """rad (rms) by which the tip, (n, 3) m, turns about another axis than the one across its displacement; None where it hardly
+    turns."""
+    bent, axis = _from_rest(turn, resting), _across(tip, resting)
+    axis /= np.maximum(np.linalg.norm(axis, axis=1), 1e-12)[:, None]
+    told = np.linalg.norm(bent, axis=1) > LEAST_TURN
+    if told.sum() < FEWEST:
+        return None
+    about = np.maximum((bent * axis).sum(axis=1), 0.0)
+    return float(np.sqrt(((bent - about[:, None] * axis)[told] ** 2).sum(axis=1).mean()))
+
+
+def _from_rest(turn: Rotation, resting: NDArray[np.bool_]) -> Array:
+    """(n, 3) rad, rotation vectors from the mean of the states at rest."""
+    return np.asarray((turn * turn[resting].mean().inv()).as_rotvec())
+
+
+def _across(tip: Array, resting: NDArray[np.bool_]) -> Array:
+    """(n, 3) m, the displacement from rest across z, turned by a quarter about z: the axis about which a body bends there."""
+    moved = tip - tip[resting].mean(axis=0)
+    return np.column_stack([-moved[:, 1], moved[:, 0], np.zeros(len(tip))])
+
+
+ON_AXIS, OTHER_LENGTH = 0.05, 0.15
+"""Robot lengths off the axis within which a body is straight, and by which the tip of a straight one may be nearer or farther."""
+
+
+def length_at_rest(rows: Sequence[TrialRow], length: float) -> float | None:
+    """m from the base to the tip of a body that is straight at rest, where it is another than `length` (m); None otherwise."""
+    kept = [r for r in rows if r.tip]
+    resting = at_rest(np.array([r.pressures for r in kept])) if kept else np.zeros(0, bool)
+    if not resting.any():
+        return None
+    x, y, z = np.array([r.tip for r in kept])[resting].mean(axis=0)
+    straight = np.hypot(x, y) < ON_AXIS * length and z > ON_AXIS * length
+    return float(z) if straight and abs(z / length - 1) > OTHER_LENGTH else None
+
+
+AHEAD = 1.2
+"""Times the tip's movement from which on a marker moves more than noise and stretch let it."""
+
+
+def marker_ahead(rows: Sequence[TrialRow]) -> tuple[int, float] | None:
+    """The marker, from 1, that moves farther than the tip, and how many times as far; None where none does."""
+    if len({len(r.markers) for r in rows}) != 1 or not rows[0].markers:
+        return None
+    places = np.array([[r.tip or (np.nan,) * 3, *r.markers] for r in rows], np.float64)
+    places = places[np.isfinite(places).all(axis=(1, 2))]
+    if not len(places):
+        return None
+    spread = np.sqrt(places.var(axis=0).sum(axis=1))
+    most = int(np.argmax(spread))
+    return (most, float(spread[most] / spread[0])) if spread[most] > AHEAD * spread[0] > 0 else None
+
+
 # ------------------------------------------------------------------ jumps
 STILL = 0.1
 """Robot lengths by which hysteresis, creep and noise may move a place while the pressures stay."""

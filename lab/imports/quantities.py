@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +16,10 @@ from recordings.trials import TEXTS, unit_of
 
 from ..files.config import ConfigError
 from .columns import is_missing
+from .headings import heading
 from .map_file import Column, Map, Name, Orientation, Point, Points, factor
-from .reading import at_rest, name_of, numbers, seconds, unit_in, unseen
+from .places import turn_misfit
+from .reading import at_rest, name_of, numbers, seconds, texts, unit_in, unseen
 from .series import Series
 
 Array = NDArray[np.float64]
@@ -30,6 +32,10 @@ BETWEEN_RUNS = 60.0
 """s from the end of one run or file to the start of the next, where only each one's own time is known."""
 LATE = 1.0
 """s by which a row may be late; times that fall by more begin again."""
+OF_ANGLES = ("euler xyz", "euler XYZ", "rotation vector")
+"""Orders in which a file may mean three columns for x, y and z."""
+TIMES_WORSE, DEGREES_WORSE = 3.0, 0.5
+"""By how much more than another an order must miss to be asked about: factor and deg."""
 HALF = 0.5
 """Norm below which a quaternion stands for an orientation that was not seen."""
 
@@ -62,6 +68,8 @@ class Quantities:
     """(n,) in the file, from 0."""
     notes: tuple[str, ...] = ()
     """What is missing."""
+    counts: Mapping[tuple[str, str], NDArray[np.str_]] = field(default_factory=dict)
+    """Key of the map and heading -> cells of the columns whose changes begin trials; empty where they are missing."""
 
     def of(self, rows: NDArray[np.int64]) -> Quantities:
         """The same of these rows, in their order."""
@@ -69,7 +77,7 @@ class Quantities:
             self, t=self.t[rows], pressures=self.pressures[rows], tip=self.tip[rows],
             turn=None if self.turn is None else self.turn[rows], turned=self.turned[rows], markers=self.markers[rows],
             others={n: v[rows] for n, v in self.others.items()}, words={n: v[rows] for n, v in self.words.items()},
-            run=self.run[rows], row=self.row[rows],
+            run=self.run[rows], row=self.row[rows], counts={n: w[rows] for n, w in self.counts.items()},
         )  # fmt: skip
 
 
@@ -101,6 +109,7 @@ def quantities_of(series: Series, wanted: Map, constants: Mapping[str, Any]) -> 
     frame = wanted.frame.matrix
     n = len(series)
     chambers = _chambers(values, constants)
+    notes += _mixed_units(series, wanted, ("x", "y", "z"), chambers)
     pressures = np.column_stack([values.pop(p) if p in values else np.full(n, constants[p]) for p in chambers])
     file = _File(series, at_rest(pressures), notes)
     if "tip" in wanted.points:
@@ -108,6 +117,7 @@ def quantities_of(series: Series, wanted: Map, constants: Mapping[str, Any]) -> 
     else:
         tip = file.places(np.column_stack([values.pop(a) for a in "xyz"]), "the tip") @ frame.T
     turn, turned = _turn(file, wanted, frame)
+    notes += _order_note(series, wanted, frame, tip, file.resting)
     names = [f"m{k}" for k in range(1, 100) if f"m{k}" in wanted.points or f"m{k}x" in values]
     markers = [_marker(file, wanted, values, m) @ frame.T for m in names]
     stated = values.pop("t", None)
@@ -115,7 +125,7 @@ def quantities_of(series: Series, wanted: Map, constants: Mapping[str, Any]) -> 
     made = Quantities(
         series.path, t, pressures, tip, turn, turned,
         np.stack(markers, axis=1) if markers else np.zeros((n, 0, 3)), values, words, constants,
-        np.zeros(n, np.int64), np.arange(n),
+        np.zeros(n, np.int64), np.arange(n), counts=_counts(series, wanted),
     )  # fmt: skip
     for what, values_of in (("pressure", pressures), ("tip", tip)):
         gone = ~np.isfinite(values_of).all(axis=1)
@@ -189,6 +199,11 @@ def _number(series: Series, name: str, column: Column, notes: list[str]) -> Arra
     unit = column.unit or unit_in(series, own, unit_of(name), place)
     if (said := unit_in(series, own, unit_of(name))) and said != unit:
         notes.append(f"column {own!r}: the file says {said}, {place}.unit says {unit}, which is taken")
+    of_file = heading(own, series.units.get(own, ""))
+    if of_file.kind not in ("", unit_of(name)) and column.scale == 1.0:
+        notes.append(
+            f"column {own!r} ({place}): the file says {of_file.unit} of it, no unit of {name}: is it this quantity?"
+        )
     one = factor(unit, name, f"{place}.unit")
     if name == "t":
         return seconds(found * column.scale, unit, one)
@@ -196,7 +211,19 @@ def _number(series: Series, name: str, column: Column, notes: list[str]) -> Arra
         finite = found[np.isfinite(found)]
         found = found - (finite[0] if finite.size else 0.0)
     found = found * column.scale * one
+    if name == "repeat" and np.nanmin(found) == 0:
+        found = found + 1  # a count from 0
     return found - ATMOSPHERE if column.zero == "absolute" else found
+
+
+def _mixed_units(series: Series, wanted: Map, *groups: Sequence[str]) -> Iterator[str]:
+    """About columns of one kind that the map reads in several units, where the file does not say so."""
+    for names in groups:
+        given = {n: wanted.columns[n] for n in names if n in wanted.columns}
+        stated = {n: unit_in(series, name_of(series, c.column, n), unit_of(n)) for n, c in given.items()}
+        units = [c.unit or stated[n] for n, c in given.items()]
+        if len(set(units)) > 1 and not all(stated.values()):
+            yield f"columns {', '.join(given)} are read in {', '.join(u or 'SI' for u in units)}, and the file does not say so"
 
 
 def _words(series: Series, name: str, column: Column, missing: Sequence[str | float]) -> NDArray[np.str_]:
@@ -216,6 +243,14 @@ def _words(series: Series, name: str, column: Column, missing: Sequence[str | fl
                 f"does not translate; add {word[:40]!r}: {allowed[0]} (or another of {', '.join(dict.fromkeys(allowed))})"
             )
     return np.array([meaning[w] for w in found.tolist()], np.str_)
+
+
+def _counts(series: Series, wanted: Map) -> dict[tuple[str, str], NDArray[np.str_]]:
+    """Columns whose changes begin trials."""
+    given = "trial" if "trial" in wanted.columns else "repeat"
+    named = [(f"columns.{given}", wanted.columns[given].column)] if given in wanted.columns else []
+    named += [("trials.change", column) for column in wanted.trials.change]
+    return {(key, name_of(series, c, key)): texts(series, c, key, wanted.source.missing) for key, c in named}
 
 
 def _chambers(values: Mapping[str, Array], constants: Mapping[str, Any]) -> list[str]:
@@ -259,7 +294,7 @@ def _marker(file: _File, wanted: Map, values: dict[str, Array], name: str) -> Ar
 def _turn(file: _File, wanted: Map, frame: Array) -> tuple[Rotation | None, NDArray[np.bool_]]:
     """Rotations in the robot's axes."""
     if wanted.orientation is not None:
-        made, there = _stated(file.series, wanted.orientation)
+        made, there = stated(file.series, wanted.orientation)
     elif (points := next((p for p in wanted.points.values() if p.turn), None)) is not None:
         made, there = _fitted(file, points)
     else:
@@ -268,7 +303,46 @@ def _turn(file: _File, wanted: Map, frame: Array) -> tuple[Rotation | None, NDAr
     return onto * made * onto.inv(), there
 
 
-def _stated(series: Series, given: Orientation) -> tuple[Rotation, NDArray[np.bool_]]:
+def misfits(
+    series: Series, given: Orientation, frame: Array, tip: Array, resting: NDArray[np.bool_]
+) -> dict[str, float]:
+    """By order of three angles, deg (rms) by which the tip, (n, 3) m, turns about another axis than the one across its
+    displacement; empty where it hardly turns.
+
+    A body that bends turns about no other; a wrong order adds turns about its own axis.
+    """
+    out = {}
+    onto = Rotation.from_matrix(frame)
+    for order in OF_ANGLES:
+        made, there = stated(series, given.model_copy(update={"order": order}))
+        kept = there & np.isfinite(tip).all(axis=1)
+        if (kept & resting).any() and (
+            off := turn_misfit(tip[kept], onto * made[kept] * onto.inv(), resting[kept])
+        ) is not None:
+            out[order] = float(np.degrees(off))
+    return out
+
+
+def clearly_worse(off: float, other: float) -> bool:
+    """Whether an order of angles misses (deg) by so much more than another that it is asked about."""
+    return off > max(TIMES_WORSE * other, other + DEGREES_WORSE)
+
+
+def _order_note(series: Series, wanted: Map, frame: Array, tip: Array, resting: NDArray[np.bool_]) -> Iterator[str]:
+    given = wanted.orientation
+    found = misfits(series, given, frame, tip, resting) if given is not None and given.order in OF_ANGLES else {}
+    if given is None or not found:
+        return
+    best = min(found, key=lambda order: found[order])
+    if clearly_worse(found[given.order], found[best]):
+        yield (
+            f"orientation.order {given.order}: the tip turns by {found[given.order]:.1f} deg about other axes than that of its "
+            f"bending, with {best} by {found[best]:.1f} deg: check the order"
+        )
+
+
+def stated(series: Series, given: Orientation) -> tuple[Rotation, NDArray[np.bool_]]:
+    """Rotations (n,) in the recorded axes, and the rows that have one; raises ConfigError."""
     values = np.column_stack([numbers(series, c, "orientation.columns") for c in given.columns])
     there = np.asarray(np.isfinite(values).all(axis=1), bool)
     if len(given.columns) == 4:

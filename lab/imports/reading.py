@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ..files.config import ConfigError
 from ..files.units import KINDS
+from .columns import is_missing
 from .headings import heading
 from .map_file import Name
 from .series import Series, listed
@@ -61,6 +64,20 @@ def numbers(series: Series, name: Name, place: str) -> Array:
     if own not in series.numbers:
         raise ConfigError(f"{series.path}: column {own!r} ({place}): is empty; name another column")
     return series.numbers[own]
+
+
+def texts(series: Series, name: Name, place: str, missing: Sequence[str | float] = ()) -> NDArray[np.str_]:
+    """A column as words, numbers too; empty where they are missing. Raises ConfigError where there is no such column."""
+    own = name_of(series, name, place)
+    if own in series.strange:
+        found = series.strange[own].column
+    elif own in series.words:
+        found = series.words[own]
+    else:
+        values = series.numbers.get(own, np.full(len(series), np.nan))
+        return np.array([f"{v:g}" if np.isfinite(v) else "" for v in values.tolist()], np.str_)
+    said = {w: "" if is_missing(w, missing) and w.strip().casefold() != "x" else w.strip() for w in set(found.tolist())}
+    return np.array([said[w] for w in found.tolist()], np.str_)
 
 
 def unit_in(series: Series, name: str, si: str, place: str = "") -> str:

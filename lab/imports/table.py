@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import fnmatch
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +23,13 @@ from recordings.trials import HEAD, TAIL, Table, TrialRow
 
 from ..files.config import ConfigError
 from .formats import KNOWN, RECORDING, read
-from .map_file import AXES, Map, named, quantities
-from .places import Jump, jumps, lever_off, moves_within, strays
+from .map_file import AXES, Map, Name, named, quantities
+from .places import Jump, jumps, length_at_rest, lever_off, marker_ahead, moves_within, strays, turn_off
 from .plateaus import Cut, cuts
 from .quantities import BETWEEN_RUNS, Quantities, quantities_of
 from .reading import EPOCH
 from .series import Series
+from .trials import trials_of_rows
 
 Array = NDArray[np.float64]
 
@@ -37,6 +40,8 @@ MOST_STRAYS = 0.2
 """Of the rows of a state that may hold a place elsewhere."""
 MOST_JUMPS = 3
 """Jumps of places that are told one by one."""
+FOLLOWS, FEW_SETTINGS = 0.9, 4
+"""Share of a column's variance that the pressures account for in no table of mountings, and values of which there are fewer."""
 SAME_MASS, SAME_ROLL = 2e-3, 2.0
 """kg at the tip, deg of roll: the same of these."""
 
@@ -145,13 +150,14 @@ def imported(
             q = _straightened(q, 0, straight, wanted.sensor)
         if number and ("t" not in own_map.columns and not absolute or q.t[0] < start):
             q = replace(q, t=q.t - q.t[0] + start + BETWEEN_RUNS)
-        trial = _trials(q, wanted)
+        trial, doubts = trials_of_rows(series, q, own_map)
+        notes += doubts
         pushed = [q.others[name] for name in FORCES if name in q.others]
         own = cuts(wanted.states, q.t, q.pressures, trial, np.column_stack(pushed) if pushed else None)
         each = wanted.trials.begin == "state" and "trial" not in q.others
-        trials = range(len(own)) if each else [int(trial[c.rows][0]) for c in own]
+        numbers = range(len(own)) if each else [int(trial[c.rows][0]) for c in own]
         q, torn = _without_strays(q, own, float(straight[2]), series, notes)
-        made = [_state(number, group + k, q, c) for k, c in zip(trials, own, strict=True) if c not in torn]
+        made = [_state(number, group + k, q, c) for k, c in zip(numbers, own, strict=True) if c not in torn]
         kept = [s for s in made if s is not None]
         if len(kept) < len(made):
             notes.append(
@@ -160,7 +166,7 @@ def imported(
         if not kept:
             raise ConfigError(f"{path}: no state was found; {_why(wanted, q)}")
         states += kept
-        group += max(trials) + 1
+        group += max(numbers) + 1
         start = float(np.nanmax(q.t))
         read_files.append((series, q, tuple(own)))
     if wanted.straight == "first state":
@@ -169,9 +175,11 @@ def imported(
         states = [_moved(s, np.array(wanted.sensor), np.zeros(3)) for s in states]
     if wanted.forces == "tip":
         states = [_force_turned(s, wanted.frame.matrix) for s in states]
-    rows = _numbered(states, any("repeat" in own.columns for _, _, own in every))
+    counted = {n: c.column for _, _, own in every for n, c in own.columns.items() if n in ("trial", "repeat")}
+    rows = _numbered(states, counted, notes)
     if wanted.straight != "as recorded" and (off := lever_off(rows, float(straight[2]))) is not None:
         notes.append(_lever_note(wanted.sensor[2], *off))
+    notes += _contradictions(rows, float(straight[2]))
     notes += _jump_notes(list(jumps(rows, float(straight[2]))), states, every)
     _demand_mounted(rows)
     if wanted.stiffness is not None:
@@ -181,6 +189,44 @@ def imported(
     except RecordingError as e:
         raise ConfigError(f"the table made by the map is none: {e}") from e
     return Imported(table, tuple(read_files), tuple(notes))
+
+
+def _contradictions(rows: Sequence[TrialRow], length: float) -> Iterator[str]:
+    """What to ask about turns that do not fit the places, a tip that is not the body's end, and mountings that vary."""
+    if (off := turn_off(rows, length)) is not None:
+        yield (
+            f"the turn of the tip does not fit its place (agreement of directions {round(off[0], 2) + 0.0:.2f} of 1, and the tip "
+            f"moves {off[1]:.2g} times as far as the end of an arc that turns as much): check orientation (columns, order, "
+            "unit), the frame and the columns x, y, z"
+        )
+    if (other := length_at_rest(rows, length)) is not None:
+        yield (
+            f"at rest the tip lies on the axis, {1e3 * other:.0f} mm from the base of a robot of {1e3 * length:.0f} mm: is this "
+            "marker the tip, and its unit right?"
+        )
+    if (ahead := marker_ahead(rows)) is not None:
+        yield f"marker {ahead[0]} moves {ahead[1]:.2g} times as far as the tip: was it taken for the tip?"
+    for name, same in (("roll_deg", SAME_ROLL), ("tip_mass", SAME_MASS)):
+        share = follows_pressure(rows, name, same)
+        if share > FOLLOWS:
+            yield (
+                f"columns.{name}: the pressures account for {100 * share:.0f} % of its changes, but what is mounted does not "
+                "follow them: is this column another quantity?"
+            )
+    masses = [(a.tip_mass or 0.0, b.tip_mass or 0.0) for a, b in pairwise(rows) if a.trial == b.trial]
+    changed = sum(abs(a - b) > SAME_MASS for a, b in masses)
+    if changed > len(masses) / 2:
+        yield f"tip_mass changes {changed} times between states of one trial: is this column a mass that was hung there?"
+
+
+def follows_pressure(rows: Sequence[TrialRow], name: str, same: float) -> float:
+    """Share of the variance of a column that is linear in the pressures; 0 where it has few values, those within `same` alike."""
+    values = np.array([getattr(r, name) or 0.0 for r in rows])
+    terms = np.column_stack([np.array([r.pressures for r in rows]), np.ones(len(rows))])
+    if len(rows) < 3 * terms.shape[1] or len(np.unique(levels(values, same))) < FEW_SETTINGS:
+        return 0.0
+    missed = values - terms @ np.linalg.lstsq(terms, values, rcond=None)[0]
+    return float(1 - missed.var() / values.var())
 
 
 def _demand_mounted(rows: Sequence[TrialRow]) -> None:
@@ -316,29 +362,6 @@ def _quaternion(turn: Rotation | None) -> tuple[float, float, float, float] | No
 
 
 # ------------------------------------------------------------------ states
-def _trials(q: Quantities, wanted: Map) -> NDArray[np.int64]:
-    """(n,) trial of each row, from 0, in this file."""
-    if "trial" in q.others:
-        named = _carried(q.others["trial"])
-        order = {v: i for i, v in enumerate(dict.fromkeys(named.tolist()))}
-        return np.array([order[v] for v in named.tolist()], np.int64)
-    begins = np.concatenate([[False], np.diff(q.run) > 0])
-    if wanted.trials.begin == "rest":
-        known = np.isfinite(q.pressures).all(axis=1)
-        resting = _carried(np.where(known, np.abs(q.pressures).max(axis=1) < wanted.trials.below, np.nan)) > 0
-        begins |= resting & ~np.concatenate([[True], resting[:-1]])
-    return np.cumsum(begins).astype(np.int64)
-
-
-def _carried(values: Array) -> Array:
-    """Values, where one is missing the one before it, at the begin the first."""
-    known = np.flatnonzero(np.isfinite(values))
-    if not len(known):
-        return np.zeros(len(values))
-    before = np.searchsorted(known, np.arange(len(values)), side="right") - 1
-    return np.asarray(values[known[np.maximum(before, 0)]])
-
-
 def _state(file: int, group: int, q: Quantities, cut: Cut) -> _State | None:
     own = cut.rows
     tip, pressure = q.tip[own], q.pressures[own]
@@ -381,19 +404,33 @@ def _state(file: int, group: int, q: Quantities, cut: Cut) -> _State | None:
     return _State(file, own, group, row, turn)
 
 
-def _numbered(states: Sequence[_State], repeats_told: bool) -> list[TrialRow]:
-    """Trials, steps and, where no column tells them, repeats (of the same inflation) and branches, from 1 on."""
+def _numbered(states: Sequence[_State], counted: Mapping[str, Name], notes: list[str]) -> list[TrialRow]:
+    """Trials, steps and, where no column tells them, repeats (of the same inflation) and branches, from 1 on.
+
+    `counted`: the columns of trial and repeat, if any. Unless one counts the trials, each is of one repeat: that of most states.
+    """
     groups = list(dict.fromkeys(s.group for s in states))
     trials = [[s.row for s in states if s.group == g] for g in groups]
     rows: list[TrialRow] = []
-    before: dict[tuple[int, ...], int] = {}
+    before: dict[tuple[int, ...], list[tuple[int, int]]] = {}
     gap = pressure_gap([r for own in trials for r in own])
+    again = []
     for trial, (own, kind) in enumerate(zip(trials, _kinds(trials), strict=True), 1):
-        before[kind] = before.get(kind, 0) + 1
+        others = before.setdefault(kind, [])
+        told = Counter(r.repeat for r in own if r.repeat)
+        usual = told.most_common(1)[0][0] if told else 1 + len(others)
+        again += [(other, trial, usual) for other, repeat in others if repeat == usual and told and len(own) > 1]
+        others.append((trial, usual))
         for step, (row, falls) in enumerate(zip(own, _falling(own, gap), strict=True), 1):
-            repeat = max(row.repeat, 1) if repeats_told or row.repeat else before[kind]
+            repeat = row.repeat if row.repeat and "trial" in counted else usual
             branch = row.branch or ("unload" if falls else "load")
             rows.append(replace(row, trial=trial, step=step, repeat=repeat, branch=branch))
+    if again and "repeat" in counted:
+        notes.append(
+            f"trials {again[0][0]} and {again[0][1]} inflate the same chambers as far, and column "
+            f"{counted['repeat']!r} says that both are repeat {again[0][2]}: correct it, or leave columns.repeat "
+            "out of the map, and trials alike are counted"
+        )
     return rows
 
 

@@ -249,15 +249,15 @@ def _data_rows(
     """(lines,) which are data, and the first of them."""
     import pandas as pd
 
-    number, missing, filled = (np.zeros(frame.shape, bool) for _ in range(3))
+    number, missing, filled, single = (np.zeros(frame.shape, bool) for _ in range(4))
     for k in frame:
         cells = frame[k].str.strip()
         filled[:, k] = cells != ""
+        single[:, k] = ~cells.duplicated(keep=False)
         number[:, k] = pd.to_numeric(cells, errors="coerce").notna()
-        rest = cells[~number[:, k] & filled[:, k]]
-        words = pd.unique(rest)
-        missing[:, k] = cells.isin([w for w in words if is_missing(w, source.missing)])
-        number[:, k] |= np.array(cells.isin([w for w in words if looks_like_value(w)]), bool) & ~missing[:, k]
+        rest = pd.unique(cells[~number[:, k] & filled[:, k]])
+        missing[:, k] = cells.isin([w for w in rest if is_missing(w, source.missing)])
+        number[:, k] |= np.array(cells.isin([w for w in rest if looks_like_value(w)]), bool) & ~missing[:, k]
     number[[r.comment for r in records]] = False
     after = source.units or source.heading or 0
     number[[r.line <= after for r in records]] = False
@@ -266,8 +266,9 @@ def _data_rows(
     count = number.sum(axis=1)
     least = DATA_SHARE * count.max(initial=0)
     full = count >= max(least, 1)
-    of_numbers = number[full].sum(axis=0) > (filled & ~missing & ~number)[full].sum(axis=0)
-    odd = np.asarray((filled & ~number & ~missing)[:, of_numbers].any(axis=1), bool)
+    words = filled & ~number & ~missing
+    of_numbers = number[full].sum(axis=0) > words[full].sum(axis=0)
+    odd = np.asarray(words[:, of_numbers].any(axis=1), bool)
     commented = np.array([r.comment for r in records], bool)
     data = ~commented & (full | ((count >= 1) & ~odd & (count + missing.sum(axis=1) >= min(least, 2))))
     if not data.any():
@@ -277,7 +278,9 @@ def _data_rows(
         )  # fmt: skip
     clean = np.flatnonzero(data & full & ~odd)
     behind = np.arange(len(odd)) > (clean[-1] if len(clean) else len(odd))
-    data = np.asarray(data & ~(behind & odd))  # without sums, means and the like
+    data = np.asarray(
+        data & ~(behind & (words & single)[:, of_numbers].any(axis=1))
+    )  # without sums, means and the like
     return data, int(np.argmax(data))
 
 

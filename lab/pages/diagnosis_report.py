@@ -21,7 +21,7 @@ from recordings.campaign.labels import RECORD
 from recordings.file.reader import Recording
 from recordings.trials import Table
 
-from ..files.inputs import Case
+from ..files.inputs import Case, unconfirmed_guesses
 from ..version import version_text
 from . import diagnosis_figures as draw
 from .diagnosis_attribution import sizes as draw_sizes
@@ -67,9 +67,10 @@ def write(d: Diagnosis, case: Case, inputs: Sequence[Path], path: Path, protocol
 def opened(title: str, d: Diagnosis, case: Case, inputs: Sequence[Path], protocols: Path | None) -> Report:
     """A page with the answer on top and where it comes from at its foot."""
     source = ", ".join(map(str, inputs))
+    guesses = [line.removeprefix("unconfirmed: ") for line in unconfirmed_guesses(inputs)]
     return Report(
-        title, f"{time.strftime('%Y-%m-%d %H:%M')}, {source}", d.headline or d.statement, small(d), gap_numbers(d),
-        _first_step(d, protocols), origin(case.robot.name, inputs), names(d).keys(),
+        title, f"{time.strftime('%Y-%m-%d %H:%M')}, {source}", d.headline or d.statement, guesses, small(d),
+        gap_numbers(d), _first_step(d, protocols), origin(case.robot.name, inputs), names(d).keys(),
     )  # fmt: skip
 
 
@@ -233,7 +234,7 @@ def _steps(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
 
 def _against(d: Diagnosis) -> list[str]:
     """Concerns, sizes that cannot be, errors that stages ask for."""
-    lines = list(d.concerns)
+    lines = [c for c in d.concerns if not c.startswith("unconfirmed: ")]  # on top of the page
     lines += [
         f"The data would require {with_id(x['name'], names(d))} = {_number(x['mean'], x['unit'])}, which is physically "
         "impossible: evidence against the effect itself."

@@ -1,40 +1,76 @@
-"""What was cut from a file: pressures and tip over time with the states that were taken, and the states in the robot's frame."""
+"""What was cut from a file: pressures and tip over time with the states and trials that were taken, and where each group of
+chambers moves the tip."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import PathCollection
 
-from recordings.own_files import replacing
+from diagnosis.data.levels import pressure_gap
+from model.robot import Robot
+from recordings.trials import TrialRow
 
 from ..imports.table import Imported
+from .figures import save
 
 MM, KPA = 1e3, 1e-3
 MOST_POINTS = 4000
 """Of a line; more are not seen."""
 GREYS = ("black", "0.45", "0.7")
 STYLES = ("-", "--", ":", "-.")
+BESIDE: dict[str, Any] = {"fontsize": "small", "loc": "upper left", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.3}
+"""A legend to the right of its panel."""
+COLUMNS, MOST_GROUPS = 4, 7
+"""Panels in a row at most, and groups of chambers that are drawn."""
+WEAK = 0.1
+"""Of the pressures' sum, below which their push across the axis has no direction."""
 
 
-def draw(made: Imported, length: float, path: Path) -> None:
+def draw(made: Imported, robot: Robot, path: Path) -> None:
     """Write the picture of an import (.svg, .png or .pdf)."""
-    figure = plt.figure(figsize=(10, 6.5), layout="constrained")
-    grid = figure.add_gridspec(2, 3, width_ratios=(1.3, 1.3, 1))
-    pressure = figure.add_subplot(grid[0, :2])
-    tip = figure.add_subplot(grid[1, :2], sharex=pressure)
-    _over_time(made, pressure, tip)
-    for k, axis in enumerate((0, 1)):
-        _plane(made, axis, length, figure.add_subplot(grid[k, 2]))
-    with replacing(path) as (file, _):
-        figure.savefig(file, format=path.suffix.removeprefix("."), dpi=130)
-    plt.close(figure)
+    rows = [r for r in made.table if r.protocol != "stiffness" and r.tip is not None]
+    groups = _groups(rows)
+    most = sorted(groups, key=lambda g: -len(groups[g]))[:MOST_GROUPS]
+    shown = {g: own for g, own in groups.items() if g in most}
+    lines = -(-(len(shown) + 1) // COLUMNS)
+    columns = -(-(len(shown) + 1) // lines)
+    figure = plt.figure(figsize=(10, 5.0 + 2.7 * lines), layout="constrained")
+    grid = figure.add_gridspec(2, 1, height_ratios=(5.0, 2.7 * lines))
+    over_time, planes = (figure.add_subfigure(grid[k]) for k in (0, 1))
+    _over_time(made, rows, *over_time.subplots(2, 1, sharex=True))
+    panels = planes.subplots(lines, columns, squeeze=False).ravel()
+    dots = _side(rows, robot, panels[0])
+    for panel, (group, own) in zip(panels[1:], shown.items(), strict=False):
+        _top(own, group, rows, robot, panel)
+    for panel in panels[1 + len(shown) :]:
+        panel.set_axis_off()
+    planes.colorbar(dots, ax=panels.tolist(), label="highest pressure, kPa")
+    named = f"{len(shown)} of {len(groups)} groups" if len(shown) < len(groups) else "each group"
+    planes.suptitle(
+        f"Tip from the side, and along z for {named} of chambers; arrow: where they push it", fontsize="medium"
+    )
+    save(figure, path)
 
 
-def _over_time(made: Imported, pressure: Axes, tip: Axes) -> None:
-    rows = iter(made.table.rows)
+def _groups(rows: Sequence[TrialRow]) -> Mapping[tuple[int, ...], Sequence[TrialRow]]:
+    """States by the chambers inflated, from 1, in the order in which they come; without those at rest."""
+    gap = pressure_gap(rows)
+    out: dict[tuple[int, ...], list[TrialRow]] = {}
+    for row in rows:
+        highest = max(row.pressures)
+        if highest > gap:
+            group = tuple(k for k, p in enumerate(row.pressures, 1) if p > 0.5 * highest)
+            out.setdefault(group, []).append(row)
+    return out
+
+
+def _over_time(made: Imported, rows: Sequence[TrialRow], pressure: Axes, tip: Axes) -> None:
     for number, (_, q, cuts) in enumerate(made.files):
         every = max(1, len(q.t) // MOST_POINTS)
         for k in range(q.pressures.shape[1]):
@@ -51,21 +87,52 @@ def _over_time(made: Imported, pressure: Axes, tip: Axes) -> None:
             t = q.t[cut.rows]
             for ax in (pressure, tip):
                 ax.axvspan(t[0], max(t[-1], t[0] + 1e-6), color="tab:orange", alpha=0.35, lw=0)
-            row = next(rows, None)
-            if row is not None:
-                pressure.plot([row.t], [max(row.pressures) * KPA], "o", ms=3, mfc="none", color="tab:orange")
-    pressure.set(ylabel="pressure, kPa", title=f"{len(made.table)} states (orange)")
+    at, highest = [r.t for r in rows], [max(r.pressures) * KPA for r in rows]
+    pressure.plot(at, highest, "o", ms=3, mfc="none", color="tab:orange", label="state")
+    begins = [r.t - (r.hold or 0.0) for k, r in enumerate(rows) if not k or rows[k - 1].trial != r.trial]
+    for ax in (pressure, tip):
+        for k, begin in enumerate(begins):
+            ax.axvline(begin, color="tab:blue", lw=0.6, label=None if k else "trial begins")
+    pressure.set(ylabel="pressure, kPa", title=f"{len(rows)} states in {len(begins)} trials")
     tip.set(ylabel="tip beside its median, mm", xlabel="time, s")
-    pressure.legend(fontsize="small", ncols=5, loc="upper left")
-    tip.legend(fontsize="small", ncols=3, loc="upper left")
+    pressure.legend(**BESIDE)
+    tip.legend(**BESIDE)
 
 
-def _plane(made: Imported, axis: int, length: float, ax: Axes) -> None:
-    tips = np.array([r.tip for r in made.table if r.tip is not None]) * MM
-    highest = np.array([max(r.pressures) for r in made.table if r.tip is not None]) * KPA
-    ax.plot([0, 0], [0, length * MM], color="0.6", lw=3, solid_capstyle="butt")
-    ax.annotate("straight robot", (0, 0), (4, 4), textcoords="offset points", fontsize="small", color="0.4")
-    dots = ax.scatter(tips[:, axis], tips[:, 2], c=highest, s=14, cmap="viridis")
-    ax.figure.colorbar(dots, ax=ax, label="highest pressure, kPa")
-    ax.set(xlabel=f"{'xy'[axis]}, mm", ylabel="z, mm")
-    ax.set_aspect("equal", adjustable="datalim")
+def _side(rows: Sequence[TrialRow], robot: Robot, ax: Axes) -> PathCollection:
+    """All tips, by their distance from the axis."""
+    x, y, z = MM * np.array([r.tip for r in rows], np.float64).T
+    ax.plot([0, 0], [0, robot.length * MM], color="0.6", lw=3, solid_capstyle="butt")
+    dots = ax.scatter(np.hypot(x, y), z, c=[max(r.pressures) * KPA for r in rows], s=14, cmap="viridis")
+    ax.set_title("side; grey: straight robot", fontsize="small")
+    width = MM * max(0.7 * robot.length, 1.1 * max(float(np.hypot(*r.tip[:2])) for r in rows if r.tip))
+    ax.set(xlabel="from the axis, mm", ylabel="z, mm", xlim=(-0.05 * width, width))
+    ax.set_aspect("equal")
+    return dots
+
+
+def _top(own: Sequence[TrialRow], group: Sequence[int], rows: Sequence[TrialRow], robot: Robot, ax: Axes) -> None:
+    """Tips of the states of one group, and the direction in which the chambers push them."""
+    highest = [max(r.pressures) * KPA for r in rows]
+    x, y, _ = MM * np.array([r.tip for r in own], np.float64).T
+    size = 1.1 * MM * max(float(np.abs([r.tip[:2] for r in rows if r.tip]).max()), 1e-3)
+    azimuth = np.radians(robot.actuators.azimuths_deg)
+    pushed = {
+        round(r.roll_deg or 0.0): -complex(np.dot(r.pressures, np.exp(1j * (azimuth + np.radians(r.roll_deg or 0.0)))))
+        for r in own
+        if len(r.pressures) == len(azimuth)
+    }
+    weak = WEAK * max(sum(r.pressures) for r in own)
+    for push in (p / abs(p) for p in pushed.values() if abs(p) > weak):
+        ax.annotate(
+            "",
+            (0.9 * size * push.real, 0.9 * size * push.imag),
+            (0, 0),
+            arrowprops={"arrowstyle": "->", "color": "0.6"},
+        )
+    ax.scatter(
+        x, y, c=[max(r.pressures) * KPA for r in own], s=14, cmap="viridis", vmin=min(highest), vmax=max(highest)
+    )
+    ax.set_title(" + ".join(f"p{c}" for c in group), fontsize="small")
+    ax.set(xlabel="x, mm", ylabel="y, mm", xlim=(-size, size), ylim=(-size, size))
+    ax.set_aspect("equal")

@@ -149,6 +149,8 @@ class Report:
     title: str
     subtitle: str
     lead: str
+    warnings: Sequence[str] = ()
+    """Above the lead: what has to be known before it is believed."""
     small: str = ""
     """Below the lead, in small print."""
     numbers: Sequence[tuple[str, str, str]] = ()

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from diagnosis.data.plausible import implausible_values
+from diagnosis.data.plausible_directions import doubtful_directions
 from model.robot import Robot
 from recordings.own_files import copied, replaced
 from recordings.table_file import write_csv
@@ -32,6 +34,7 @@ def import_files(inputs: Sequence[Path], map_path: Path, robot_path: Path | None
     found = implausible_values(robot, made.table.rows)
     if found:
         raise ConfigError("\n".join(f"{map_path}: {text}" for text in found))
+    made = replace(made, notes=(*made.notes, *doubtful_directions(robot, made.table.rows)))
     write_case(made, robot, robot_path, map_path, folder)
     told(made, robot, folder, as_json)
     return 0
@@ -45,7 +48,7 @@ def write_case(made: Imported, robot: Robot, robot_path: Path, map_path: Path, f
     write_csv(made.table, folder / "trials.csv")
     from ..pages.import_figure import draw
 
-    draw(made, robot.length, folder / PICTURE)
+    draw(made, robot, folder / PICTURE)
 
 
 def told(made: Imported, robot: Robot, folder: Path, as_json: bool) -> None:
@@ -84,10 +87,11 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, as_json
     made = None
     try:
         made = imported(inputs, load_map(folder / MAP), straight_point(robot))
-        told_of += [f"check: {text}" for text in implausible_values(robot, made.table.rows)]
+        found = (*implausible_values(robot, made.table.rows), *doubtful_directions(robot, made.table.rows))
+        told_of += [f"check: {text}" for text in found]
         from ..pages.import_figure import draw
 
-        draw(made, robot.length, folder / PICTURE)
+        draw(made, robot, folder / PICTURE)
     except ConfigError as e:
         told_of.append(f"check: {e}")
     if as_json:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from diagnosis.data.plausible import implausible_values, require_plausible
+from diagnosis.data.plausible_directions import doubtful_directions
 from diagnosis.errors import BadCase
 from model.condition import conditions
 from model.robot import Robot, load_robot
@@ -144,7 +145,7 @@ def test_a_modulus_that_is_far_off_is_no_other_unit(factor: float) -> None:
          "rolls in degrees", "one roll"],
 )  # fmt: skip
 def test_an_unusual_campaign_is_left_alone(rows: tuple[TrialRow, ...]) -> None:
-    assert implausible_values(ROBOT, rows) == ()
+    assert implausible_values(ROBOT, rows) == () and doubtful_directions(ROBOT, rows) == ()
 
 
 def test_a_tip_that_weights_move_while_regulators_hum_is_no_other_unit() -> None:
@@ -177,7 +178,26 @@ def test_a_level_body_that_sags_is_left_alone() -> None:
     level = ROBOT.model_copy(update={"gravity": (-9.81, 0.0, 0.0), "youngs_modulus": 1.2e5, "shear_modulus": 4e4})
     rows = sweep(level, spines=(0.0,), levels=(0.0, 10e3, 20e3))
     assert rows[0].tip is not None and rows[0].tip[0] < -0.1
-    assert implausible_values(level, rows) == ()
+    assert implausible_values(level, rows) == () and doubtful_directions(level, rows) == ()
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        {"chamber_azimuth": {"angle": Stated(value=0.5, unit="rad")}},
+        {"chamber_gain": {name: Stated(value=value, unit="1") for name, value in (("x", 0.3), ("y", -0.2), ("peak", 2.0))}},
+        {"tether_load": {"x": Stated(value=1.0, unit="N"), "y": Stated(value=-0.7, unit="N")}},
+    ],
+    ids=["turned by 29 degrees", "one strong chamber", "pulled aside"],
+)  # fmt: skip
+def test_a_robot_that_bends_oddly_is_not_asked_about_its_columns(effects: dict[str, dict[str, Stated]]) -> None:
+    odd = ROBOT.model_copy(update={"effects": effects})
+    rows = [
+        row for chambers in ((9, 1, 2), (3, 4, 5), (6, 7, 8)) for row in sweep(odd, chambers=chambers, spines=(0.0,))
+    ]
+    assert doubtful_directions(ROBOT, rows) == ()
+    changed = [replace(r, pressures=(*r.pressures[3:6], *r.pressures[:3], *r.pressures[6:])) for r in rows]
+    assert "the tip does not go to where the pressures push it" in " ".join(doubtful_directions(ROBOT, changed))
 
 
 # ------------------------------------------------------------------ pushes

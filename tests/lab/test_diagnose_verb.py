@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -166,14 +167,22 @@ def test_a_small_table_is_answered_with_its_limits_and_without_confidence(
 @pytest.mark.usefixtures("weighed")
 def test_guesses_that_nobody_has_confirmed_stand_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     case = folder(tmp_path / "case", campaign({}, repeats=1, lengths=(0.0,), pressures=(0.0, 100e3)))
-    (case / "map.yaml").write_text("# CHECK: which chamber does 'Valve B' feed?\nrobot: robot.yaml\n")
-    assert main(["diagnose", str(case), "--json", str(tmp_path / "d.json")]) == 0
-    first = " ".join(capsys.readouterr().out.split())
-    assert first.startswith("unconfirmed: ") and "1 guesses" in first and "'Valve B'" in first
-    assert json.loads((tmp_path / "d.json").read_text())["concerns"][0].startswith("unconfirmed: ")
+    (case / "map.yaml").write_text(
+        "# CHECK: which chamber does 'Valve B' feed?\n# CHECK: frame: taken as z, or -z\nrobot: robot.yaml\n"
+    )
+    page, answer = tmp_path / "d.html", tmp_path / "d.json"
+    assert main(["diagnose", str(case), "--json", str(answer), "--report", str(page)]) == 0
+    said = (
+        "2 guesses of the map are not confirmed: which chamber does 'Valve B' feed?, frame; check each in "
+        f"{case / 'map.yaml'}, correct it, remove its line '# CHECK:', and import again"
+    )
+    assert "".join(capsys.readouterr().out.split()).startswith("".join(f"unconfirmed: {said}".split()))
+    assert json.loads(answer.read_text())["concerns"][0] == f"unconfirmed: {said}"
+    shown = html.unescape(page.read_text())
+    assert shown.count(said) == 1 and shown.index(said) < shown.index('<p class="lead">')
     (case / "map.yaml").write_text("robot: robot.yaml\n")
-    assert main(["diagnose", str(case)]) == 0
-    assert "unconfirmed" not in capsys.readouterr().out
+    assert main(["diagnose", str(case), "--report", str(page)]) == 0
+    assert "unconfirmed" not in capsys.readouterr().out and "not confirmed" not in page.read_text()
 
 
 @pytest.mark.usefixtures("weighed")

@@ -306,6 +306,6 @@ def test_a_turn_of_the_mount_does_not_change_within_a_trial(tmp_path: Path) -> N
     values["columns"]["roll_deg"] = {"column": "Roll"}
     place.write_text(yaml.safe_dump(values))
     with pytest.raises(
-        ConfigError, match=r"columns.roll_deg: from 90 to 99 deg within trial 1, .* write it under orientation"
+        ConfigError, match=r"columns.roll_deg: from 90 to 102 deg within trial 1, .* write it under orientation"
     ):
         imported([tmp_path / "table.csv"], load_map(place), np.array([0, 0, 0.15]))

@@ -105,7 +105,7 @@ def in_page(text: str) -> Numbers:
         if heading[0] == "step":
             left = {row[0]: row[3] for row in rows}
             said["as given in steps"], said["calibrated in steps"] = (
-                left["model as given"],
+                left["uncalibrated model"],
                 left["calibration with one area factor"],
             )
         if heading[0] == "hypothesis":

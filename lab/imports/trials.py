@@ -1,0 +1,200 @@
+"""Which rows make a trial: a column's count or name changes, or the robot returns to rest between two sweeps.
+
+The rest after a descent belongs to the trial that descends, the rest before a rise to the trial that rises. A single one belongs
+to the trial that rises, unless a column says otherwise.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import groupby, pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .map_file import Map, States
+from .plateaus import plateaus
+from .quantities import Quantities
+from .series import Series
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Texts = NDArray[np.str_]
+
+ONE_LEVEL = 1.5
+"""Usual lengths of a level (rows) beyond which a rest is the end of one sweep and the begin of the next."""
+MOST_NOTES = 3
+"""Changes away from rest that are noted one by one."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """Another value of a column."""
+
+    key: str
+    """Of the map, which names the column."""
+    column: str
+    first: int
+    """The first row that may hold the new value, from 0: cells up to `row` are missing."""
+    row: int
+    """The first row that holds it."""
+    before: str
+    after: str
+
+
+@dataclass(frozen=True)
+class Stages:
+    """m times at which pressures stood, in their order: plateaus, or all rows."""
+
+    begin: Ints
+    """(m,) first row of each."""
+    start: Ints
+    """(m,) first row at which the robot has settled."""
+    stop: Ints
+    """(m,) row behind each."""
+    pressures: Array
+    """(m, chambers) Pa"""
+    resting: NDArray[np.bool_]
+    """(m,) without pressure."""
+
+    @classmethod
+    def of(cls, q: Quantities, states: States, below: float) -> Stages:
+        """Of rows before they are cut into trials; at rest no pressure is above `below` (Pa), as in the row before where one is
+        missing."""
+        start, held = np.arange(len(q.t)), q.pressures
+        begin, stop = start, start + 1
+        if states.plateaus is not None:
+            whole = states.plateaus.model_copy(update={"settling": 0.0})
+            rows, settled = (
+                [cut.rows for cut in plateaus(p, q.t, q.pressures, q.run)] for p in (whole, states.plateaus)
+            )
+            begin, start, stop = (
+                np.array([(r.start, s.start, r.stop) for r, s in zip(rows, settled, strict=True)], np.int64)
+                .reshape(-1, 3)
+                .T
+            )
+            held = np.array([np.nanmean(q.pressures[r], axis=0) for r in rows]).reshape(len(rows), q.pressures.shape[1])
+        known = np.isfinite(held).all(axis=1)
+        resting = carried(np.where(known, np.abs(held).max(axis=1, initial=0.0) < below, np.nan)) > 0
+        return cls(begin, start, stop, held, resting)
+
+    def inflated(self, rows: int) -> NDArray[np.bool_]:
+        """(rows,) in stages under pressure."""
+        edges = np.zeros(rows + 1, np.int64)
+        edges[self.start[~self.resting]] += 1
+        edges[self.stop[~self.resting]] -= 1
+        return np.asarray(np.cumsum(edges)[:rows] > 0)
+
+    def border(self, row: int) -> int:
+        """The row with which a trial begins whose first settled one is `row`."""
+        after = int(np.searchsorted(self.stop, row, side="right"))
+        settling = after < len(self.stop) and self.begin[after] < row <= self.start[after]
+        return int(self.begin[after]) if settling else row
+
+    def around(self, change: Change) -> tuple[int, int]:
+        """The stage before the first row that may be of the new value, and the one that holds or follows the first that is."""
+        before = int(np.searchsorted(self.start, change.first - 1, side="right")) - 1
+        return max(before, 0), int(np.searchsorted(self.stop, change.row, side="right"))
+
+    def at_rest(self, change: Change) -> bool:
+        """Whether the robot rests at a change, just before it or just after it."""
+        before, after = self.around(change)
+        return bool(self.resting[before : after + 1].any())
+
+    def within(self, of: Sequence[Change], a: int, b: int) -> list[Change]:
+        """Those that lie in the stages [a, b), or just before or behind them."""
+        around = [(c, self.around(c)) for c in of]
+        return [c for c, (before, after) in around if before < b and after >= a]
+
+    def returns(self) -> list[tuple[int, int]]:
+        """Stages [a, b) at rest between two sweeps."""
+        edges = [0, *(np.flatnonzero(np.diff(self.resting.astype(int))) + 1).tolist(), len(self.resting)]
+        return [(a, b) for a, b in pairwise(edges) if 0 < a < b < len(self.resting) and self.resting[a]]
+
+    def level_length(self, below: float) -> float:
+        """The usual number of stages in which an inflated robot keeps its pressures within `below` (Pa)."""
+        moved = np.abs(np.diff(self.pressures, axis=0)).max(axis=1, initial=0.0) >= below
+        edges = np.flatnonzero(moved | (np.diff(self.resting.astype(int)) != 0)) + 1
+        lengths = [b - a for a, b in pairwise([0, *edges.tolist(), len(self.resting)]) if b > a and not self.resting[a]]
+        return float(np.median(lengths)) if lengths else 1.0
+
+
+def trials_of_rows(series: Series, q: Quantities, wanted: Map) -> tuple[Ints, tuple[str, ...]]:
+    """(n,) trial of each row, from 0, in this file, and notes about columns that contradict the rests."""
+    below, by_rest = wanted.trials.below, wanted.trials.begin == "rest" and "trial" not in wanted.columns
+    stages = Stages.of(q, wanted.states, below)
+    every, returns = changes(q, stages), stages.returns()
+    away = [c for c in every if not stages.at_rest(c)]
+    strange = away if returns and (by_rest or 2 * len(away) < len(every)) else []
+    followed = [c for c in every if not (by_rest and c in strange)]
+    begins = np.concatenate([[False], np.diff(q.run) > 0])
+    if by_rest and wanted.states.windows:
+        begins[1:] |= stages.resting[1:] & ~stages.resting[:-1]
+    usual, parted = stages.level_length(below), []
+    for a, b in returns:
+        own = stages.within(followed, a, b)
+        parted += own
+        if not own and not by_rest:
+            continue
+        middle = (b - a) // 2 if b - a >= max(2.0, ONE_LEVEL * usual) and not wanted.states.windows else 0
+        begins[[stages.border(row) for row in _borders(own, int(stages.begin[a + middle]))]] = True
+    begins[[stages.border(c.row) for c in followed if c not in parted]] = True
+    return np.cumsum(begins).astype(np.int64), tuple(_notes(series, q, strange, by_rest))
+
+
+def _borders(own: Sequence[Change], middle: int) -> list[int]:
+    """Rows with which trials begin in one rest: each change of the column that changes most often, else one row: `middle`, or
+    the nearest to it at which a column may have changed."""
+    most = max(own, key=lambda c: sum(o.column == c.column for o in own), default=None)
+    several = [c.row for c in own if most is not None and c.column == most.column]
+    if len(several) > 2:
+        return several
+    return [min((int(np.clip(middle, c.first, c.row)) for c in own), key=lambda r: abs(r - middle), default=middle)]
+
+
+def _notes(series: Series, q: Quantities, strange: Sequence[Change], by_rest: bool) -> Iterator[str]:
+    for c in strange[:MOST_NOTES]:
+        held = q.pressures[c.row]
+        chamber = int(np.nanargmax(np.abs(held))) if np.isfinite(held).any() else 0
+        place = f"{series.path.name}, {series.place(int(q.row[c.row]))}"
+        yield (
+            f"{place}: column {c.column!r} ({c.key}) changes from {c.before[:40]!r} to {c.after[:40]!r} while p{chamber + 1} is "
+            f"{held[chamber] / 1e3:.3g} kPa, not at rest: {'no' if by_rest else 'a'} trial begins there; correct the cell, or "
+            "name another column"
+        )
+    if len(strange) > MOST_NOTES:
+        yield f"{series.path.name}: {len(strange) - MOST_NOTES} further changes of columns contradict the rests"
+
+
+def changes(q: Quantities, stages: Stages) -> list[Change]:
+    """Of all columns that count trials or repeats or name what is inflated.
+
+    A word that stands only at rest names nothing there, if it comes again and again ("none" between the chambers' names) or if
+    the same word precedes and follows it.
+    """
+    inflated = stages.inflated(len(q.t))
+    out = []
+    for (key, column), cells in q.counts.items():
+        named = set(cells[inflated].tolist())
+        runs = [w for w, _ in groupby(w for w in cells.tolist() if w)]
+        nothing = {w for w, times in Counter(runs).items() if named and w not in named and times > 1}
+        nothing |= {w for before, w, after in zip(runs, runs[1:], runs[2:], strict=False)
+                    if named and w not in named and before == after}  # fmt: skip
+        known = [k for k, w in enumerate(cells.tolist()) if w and w not in nothing]
+        out += [
+            Change(key, column, before + 1, row, str(cells[before]), str(cells[row]))
+            for before, row in pairwise(known)
+            if cells[before] != cells[row]
+        ]
+    return out
+
+
+def carried(values: Array) -> Array:
+    """Values, where one is missing the one before it, at the begin the first."""
+    known = np.flatnonzero(np.isfinite(values))
+    if not len(known):
+        return np.zeros(len(values))
+    before = np.searchsorted(known, np.arange(len(values)), side="right") - 1
+    return np.asarray(values[known[np.maximum(before, 0)]])

@@ -1,0 +1,259 @@
+"""Where trials begin in tables of other laboratories: counts, names of chambers, rests, and columns that contradict them."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from test_import_tables import ROBOT, guessed
+
+from lab.cli import main
+from lab.files.config import ConfigError, load
+from lab.imports.map_file import load_map
+from lab.imports.table import Imported, imported, straight_point
+from model.robot import Robot
+from recordings.table_file import read_csv
+
+OWN_TABLE = Path(__file__).parent.parent.parent / "examples" / "own_table"
+GROUPS = ((1,), (3,), (2,), (1, 3))
+TWO_RESTS, ONE_REST, NO_REST = (0, 150, 350, 150, 0), (0, 150, 350, 150), (150, 350, 150)
+"""mbar"""
+HEADINGS = (
+    "Zeit [s]",
+    "Druck 1 [mbar]",
+    "Druck 2 [mbar]",
+    "Druck 3 [mbar]",
+    "Spitze X [mm]",
+    "Spitze Y [mm]",
+    "Spitze Z [mm]",
+)
+Label = Callable[[int, int, tuple[int, ...], int, int], Sequence[str]]
+"""Further cells of a row, from sweep, repeat, group, level and row, all from 0."""
+
+
+def named(group: tuple[int, ...]) -> str:
+    return "+".join(map(str, group))
+
+
+def tip(pressures: Sequence[float]) -> list[float]:
+    """mm, away from the chambers inflated (mbar)."""
+    azimuths = np.radians([0.0, 120.0, 240.0])
+    away = -0.05 * np.array([np.cos(azimuths), np.sin(azimuths)]) @ np.array(pressures)
+    return [*away.tolist(), 150.0 - float(away @ away) / 180]
+
+
+def table(
+    levels: Sequence[float],
+    label: Label,
+    headings: Sequence[str],
+    repeats: int = 2,
+    each: int = 1,
+    groups: Sequence[tuple[int, ...]] = GROUPS,
+) -> str:
+    """Each group in turn up and down, `repeats` times; `each` rows of every level, 0.05 s apart, else 7 s."""
+    lines = [";".join([*HEADINGS, *headings])]
+    for sweep, (repeat, group) in enumerate(itertools.product(range(repeats), groups)):
+        for level, _ in itertools.product(range(len(levels)), range(each)):
+            k = len(lines) - 1
+            pressures = [levels[level] * (c in group) for c in (1, 2, 3)]
+            numbers = [
+                k * (7.0 if each == 1 else 0.05),
+                *(p + 0.4 * np.sin(2.1 * k + i) for i, p in enumerate(pressures)),
+            ]
+            cells = [f"{v:.2f}".replace(".", ",") for v in [*numbers, *tip(pressures)]]
+            lines.append(";".join([*cells, *label(sweep, repeat, group, level, k)]))
+    return "\n".join(lines) + "\n"
+
+
+def through(folder: Path, content: str) -> tuple[dict[str, Any], list[str], Imported]:
+    """The proposed map, what it asks, and the table that it makes."""
+    (folder / "versuche.csv").write_text(content)
+    made, place = guessed(folder / "versuche.csv")
+    robot = load(ROBOT, Robot)
+    return made.values, made.doubts, imported([folder / "versuche.csv"], load_map(place), straight_point(robot))
+
+
+def by_map(folder: Path, content: str, **more: Any) -> Imported:
+    (folder / "versuche.csv").write_text(content)
+    names = dict(zip(("t", "p1", "p2", "p3", "x", "y", "z"), HEADINGS, strict=True))
+    columns = {n: {"column": c} for n, c in names.items()} | more.pop("columns", {})
+    (folder / "map.yaml").write_text(yaml.safe_dump({"columns": columns, **more}))
+    return imported([folder / "versuche.csv"], load_map(folder / "map.yaml"), straight_point(load(ROBOT, Robot)))
+
+
+def lengths(made: Imported) -> list[int]:
+    """States of each trial."""
+    return np.bincount(made.table["trial"])[1:].tolist()
+
+
+def repeats(made: Imported) -> list[int]:
+    return [next(r.repeat for r in made.table if r.trial == trial) for trial in range(1, len(lengths(made)) + 1)]
+
+
+def test_the_example_s_own_table_has_its_trials(tmp_path: Path) -> None:
+    words = ["import", str(OWN_TABLE / "sweep.csv"), "--robot", str(OWN_TABLE / "robot.yaml")]
+    assert main([*words, "--guess", "--out", str(tmp_path)]) == 0
+    proposed = (tmp_path / "map.yaml").read_text()
+    assert "not used" not in proposed
+    assert yaml.safe_load(proposed)["trials"] == {"begin": "rest", "change": ["chambers"]}
+    assert main([*words, "--map", str(tmp_path / "map.yaml"), "--out", str(tmp_path / "case")]) == 0
+    found = read_csv(tmp_path / "case" / "trials.csv")
+    first = {r.trial: r for r in reversed(found.rows)}
+    assert len(first) == 18 and [first[k].repeat for k in sorted(first)] == [1] * 6 + [2] * 6 + [3] * 6
+
+
+# ------------------------------------------------------------------ rests
+@pytest.mark.parametrize(
+    ("levels", "each", "states"),
+    [
+        (TWO_RESTS, 1, [5] * 8),
+        (ONE_REST, 1, [4] * 8),
+        ((0, 350), 1, [2] * 8),
+        ((0, 0, 150, 350, 0), 1, [5] * 8),
+        (TWO_RESTS, 3, [15] * 8),
+        (ONE_REST, 3, [12] * 8),
+    ],
+)  # fmt: skip
+def test_the_rest_before_a_rise_belongs_to_it_and_that_after_a_descent_to_the_descent(
+    levels: Sequence[float], each: int, states: list[int], tmp_path: Path
+) -> None:
+    made = by_map(tmp_path, table(levels, lambda *_: (), (), each=each), trials={"begin": "rest"})
+    assert lengths(made) == states and repeats(made) == [1] * 4 + [2] * 4
+    starts = [next(r for r in made.table if r.trial == k) for k in range(1, 9)]
+    assert all(max(r.pressures) < 100 for r in starts)
+
+
+def test_a_rest_over_time_is_one_state_of_the_trial_that_rises_unless_a_column_parts_it(tmp_path: Path) -> None:
+    states = {"plateaus": {"steady": "2 kPa"}}
+    content = table(TWO_RESTS, lambda s, r, g, i, k: (named(g),), ("Kammern",), each=40)
+    made = by_map(tmp_path, content, trials={"begin": "rest"}, states=states)
+    assert lengths(made) == [*[4] * 7, 5]
+    made = by_map(tmp_path, content, trials={"begin": "rest", "change": ["Kammern"]}, states=states)
+    assert lengths(made) == [5] * 8 and not made.notes
+
+
+def test_a_column_that_changes_while_the_pressure_settles_parts_no_level(tmp_path: Path) -> None:
+    late = lambda s, r, g, i, k: (str(max(k - 44, 0) // 200),)  # noqa: E731
+    content = table(TWO_RESTS, late, ("Lauf",), each=40)
+    made = by_map(
+        tmp_path, content, trials={"begin": "rest", "change": ["Lauf"]}, states={"plateaus": {"steady": "2 kPa"}}
+    )
+    assert lengths(made) == [5, *[4] * 7] and not made.notes
+
+
+def test_a_table_that_never_rests_has_the_trials_of_its_columns(tmp_path: Path) -> None:
+    content = table(NO_REST, lambda s, r, g, i, k: (str(r + 1), named(g)), ("Wiederholung", "Kammern"))
+    made = by_map(tmp_path, content, trials={"change": ["Kammern"]}, columns={"repeat": {"column": "Wiederholung"}})
+    assert lengths(made) == [3] * 8 and repeats(made) == [1] * 4 + [2] * 4 and not made.notes
+
+
+def test_trials_that_follow_each_other_at_rest_are_kept(tmp_path: Path) -> None:
+    """Weights hung on the robot between two sweeps, each a run of its own."""
+    levels = (0, 350, 0, 0, 0, 0)
+    content = table(
+        levels, lambda s, r, g, i, k: (str(10 * s + max(i - 1, 1)),), ("run",), repeats=1, groups=((1,), (2,))
+    )
+    made = by_map(tmp_path, content, trials={"change": ["run"]})
+    assert lengths(made) == [3, 1, 1, 1, 3, 1, 1, 1]
+
+
+# ------------------------------------------------------------------ columns
+@pytest.mark.parametrize(
+    ("headings", "label"),
+    [
+        (("rep", "chambers"), lambda s, r, g, i, k: (str(r + 1), named(g))),
+        (("Repetition", "inflated"), lambda s, r, g, i, k: (str(r), named(g) if i % 4 else "none")),
+        (("Wdh", "Kammern"), lambda s, r, g, i, k: (str(r + 1), "".join("ABC"[c - 1] for c in g))),
+        (("Durchlauf", "Sehnen"), lambda s, r, g, i, k: (f"D{r + 1}", ", ".join(f"S{c}" for c in g))),
+        (("rep", "direction"), lambda s, r, g, i, k: (str(r + 1), {(1,): "x", (2,): "-x", (3,): "y", (1, 3): "-y"}[g])),
+        (("rep", "Kammer"), lambda s, r, g, i, k: (str(r + 1), "".join(map(str, g)))),
+        (("rep", "chambers"), lambda s, r, g, i, k: (str(r + 1) if k % 3 else "", named(g) if k % 4 == 2 else "-")),
+        (("Versuch",), lambda s, r, g, i, k: (str(s + 1),)),
+        (("run",), lambda s, r, g, i, k: (str(r + 1),)),
+        (("run", "rep"), lambda s, r, g, i, k: (str(k), "1")),
+        (("group", "direction"), lambda s, r, g, i, k: (named(g), "hin" if i < 3 else "ab")),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("levels", [TWO_RESTS, ONE_REST])
+def test_trials_are_found_by_what_columns_count_and_name(
+    levels: Sequence[float], headings: Sequence[str], label: Label, tmp_path: Path
+) -> None:
+    _, _, made = through(tmp_path, table(levels, label, headings))
+    assert lengths(made) == [len(levels)] * 8 and repeats(made) == [1] * 4 + [2] * 4, made.notes
+    assert made.table["p2"] / 100 == pytest.approx(
+        [lev * (2 in g) for g in (*GROUPS, *GROUPS) for lev in levels], abs=0.5
+    )
+
+
+@pytest.mark.parametrize(
+    ("headings", "label", "said"),
+    [
+        (("rep",), lambda s, r, g, i, k: ("1",), "not used: rep, which is the same in all rows"),
+        (("rep",), lambda s, r, g, i, k: (str(1 + (k > 22)),), "'rep' changes while chambers are inflated (first from '1' to '2' "
+         "in line 25): it is not used"),
+        (("Kammern",), lambda s, r, g, i, k: ("9" if k == 12 else named(g),), "from '2' to '9' in line 14): no trial begins"),
+        (("direction",), lambda s, r, g, i, k: ("1" if i < 3 else "-1",), "'direction' changes while chambers are inflated"),
+    ],
+)  # fmt: skip
+def test_columns_that_the_rests_contradict_are_asked_about(
+    headings: Sequence[str], label: Label, said: str, tmp_path: Path
+) -> None:
+    _, doubts, made = through(tmp_path, table(TWO_RESTS, label, headings))
+    assert any(said in d for d in doubts), doubts
+    assert lengths(made) == [5] * 8 and repeats(made) == [1] * 4 + [2] * 4
+
+
+def test_a_wrong_repeat_is_named_and_neither_begins_a_trial_nor_counts(tmp_path: Path) -> None:
+    content = table(TWO_RESTS, lambda s, r, g, i, k: ("5" if k == 12 else str(r + 1),), ("Wiederholung",), repeats=3)
+    made = by_map(tmp_path, content, trials={"begin": "rest"}, columns={"repeat": {"column": "Wiederholung"}})
+    assert lengths(made) == [5] * 12 and repeats(made) == [1] * 4 + [2] * 4 + [3] * 4
+    assert set(made.table["repeat"].tolist()) == {1, 2, 3}
+    note = "versuche.csv, line 14: column 'Wiederholung' (columns.repeat) changes from '1' to '5' while p2 is 35 kPa, not at rest"
+    assert any(n.startswith(note) and "no trial begins there" in n for n in made.notes)
+
+
+def test_repeats_that_are_the_same_for_trials_alike_are_asked_about(tmp_path: Path) -> None:
+    content = table(TWO_RESTS, lambda *_: ("1",), ("Wiederholung",))
+    made = by_map(tmp_path, content, trials={"begin": "rest"}, columns={"repeat": {"column": "Wiederholung"}})
+    assert any(
+        "trials 1 and 5 inflate the same chambers as far, and column 'Wiederholung' says" in n for n in made.notes
+    )
+
+
+def test_a_trial_column_says_where_trials_begin_and_a_change_under_pressure_is_noted(tmp_path: Path) -> None:
+    content = table(TWO_RESTS, lambda s, r, g, i, k: ("9" if k in (22, 23) else str(s % 4),), ("trial",))
+    made = by_map(tmp_path, content, trials={"begin": "rest"}, columns={"trial": {"column": "trial"}})
+    assert lengths(made) == [5, 5, 5, 5, 2, 3, 5, 5, 5]
+    assert any(
+        "line 24: column 'trial' (columns.trial) changes" in n and "a trial begins there" in n for n in made.notes
+    )
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ({"trials": {"change": ["Kammer"]}}, "trials.change = 'Kammer': this column is not there"),
+        ({"trials": {"begin": "state", "change": ["Kammern"]}}, "begin: state begins a trial with each state; leave out"),
+        ({"trials": {"change": ["Kammern"]}, "columns": {"trial": {"column": "run"}}}, "columns.trial says where trials begin"),
+    ],
+)  # fmt: skip
+def test_what_a_map_says_wrong_of_trials_is_named(more: dict[str, Any], said: str, tmp_path: Path) -> None:
+    content = table(TWO_RESTS, lambda s, r, g, i, k: (str(s), named(g)), ("run", "Kammern"))
+    with pytest.raises(ConfigError) as caught:
+        by_map(tmp_path, content, **more)
+    assert said in str(caught.value)
+
+
+def test_words_in_a_column_of_numbers_make_no_footer_of_the_last_sweep(tmp_path: Path) -> None:
+    content = table(
+        ONE_REST, lambda s, r, g, i, k: (named(g),), ("Kammern",), repeats=1, groups=((1,), (2,), (3,), (1, 2))
+    )
+    _, _, made = through(tmp_path, content)
+    assert len(made.table) == 16 and lengths(made) == [4] * 4 and not made.notes
+    _, _, made = through(tmp_path, content + "Mittel;10;10;10;0;0;150;0\n")
+    assert len(made.table) == 16 and any("line 18 is no row of numbers" in n for n in made.notes)
