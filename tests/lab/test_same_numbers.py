@@ -50,7 +50,7 @@ def in_json(text: str) -> Numbers:
     which, fall, shrink = d["attribute"], d["waterfall"], d["shrink"]
     said = {"p": f"{which['probability']:.2f}", "noise floor": f"{d['locate']['noise_floor_mm']:.2f}"}
     if fall is not None:
-        said["as given"] = f"{fall['given_mm']:.2f}"
+        said["uncalibrated"] = f"{fall['given_mm']:.2f}"
         said["calibrated"] = f"{fall['steps'][0]['left_mm']:.2f}"
     if which["verdict"] == "effect" and shrink is not None:
         said["with cause"] = f"{shrink['after_mm']:.2f}"
@@ -58,7 +58,10 @@ def in_json(text: str) -> Numbers:
             said["closed"] = f"{100 * min(share, 1.0):.0f}"
     if (c := d["calibration"]) is not None and abs(c["given"] / c["area_factor"] - 1) >= 0.01:
         said |= {"area factor": f"{c['area_factor']:.2f}", "area factor given": f"{c['given']:.2f}"}
-    said |= {f"{x['effect']} moves": f"{x['mm']:.2f}" for x in d["budget"] if x["role"] != "unseen"}
+    for x in d["budget"]:
+        if x["role"] != "unseen":
+            name = d["detail"]["names"][x["effect"]]
+            said |= dict.fromkeys((f"{x['effect']} moves", f"{name} moves"), f"{x['mm']:.2f}")
     for r in which["ranking"]:
         name = " + ".join(r["effects"]) or "none"
         said[f"p of {name}"] = probability(r["probability"])
@@ -82,7 +85,7 @@ def in_statement(text: str) -> Numbers:
     said = found(
         {
             "p": r"\(p = ([\d.]+)",
-            "as given": r"^.*As given .*? misses the tip by ([\d.]+) mm rms",
+            "uncalibrated": r"^.*[Uu]ncalibrated,? .*? misses the tip by ([\d.]+) mm rms",
             "calibrated": r" by ([\d.]+) mm on states that the fit did not see",
             "noise floor": r"the noise floor is ([\d.]+) mm",
             "with cause": r"With it, ([\d.]+) mm remain|unseen states ([\d.]+) mm remain; |without it, ([\d.]+) mm with it\.",
@@ -92,7 +95,11 @@ def in_statement(text: str) -> Numbers:
         },
         text,
     )
-    return said | {f"{e} moves": mm for e, mm in re.findall(r"(\w+) moves the tip by ([\d.]+) mm", text)}
+    moved = re.search(r"Beyond what an area factor takes up, (.*?\))\.", text)
+    parts = moved[1].split("; ") if moved else []
+    return said | {
+        f"{name} moves": mm for p in parts for name, mm in re.findall(r"^(.+) moves the tip by ([\d.]+) mm", p)
+    }
 
 
 def in_page(text: str) -> Numbers:
@@ -104,8 +111,8 @@ def in_page(text: str) -> Numbers:
     for heading, rows in tables(text):
         if heading[0] == "step":
             left = {row[0]: row[3] for row in rows}
-            said["as given in steps"], said["calibrated in steps"] = (
-                left["uncalibrated model"],
+            said["uncalibrated in steps"], said["calibrated in steps"] = (
+                left["model, uncalibrated"],
                 left["calibration with one area factor"],
             )
         if heading[0] == "hypothesis":
@@ -119,7 +126,8 @@ def in_page(text: str) -> Numbers:
 
 
 def identifier(cell: str) -> str:
-    return cell.split("\n")[-1].strip()
+    """Effects of a cell, by their identifiers, as the command has them."""
+    return " + ".join(re.findall(r"\[(\w+)\]", cell)) or {"no effect": "none"}.get(cell, "unknown")
 
 
 def tables(text: str) -> list[tuple[list[str], list[list[str]]]]:
@@ -130,7 +138,7 @@ def tables(text: str) -> list[tuple[list[str], list[list[str]]]]:
 
 
 def plain(cell: str) -> str:
-    return html.unescape(re.sub(r"<[^>]+>", "\n", cell)).strip()
+    return html.unescape(re.sub(r"<[^>]+>", "", cell)).strip()
 
 
 def in_command(text: str) -> Numbers:
@@ -153,7 +161,7 @@ def test_every_surface_says_the_same_number_for_the_same_word(
 ) -> None:
     d, case = answer(seed, tmp_path)
     expected = in_json(d.to_json())
-    assert {"p", "noise floor", "as given", "calibrated"} <= set(expected)
+    assert {"p", "noise floor", "uncalibrated", "calibrated"} <= set(expected)
     monkeypatch.setattr("lab.console.out.width", 200)
     show(d)
     surfaces = {
@@ -163,19 +171,19 @@ def test_every_surface_says_the_same_number_for_the_same_word(
         "command": in_command(capsys.readouterr().out),
     }
     assert {name: disagreement(said, expected) for name, said in surfaces.items()} == {name: {} for name in surfaces}
-    top = {"p", "noise floor", "as given", "calibrated", *({"with cause"} & set(expected))}
+    top = {"p", "noise floor", "uncalibrated", "calibrated", *({"with cause"} & set(expected))}
     assert all(top <= set(said) for name, said in surfaces.items() if name != "headline")
     assert all(any(w.startswith("p of ") for w in surfaces[name]) for name in ("page", "command"))
 
 
 def test_a_number_that_differs_is_found() -> None:
     said = (
-        "Cause: contact (p = 0.91). As given the model misses the tip by 9.00 mm rms, calibrated with one area factor by 3.00 mm "
-        "on states that the fit did not see; the noise floor is 0.40 mm. With it, 0.50 mm remain on unseen states: 98 % of "
-        "the reducible gap is closed."
+        "Cause: contact (p = 0.91). Uncalibrated, the model misses the tip by 9.00 mm rms, calibrated with one area factor by "
+        "3.00 mm on states that the fit did not see; the noise floor is 0.40 mm. With it, 0.50 mm remain on unseen states: "
+        "98 % of the reducible gap is closed."
     )
     read = in_statement(said)
     assert read == {
-        "p": "0.91", "as given": "9.00", "calibrated": "3.00", "noise floor": "0.40", "with cause": "0.50", "closed": "98",
+        "p": "0.91", "uncalibrated": "9.00", "calibrated": "3.00", "noise floor": "0.40", "with cause": "0.50", "closed": "98",
     }  # fmt: skip
     assert disagreement(read, read | {"with cause": "0.51"}) == {"with cause": ("0.50", "0.51")}
