@@ -1,6 +1,7 @@
-"""Whether the tip goes to where the chambers push it: what exchanged columns, a wrong sign, frame or unit make of a table.
+"""Whether the tip goes to where chambers push or tendons pull it: what exchanged columns, signs, frames or units make of a table.
 
-With the tip's displacement across the axis d = x + iy and the push of the chambers u = -sum p_k exp(i azimuth_k),
+With the tip's displacement across the axis d = x + iy and the push u = -+ sum p_k exp(i azimuth_k)
+(- of chambers, + of tendons),
 
     a = sum d conj(u) / sum |d||u|        1 where each state bends to where it is pushed, exp(i phi) where all turn by phi
     b = sum d u / sum |d||u|              of size 1 where left and right are exchanged
@@ -48,18 +49,19 @@ def doubtful_directions(robot: Robot, rows: Iterable[TrialRow]) -> tuple[str, ..
     kind = settings(robot, tips)
     own = [tips[i] for i in np.flatnonzero(kind == np.bincount(kind).argmax())]
     seen = Pressures.of(robot, own)
-    towards = -np.exp(1j * (azimuth + np.radians([[r.roll_deg or 0.0] for r in own])))
+    towards = -np.sign(robot.actuators.area) * np.exp(1j * (azimuth + np.radians([[r.roll_deg or 0.0] for r in own])))
     aside = seen.displacement[:, 0] + 1j * seen.displacement[:, 1]
     push = (seen.pressure * towards).sum(axis=1)
     told = (np.abs(aside) > ASIDE * robot.length) & (np.abs(push) > PUSHED * np.abs(seen.pressure).max())
     if told.sum() < FEWEST:
         return ()
-    if odd := _axis(seen.displacement[told], push[told]):
+    what = "pressures push" if robot.tendons is None else "tensions pull"
+    if odd := _axis(seen.displacement[told], push[told], what):
         return (odd,)
-    return tuple(_doubts(aside[told], seen.pressure[told], towards[told]))
+    return tuple(_doubts(aside[told], seen.pressure[told], towards[told], what))
 
 
-def _axis(moved: Array, push: Complex) -> str:
+def _axis(moved: Array, push: Complex, what: str) -> str:
     """About an axis along which the tip moves to and fro as it is pushed across it: only along its own does the body shorten on
     all sides."""
     pushed = np.column_stack([push.real, push.imag])
@@ -71,15 +73,15 @@ def _axis(moved: Array, push: Complex) -> str:
     if along == 2 or linear[2] - linear[along] < CLEARLY:
         return ""
     return (
-        f"along z the tip moves to and fro as the pressures push it across, along {'xy'[along]} it does not: "
+        f"along z the tip moves to and fro as the {what} it across, along {'xy'[along]} it does not: "
         f"{'xy'[along]} seems to be the robot's axis; check the frame and the columns x, y, z"
     )
 
 
-def _doubts(aside: Complex, pressure: Array, towards: Complex) -> Iterator[str]:
+def _doubts(aside: Complex, pressure: Array, towards: Complex, what: str) -> Iterator[str]:
     push = (pressure * towards).sum(axis=1)
     as_is, mirrored = _agreement(aside, push), abs(_agreement(aside, push.conj()))
-    head = f"the tip does not go to where the pressures push it (agreement {round(as_is.real, 2) + 0.0:.2f} of 1)"
+    head = f"the tip does not go to where the {what} it (agreement {round(as_is.real, 2) + 0.0:.2f} of 1)"
     exchanged, pair = _best_exchange(aside, pressure, towards)
     if odd := _other_gain(aside, pressure, towards):
         yield odd

@@ -28,6 +28,7 @@ from .headings import (
     names_inflated,
     quadruples,
     quantity,
+    tendon,
     turning,
 )
 from .map_file import Map, quantities
@@ -62,7 +63,8 @@ def guess_map(series: Series, robot: Robot) -> Guess:
     used = {name for four in turns for name in four} | {name for three in angles for name in three.columns}
     counting = [h for h in headings if h.name not in used and _counts(h, series)]
     others = [h for h in headings if h.name not in used and h not in counting]
-    if not any(chamber(h) is not None and h.name in series.numbers for h in others):  # "chamber" of a robot of one
+    number = chamber if robot.tendons is None else tendon
+    if not any(number(h) is not None and h.name in series.numbers for h in others):  # "chamber" of a robot of one
         counting, others = [], [*others, *counting]
     pressures = _pressures(g, series, others, robot)
     used |= {h.name for h in counting} | set(pressures)
@@ -89,7 +91,8 @@ def _missing(g: Guess, series: Series) -> None:
 
 # ------------------------------------------------------------------ pressures
 def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot) -> list[str]:
-    found = {h.name: n for h in headings if (n := chamber(h)) is not None and h.name in series.numbers}
+    number = chamber if robot.tendons is None else tendon
+    found = {h.name: n for h in headings if (n := number(h)) is not None and h.name in series.numbers}
     by = {h.name: h for h in headings}
     read = {name: n for name, n in found.items() if not by[name].asked_for}
     chosen = read or found
@@ -115,11 +118,18 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
                 "{PATTERN: {p1: 50 kPa, ..}}"
             )
             return []
+        wants = (
+            "a pressure (p1, P2 [kPa], pressure_3 ..)" if robot.tendons is None else "a tension (tendon1 [N], Zug_2 ..)"
+        )
         raise ConfigError(
-            f"{series.path}: no heading names a pressure (p1, P2 [kPa], pressure_3 ..); there are "
+            f"{series.path}: no heading names {wants}; there are "
             f"{', '.join(map(repr, series.names[:12]))}. Write map.yaml by hand (docs: data from elsewhere)"
         )
-    units = _pressure_units(series, [by[n] for n in names])
+    if robot.tendons is None:
+        units = _pressure_units(series, [by[n] for n in names])
+    else:
+        told = "a tension T in N stands as the pressure T / 1 cm^2"
+        units = dict.fromkeys(names, ("N/cm^2", told, False))
     electric = sorted({by[n].stated for n in names if by[n].stated.casefold() in ELECTRIC})
     for k in range(wanted):
         # fewer regulators than chambers: groups of neighbours

@@ -153,14 +153,12 @@ def _frame(g: Guess, series: Series, tip: Array, rest: NDArray[np.bool_], robot:
     best = int(np.argmax(agreement))
     if agreement[best] < AGREED:
         best = 0
-        g.doubts.append(
-            f"frame: no turn about z lets the tip bend away from the chambers inflated (best: {max(agreement):.2f} of 1)"
-        )
+        g.doubts.append(f"frame: no turn about z lets the tip bend {_sense(robot)} (best: {max(agreement):.2f} of 1)")
     found = frames[best]
     if not told:
         others = [x for x, frame in zip(agreement, frames, strict=True) if frame.z != found.z]
         g.doubts.append(
-            f"frame: where the tip rests does not tell which axis points from base to tip; taken as {found.z}, as the chambers "
+            f"frame: where the tip rests does not tell which axis points from base to tip; taken as {found.z}, as the actuators "
             f"bend it ({agreement[best]:.2f} of 1, with another axis up to {max(others):.2f})"
         )
     if (found.x, found.y, found.z) != ("x", "y", "z"):
@@ -169,13 +167,17 @@ def _frame(g: Guess, series: Series, tip: Array, rest: NDArray[np.bool_], robot:
             if told
             else f"the tip bends across {found.z} of the file"
         )
-        why += f"; with these x and y it bends away from the chambers inflated ({agreement[best]:.2f} of 1)"
+        why += f"; with these x and y it bends {_sense(robot)} ({agreement[best]:.2f} of 1)"
         g.say("frame", {"x": found.x, "y": found.y, "z": found.z}, why)
     if elsewhere:
         text = f"at rest the tip is {away * 1e3:.1f} mm from the origin and {aside * 1e3:.1f} mm off the axis"
         g.say(
             "straight", "first state", f"{text} of a robot of {robot.length * 1e3:g} mm: markers were placed elsewhere"
         )
+
+
+def _sense(robot: Robot) -> str:
+    return "away from the chambers inflated" if robot.tendons is None else "towards the tendons pulled"
 
 
 def _turned(z: str) -> list[tuple[str, str]]:
@@ -187,13 +189,13 @@ def _turned(z: str) -> list[tuple[str, str]]:
 
 
 def _agreement(g: Guess, series: Series, moved: Array, frame: Frame, robot: Robot) -> float:
-    """Cosine between where the tip moves across and where the chambers' pressures bend it, over all rows."""
+    """Cosine between where the tip moves across and where chambers push or tendons pull it, over all rows."""
     azimuth = np.radians(robot.actuators.azimuths_deg)
     pressure = proposed_pressures(g, series)
     if pressure.shape[1] != len(azimuth):
         return 1.0
     pressure = pressure - np.nanmin(pressure, axis=0)  # columns hold a number each
-    pushed = -pressure @ np.column_stack([np.cos(azimuth), np.sin(azimuth)])
+    pushed = -np.sign(robot.actuators.area) * pressure @ np.column_stack([np.cos(azimuth), np.sin(azimuth)])
     across = (moved @ frame.matrix.T)[:, :2]
     seen = np.isfinite(pushed).all(axis=1) & np.isfinite(across).all(axis=1)
     pushed, across = pushed[seen], across[seen]

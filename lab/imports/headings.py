@@ -181,6 +181,20 @@ def chamber(h: Heading) -> int | None:
     return None
 
 
+TENSION = re.compile(
+    r"(?<![^\W\d_])(tendons?|tensions?|cables?|wires?|ropes?|pull|zug|seil|sehne|zugkraft|seilkraft|kraft|force|load|c[aâ]ble|"
+    r"tir|hilo|filo|f|t)\s?(\d+)(?!\d)"
+)
+
+
+def tendon(h: Heading) -> int | None:
+    """The number of a tendon whose tension a heading names, from 0 or 1 as its writer counts."""
+    found = TENSION.search(" ".join(h.words))
+    if not found or (h.stated and h.kind != "N"):
+        return None
+    return int(found[2]) if h.kind == "N" or found[1] not in ("f", "t") else None
+
+
 TURN_WORDS = frozenset(
     [
         "rotation",

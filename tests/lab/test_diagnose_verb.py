@@ -193,7 +193,7 @@ def test_a_page_of_a_small_table_is_drawn_too(tmp_path: Path, capsys: pytest.Cap
     )
     text = read_as_text(page.read_text())
     assert code == 0 and "Too little data to name a cause" in text and "A single trial" in text
-    assert "only one spine length" in text and "only one pressure" in text
+    assert "Only one spine length" in text and "Only one pressure" in text
 
 
 @pytest.mark.parametrize(

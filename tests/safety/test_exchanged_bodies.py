@@ -41,7 +41,7 @@ def test_a_check_names_bodies_that_cannot_be_where_they_are(house: House, capsys
     assert main(["check", "--rig", str(house.rig)]) in (0, 3)
     assert "mm apart" not in capsys.readouterr().err
     mocap = yaml.safe_load(house.rig.read_text())["instruments"]["mocap"]
-    position = [c + 0.3 for c in mocap["mocap_to_base"]["position"]]
+    position = [f"{float(c.removesuffix(' m')) + 0.3} m" for c in mocap["mocap_to_base"]["position"]]
     house.change_instrument("mocap", mocap_to_base={**mocap["mocap_to_base"], "position": position})
     assert main(["check", "--rig", str(house.rig)]) in (0, 3)
     assert "the base and the tip are" in " ".join(capsys.readouterr().err.split())
