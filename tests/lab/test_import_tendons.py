@@ -61,11 +61,11 @@ def test_a_map_of_tensions_is_guessed_and_the_tip_goes_to_where_they_pull(
     ]
     assert proposed["frame"] == {"x": "x", "y": "z", "z": "-y"} and "towards the tendons pulled" in said
     assert main(["import", table, "--map", str(tmp_path / "map/map.yaml"), "--out", str(tmp_path / "case")]) == 0
-    assert "tensions pull it" not in capsys.readouterr().out
+    assert "tensions pull it" not in capsys.readouterr().err
     proposed["frame"] = {"x": "-x", "y": "-z", "z": "-y"}
     (tmp_path / "map/turned.yaml").write_text(yaml.safe_dump(proposed))
     assert main(["import", table, "--map", str(tmp_path / "map/turned.yaml"), "--out", str(tmp_path / "other")]) == 0
-    assert "does not go to where the tensions pull it" in " ".join(capsys.readouterr().out.split())
+    assert "does not go to where the tensions pull it" in " ".join(capsys.readouterr().err.split())
 
 
 def test_a_robot_with_tendons_takes_no_column_of_pressures_for_one(

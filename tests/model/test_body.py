@@ -14,8 +14,9 @@ from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
 from model.errors import BadRobot
 from model.robot import Robot, robot_from_dict
-from model.rods import FINE, REFERENCE, Rods, solve
+from model.rods import FINE, Rods, solve
 from model.section import rods_of
+from tests.model.rods.reference import REFERENCE
 
 PRESSURES = np.outer([0.0, 60e3, 120e3], [0, 0, 0, 1, 1, 1, 0, 0, 0])
 SPINES = np.array([0.0, 0.1, 0.25])

@@ -10,6 +10,7 @@ from house import House
 from test_pauses import BENDING, during, lab
 
 from lab.cli import main
+from lab.files.units import KINDS
 from lab.verbs.fakes import PATIENT
 from recordings.campaign.replay import compare, table_of
 from recordings.file.reader import Recording
@@ -41,7 +42,8 @@ def test_a_check_names_bodies_that_cannot_be_where_they_are(house: House, capsys
     assert main(["check", "--rig", str(house.rig)]) in (0, 3)
     assert "mm apart" not in capsys.readouterr().err
     mocap = yaml.safe_load(house.rig.read_text())["instruments"]["mocap"]
-    position = [f"{float(c.removesuffix(' m')) + 0.3} m" for c in mocap["mocap_to_base"]["position"]]
+    written = [c.split() for c in mocap["mocap_to_base"]["position"]]
+    position = [float(number) * KINDS["m"][unit] + 0.3 for number, unit in written]
     house.change_instrument("mocap", mocap_to_base={**mocap["mocap_to_base"], "position": position})
     assert main(["check", "--rig", str(house.rig)]) in (0, 3)
     assert "the base and the tip are" in " ".join(capsys.readouterr().err.split())

@@ -25,6 +25,7 @@ from sim_fakes.worlds.outside_held_out import HELD_OUT
 from sim_fakes.worlds.robot import NOMINAL_VACUUM, Places, lanes
 from sim_fakes.worlds.table import WORLDS, World, world
 from sim_fakes.worlds.walk import Leg, walk
+from tests.model.rods.reference import REFERENCE
 
 Array = NDArray[np.float64]
 
@@ -80,7 +81,7 @@ def test_with_no_effect_on_the_tip_agrees_with_the_model_to_a_hundredth_of_a_mil
     levels = (0.0, 50.0, 100.0, 150.0, 200.0, 250.0)
     robot = load_robot(PAPER).with_area_factor(1.6)
     states = conditions(robot, np.repeat(SPINES, 6), np.tile([bent(p) for p in levels], (7, 1)))
-    expected = rods.solve(rods_of(robot, states), rods.REFERENCE).trusted().tip.reshape(7, 6, 3)
+    expected = rods.solve(rods_of(robot, states), REFERENCE).trusted().tip.reshape(7, 6, 3)
     legs = tuple(Leg(bent(p), 5e3, 0.0) for p in levels)
     found = {n: walk(lanes(SPINES, {}, PLACES), physics({}), legs, segments=n).tip.swapaxes(0, 1) for n in (10, 20)}
     assert np.abs(found[20] - expected).max() < 0.01e-3
