@@ -5,9 +5,12 @@ from __future__ import annotations
 
 import contextlib
 import math
+import os
+import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,12 +18,12 @@ import pytest
 from pydantic import ValidationError
 
 from drivers.configs import HOSTS, PORTS
-from drivers.errors import InstrumentError, LimitExceeded, Unreachable
+from drivers.errors import InstrumentError, LimitExceeded, StaleReading, Unreachable
 from drivers.interfaces import ArmSample, BodySample, Identity, PressureSample
 from sim_fakes.clock import SimClock
 from sim_fakes.instrument import Part, Site
 from sim_fakes.plant import Plant
-from sim_fakes.pty_fake import Faults
+from sim_fakes.pty_fake import Faults, PtyFake
 from sim_fakes.registry import of_role
 from sim_fakes.ur.process import free_host
 
@@ -33,6 +36,12 @@ HOSES = ((9, 1, 2), (3, 4, 5), (6, 7, 8))
 MARKERS = 2
 WITHIN = 30.0
 """Host seconds for what takes a fraction of one: a busy computer is no fault."""
+SLACK = 5.0
+"""Host seconds after `max_age` within which a stream without a good sample must be stale, on a busy computer too."""
+MAX_AGE = 0.5
+"""s, host time: the age that the contract asks of a stream, where its table allows it."""
+AGO = 1000.0
+"""Host seconds since the rig's clock began: its time is neither that since the start of a driver nor the host's."""
 ASKED = 20e3
 """Pa."""
 CALLS: dict[str, tuple[Callable[[Any], Any], ...]] = {
@@ -60,15 +69,38 @@ class Unit:
     parts: list[Part]
     plant: Plant
     config: Any
+    clock: RigClock = field(default_factory=lambda: RigClock(SPEED, time.monotonic() - AGO))
     samples: list[Any] = field(default_factory=list)
     """What a stream has sent."""
+    arrived: list[float] = field(default_factory=list)
+    """When it sent them, rig time."""
 
     def another(self, **changes: Any) -> Any:
         """A driver of the same kind with another table in rig.yaml."""
         kind = drivers()[self.config.driver]
         config = kind.config.model_validate(self.config.model_dump() | changes)
-        more = (self.samples.append, lambda text: None) if self.role in STREAMS else ()
-        return kind.make("it", config, RigClock(SPEED), *more)
+        more = (self.take, lambda text: None) if self.role in STREAMS else ()
+        return kind.make("it", config, self.clock, *more)
+
+    def take(self, sample: Any) -> None:
+        """Keep a sample of a stream; its sink."""
+        self.arrived.append(self.clock.now())
+        self.samples.append(sample)
+
+    def strict(self) -> Any:
+        """A stream that is soon too old, opened, and its configuration."""
+        self.config = _config(type(self.config), self.config.model_dump(), {"max_age": MAX_AGE})
+        self.driver = self.another()
+        self.driver.open()
+        assert until(lambda: len(self.samples) >= 3 and answers(self.driver.latest)), (
+            f"a sound line gave {len(self.samples)} samples within {WITHIN:g} s, and latest() none"
+        )
+        return self.driver
+
+    def quiet(self) -> bool:
+        """Whether a stream has sent nothing for its `max_age` or three of its longest intervals."""
+        longest = max(np.diff(self.arrived[:3]), default=0.0) / SPEED
+        return (self.clock.now() - self.arrived[-1]) / SPEED > max(self.config.max_age, 3 * longest)
 
     def hasty(self) -> Any:
         """One that gives up soon, where it can."""
@@ -81,12 +113,45 @@ class Unit:
         """An arm's stream of its state."""
         make = drivers()[self.config.driver].make_state
         assert make is not None
-        return make("it", self.config, RigClock(SPEED), self.samples.append)
+        return make("it", self.config, self.clock, self.take)
 
     @property
     def disturbed(self) -> list[Any]:
         """The parts whose line can be disturbed."""
         return [part for part in self.parts if isinstance(getattr(part, "faults", None), Faults)]
+
+    def silence(self) -> None:
+        """Let nothing come from the instrument any more."""
+        for line in self.disturbed:
+            line.faults.silent = True
+        if not self.disturbed:
+            for part in self.parts:
+                part.stop()
+
+    @contextlib.contextmanager
+    def rewritten(self, change: Callable[[bytes], bytes]) -> Iterator[list[bytes]]:
+        """Change all that the fake sends on its serial lines; gives what arrives instead where it differs."""
+        changed: list[bytes] = []
+        lines: list[Any] = [part for part in self.parts if isinstance(part, PtyFake)]
+        if not lines:
+            pytest.skip("its fake has no serial line")
+
+        def through(send: Callable[..., None]) -> Callable[..., None]:
+            def sent(answer: bytes, line_time: bool = True) -> None:
+                after = change(answer)
+                if after != answer:
+                    changed.append(after)
+                send(after, line_time)
+
+            return sent
+
+        for line in lines:
+            line.send = through(line.send)
+        try:
+            yield changed
+        finally:
+            for line in lines:
+                del line.send
 
 
 def units(*roles: str) -> Any:
@@ -129,9 +194,9 @@ def _config(kind: type[Any], table: dict[str, Any], changes: dict[str, float]) -
     return config
 
 
-def until(condition: Callable[[], bool]) -> bool:
-    """Look until the condition holds."""
-    end = time.monotonic() + WITHIN
+def until(condition: Callable[[], bool], within: float = WITHIN) -> bool:
+    """Look until the condition holds, for some host seconds."""
+    end = time.monotonic() + within
     while not condition():
         if time.monotonic() > end:
             return False
@@ -196,6 +261,164 @@ def answers(call: Callable[[], Any]) -> bool:
     except InstrumentError:
         return False
     return True
+
+
+def damaged(answer: bytes) -> bytes:
+    """An answer of which no byte is right but the ends of its lines."""
+    return bytes(byte if byte in b"\r\n" else byte ^ 0x40 for byte in answer)
+
+
+def other(words: list[bytes]) -> Callable[[bytes], bytes]:
+    """Writes other words of the same form for these: K25 becomes L36."""
+    kinds = (b"ABCDEFGHIJKLMNOPQRSTUVWXYZ", b"abcdefghijklmnopqrstuvwxyz", b"0123456789")
+    next_one = bytes.maketrans(b"".join(kinds), b"".join(kind[1:] + kind[:1] for kind in kinds))
+
+    def change(answer: bytes) -> bytes:
+        for word in words:
+            answer = answer.replace(word, word.translate(next_one))
+        return answer
+
+    return change
+
+
+def must_not_open(driver: Any, line: str, remedy: str) -> None:
+    """Fails when the driver opens, or ends by what is none of the drivers' errors."""
+    try:
+        identity = driver.open()
+    except InstrumentError as error:
+        assert error.instrument == "it", f"open() on {line} raised {error!r} for {error.instrument!r}, needed 'it'"
+    except Exception as error:  # noqa: BLE001 - whatever else it is, it is wrong
+        pytest.fail(f"open() on {line} ended by {error!r}, needed an error of drivers.errors; {remedy}")
+    else:
+        pytest.fail(f"open() on {line} returned {identity}, needed an error of drivers.errors; {remedy}")
+
+
+@units()
+def test_it_does_not_open_on_a_silent_line(unit: Unit) -> None:
+    if not unit.disturbed:
+        pytest.skip("its fake has no line that can be disturbed")
+    unit.silence()
+    must_not_open(unit.driver, "a silent line", "wait for an answer up to the time-out, then raise Unreachable")
+
+
+@units()
+def test_it_does_not_open_on_a_line_whose_answers_are_all_damaged(unit: Unit) -> None:
+    with unit.rewritten(damaged) as sent:
+        must_not_open(
+            unit.driver,
+            f"a line on which every answer was damaged ({sent[-1:]})",
+            "check the form of each answer, then raise Unreachable or WrongDevice",
+        )
+
+
+@units()
+def test_it_does_not_open_another_device(unit: Unit) -> None:
+    remedy = "compare the answer with the instrument that the driver is for, then raise WrongDevice"
+    own = [part for part in unit.parts if isinstance(part, PtyFake) and "wrong_id" in part.own_faults]
+    for part in own:
+        name, value = part.own_faults["wrong_id"]
+        part.faults.extra[name] = value
+    if own:
+        must_not_open(unit.driver, "a line with another device", remedy)
+        return
+    identity = unit.driver.open()
+    unit.driver.close()
+    words = [word.encode() for word in f"{identity.maker} {identity.model}".split() if len(word) > 1]
+    with unit.rewritten(other(words)) as sent:
+        if not answers(unit.driver.open):
+            return
+        unit.driver.close()
+        if not sent:
+            pytest.skip(f"its fake sends neither maker nor model of {identity}")
+        must_not_open(
+            unit.driver, f"a line with another device than {identity.model}, which answers {sent[0]!r}", remedy
+        )
+
+
+@units()
+def test_close_leaves_the_port_to_others(unit: Unit) -> None:
+    port = next((part.port for part in unit.parts if isinstance(part, PtyFake)), "")
+    before = handles(port)
+    unit.driver.open()
+    unit.driver.close()
+    assert handles(port) <= before, (
+        f"after close() {port} is open {handles(port)} times in this process, before open() it was {before} times; close it"
+    )
+    second = unit.another()
+    try:
+        second.open()
+    except InstrumentError as error:
+        pytest.fail(f"after close() of a first driver a second could not open the instrument: {error}; close its port")
+    finally:
+        second.close()
+
+
+def handles(port: str) -> int:
+    """How often this process has a port open; 0 where the system does not tell."""
+    found = 0
+    for handle in Path("/proc/self/fd").glob("*"):
+        with contextlib.suppress(OSError):
+            found += bool(port) and os.readlink(handle) == os.path.realpath(port)
+    return found
+
+
+@contextlib.contextmanager
+def crashes() -> Iterator[list[str]]:
+    """How threads ended meanwhile by what is no error of an instrument."""
+    found: list[str] = []
+    before, threading.excepthook = threading.excepthook, lambda args: found.append(repr(args.exc_value))
+    try:
+        yield found
+    finally:
+        threading.excepthook = before
+
+
+@units(*STREAMS)
+def test_a_stream_that_falls_silent_is_stale_after_max_age(unit: Unit) -> None:
+    driver = unit.strict()
+    unit.silence()
+    kind = StaleReading if unit.disturbed else InstrumentError  # an ended connection may be told as such
+    seen: Any = None
+
+    def stale() -> bool:
+        nonlocal seen
+        try:
+            seen = driver.latest()
+        except InstrumentError as error:
+            seen = error
+        return isinstance(seen, kind)
+
+    assert until(stale, unit.config.max_age + SLACK), (
+        f"{SLACK:g} s after the line had been silent for max_age = {unit.config.max_age:g} s, latest() gave {seen!r}; "
+        f"needed {kind.__name__}: compare the age of the newest sample, in host time, with max_age"
+    )
+
+
+@units(*STREAMS)
+def test_a_stream_hands_over_no_damaged_answer(unit: Unit) -> None:
+    unit.strict()
+    with crashes() as crashed, unit.rewritten(damaged) as sent:
+        still = not until(lambda: bool(crashed) or unit.quiet(), unit.config.max_age + SLACK)
+    assert not crashed, (
+        f"a thread of the driver ended by {crashed[0]} on the answer {sent[-1:]}; check the form of each answer, count a "
+        "damaged one in lost and go on"
+    )
+    assert not still, (
+        f"the driver still hands over samples, the last is {unit.samples[-1]}, while every answer is damaged, such as "
+        f"{sent[-1:]}; check the form of each answer and count a damaged one in lost"
+    )
+
+
+@units(*STREAMS)
+def test_samples_have_the_time_of_the_rig_s_clock(unit: Unit) -> None:
+    began = unit.clock.now()
+    unit.driver.open()
+    assert until(lambda: len(unit.samples) >= 3)
+    for sample, arrived in zip(unit.samples[:3], unit.arrived[:3], strict=True):
+        assert began <= sample.t <= arrived, (
+            f"a sample has t = {sample.t:.3f} s, the rig's clock was at {began:.3f} s before open() and at {arrived:.3f} s "
+            "when the sample came; set t to now() of the clock that the driver is given"
+        )
 
 
 @units("pressure")

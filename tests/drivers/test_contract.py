@@ -39,14 +39,51 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     "drivers", [THEIRS, *(pytest.param((d,), marks=pytest.mark.long) for d in OWN)], ids=lambda found: "+".join(found)
 )
 def test_the_contract(drivers: tuple[str, ...], installed: dict[str, str], tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "pytest", "--pyargs", "lab.driver_contract", "-k", " or ".join(drivers)]
-    command += ["-q", "-n0", "-c", os.devnull, "-p", "no:cacheprovider", f"--basetemp={tmp_path / 'pytest'}"]
-    report = tmp_path / "report.xml"
-    command += [f"--junitxml={report}"]
-    done = subprocess.run(command, cwd=tmp_path, env=installed, capture_output=True, text=True, timeout=600)
+    done, report = contract(installed, tmp_path, *drivers)
     assert done.returncode == 0, done.stdout + done.stderr
-    passed = [case.attrib["name"] for case in ElementTree.parse(report).iter("testcase") if len(case) == 0]
+    passed = [name for name, fault in report.items() if fault is None]
     assert all(any(driver in name for name in passed) for driver in drivers), passed
+
+
+def contract(
+    environment: dict[str, str], folder: Path, *drivers: str
+) -> tuple[subprocess.CompletedProcess[str], dict[str, str | None]]:
+    """Try drivers; each test with the message of its failure, empty when it was skipped, None when it passed."""
+    command = [sys.executable, "-m", "pytest", "--pyargs", "lab.driver_contract", "-k", " or ".join(drivers)]
+    command += ["-q", "-n0", "-c", os.devnull, "-p", "no:cacheprovider", f"--basetemp={folder / 'pytest'}"]
+    report = folder / "report.xml"
+    command += [f"--junitxml={report}"]
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=600)
+    told = {}
+    for case in ElementTree.parse(report).iter("testcase"):
+        wrong = [*case.iter("failure"), *case.iter("error")]
+        told[case.attrib["name"]] = wrong[0].attrib["message"] if wrong else "" if len(case) else None
+    return done, told
+
+
+WRONG = {
+    "ageless": ("a_stream_that_falls_silent_is_stale_after_max_age", ("latest() gave Sample(", "needed StaleReading")),
+    "trusting": ("it_does_not_open_another_device", ("b'MSG0;4711\\r'", "returned Identity(", "WrongDevice")),
+    "guessing": ("a_stream_hands_over_no_damaged_answer", ("distance=0.0", "count a damaged one in lost")),
+    "crashing": ("a_stream_hands_over_no_damaged_answer", ("ValueError", "count a damaged one in lost")),
+    "holding": ("close_leaves_the_port_to_others", ("is open 2 times", "before open() it was 1 times")),
+    "sharing": ("close_leaves_the_port_to_others", ("is open 2 times", "before open() it was 1 times")),
+    "host_time": ("samples_have_the_time_of_the_rig_s_clock", ("a sample has t = ", "now() of the clock")),
+}
+"""Drivers that are wrong in one respect: the only test that each fails, and what it says."""
+
+
+def test_a_driver_that_is_wrong_in_one_respect_fails_the_test_of_that_and_no_other(tmp_path: Path) -> None:
+    package = ROOT / "tests/drivers/bench_range"
+    install(tmp_path, package)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (tmp_path, package, ROOT)))}
+    done, report = contract(environment, tmp_path, "range_")
+    failed = {name: fault for name, fault in report.items() if fault}
+    assert failed.keys() == {f"test_{test}[range_{driver}]" for driver, (test, _) in WRONG.items()}, done.stdout
+    assert report["test_it_does_not_open_another_device[range_right]"] is None  # not skipped
+    for driver, (test, words) in WRONG.items():
+        told = failed[f"test_{test}[range_{driver}]"]
+        assert all(word in told for word in words), told
 
 
 @pytest.fixture

@@ -1,0 +1,191 @@
+"""A right driver of the range finder, and drivers that are wrong in one respect each."""
+
+from __future__ import annotations
+
+import re
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import serial
+from pydantic import Field
+
+from drivers.configs import SensorConfig
+from drivers.errors import BadReply, NoReply, NotReady, StaleReading, Unreachable, WrongDevice
+from drivers.interfaces import Clock, Identity, Sink
+from drivers.registry import Driver
+from drivers.serial_line import SerialLine, show
+
+from . import BAUD
+
+PAUSE = 0.02
+"""s, host time, between two requests."""
+
+
+class Config(SensorConfig):
+    """How it is reached."""
+
+    port: str
+    timeout: float = Field(0.3, gt=0, le=1, json_schema_extra={"unit": "s"})
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Rig time (s) and distance (m)."""
+
+    t: float
+    distance: float
+
+
+class Range:
+    """The range finder (see `drivers.interfaces.Stream`)."""
+
+    def __init__(
+        self, name: str, config: Config, clock: Clock, sink: Sink[Sample], notice: Callable[[str], None]
+    ) -> None:
+        self.name, self.lost, self.config, self.clock, self.sink = name, 0, config, clock, sink
+        self.line = SerialLine(name, config.port, BAUD, config.timeout)
+        self.newest: tuple[float, Sample] | None = None
+        self.stopping = threading.Event()
+        self.thread: threading.Thread | None = None
+
+    def open(self) -> Identity:
+        """Ask who answers, take one reading, start the stream."""
+        self.close()
+        self.line.open()
+        try:
+            self.who(self.line.ask(b"?I\r", b"\r"))
+            self.take()
+        except (NoReply, BadReply, WrongDevice) as e:
+            self.line.close()
+            raise (Unreachable if isinstance(e, NoReply) else WrongDevice)(self.name, e.message) from e
+        self.stopping.clear()
+        self.thread = threading.Thread(target=self.run, name=self.name, daemon=True)
+        self.thread.start()
+        return Identity("Bench", "LRF9")
+
+    def close(self) -> None:
+        """End the stream."""
+        self.stopping.set()
+        if self.thread is not None:
+            self.thread.join(2.0)
+        self.thread = self.newest = None
+        self.release()
+
+    def latest(self) -> Sample:
+        """The newest sample."""
+        if self.newest is None:
+            raise NotReady(self.name, "is not open; call open() first")
+        at, sample = self.newest
+        if self.old(time.monotonic() - at):
+            raise StaleReading(self.name, f"no answer for {self.config.max_age:g} s; check its cable")
+        return sample
+
+    def take(self) -> None:
+        """One request and its answer."""
+        distance = self.distance(self.line.ask(b"?D\r", b"\r"))
+        sample = Sample(self.now(), distance)
+        self.newest = time.monotonic(), sample
+        self.sink(sample)
+
+    def run(self) -> None:
+        """The stream."""
+        while not self.stopping.wait(PAUSE):
+            try:
+                self.take()
+            except BadReply:
+                self.lost += 1
+            except NoReply:
+                continue
+
+    def who(self, answer: bytes) -> None:
+        """Check who answers."""
+        if not re.fullmatch(rb"LRF9;[0-9]{4}", answer):
+            raise WrongDevice(self.name, f"{self.config.port} answers {show(answer)}, not LRF9; check the port")
+
+    def distance(self, answer: bytes) -> float:
+        """Metres in an answer."""
+        found = re.fullmatch(rb"D;([0-9]{4}\.[0-9]{2});mm", answer)
+        if found is None:
+            raise BadReply(self.name, f"{self.config.port} answers {show(answer)}, no reading; check the port")
+        return float(found[1]) * 1e-3
+
+    def old(self, age: float) -> bool:
+        """Whether a sample is too old, age in host seconds."""
+        return age > self.config.max_age
+
+    def now(self) -> float:
+        """Time of a sample."""
+        return self.clock.now()
+
+    def release(self) -> None:
+        """Close the port."""
+        self.line.close()
+
+
+class Ageless(Range):
+    """Gives the last sample for ever."""
+
+    def old(self, age: float) -> bool:
+        """Never."""
+        return False
+
+
+class Trusting(Range):
+    """Takes whoever answers."""
+
+    def who(self, answer: bytes) -> None:
+        """Not checked."""
+
+
+class Guessing(Range):
+    """Makes a number of every answer."""
+
+    def distance(self, answer: bytes) -> float:
+        """What has no digits is 0."""
+        return float(re.sub(rb"[^0-9.]", b"", answer) or 0) * 1e-3
+
+
+class Crashing(Range):
+    """Does not expect a damaged answer."""
+
+    def distance(self, answer: bytes) -> float:
+        """ValueError where there is no number."""
+        return float(answer[2:9]) * 1e-3
+
+
+class Holding(Range):
+    """Keeps the port after close."""
+
+    def release(self) -> None:
+        """Nothing."""
+
+
+class Sharing(Range):
+    """Keeps a port after close that others may open too."""
+
+    held: Any = None
+
+    def open(self) -> Identity:
+        """Also by a handle that is never closed."""
+        identity = super().open()
+        self.held = serial.Serial(self.config.port, BAUD)
+        return identity
+
+
+class HostTime(Range):
+    """Stamps with the host's time."""
+
+    def now(self) -> float:
+        """Seconds of the host."""
+        return time.time()
+
+
+def _driver(make: type[Range]) -> Driver:
+    return Driver("sensor", Config, make, quantities={"distance": "m"})
+
+
+RIGHT, AGELESS, TRUSTING, GUESSING = map(_driver, (Range, Ageless, Trusting, Guessing))
+CRASHING, HOLDING, SHARING, HOST_TIME = map(_driver, (Crashing, Holding, Sharing, HostTime))
