@@ -312,11 +312,9 @@ def _by_factor(s: Section, d: Diagnosis, spine: bool) -> None:
     ]
     s.table(("where", "n", f"{CALIBRATED}, in-sample, mm rms", "95 %", ""), rows)
     s.text("*: above the noise floor, with false alarms held to 5 % of all rows.")
-    if d.locate.of != "tip" or "baseline" in d.detail:
-        return
-    s.text(
-        f"The paper's Euler integration alone would add {d.locate.numerical_error_mm:.2f} mm rms; it is not part of this gap."
-    )
+    euler = d.locate.numerical_error_mm
+    if d.locate.of == "tip" and euler is not None and np.isfinite(euler):  # null in a file where it is not known
+        s.text(f"The paper's Euler integration alone would add {euler:.2f} mm rms; it is not part of this gap.")
 
 
 def _pushed(s: Section, d: Diagnosis, folder: Path) -> None:
