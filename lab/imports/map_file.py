@@ -252,8 +252,8 @@ class Map(Part):
     """Axes of force_x, force_y, force_z: of the base, or of a sensor that turns with the tip and whose axes are the recorded ones
     on the straight robot."""
     straight: Literal["as recorded", "first state", "first row"] = "as recorded"
-    """Which reading is the straight robot: what it differs by is where cameras and markers were placed. first row: of each
-    file."""
+    """Which reading is the straight robot, of tip and markers: what it differs by is where cameras and markers were placed.
+    first row: of each file."""
     states: States = States()
     """Which rows make a state."""
     trials: Trials = Trials()

@@ -133,8 +133,10 @@ def imported(
     wanted: Map,
     straight: Array,
     progress: Callable[[float, float], None] = lambda done, of: None,
+    arcs: Sequence[float] = (),
 ) -> Imported:
-    """Read, cut and put into the robot's frame; `straight` (3,) m: the tracked point of the straight robot.
+    """Read, cut and put into the robot's frame; `straight` (3,) m: the tracked point of the straight robot, `arcs` m: the arc
+    lengths of its markers.
 
     Raises ConfigError.
     """
@@ -147,7 +149,7 @@ def imported(
         origin = float(q.t[0]) if not number and absolute else origin
         q = replace(q, t=q.t - (origin if absolute else 0.0))
         if wanted.straight == "first row":
-            q = _straightened(q, 0, straight, wanted.sensor)
+            q = _straightened(q, 0, straight, wanted.sensor, arcs)
         if number and ("t" not in own_map.columns and not absolute or q.t[0] < start):
             q = replace(q, t=q.t - q.t[0] + start + BETWEEN_RUNS)
         trial, doubts = trials_of_rows(series, q, own_map)
@@ -170,7 +172,7 @@ def imported(
         start = float(np.nanmax(q.t))
         read_files.append((series, q, tuple(own)))
     if wanted.straight == "first state":
-        states = _from_first(states, straight, wanted.sensor)
+        states = _from_first(states, straight, wanted.sensor, arcs)
     elif any(wanted.sensor) and wanted.straight == "as recorded":
         states = [_moved(s, np.array(wanted.sensor), np.zeros(3)) for s in states]
     if wanted.forces == "tip":
@@ -314,29 +316,47 @@ def straight_point(robot: Robot) -> Array:
     return np.array([stated[a].value if a in stated else 0.0 for a in "xyz"]) + [0.0, 0.0, robot.length]
 
 
-def _straightened(q: Quantities, at: int, straight: Array, sensor: Sequence[float]) -> Quantities:
-    """Places and turns against those of one row, which is the straight robot."""
+def _straightened(
+    q: Quantities, at: int, straight: Array, sensor: Sequence[float], arcs: Sequence[float]
+) -> Quantities:
+    """Places and turns against those of one row, which is the straight robot; a marker not seen there stays where it is."""
     lever = np.array(sensor)
     turn = None if q.turn is None else q.turn * q.turn[at].inv()
     moved = q.tip - q.tip[at]
     if turn is not None:
         moved = moved - (turn.apply(lever) - lever)
-    return replace(q, tip=moved + straight, turn=turn)
+    shift = _on_axis(q.markers[at], arcs)
+    return replace(q, tip=moved + straight, turn=turn, markers=q.markers + shift)
 
 
-def _from_first(states: list[_State], end: Array, sensor: Sequence[float]) -> list[_State]:
+def _on_axis(markers: Array, arcs: Sequence[float]) -> Array:
+    """(k, 3) m by which markers (k, 3) of the straight robot are off their arc lengths on the axis; 0 where one is not seen."""
+    axis = np.zeros_like(markers)
+    axis[: len(arcs), 2] = arcs[: len(markers)]
+    return np.where(np.isfinite(markers).all(axis=1, keepdims=True) if len(arcs) else False, axis - markers, 0.0)
+
+
+def _from_first(states: list[_State], end: Array, sensor: Sequence[float], arcs: Sequence[float]) -> list[_State]:
     """The same for states: the first one without pressure is the straight robot, or the first where none is."""
     at = min(range(len(states)), key=lambda i: (round(max(map(abs, states[i].row.pressures)) / NO_PRESSURE), i))
     straight, lever = states[at], np.array(sensor)
     origin = np.array(straight.row.tip)
+    beside = _on_axis(_places(straight.row), arcs)
     out = []
     for state in states:
         turn = None if state.turn is None or straight.turn is None else state.turn * straight.turn.inv()
         shift = end - origin
         if turn is not None:
             shift = shift - (turn.apply(lever) - lever)
-        out.append(_moved(replace(state, turn=turn), np.zeros(3), shift))
+        moved = _moved(replace(state, turn=turn), np.zeros(3), shift)
+        places = _places(state.row) + beside
+        out.append(replace(moved, row=replace(moved.row, markers=tuple((x, y, z) for x, y, z in places.tolist()))))
     return out
+
+
+def _places(row: TrialRow) -> Array:
+    """(k, 3) m of the markers of a state; NaN where one was not seen."""
+    return np.array(row.markers, np.float64).reshape(-1, 3)
 
 
 def _moved(state: _State, lever: Array, shift: Array) -> _State:

@@ -122,6 +122,11 @@ def _answer(case: Case, robot: Path | None, comparisons: Comparisons, executor: 
             return replace(answer, change=compare_campaigns(case, earlier, weighed, _shown(screen, executor)))
     except BadHoldout as e:
         raise ConfigError(f"--holdout {comparisons.holdout}: {e}") from e
+    except np.linalg.LinAlgError as e:
+        raise ConfigError(
+            f"the fit has no unique solution ({str(e).lower()}): a number of robot.yaml is far from the data; check path_radius, "
+            "the other radii, moduli and units, and what `lab compare` shows"
+        ) from e
     except (DiagnosisError, ModelError) as e:
         raise ConfigError(str(e)) from e
 

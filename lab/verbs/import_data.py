@@ -30,7 +30,7 @@ def import_files(inputs: Sequence[Path], map_path: Path, robot_path: Path | None
     robot_path = robot_path or map_path.parent / wanted.robot
     robot = load(robot_path, Robot)
     with Screen("import", quiet=as_json) as screen:
-        made = imported(inputs, wanted, straight_point(robot), screen.progress)
+        made = imported(inputs, wanted, straight_point(robot), screen.progress, robot.markers)
     found = implausible_values(robot, made.table.rows)
     if found:
         raise ConfigError("\n".join(f"{map_path}: {text}" for text in found))
@@ -86,7 +86,7 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, as_json
     told_of = [f"check: {d}" for d in (*series.notes, *proposed.doubts)]
     made = None
     try:
-        made = imported(inputs, load_map(folder / MAP), straight_point(robot))
+        made = imported(inputs, load_map(folder / MAP), straight_point(robot), arcs=robot.markers)
         found = (*implausible_values(robot, made.table.rows), *doubtful_directions(robot, made.table.rows))
         told_of += [f"check: {text}" for text in found]
         from ..pages.import_figure import draw

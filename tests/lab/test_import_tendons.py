@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 from lab.cli import main
+from lab.files.inputs import read_case
 
 ROBOT = """\
 name: trunk
@@ -24,6 +25,7 @@ tendons:
   path_radius: 9 mm
   azimuths_deg: [0, 120, 240]
 area_factor: 1.0
+markers: [90 mm]
 """
 
 
@@ -31,7 +33,8 @@ def trunk(folder: Path, word: str) -> Path:
     """Three tendons pulled in turn to 4 N, twice; y of the cameras points up, against the hanging body."""
     folder.mkdir()
     (folder / "robot.yaml").write_text(ROBOT)
-    lines = [";".join(["Zeit [s]", *(f"{word}{k} [N]" for k in (1, 2, 3)), *(f"Spitze_{a} [mm]" for a in "xyz")])]
+    tensions = [f"{word}{k} [N]" for k in (1, 2, 3)]
+    lines = [";".join(["Zeit [s]", *tensions, *(f"{m}_{a} [mm]" for m in ("Spitze", "Mitte") for a in "xyz")])]
     t = 0.0
     for _ in range(2):
         for k in range(3):
@@ -39,7 +42,10 @@ def trunk(folder: Path, word: str) -> Path:
                 turn, towards = 0.22 * pull, np.radians(120.0 * k)
                 aside, along = 180 * (1 - np.cos(turn)) / max(turn, 1e-9), 180 * np.sinc(turn / np.pi)
                 body = np.array([aside * np.cos(towards), aside * np.sin(towards), along])
-                seen = [700 + body[0], -body[2], 40 + body[1]]
+                half = np.array([aside * np.cos(towards) / 4, aside * np.sin(towards) / 4, along / 2 + 0.01 * pull])
+                seen = [
+                    v for b in (body, half + [14, 0, 0]) for v in (700 + b[0], -b[2], 40 + b[1])
+                ]  # 14 mm: on the skin
                 row = [t, *(pull if k == j else 0.0 for j in range(3)), *seen]
                 lines.append(";".join(f"{v:.3f}".replace(".", ",") for v in row))
                 t += 3.0
@@ -78,3 +84,21 @@ def test_a_robot_with_tendons_takes_no_column_of_pressures_for_one(
     )
     proposed = tmp_path / "m/map.yaml"
     assert code == 0 and "Seil_1 [kPa]" not in str(yaml.safe_load(proposed.read_text())["columns"].get("p1"))
+
+
+@pytest.mark.parametrize("straight", ["first state", "first row"])
+def test_markers_too_are_taken_from_the_straight_robot(straight: str, tmp_path: Path) -> None:
+    lab = trunk(tmp_path / "lab", "Seil_")
+    columns = {f"p{k}": {"column": f"Seil_{k} [N]", "unit": "N/cm^2"} for k in (1, 2, 3)}
+    columns |= {"t": {"column": "Zeit [s]"}} | {a: {"column": f"Spitze_{a} [mm]"} for a in "xyz"}
+    values = {
+        "robot": "robot.yaml", "columns": columns, "frame": {"x": "x", "y": "z", "z": "-y"}, "straight": straight,
+        "constants": {"spine_length": 0}, "points": {"m1": {"of": [[f"Mitte_{a} [mm]" for a in "xyz"]], "unit": "mm"}},
+    }  # fmt: skip
+    (lab / "map.yaml").write_text(yaml.safe_dump(values))
+    assert (
+        main(["import", str(lab / "table.csv"), "--map", str(lab / "map.yaml"), "--out", str(tmp_path / "case")]) == 0
+    )
+    (first, *others) = read_case([tmp_path / "case"]).table.rows
+    assert first.markers[0] == pytest.approx((0.0, 0.0, 0.09), abs=1e-9)
+    assert max(abs(r.markers[0][0]) for r in others) > 0.005
