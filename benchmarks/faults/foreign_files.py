@@ -1,4 +1,4 @@
-"""Ten tables as other laboratories write them, mutated, and everything that `lab import` does with each."""
+"""Eleven tables as other laboratories write them, mutated, and everything that `lab import` does with each."""
 
 from __future__ import annotations
 
@@ -71,7 +71,12 @@ def text_tables() -> dict[str, bytes]:
     ]
     pose = text(rows, headings=(), change=lambda k, c: [str(k), c[0], "0", "0", "0", "1", *c[4:]])
     vicon = "Trajectories\n2.5\n,,,,,Rig:Tip,,\nFrame,Time,P1,P2,P3,X,Y,Z\n,s,kPa,kPa,kPa,mm,mm,mm\n"
+    named = ["rep", "chambers", "Roll", "Pitch", "Yaw"]
+    counted = text(
+        rows, ";", [*HEADINGS, *named], lambda k, c: [*c, str(1 + k // 45), "ABC"[k // 15 % 3], c[5], c[4], "0"]
+    )
     return {
+        "counted.csv": counted.encode(),
         "spreadsheet.csv": ("Ger\xe4t;7\n" + text(rows, ";", german, lambda k, c: comma(c, *range(7)))).encode("latin-1"),
         "units.csv": (",".join(BARE) + "\n" + text(rows, ",", UNITS) + "END\n").encode(),
         "labview.lvm": (LABVIEW + text(rows, "\t", [*HEADINGS, "Comment"])).encode(),
@@ -104,7 +109,7 @@ def _one_cell(data: bytes, rng: random.Random) -> bytes:
 
 
 def foreign_tables(folder: Path) -> Callable[[random.Random], Callable[[], object]]:
-    """A function that mutates one of the ten tables, and returns what proposes its map and imports it."""
+    """A function that mutates one of the eleven tables, and returns what proposes its map and imports it."""
     texts, robot = text_tables(), load(ROBOT, Robot)
     sound = texts | binary_files(folder)
     maps: dict[str, Any] = {}

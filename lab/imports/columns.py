@@ -285,9 +285,9 @@ def _dates(cells: Any, words: Sequence[str]) -> Array | None:
     for day_first in (any(re.match(r"\d{1,2}\.", w) for w in words), True):
         try:
             known = pd.to_datetime(pd.Series(words), errors="coerce", format="mixed", dayfirst=day_first, utc=True)
-        except (ValueError, OverflowError):
+            seconds = (known - pd.Timestamp(0, tz="UTC")) / pd.Timedelta(seconds=1)
+        except (ValueError, OverflowError):  # no date, or one outside of the years that are counted in ns
             return None
         if not known.isna().any():
-            seconds = (known - pd.Timestamp(0, tz="UTC")) / pd.Timedelta(seconds=1)
             return np.array(cells.map(dict(zip(words, seconds, strict=True))), np.float64)
     return None

@@ -187,6 +187,12 @@ def test_a_line_with_too_many_cells_is_left_out_and_many_are_refused(tmp_path: P
         through(tmp_path / "table.csv", commas)
 
 
+def test_dates_of_other_centuries_are_words() -> None:
+    import pandas as pd
+
+    assert judge(pd.Series(["0020-02-15", "0020-02-16"], dtype=str)).values.tolist() == ["0020-02-15", "0020-02-16"]
+
+
 @pytest.mark.parametrize(
     ("cells", "found"),
     [
