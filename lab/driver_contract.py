@@ -38,6 +38,8 @@ WITHIN = 30.0
 """Host seconds for what takes a fraction of one: a busy computer is no fault."""
 SLACK = 5.0
 """Host seconds after `max_age` within which a stream without a good sample must be stale, on a busy computer too."""
+REFUSED = 30
+"""Damaged answers in a row without a sample by which a driver shows that it refuses them."""
 MAX_AGE = 0.5
 """s, host time: the age that the contract asks of a stream, where its table allows it."""
 AGO = 1000.0
@@ -397,8 +399,17 @@ def test_a_stream_that_falls_silent_is_stale_after_max_age(unit: Unit) -> None:
 @units(*STREAMS)
 def test_a_stream_hands_over_no_damaged_answer(unit: Unit) -> None:
     unit.strict()
+    seen = (0, 0)  # samples, and the damaged answers that were sent when the newest was
+
+    def refused() -> bool:
+        nonlocal seen
+        if seen[0] != len(unit.samples):
+            seen = len(unit.samples), len(sent)
+        return len(sent) - seen[1] >= REFUSED
+
     with crashes() as crashed, unit.rewritten(damaged) as sent:
-        still = not until(lambda: bool(crashed) or unit.quiet(), unit.config.max_age + SLACK)
+        within = unit.config.max_age + SLACK
+        still = not until(lambda: bool(crashed) or refused(), within) and not unit.quiet()
     assert not crashed, (
         f"a thread of the driver ended by {crashed[0]} on the answer {sent[-1:]}; check the form of each answer, count a "
         "damaged one in lost and go on"

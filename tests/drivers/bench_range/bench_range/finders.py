@@ -28,7 +28,7 @@ class Config(SensorConfig):
     """How it is reached."""
 
     port: str
-    timeout: float = Field(0.3, gt=0, le=1, json_schema_extra={"unit": "s"})
+    timeout: float = Field(1.0, gt=0, le=1, json_schema_extra={"unit": "s"})
 
 
 @dataclass(frozen=True)
