@@ -216,6 +216,11 @@ class Robot(BaseModel):
         assert found is not None  # one of them is there, or the file was refused
         return found
 
+    @property
+    def bending_directions(self) -> NDArray[np.complex128]:
+        """(actuators,) x + iy of unit length: where each bends the tip, away from a chamber, towards a tendon."""
+        return -np.sign(self.actuators.area) * np.exp(1j * np.radians(self.actuators.azimuths_deg))
+
     def with_azimuths(self, azimuths_deg: tuple[float, ...]) -> Robot:
         """The same robot with its actuators elsewhere about the axis, unchecked."""
         name = "chambers" if self.chambers is not None else "tendons"

@@ -32,13 +32,26 @@ def for_people(value: float, unit: str) -> tuple[float, str]:
     return factor * value, name
 
 
+LEAST_STATED = 0.005
+"""Probability below which a table does not list a hypothesis, and a sentence says "< 0.01"."""
+
+
 def stated(probability: float) -> str:
     """A probability as every table shows it.
 
     >>> stated(0.876), stated(1e-4)
     ('0.88', '< 0.01')
     """
-    return "< 0.01" if probability < 0.005 else f"{probability:.2f}"
+    return "< 0.01" if probability < LEAST_STATED else f"{probability:.2f}"
+
+
+def percent(share: float) -> str:
+    """Closed share of a gap in whole percent; nothing closes more than all of it.
+
+    >>> percent(0.876), percent(1.02), percent(-0.001)
+    ('88', '100', '0')
+    """
+    return f"{round(100 * min(share, 1.0)) + 0}"
 
 
 def sized(v: Value) -> str:
@@ -76,7 +89,7 @@ def headline(
         where = f": the error lies in the {found.stage} and varies with {found.dependence}" if found else ""
         return f"No known cause explains the gap{where} {sure}.".replace("_", " ")
     if by_calibration is not None:
-        return f"Calibration closes {100 * min(by_calibration, 1.0):.0f} % of the gap; no other cause is needed {sure}."
+        return f"Calibration closes {percent(by_calibration)} % of the gap; no other cause is needed {sure}."
     if a.conclusion == "noise":
         return f"No gap: model and robot agree down to the noise floor {sure}."
     return f"No cause: no known effect accounts for enough of the gap {sure}."

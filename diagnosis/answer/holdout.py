@@ -25,6 +25,7 @@ from ..errors import BadCase, BadHoldout
 from ..inference.prepare import Prepared, table_columns
 from ..judgement import CONFIRMED_SHARE
 from .attribute import Attribution
+from .headline import percent
 from .result import LengthShrink
 from .sentences import with_id
 from .shrink import by_length, closed_with_interval, rms
@@ -67,9 +68,9 @@ class Holdout:
             return f"{head}; no effect leads, so nothing is tested."
         if self.share_closed is None:
             return f"{head}: hardly above the noise floor of {self.floor_mm:.2f} mm, so there is no gap to close."
-        sure = "" if self.ci95 is None else f" (95 %: {_percent(self.ci95[0])} .. {_percent(self.ci95[1])} %)"
+        sure = "" if self.ci95 is None else f" (95 %: {percent(self.ci95[0])} .. {percent(self.ci95[1])} %)"
         named = " and ".join(with_id(e, names) for e in self.hypothesis)
-        closed = f"{head}: {_percent(self.share_closed)} % of the reducible gap is closed{sure}"
+        closed = f"{head}: {percent(self.share_closed)} % of the reducible gap is closed{sure}"
         if not self.named:
             return f"{closed}. This is with {named}, which comes closest but was not named, so nothing is confirmed."
         word = {
@@ -78,11 +79,6 @@ class Holdout:
             "open": f"this neither confirms nor contradicts {named}",
         }[self.verdict]
         return f"{closed}; {word}."
-
-
-def _percent(share: float) -> int:
-    """Nothing closes more than all of a gap."""
-    return round(100 * min(share, 1.0))
 
 
 def unseen_states(diagnosed: CaseLike, other: CaseLike) -> States:

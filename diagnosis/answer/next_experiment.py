@@ -36,7 +36,7 @@ def propose(
 ) -> tuple[Proposal, ...]:
     """Experiments that are not in the campaign; none after stiffness trials alone.
 
-    Those that separate candidates with a probability above `POSSIBLE` come first, then best bits for their time.
+    Those that separate candidates with a probability above `RIVAL_WORTH_SEPARATING` come first, then best bits for their time.
     """
     if len(rivals.candidates) < 2 or p.pushes_only:
         return ()

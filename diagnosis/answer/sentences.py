@@ -13,6 +13,7 @@ from typing import Any
 from ..criticism.stage_errors import StageError
 from ..inference.posterior import UNKNOWN
 from ..judgement import ABSORBED, CALIBRATION_STATED, EXPLAINS, OUTSIDE_STATED
+from .headline import percent
 from .result import Calibration, Carries, Conclusion, Locate, Shrink, Simulator, Waterfall
 from .verdict import Decision, stage
 
@@ -172,7 +173,7 @@ def closed_by_calibration(f: Facts) -> float | None:
 def _by_calibration(f: Facts) -> str:
     """What calibration closes of the uncalibrated gap, where that is most of it; empty otherwise."""
     closed = closed_by_calibration(f)
-    return "" if closed is None else f"Calibration closes {_percent(closed)} % of the reducible gap; beyond it,"
+    return "" if closed is None else f"Calibration closes {percent(closed)} % of the reducible gap; beyond it,"
 
 
 def _model(f: Facts) -> str:
@@ -216,7 +217,7 @@ def _closing(f: Facts) -> str:
             return f"On unseen states {after} mm remain; calibration alone leaves {before} mm, hardly above the noise floor."
         if share < 0:
             return f"On unseen states it makes the prediction worse: {before} mm without it, {after} mm with it."
-        return f"With it, {after} mm remain on unseen states: {_percent(share)} % of the reducible gap is closed."
+        return f"With it, {after} mm remain on unseen states: {percent(share)} % of the reducible gap is closed."
     nearest = " and ".join(with_id(e, f.names) for e in f.nearest)
     if not nearest or share is None:
         return ""
@@ -226,13 +227,9 @@ def _closing(f: Facts) -> str:
             "states)."
         )
     return (
-        f"Closest: {nearest}, which closes {_percent(share)} % of the reducible gap on unseen states but leaves errors that "
+        f"Closest: {nearest}, which closes {percent(share)} % of the reducible gap on unseen states but leaves errors that "
         "are no noise."
     )
-
-
-def _percent(share: float) -> str:
-    return f"{100 * min(share, 1.0):.0f}"
 
 
 def _absorbed(f: Facts) -> str:

@@ -45,7 +45,7 @@ class MisfitDiagnostics:
     """(chi^2 - r) / sqrt(2 r) of all parameters with a prior, chi^2 their squared Mahalanobis distance from it and r its degrees
     of freedom; about 0 where the model holds. Of the best hypothesis or the answer, whichever is less tense."""
     furthest_from_prior: str
-    """The parameter furthest from its prior; empty when none lies beyond `TENSE`."""
+    """The parameter furthest from its prior; empty when none lies beyond `TENSE_SD`."""
     cross_prediction: float | None
     """Largest chi-square per value of a kind of experiment predicted from all others; None where all states are of one kind."""
     effects_named: int

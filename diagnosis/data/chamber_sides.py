@@ -36,14 +36,15 @@ def leave_out(robot: Robot, states: States, catalogue: Mapping[str, EffectSpec])
 
 def contradicted(robot: Robot, states: States) -> bool:
     """Whether tips go to other sides than the order of the chambers says."""
-    azimuth = np.radians(robot.actuators.azimuths_deg) + np.radians([[r.roll_deg or 0.0] for r in states.rows])
-    push = -np.stack([(states.pressure * f(azimuth)).sum(axis=1) for f in (np.cos, np.sin)], axis=1)
-    aside, strength = states.tip[:, :2], np.linalg.norm(push, axis=1)
-    far = np.linalg.norm(aside, axis=1)
+    push = (states.pressure @ robot.bending_directions) * np.exp(
+        1j * np.radians([r.roll_deg or 0.0 for r in states.rows])
+    )
+    aside, strength = states.tip[:, 0] + 1j * states.tip[:, 1], np.abs(push)
+    far = np.abs(aside)
     own = (np.nan_to_num(far) > ASIDE * robot.length) & (strength > 0.2 * states.pressure.max(initial=1.0))
     if not own.any():
         return False
-    along = (aside[own] * push[own]).sum(axis=1) / (far[own] * strength[own])
+    along = (aside[own] * push[own].conj()).real / (far[own] * strength[own])
     return bool(np.mean(along < ELSEWHERE) > ENOUGH)
 
 

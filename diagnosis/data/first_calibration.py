@@ -7,8 +7,8 @@ over wide bounds,
     min sum_i rho(|tip_i - rod(theta)_i|^2 / s^2) + sum_k (theta_k / w_k)^2,    rho(z) = 2 (sqrt(1 + z) - 1),
 
 theta: area factor (free), E with G (w = ln 2), azimuth of the chambers, direction of gravity, and where the cameras' frame has
-its origin; s is 1 % of the robot's length. What the diagnosis can describe itself stays within `USUAL`; only where going beyond
-leaves less than 0.3 of the robust rms are the numbers that lie beyond it taken over, and told.
+its origin; s is 1 % of the robot's length. What the diagnosis can describe itself stays within `FIRST_USUAL`; only where going
+beyond leaves less than 0.3 of the robust rms are the numbers that lie beyond it taken over, and told.
 """
 
 from __future__ import annotations
@@ -215,7 +215,7 @@ class _Misfit:
         self._last: tuple[Array, Array] = (np.full(len(NAMES), np.nan), np.zeros(0))
 
     def residual(self, theta: Array) -> Array:
-        """(3 n + 7,) distances in units of `SCALE`, and parameters in their prior's."""
+        """(3 n + 7,) distances in units of `FIRST_LOSS_SCALE`, and parameters in their prior's."""
         return np.concatenate([self._missed(theta).ravel() / self._unit, theta[1:] / FIRST_SD[1:]])
 
     def slope(self, theta: Array) -> Array:

@@ -25,7 +25,7 @@ STEPS, ENOUGH = 100, 1e-9
 FARTHEST = 1.0
 """Of a step, in each logarithm or logit."""
 CLOSE = 1.0
-"""Decrease foreseen from which on the rest of the curvature is learnt."""
+"""Decrease foreseen from which the rest of the curvature is learnt."""
 LEAST, HELD = 0.1, 0.1
 """Least curvature along any way, and first damping, relative to the average information."""
 WORTH = 0.1

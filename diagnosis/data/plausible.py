@@ -43,7 +43,7 @@ NORM_TOLERANCE = 0.05
 LAST_COMPONENT = 0.8
 """Of qz at rest: bending and sagging turn about x and y, not about z."""
 OTHER_UNIT = 4.0
-"""Robot lengths of a spine from which on it is another unit rather than another robot."""
+"""Robot lengths of a spine from which it is another unit rather than another robot."""
 
 
 def require_plausible(robot: Robot, rows: Iterable[TrialRow], name: str = "") -> None:

@@ -28,12 +28,12 @@ Complex = NDArray[np.complex128]
 ASIDE, PUSHED, FEWEST = 0.03, 0.2, 4
 """Robot lengths that a tip must move across the axis, and share of the largest push, for a state to tell a direction; states."""
 ALIKE, ENOUGH = 0.9, 0.8
-"""Agreement (1 is the most) with one change of the table, and as it is, from which on it is no coincidence."""
+"""Least agreement (1 is the most) with one change of the table, and as it is, that is no coincidence."""
 TURNED = 45.0
 """Degrees by which all states must bend elsewhere."""
 SIDES, CLEARLY = 0.3, 0.5
-"""Singular values of the push, the second of the first, from which on the tip is pushed to several sides, and by how much more of
-the movement along one axis than of that along another is linear in the push."""
+"""Least share of the second singular value of the push in the first for a tip pushed to several sides; how much more of the
+movement along one axis than of that along another must be linear in the push."""
 OTHER_GAIN = 4.0
 """Factor between the displacement per pressure of one chamber and that of the others: units differ by 6.9 or more."""
 
@@ -43,13 +43,12 @@ def doubtful_directions(robot: Robot, rows: Iterable[TrialRow]) -> tuple[str, ..
     tips = [
         r for r in rows if r.protocol != "stiffness" and r.tip is not None and np.isfinite((*r.tip, *r.pressures)).all()
     ]
-    azimuth = np.radians(robot.actuators.azimuths_deg)
-    if not tips or {len(r.pressures) for r in tips} != {len(azimuth)}:
+    if not tips or {len(r.pressures) for r in tips} != {len(robot.bending_directions)}:
         return ()
     kind = settings(robot, tips)
     own = [tips[i] for i in np.flatnonzero(kind == np.bincount(kind).argmax())]
     seen = Pressures.of(robot, own)
-    towards = -np.sign(robot.actuators.area) * np.exp(1j * (azimuth + np.radians([[r.roll_deg or 0.0] for r in own])))
+    towards = robot.bending_directions * np.exp(1j * np.radians([[r.roll_deg or 0.0] for r in own]))
     aside = seen.displacement[:, 0] + 1j * seen.displacement[:, 1]
     push = (seen.pressure * towards).sum(axis=1)
     told = (np.abs(aside) > ASIDE * robot.length) & (np.abs(push) > PUSHED * np.abs(seen.pressure).max())

@@ -185,8 +185,7 @@ def implausible_roll(robot: Robot, s: Pressures) -> Iterator[str]:
     roll = np.array([r.roll_deg or 0.0 for r in s.rows])
     if not 0 < np.abs(roll).max() < 2 * np.pi + 0.01:
         return
-    azimuth = np.radians(robot.actuators.azimuths_deg)
-    push = -(s.pressure @ np.exp(1j * azimuth)) * np.exp(1j * np.radians(roll))
+    push = (s.pressure @ robot.bending_directions) * np.exp(1j * np.radians(roll))
     aside = s.displacement[:, 0] + 1j * s.displacement[:, 1]
     turn, rows_of = {}, {}
     for one in np.unique(roll):

@@ -116,7 +116,7 @@ def weigh(linear: Linear, grid: Grid, parameters: Parameters, named: Sequence[Hy
     """Log evidence of hypotheses in one linear problem.
 
     A named parameter's prior is a normal cut at its bounds, and a named effect has at least one size of `least_named`; sizes
-    that are tolerated are below `MOST_TOLERATED_SIZE`.
+    that are tolerated are below `LARGEST_TOLERATED_SIZE`.
     """
     masks = np.array([parameters.mask(h) for h in named])
     if not linear.form_error.shape[1]:

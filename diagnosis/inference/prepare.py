@@ -252,8 +252,8 @@ def _labels(forward: ForwardModel, states: States, kept: NDArray[np.bool_]) -> L
 
 
 def _least(made: Parameters, labels: Labels, slope: Array, floor: float) -> tuple[float, ...]:
-    """Size of each parameter, as a share of its scale, at which it carries `LEAST_CARRIED` noise floors (m) of the tip beyond the
-    calibration, to first order at zero; never more than `LEAST_NAMED_SIZE`."""
+    """Size of each parameter, as a share of its scale, at which it carries `LEAST_NAMED_FLOORS` noise floors (m) of the tip
+    beyond the calibration, to first order at zero; never more than `LEAST_NAMED_SIZE`."""
     tips = labels.kind == 0
     if not tips.any():
         return ()

@@ -14,7 +14,7 @@ from .problem import Problem
 Array = NDArray[np.float64]
 
 FAR = 10.0
-"""Times the squared residual of none from which on a start is calibrated anew."""
+"""Times the squared residual of none from which a start is calibrated anew."""
 RECALIBRATION_ROUNDS, RECALIBRATION_GAIN = 8, 0.01
 FIRST_SHARE = 0.6
 """Share of its scale at which the search for a one-sided effect begins."""

@@ -152,7 +152,7 @@ def same_body(a: bytes, b: bytes) -> bool:
 
 
 def unconfirmed_guesses(inputs: Sequence[Path]) -> list[str]:
-    """One line for each case whose map.yaml has guesses that `lab import --guess` marks; it begins with "unconfirmed: "."""
+    """One line for each case whose map.yaml has guesses that `lab import --guess` marks; it begins with `UNCONFIRMED_GUESSES`."""
     said = []
     for place in inputs:
         path = place / "map.yaml"
@@ -166,7 +166,7 @@ def unconfirmed_guesses(inputs: Sequence[Path]) -> list[str]:
             more = f" and {len(found) - MOST_GUESSES} more" if len(found) > MOST_GUESSES else ""
             counted = "1 guess of the map is" if len(found) == 1 else f"{len(found)} guesses of the map are"
             said.append(
-                f"unconfirmed: {counted} not confirmed: {', '.join(names[:MOST_GUESSES])}{more}; check each in {path}, "
+                f"{UNCONFIRMED_GUESSES}{counted} not confirmed: {', '.join(names[:MOST_GUESSES])}{more}; check each in {path}, "
                 f"correct it, remove its line {UNCONFIRMED!r}, and import again"
             )
     return said
@@ -174,6 +174,8 @@ def unconfirmed_guesses(inputs: Sequence[Path]) -> list[str]:
 
 UNCONFIRMED = "# CHECK:"
 """How `lab import --guess` begins a line about a guess that the data do not force."""
+UNCONFIRMED_GUESSES = "unconfirmed: "
+"""How a concern about such lines begins."""
 MOST_GUESSES, MOST_OF_GUESS = 6, 60
 """Named one by one; characters of each."""
 LARGEST_MAP = 1_000_000

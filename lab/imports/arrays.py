@@ -21,7 +21,7 @@ from .map_file import Source
 from .series import LARGEST, Array, Series, demand_bounded, of_judged
 
 WIDE = 20
-"""Times as many columns as rows, from which on an array alone lies on its side."""
+"""Times as many columns as rows, from which an array alone lies on its side."""
 LAST = ("point", "axis")
 """Dimensions of an array that become columns."""
 

@@ -48,11 +48,11 @@ STEADY = 0.02
 """Of the highest pressure, within which a plateau stands."""
 MOTION_CAPTURE = ("Motive", "C3D")
 LONG_STEP, MANY = 5.0, 200
-"""Step and number of rows from which on times without a unit are not in s."""
+"""Step and number of rows from which times without a unit are not in s."""
 STEPS = {"ms": 5e3, "us": 5e6}
 """Step below which such times are in this unit."""
 FEW = 5
-"""Rows of the same pressure, on average, from which on a file is a time series."""
+"""Rows of the same pressure, on average, from which a file is a time series."""
 
 
 def guess_map(series: Series, robot: Robot) -> Guess:
@@ -63,8 +63,7 @@ def guess_map(series: Series, robot: Robot) -> Guess:
     used = {name for four in turns for name in four} | {name for three in angles for name in three.columns}
     counting = [h for h in headings if h.name not in used and _counts(h, series)]
     others = [h for h in headings if h.name not in used and h not in counting]
-    number = chamber if robot.tendons is None else tendon
-    if not any(number(h) is not None and h.name in series.numbers for h in others):  # "chamber" of a robot of one
+    if not _actuators(series, others, robot):  # "chamber" of a robot of one
         counting, others = [], [*others, *counting]
     pressures = _pressures(g, series, others, robot)
     used |= {h.name for h in counting} | set(pressures)
@@ -90,9 +89,14 @@ def _missing(g: Guess, series: Series) -> None:
 
 
 # ------------------------------------------------------------------ pressures
-def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot) -> list[str]:
+def _actuators(series: Series, headings: Sequence[Heading], robot: Robot) -> dict[str, int]:
+    """Column of numbers -> chamber or tendon that its heading names."""
     number = chamber if robot.tendons is None else tendon
-    found = {h.name: n for h in headings if (n := number(h)) is not None and h.name in series.numbers}
+    return {h.name: n for h in headings if (n := number(h)) is not None and h.name in series.numbers}
+
+
+def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot) -> list[str]:
+    found = _actuators(series, headings, robot)
     by = {h.name: h for h in headings}
     read = {name: n for name, n in found.items() if not by[name].asked_for}
     chosen = read or found

@@ -22,7 +22,7 @@ from .series import Series
 Array = NDArray[np.float64]
 
 ASIDE = 0.5
-"""Robot lengths off the longest axis from which on the resting tip does not tell which way the robot hangs."""
+"""Robot lengths off the longest axis from which the resting tip does not tell which way the robot hangs."""
 ORDERS_IN_WORDS = (
     "small letters turn about fixed axes (extrinsic, as in SciPy), capitals about axes that turn with the body (intrinsic); "
     "robots of Universal Robots write a rotation vector"
@@ -190,12 +190,12 @@ def _turned(z: str) -> list[tuple[str, str]]:
 
 def _agreement(g: Guess, series: Series, moved: Array, frame: Frame, robot: Robot) -> float:
     """Cosine between where the tip moves across and where chambers push or tendons pull it, over all rows."""
-    azimuth = np.radians(robot.actuators.azimuths_deg)
+    towards = robot.bending_directions
     pressure = proposed_pressures(g, series)
-    if pressure.shape[1] != len(azimuth):
+    if pressure.shape[1] != len(towards):
         return 1.0
     pressure = pressure - np.nanmin(pressure, axis=0)  # columns hold a number each
-    pushed = -np.sign(robot.actuators.area) * pressure @ np.column_stack([np.cos(azimuth), np.sin(azimuth)])
+    pushed = pressure @ np.column_stack([towards.real, towards.imag])
     across = (moved @ frame.matrix.T)[:, :2]
     seen = np.isfinite(pushed).all(axis=1) & np.isfinite(across).all(axis=1)
     pushed, across = pushed[seen], across[seen]

@@ -30,7 +30,7 @@ LEAST_TURN = np.radians(10.0)
 FEWEST = 6
 """States that turn by as much."""
 WRONG, RIGHT = 0.05, 0.25
-"""Share of the robot's length that is missed without h, and share of that with h, from which on it is told."""
+"""Least share of the robot's length missed without h, and most share of that missed with h, for a remark."""
 
 
 def lever_off(rows: Sequence[TrialRow], length: float) -> tuple[float, float, float] | None:
@@ -124,7 +124,7 @@ def length_at_rest(rows: Sequence[TrialRow], length: float) -> float | None:
 
 
 AHEAD = 1.2
-"""Times the tip's movement from which on a marker moves more than noise and stretch let it."""
+"""Times the tip's movement from which a marker moves more than noise and stretch let it."""
 
 
 def marker_ahead(rows: Sequence[TrialRow]) -> tuple[int, float] | None:
@@ -146,7 +146,7 @@ STILL = 0.1
 USUAL, TIMES = 90, 2.0
 """Percentile of movement by change of pressure, and times that much more than it a place may move."""
 CHANGED = 0.1
-"""Share of the range of pressures from which on a change of pressure tells how far places move."""
+"""Share of the range of pressures from which a change of pressure tells how far places move."""
 
 
 @dataclass(frozen=True)

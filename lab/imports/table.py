@@ -330,10 +330,10 @@ def _straightened(
 
 
 def _on_axis(markers: Array, arcs: Sequence[float]) -> Array:
-    """(k, 3) m by which markers (k, 3) of the straight robot are off their arc lengths on the axis; 0 where one is not seen."""
-    axis = np.zeros_like(markers)
-    axis[: len(arcs), 2] = arcs[: len(markers)]
-    return np.where(np.isfinite(markers).all(axis=1, keepdims=True) if len(arcs) else False, axis - markers, 0.0)
+    """(k, 3) m by which markers (k, 3) of the straight robot are off their arc lengths on the axis; 0 without either."""
+    shift, known = np.zeros_like(markers), min(len(arcs), len(markers))
+    shift[:known] = np.array([(0.0, 0.0, s) for s in arcs[:known]]).reshape(-1, 3) - markers[:known]
+    return np.where(np.isfinite(shift).all(axis=1, keepdims=True), shift, 0.0)
 
 
 def _from_first(states: list[_State], end: Array, sensor: Sequence[float], arcs: Sequence[float]) -> list[_State]:

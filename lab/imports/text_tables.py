@@ -39,12 +39,12 @@ LONGEST_CELL = 20
 """Lines that one cell in quotation marks may have."""
 MOST_COLUMNS = 5000
 DATA_SHARE = 0.5
-"""Of the most numbers of a line, from which on a line is data."""
+"""Of the most numbers of a line, from which a line is data."""
 MOST_ODD = 0.1
 """Of the lines of data that may have too many cells."""
 COMMENT = re.compile(r"\s*(?:#+|%+|//+)\s*")
 MOST_NAMED = 0.3
-"""Of the headings, from which on a line among the data that holds them is one of headings."""
+"""Of the headings, from which a line among the data that holds them is one of headings."""
 MOST_NOTED = 5
 """Lines left out that are named."""
 DECIMAL_COMMA = r"\s*[-+]?(?:0?|\d{4,}),\d+\s*|\s*[-+]?\d+,(?:\d{1,2}|\d{4,})\s*"
@@ -52,7 +52,7 @@ DECIMAL_COMMA = r"\s*[-+]?(?:0?|\d{4,}),\d+\s*|\s*[-+]?\d+,(?:\d{1,2}|\d{4,})\s*
 END_OF_HEADER = "***End_of_Header***"
 """Line of LabVIEW's measurement files (.lvm)."""
 BINARY = 0.1
-"""Share of control characters from which on a file is no text."""
+"""Share of control characters from which a file is no text."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.answer.headline import for_people, stated
+from diagnosis.answer.headline import for_people, percent, stated
 from diagnosis.answer.result import Diagnosis, Proposal, Ranked
 from diagnosis.answer.sentences import OUTSIDE, hypothesis_name, plain_name, with_id
 from diagnosis.judgement import RIVAL_WORTH_SEPARATING
@@ -21,7 +21,7 @@ from recordings.campaign.labels import RECORD
 from recordings.file.reader import Recording
 from recordings.trials import Table
 
-from ..files.inputs import Case, unconfirmed_guesses
+from ..files.inputs import UNCONFIRMED_GUESSES, Case
 from ..version import version_text
 from . import diagnosis_figures as draw
 from .diagnosis_attribution import sizes as draw_sizes
@@ -67,7 +67,7 @@ def write(d: Diagnosis, case: Case, inputs: Sequence[Path], path: Path, protocol
 def opened(title: str, d: Diagnosis, case: Case, inputs: Sequence[Path], protocols: Path | None) -> Report:
     """A page with the answer on top and where it comes from at its foot."""
     source = ", ".join(map(str, inputs))
-    guesses = [line.removeprefix("unconfirmed: ") for line in unconfirmed_guesses(inputs)]
+    guesses = [c.removeprefix(UNCONFIRMED_GUESSES) for c in d.concerns if c.startswith(UNCONFIRMED_GUESSES)]
     return Report(
         title, f"{time.strftime('%Y-%m-%d %H:%M')}, {source}", d.headline or d.statement, guesses, small(d),
         gap_numbers(d), _first_step(d, protocols), origin(case.robot.name, inputs), names(d).keys(),
@@ -103,7 +103,7 @@ def fill(report: Report, d: Diagnosis, case: Case, protocols: Path | None) -> No
             section = report.section("What changed since the reference")
             section.text(d.change.statement)
             rows = [
-                [hypothesis(effects, d) if effects else "nothing", f"{p:.3f}"] for effects, p in d.change.ranking[:6]
+                [hypothesis(effects, d) if effects else "nothing", stated(p)] for effects, p in d.change.ranking[:6]
             ]
             section.table(("changed", "probability"), rows)
         against = _against(d)
@@ -223,10 +223,10 @@ def _steps(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
         )
     if d.shrink is not None:
         closed = (
-            "no gap above the noise floor" if d.shrink.share_closed is None else f"{_percent(d.shrink.share_closed)} %"
+            "no gap above the noise floor" if d.shrink.share_closed is None else f"{percent(d.shrink.share_closed)} %"
         )
         ends = d.shrink.ci95
-        interval = "" if ends is None else f" (95 %: {_percent(ends[0])} .. {_percent(ends[1])} %)"
+        interval = "" if ends is None else f" (95 %: {percent(ends[0])} .. {percent(ends[1])} %)"
         best = d.detail["best_hypothesis"]
         of = hypothesis(best, d) if best else "tolerances alone"
         s.text(f"Share of the reducible gap closed on unseen states with {of}: {closed}{interval}.")
@@ -234,7 +234,7 @@ def _steps(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
 
 def _against(d: Diagnosis) -> list[str]:
     """Concerns, sizes that cannot be, errors that stages ask for."""
-    lines = [c for c in d.concerns if not c.startswith("unconfirmed: ")]  # on top of the page
+    lines = [c for c in d.concerns if not c.startswith(UNCONFIRMED_GUESSES)]  # on top of the page
     lines += [
         f"The data would require {with_id(x['name'], names(d))} = {_number(x['mean'], x['unit'])}, which is physically "
         "impossible: evidence against the effect itself."
@@ -252,10 +252,6 @@ def _against(d: Diagnosis) -> list[str]:
 
 def _mm(value: float) -> str:
     return f"{round(value, 2) + 0.0:.2f}"
-
-
-def _percent(share: float) -> str:
-    return f"{round(100 * min(share, 1.0)) + 0}"
 
 
 def _sensors(s: Section, table: Table, folder: Path) -> None:

@@ -116,11 +116,11 @@ def _top(own: Sequence[TrialRow], group: Sequence[int], rows: Sequence[TrialRow]
     highest = [max(r.pressures) * KPA for r in rows]
     x, y, _ = MM * np.array([r.tip for r in own], np.float64).T
     size = 1.1 * MM * max(float(np.abs([r.tip[:2] for r in rows if r.tip]).max()), 1e-3)
-    azimuth = np.radians(robot.actuators.azimuths_deg)
+    towards = robot.bending_directions
     pushed = {
-        round(r.roll_deg or 0.0): -complex(np.dot(r.pressures, np.exp(1j * (azimuth + np.radians(r.roll_deg or 0.0)))))
+        round(r.roll_deg or 0.0): complex(np.dot(r.pressures, towards) * np.exp(1j * np.radians(r.roll_deg or 0.0)))
         for r in own
-        if len(r.pressures) == len(azimuth)
+        if len(r.pressures) == len(towards)
     }
     weak = WEAK * max(sum(r.pressures) for r in own)
     for push in (p / abs(p) for p in pushed.values() if abs(p) > weak):

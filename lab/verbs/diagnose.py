@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 from rich.table import Table as Sheet
 
-from diagnosis.answer.headline import sized, stated
+from diagnosis.answer.headline import LEAST_STATED, sized, stated
 from diagnosis.answer.result import Diagnosis, Proposal, Ranked
 from diagnosis.compare_campaigns import compare_campaigns
 from diagnosis.data.baseline import Baseline
@@ -29,7 +29,7 @@ from ..console import Screen, note, out
 from ..files.all_protocols import found_protocols
 from ..files.baseline import from_simulator, from_table, simulator
 from ..files.config import ConfigError, demand_writable, in_units
-from ..files.inputs import Case, marked_notes, read_case, unconfirmed_guesses
+from ..files.inputs import UNCONFIRMED_GUESSES, Case, marked_notes, read_case, unconfirmed_guesses
 from ..files.own_effects import catalogue
 from ..processes import for_case
 
@@ -201,7 +201,7 @@ def write_protocols(proposals: Sequence[Proposal], folder: Path) -> list[Path]:
 
 
 def show(d: Diagnosis) -> None:
-    unconfirmed = [c for c in d.concerns if c.startswith("unconfirmed: ")]
+    unconfirmed = [c for c in d.concerns if c.startswith(UNCONFIRMED_GUESSES)]
     for concern in unconfirmed:
         out.print(concern)
     out.print(d.headline)
@@ -223,7 +223,7 @@ def _ranking(ranking: Sequence[Ranked]) -> Sheet:
     for column in ("hypothesis", "p", "log evidence", "unseen states", "size"):
         t.add_column(column)
     for r in ranking:
-        if r.probability < 0.005:
+        if r.probability < LEAST_STATED:
             continue
         sizes = ", ".join(f"{name.partition('.')[2]} {sized(v)}" for name, v in r.parameters.items())
         held = "" if r.heldout_rmse_mm is None else f"{r.heldout_rmse_mm:.2f} mm"

@@ -51,7 +51,7 @@ NEAR = 1e-3
 """Residual at which coarse passes have done their part: below their own discretisation error."""
 
 HALF_TURNED = 0.5
-"""Cosine of half the angle (2.1 rad) from which on a tip counts as turned far."""
+"""Cosine of half the angle (2.1 rad) from which a tip counts as turned far."""
 
 
 @inline
