@@ -88,6 +88,20 @@ class Path:
         _slide(drive, self.before, self.after, self.first, yields, out)
         return out
 
+    def held(self, pulls: Array, give: Array, weight: Array) -> Array:
+        """(v, n, parts, tendons) mean, by `weight` (v, n, parts, places), of what each place keeps of pulls (v, n, tendons).
+
+        It keeps what it had as long as that is between pull / (1 + give) and pull / (1 - give), `give` (v, n, parts, places).
+        """
+        shape = np.broadcast_shapes(pulls.shape[:2], give.shape[:2], weight.shape[:2])
+        pulls, give, share = (
+            np.array(np.broadcast_to(x, (*shape, *x.shape[2:])), order="C")
+            for x in (pulls, give, weight / weight.sum(axis=-1, keepdims=True))
+        )
+        out = np.repeat(pulls[:, :, None, :], give.shape[2], axis=2)
+        _hold(pulls, give, share, self.before, self.after, self.first, out)
+        return out
+
     def extremes(self, drive: Array, covered: Array, roll: Array, rate: Array) -> Array:
         """Largest plus least value (v, n, DRIVES) that each cell of the body has come to, by parts; fading at `rate` (v,) 1/s.
         `covered` (v, n, CELLS) are the shares of the cells that are of the inner part, `roll` (n,) rad that of the body."""
@@ -244,6 +258,30 @@ def _slide(drive: Array, before: Order, after: Order, first: NDArray[np.bool_], 
                 for c in range(wide):
                     state[j, c] /= size
                     out[v, after[k], c] += state[j, c] / count
+
+
+@numba.njit(cache=True)
+def _hold(
+    pulls: Array, give: Array, share: Array, before: Order, after: Order, first: NDArray[np.bool_], out: Array
+) -> None:
+    """Clipped between its limits step by step; a trial begins with what it is pulled by at rest."""
+    parts, places, count = give.shape[2], give.shape[3], pulls.shape[2]
+    kept = np.zeros((parts, places, count))
+    for v in range(pulls.shape[0]):
+        for k in range(before.size):
+            if first[k]:
+                kept[:] = pulls[v, before[k]]
+            row = after[k]
+            for part in range(parts):
+                for i in range(count):
+                    pull, mean = pulls[v, row, i], 0.0
+                    for j in range(places):
+                        own = max(kept[part, j, i], pull / (1.0 + give[v, row, part, j]))
+                        if give[v, row, part, j] < 1.0:
+                            own = min(own, pull / (1.0 - give[v, row, part, j]))
+                        kept[part, j, i] = own
+                        mean += share[v, row, part, j] * own
+                    out[v, row, part, i] = mean
 
 
 @numba.njit(cache=True)

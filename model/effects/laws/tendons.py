@@ -8,41 +8,56 @@ from numpy.typing import NDArray
 from model.actuators import PULL_AREA
 from model.effects.history import OF_PART, History
 from model.effects.laws.actuation import slack
+from model.effects.layout import INNER, OUTER
 from model.effects.quantities import Quantities
 from model.effects.shows import by_tendons
 from model.effects.spec import EffectSpec, Law, Parameter, Values
 
 Array = NDArray[np.float64]
 
-STICK = 0.15
-"""1/m, change of curvature within which a tendon sticks to half of its guides, before its shape parameter."""
-SPREAD = np.array([1 / 4, 1.0, 4.0])
-"""Of the guides about it: those near the motor slide first."""
+PLACES = 6
+"""Along each part, where tensions are followed: the middles of equal pieces."""
 
 
 def _tendon_friction(h: History, v: Values) -> None:
-    """Euler and Eytelwein to first order, on the mean of each part; which way the tendons slide is that of sliding elements."""
+    """Euler and Eytelwein with sticking: each tension stays what it is as long as friction can hold it there.
+
+    Without weight and stretch a body that tendons bend has a' = k T / T0 and T = T0 exp(-mu a), so that T = T0 / (1 + mu a0), a0
+    its angle without friction: the lower limit here, T0 / (1 - mu a0) the upper one. Beyond the spine the curvature changes
+    linearly to that of the tendons' moment alone at the tip, as forces at the tip make it. Each part is bent by the mean tension along
+    it, weighted by the lever L - s with which a curvature at s moves the tip.
+    """
     q = h.quantities
     if q.robot.tendons is None:
         return
     spine = np.clip(q.spine_length, 0.0, q.length)
-    curved = [h.drive[..., k : k + 2] for k in (0, OF_PART)]
-    inner, outer = (
-        np.linalg.norm(k, axis=-1) * long for k, long in zip(curved, (spine, q.length - spine), strict=True)
+    parts = np.stack(np.broadcast_arrays(spine, q.length - spine), axis=-1)[..., None]
+    pulls = np.maximum(q.pressure * q.area_factor, 0.0)
+    at_tip = np.stack(_moment(q, pulls), axis=-1) / h.bend_stiffness[..., OUTER, None]
+    inner, outer = (h.drive[..., None, k : k + 2] for k in (0, OF_PART))
+    along = (np.arange(PLACES) + 0.5) / PLACES
+    outer = outer + (outer - at_tip[..., None, :]) * (1 - 2 * along)[:, None]
+    each = (
+        np.stack(np.broadcast_arrays(*(np.linalg.norm(k, axis=-1) for k in (inner, outer))), axis=-2) * parts / PLACES
     )
-    pulls = q.pressure * q.area_factor
-    aside = pulls * q.body.mean_arm
-    mx, my = (np.sin(q.azimuth) * aside).sum(-1), -(np.cos(q.azimuth) * aside).sum(-1)
-    pull = (pulls * q.body.mean_chamber_area).sum(-1)
-    yields = STICK * np.exp(v["stroke"][:, :1]) * SPREAD
-    parts: list[Array] = []
-    for part, bent in enumerate((inner / 2, inner + outer / 2)):
-        size = np.maximum(np.linalg.norm(curved[part], axis=-1), 1e-9)
-        sliding = (h.sliding(curved[part], yields) * curved[part]).sum(-1) / size
-        lost = v["coefficient"] * bent * sliding
+    angle = np.cumsum(each, axis=-1) - each / 2
+    angle[..., OUTER, :] += each[..., INNER, :].sum(axis=-1, keepdims=True)
+    lever = q.length[..., None, None] - parts * along
+    lever[..., OUTER, :] -= parts[..., INNER, :]
+    lost = h.path.held(pulls, v["coefficient"][..., None, None] * angle, lever) - pulls[..., None, :]
+    changes: list[Array] = []
+    for part in (INNER, OUTER):
+        own = lost[..., part, :]
+        mx, my = _moment(q, own)
         bend, axial = h.bend_stiffness[..., part], h.axial_stiffness[..., part]
-        parts += [-lost * mx / bend, -lost * my / bend, np.zeros((1, 1)), -lost * pull / axial]
-    h.add(np.stack(np.broadcast_arrays(*parts), axis=-1))
+        changes += [mx / bend, my / bend, np.zeros((1, 1)), own @ q.body.mean_chamber_area / axial]
+    h.add(np.stack(np.broadcast_arrays(*changes), axis=-1))
+
+
+def _moment(q: Quantities, pulls: Array) -> tuple[Array, Array]:
+    """(v, n) N m each about x and y, of pulls (v, n, tendons) Pa."""
+    aside = pulls * q.body.mean_arm
+    return (np.sin(q.azimuth) * aside).sum(-1), -(np.cos(q.azimuth) * aside).sum(-1)
 
 
 def _tendon_slack(q: Quantities, v: Values) -> None:
@@ -70,14 +85,11 @@ SPECS = (
         label="friction of the tendons",
         says="friction takes {} of the tendons' tension per radian of bend",
         stage="actuation",
-        equation="T(s) = T0 (1 - mu a(s) d), a the angle of the bend between the base and s, d from -1 to 1: which way the "
-        "tendon slides, by sliding elements in series",
-        parameters=(
-            Parameter("coefficient", "1", 0.3, 0.0, 2.0, sign="positive"),
-            Parameter("stroke", "1", 0.7, -3.0, 3.0, role="shape"),
-        ),
+        equation="T(s) stays as it is between T0 / (1 + mu a(s)) and T0 / (1 - mu a(s)), a the angle of the bend between the "
+        "base and s without friction",
+        parameters=(Parameter("coefficient", "1", 0.3, 0.0, 2.0, sign="positive"),),
         law=Law(path=_tendon_friction),
-        citation="Euler and Eytelwein's belt, to first order; Jung et al., ICRA 2011, on tendons of continuum robots",
+        citation="Euler and Eytelwein's belt; Jung et al., ICRA 2011, on tendons of continuum robots",
         shown=by_tendons,
         seen_best_in="unload branch: a loop that no rate changes, wider the farther the robot is bent",
     ),

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.optimize
 
 from model.effects.catalogue import CATALOGUE
 from model.effects.design import design_from_columns
@@ -102,3 +103,25 @@ def test_each_kind_of_robot_has_its_own_causes(pulled: Robot, paper_robot: Robot
         design = design_from_columns(robot, columns)
         shown = {id for id, spec in CATALOGUE.items() if spec.shown is None or spec.shown(robot, design)}
         assert own in shown and other not in shown
+
+
+def test_friction_moves_the_tip_as_its_exact_law_does(pulled: Robot) -> None:
+    """Euler and Eytelwein: a' = k exp(-mu a), so a(s) = ln(1 + mu k s) / mu without weight and stretch."""
+    stiff = {**pulled.model_dump(), "gravity": (0.0, 0.0, 0.0), "axial_stiffness": 1e9}
+    robot = robot_from_dict(stiff)
+    columns: dict[str, Any] = {name: np.zeros(2) for name in ("spine_length", "p2", "p3", "x", "y", "z")}
+    columns |= {"trial": np.ones(2, int), "p1": np.array([0.0, 20.0]) / 1e-4, "branch": ["load"] * 2}
+    forward = ForwardModel(robot, design_from_columns(robot, columns))
+    names = [p.name for p in forward.parameters]
+    mu, theta = 0.3, np.zeros(len(names))
+    free = forward.predict(theta).reshape(2, 3)[1]
+    theta[names.index("tendon_friction.coefficient")] = mu
+    lost = np.linalg.norm(free[:2]) - np.linalg.norm(forward.predict(theta).reshape(2, 3)[1, :2])
+    s = np.linspace(0.0, robot.length, 4001)
+
+    def aside(a: np.ndarray) -> float:
+        return float(np.trapezoid(np.sin(a), s))
+
+    bend = scipy.optimize.brentq(lambda k: aside(k * s) - np.linalg.norm(free[:2]), 1e-3, 10.0)
+    exact = aside(bend * s) - aside(np.log1p(mu * bend * s) / mu)
+    assert lost == pytest.approx(exact, rel=0.1)
