@@ -24,8 +24,8 @@ def _tendon_friction(h: History, v: Values) -> None:
 
     Without weight and stretch a body that tendons bend has a' = k T / T0 and T = T0 exp(-mu a), so that T = T0 / (1 + mu a0), a0
     its angle without friction: the lower limit here, T0 / (1 - mu a0) the upper one. Beyond the spine the curvature changes
-    linearly to that of the tendons' moment alone at the tip, as forces at the tip make it. Each part is bent by the mean tension along
-    it, weighted by the lever L - s with which a curvature at s moves the tip.
+    linearly to that of the tendons' moment alone at the tip, as forces at the tip make it. Each part is bent by the mean
+    tension along it, weighted by the lever L - s with which a curvature at s moves the tip.
     """
     q = h.quantities
     if q.robot.tendons is None:
