@@ -71,7 +71,9 @@ class Fitted:
     states: int
     trials: int
     calibrated_mm: float
-    """rms of the tip with one area factor and tolerances, no effect."""
+    """rms of the tip with one area factor and tolerances, no effect: the calibrated model of a diagnosis."""
+    calibrated_area_factor: float
+    """The area factor of that model."""
     fitted_mm: float
     """The same with the effects."""
     concerns: tuple[str, ...]
@@ -158,9 +160,10 @@ def fit_effects(
         )
         written = written.model_copy(update={"residual": learnt.residual})
     progress(1.0)
+    area = float(p.forward.area_factor[0] * (1 + baseline.theta[p.problem.parameters.names.index("area.excess")]))
     return Fitted(
-        written, (*found_before, *named), stated, len(own), len(np.unique(own.trial)), MM * before, MM * after, concerns,
-        None if learnt is None else MM * learnt.left_out,
+        written, (*found_before, *named), stated, len(own), len(np.unique(own.trial)), MM * before, area, MM * after,
+        concerns, None if learnt is None else MM * learnt.left_out,
     )  # fmt: skip
 
 

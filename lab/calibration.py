@@ -12,7 +12,6 @@ import numpy as np
 from diagnosis.fit_effects import Fitted, fit_effects
 from model.calibration import (
     AreaFit,
-    fit_area_factor,
     fit_area_factor_by_length,
     fit_body_modulus,
     fit_spine_modulus,
@@ -24,6 +23,8 @@ from recordings.trials import TrialRow
 
 from .files.inputs import Case
 
+AXES = 3
+"""Numbers that the tip of a state gives."""
 LENGTH_KNOWN_TO = 0.1e-3
 """m; standard uncertainty of the spine length read from the drum, with the play of cord and clamp."""
 
@@ -37,9 +38,9 @@ class Calibration:
     spine_modulus: Mapping[float, Estimate]
     body_modulus: Estimate | None
     area_factor: AreaFit | None
+    """One for all lengths, with the tolerances of the set-up: the calibrated model of a diagnosis. None without tips."""
     area_factor_by_length: Mapping[float, AreaFit]
-    calibrated: Fitted | None
-    """One area factor and the tolerances of the set-up: the baseline of a diagnosis. None without tips."""
+    """One for each length (m), the set-up taken as exact, as the paper has it."""
 
     def __repr__(self) -> str:
         found = {"body modulus": (self.body_modulus, "Pa")} if self.body_modulus else {}
@@ -57,7 +58,6 @@ class Calibration:
             "body_modulus": _number(self.body_modulus) if self.body_modulus else None,
             "area_factor": _area(self.area_factor) if self.area_factor else None,
             "area_factor_by_length": {f"{k:g}": _area(v) for k, v in self.area_factor_by_length.items()},
-            "calibrated": _baseline(self.calibrated) if self.calibrated else None,
         }
 
 
@@ -70,9 +70,10 @@ def _area(a: AreaFit) -> dict[str, float]:
     return {**_number(a.factor), "rmse_m": a.rmse}
 
 
-def _baseline(f: Fitted) -> dict[str, float]:
-    area = f.parameters[AREA_FACTOR]
-    return {"area_factor": area.value, "sd": area.sd, "rmse_m": 1e-3 * f.calibrated_mm}
+def _one_for_all(f: Fitted) -> AreaFit:
+    numbers = AXES * f.states
+    rms = 1e-3 * f.calibrated_mm / math.sqrt(AXES)
+    return AreaFit(Estimate(f.calibrated_area_factor, f.parameters[AREA_FACTOR].sd, numbers, numbers, rms))
 
 
 def calibrate(case: Case, progress: Callable[[float], None] = lambda share: None) -> Calibration:
@@ -85,14 +86,13 @@ def calibrate(case: Case, progress: Callable[[float], None] = lambda share: None
             update={"spine": robot.spine.model_copy(update={"modulus": dict(sorted(modulus.items()))})}
         )
     body = _body_modulus(case)
-    one, by_length, calibrated = None, dict[float, AreaFit](), None
+    one, by_length = None, dict[float, AreaFit]()
     if any(r.tip is not None and r.protocol != "stiffness" for r in case.table):
         condition, tip, trial = case.tips
-        one = fit_area_factor(robot, condition, tip, trial)
+        one = _one_for_all(fit_effects(case, (), progress=progress))
         by_length = fit_area_factor_by_length(robot, condition, tip, trial)
-        calibrated = fit_effects(case, (), progress=progress)
         robot = robot.with_area_factor({k: a.factor.value for k, a in by_length.items()})
-    return Calibration(robot, spine, body, one, by_length, calibrated)
+    return Calibration(robot, spine, body, one, by_length)
 
 
 def _spine_modulus(case: Case) -> dict[float, Estimate]:

@@ -6,7 +6,6 @@ absorbs something else. Both are here, with the error each leaves.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,8 +31,6 @@ class AreaFit:
 
     factor: Estimate
     """A_effect / A_norm; its residual is the rms over coordinates, m."""
-    rmse_by_length: Mapping[float, float]
-    """Spine length (m) -> root mean square tip distance (m)."""
 
     @property
     def rmse(self) -> float:
@@ -82,7 +79,7 @@ def fit_area_factor(
     predicted = solve(rods_of(robot.with_area_factor(value), condition), method).trusted().tip
     labels = None if trial is None else np.repeat(np.asarray(trial), 3)
     factor = estimate(value, found.jac[:, 0], (measured - predicted).ravel(), 1, labels)
-    return AreaFit(factor, _rmse_by_length(condition, measured - predicted))
+    return AreaFit(factor)
 
 
 def fit_area_factor_by_length(
@@ -139,8 +136,3 @@ def fit_spine_modulus(
         fit = fit_stiffness(columns["deflection"][own], columns["force"][own], sd, trials)
         found[float(length)] = youngs_modulus(fit.slope, float(length), annulus_second_moment(radius))
     return found
-
-
-def _rmse_by_length(condition: Condition, residual: Array) -> dict[float, float]:
-    squared = np.sum(residual**2, axis=1)
-    return {length: float(np.sqrt(squared[own].mean())) for length, own in condition.by_spine_length()}

@@ -45,13 +45,6 @@ def test_a_factor_of_its_own_for_each_length_gives_back_the_papers_sequence(
     assert [f.factor.value for f in fits.values()] == pytest.approx([1.5, 1.5, 1.7, 1.9, 2.0, 2.15, 2.4], rel=1e-6)
 
 
-def test_one_factor_for_all_lengths_shows_where_it_does_not_fit(paper_robot: Robot, bending: Bending) -> None:
-    states = bending(paper_robot, [0.0, 0.1, 0.3], PRESSURES)
-    fit = fit_area_factor(paper_robot, states, solved(paper_robot, states).tip)
-    assert fit.rmse_by_length[0.1] < fit.rmse_by_length[0.0]
-    assert fit.rmse_by_length[0.1] < fit.rmse_by_length[0.3]
-
-
 def test_errors_shared_by_a_trial_are_not_averaged_away(paper_robot: Robot, bending: Bending) -> None:
     once = bending(paper_robot, [0.0, 0.2], PRESSURES)
     states = once[np.tile(np.arange(len(once)), 4)]
