@@ -77,7 +77,11 @@ def calibration_section(f: Attribution) -> Calibration | None:
     own = ~p.states.pushed
     given = float(np.mean(robot.area_factor_at(states.spine_length[own])))
     before = float(np.mean(p.robot.area_factor_at(p.states.spine_length[own])))
-    return Calibration(before * (1 + float(f.calibrated.theta[parameters.names.index(AREA)])), given)
+    return Calibration(
+        before * (1 + float(f.calibrated.theta[parameters.names.index(AREA)])),
+        given,
+        p.robot.youngs_modulus / robot.youngs_modulus,
+    )
 
 
 def _pushes(p: Prepared, missed: Array) -> locate.Pushes | None:

@@ -79,11 +79,13 @@ class Calibration:
     area_factor: float
     given: float
     """That of robot.yaml."""
+    modulus: float = 1.0
+    """The modulus that goes with it, as a ratio to that of robot.yaml: not 1 where it was calibrated first."""
 
     @property
     def stiffness(self) -> float:
         """Stiffness of the body, as a ratio to that of robot.yaml, with which the given area factor bends it as far."""
-        return self.given / self.area_factor
+        return self.modulus * self.given / self.area_factor
 
 
 @dataclass(frozen=True)

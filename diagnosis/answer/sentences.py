@@ -140,9 +140,10 @@ def _gap(f: Facts) -> str:
         missed = f"{f.where.gap_rmse_mm:.{digits}f} mm rms (in-sample)"
         return f"Calibrated {_calibrated(f)} {_model(f)} misses {what} by {missed}; {floor}."
     calibrated = f.waterfall.steps[0].left_mm
+    vain = ", no less: no area factor makes up for what is wrong" if calibrated >= f.waterfall.given_mm else ""
     return (
         f"Uncalibrated, {_model(f)} misses {what} by {f.waterfall.given_mm:.{digits}f} mm rms, calibrated with one area factor"
-        f"{_factor(f)} by {calibrated:.{digits}f} mm on states that the fit did not see; {floor}."
+        f"{_factor(f)} by {calibrated:.{digits}f} mm on states that the fit did not see{vain}; {floor}."
     )
 
 
@@ -156,6 +157,11 @@ def _factor(f: Facts) -> str:
     if c is None or abs(c.stiffness - 1) < CALIBRATION_STATED:
         return ""
     how = f"{100 * abs(c.stiffness - 1):.0f} % {'stiffer' if c.stiffness > 1 else 'softer'}"
+    if c.modulus != 1:
+        how = (
+            f"with {c.modulus:.2f} times the modulus; pressures show hardly more than their ratio, that of a body {how}"
+        )
+        return f" ({c.area_factor:.2f} instead of {c.given:.2f}, {how})"
     return f" ({c.area_factor:.2f} instead of {c.given:.2f}; a body {how} would look the same)"
 
 

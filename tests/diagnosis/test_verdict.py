@@ -97,6 +97,9 @@ def test_what_calibration_changed_is_part_of_the_statement() -> None:
     text = statement(found)
     assert text.startswith("Calibration closes 100 % of the reducible gap; beyond it, nothing is above the noise floor")
     assert "with one area factor (0.88 instead of 1.00; a body 14 % stiffer would look the same) by 0.60 mm" in text
+    assert "no less" not in text
+    worse = statement(replace(found, waterfall=replace(gap, given_mm=0.59)))
+    assert "by 0.60 mm on states that the fit did not see, no less: no area factor makes up" in worse
     kept = statement(replace(found, calibration=Calibration(1.003, 1.0)))
     assert kept.startswith("No gap: ") and "instead of" not in kept
     small = statement(replace(found, calibration=Calibration(2.34, 1.5), waterfall=replace(gap, given_mm=0.63)))
