@@ -41,6 +41,7 @@ from .inference.prepare import Prepared, prepare
 from .inference.problem import Parameters
 from .inference.reading_noise import with_vented_at_zero
 from .inference.search import Search
+from .judgement import UNDETERMINED_SHARE
 
 Array = NDArray[np.float64]
 
@@ -77,6 +78,8 @@ class Fitted:
     fitted_mm: float
     """The same with the effects."""
     concerns: tuple[str, ...]
+    undetermined: tuple[str, ...] = ()
+    """Parameters of the effects of which the data say no more than was assumed."""
     left_out_mm: float | None = None
     """With effects and learnt residual, on trials that the residual did not learn from."""
 
@@ -96,6 +99,7 @@ class Fitted:
         return {
             "effects": list(self.effects),
             "parameters": {n: {"value": p.value, "sd": p.sd, "unit": p.unit} for n, p in self.parameters.items()},
+            "undetermined": list(self.undetermined),
             "states": self.states,
             "trials": self.trials,
             "in_sample": True,
@@ -150,7 +154,7 @@ def fit_effects(
     progress(0.9)
     missed = _missed(p, _written_alone(p, found.fit.theta))
     before, after = _rms(p, _missed(p, p.common(baseline.theta))), _rms(p, missed)
-    stated, posterior = _posterior(p, found, after)
+    stated, posterior, unseen = _posterior(p, found, after)
     written = _written(robot, p, named, stated, posterior)
     learnt = None
     if residual:
@@ -163,7 +167,7 @@ def fit_effects(
     area = float(p.forward.area_factor[0] * (1 + baseline.theta[p.problem.parameters.names.index("area.excess")]))
     return Fitted(
         written, (*found_before, *named), stated, len(own), len(np.unique(own.trial)), MM * before, area, MM * after,
-        concerns, None if learnt is None else MM * learnt.left_out,
+        concerns, unseen, None if learnt is None else MM * learnt.left_out,
     )  # fmt: skip
 
 
@@ -192,8 +196,9 @@ def _rms(p: Prepared, missed: Array) -> float:
     return rms(gap[np.isfinite(gap)])
 
 
-def _posterior(p: Prepared, c: Candidate, left: float) -> tuple[dict[str, Stated], dict[str, Any]]:
-    """What is known of the area factor, the effects and the tolerances of the whole set-up; robot.yaml's `posterior`.
+def _posterior(p: Prepared, c: Candidate, left: float) -> tuple[dict[str, Stated], dict[str, Any], tuple[str, ...]]:
+    """What is known of the area factor, the effects and the tolerances of the whole set-up; robot.yaml's `posterior`; which
+    parameters of effects the data do not determine.
 
     `left` (m) rms of the tip after the fit: what it has beyond what noise can leave counts as discrepancy.
     """
@@ -214,14 +219,22 @@ def _posterior(p: Prepared, c: Candidate, left: float) -> tuple[dict[str, Stated
     own = list(place.values())
     scale = np.sqrt(np.diag(covariance))[own]
     correlation = SHRINKING * covariance[np.ix_(own, own)] / np.outer(scale, scale)
-    return stated, {
-        "parameters": list(place),
-        "area_factor_sd": stated[AREA_FACTOR].sd,
-        "correlation": [[*np.round(correlation[i, :i], DIGITS).tolist(), 1.0] for i in range(len(own))],
-        "law_error": _rounded(law_error),
-        "discrepancy": _rounded(float(np.sqrt(max((size * p.unit) ** 2, _beyond_noise(p, left) / 3)))),
-        "noise": _noise(p),
-    }
+    return (
+        stated,
+        {
+            "parameters": list(place),
+            "area_factor_sd": stated[AREA_FACTOR].sd,
+            "correlation": [[*np.round(correlation[i, :i], DIGITS).tolist(), 1.0] for i in range(len(own))],
+            "law_error": _rounded(law_error),
+            "discrepancy": _rounded(float(np.sqrt(max((size * p.unit) ** 2, _beyond_noise(p, left) / 3)))),
+            "noise": _noise(p),
+        },
+        tuple(
+            n
+            for n, i in place.items()
+            if parameters.effects[i] in c.named and sd[i] > UNDETERMINED_SHARE * parameters.sd[i]
+        ),
+    )
 
 
 def _beyond_noise(p: Prepared, left: float) -> float:

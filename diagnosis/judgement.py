@@ -122,6 +122,8 @@ COMPARED_DISCREPANCY = 0.25
 """Smallest discrepancy, noise floors, under which effects are compared with each other and experiments are judged."""
 TIED = 9.0
 """Chi-square below which two effects cannot be distinguished: three standard deviations."""
+UNDETERMINED_SHARE = 0.9
+"""Posterior over prior standard deviation of a parameter from which the data are said not to determine it."""
 BOUND_SD = 2.0
 """Standard deviations beyond a physical bound at which the data speak against the effect itself."""
 

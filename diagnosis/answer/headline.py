@@ -60,6 +60,8 @@ def sized(v: Value) -> str:
     >>> sized(Value(0.3, 0.05, "ln")), sized(Value(0.994, 0.03, "1"))
     ('1.35 times (± 5 %)', '0.994 ± 0.03')
     """
+    if not v.determined:
+        return "not determined"
     number, unit = for_people(v.value, v.unit)
     if v.unit == "ln":
         return f"{number:.3g} {unit} (± {100 * math.expm1(v.sd):.0f} %)"

@@ -112,6 +112,8 @@ class Value:
     value: float
     sd: float
     unit: str
+    determined: bool = True
+    """Whether the data say more of it than was assumed before."""
 
 
 @dataclass(frozen=True)

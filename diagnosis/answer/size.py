@@ -15,7 +15,7 @@ from scipy.special import log_ndtr, ndtri_exp
 
 from ..inference.candidate import Candidate
 from ..inference.prepare import Prepared
-from ..judgement import BOUND_SD
+from ..judgement import BOUND_SD, UNDETERMINED_SHARE
 from .result import Value
 
 Array = NDArray[np.float64]
@@ -38,6 +38,8 @@ class Size:
     low90: float
     high90: float
     """90 % interval of the cut posterior."""
+    determined: bool
+    """Whether the data say more of it than was assumed before."""
 
     @property
     def impossible(self) -> bool:
@@ -55,21 +57,24 @@ def sizes(p: Prepared, c: Candidate, sd_factor: float) -> tuple[Size, ...]:
         return ()
     mean, sd = c.weighed.averaged_mean * parameters.scale, sd_factor * c.weighed.averaged_sd * parameters.scale
     rows = np.flatnonzero(parameters.of_effect)
+    seen = c.weighed.averaged_sd < UNDETERMINED_SHARE
     return tuple(
-        _size(p, int(i), float(mean[j]), float(sd[j])) for j, i in enumerate(rows) if parameters.effects[i] in c.named
+        _size(p, int(i), float(mean[j]), float(sd[j]), bool(seen[j]))
+        for j, i in enumerate(rows)
+        if parameters.effects[i] in c.named
     )
 
 
 def values(found: tuple[Size, ...]) -> dict[str, Value]:
     """The same as parameter name -> median with its standard deviation."""
-    return {s.name: Value(s.median, s.sd, s.unit) for s in found}
+    return {s.name: Value(s.median, s.sd, s.unit, s.determined) for s in found}
 
 
-def _size(p: Prepared, i: int, mean: float, sd: float) -> Size:
+def _size(p: Prepared, i: int, mean: float, sd: float, seen: bool) -> Size:
     parameters = p.problem.parameters
     low, high = float(parameters.lower[i]), float(parameters.upper[i])
     low90, median, high90 = (float(np.clip(cut_quantile(mean, sd, low, high, q), low, high)) for q in (0.05, 0.5, 0.95))
-    return Size(parameters.names[i], parameters.units[i], median, mean, sd, low, high, low90, high90)
+    return Size(parameters.names[i], parameters.units[i], median, mean, sd, low, high, low90, high90, seen)
 
 
 def cut_quantile(mean: float, sd: float, low: float, high: float, share: float) -> float:

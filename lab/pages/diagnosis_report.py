@@ -425,7 +425,8 @@ def _size(x: Mapping[str, Any], names: Mapping[str, str]) -> list[str]:
     """A row of the table of sizes, in a person's units; the logarithm of a factor as the factor."""
     unit = x["unit"]
     ends = [_bound(x[end], unit) for end in ("low90", "high90", "low", "high")]
-    return [with_id(x["name"], names), _number(x["median"], unit), f"{ends[0]} .. {ends[1]}", f"{ends[2]} .. {ends[3]}"]
+    median = _number(x["median"], unit) if x.get("determined", True) else "not determined by these data"
+    return [with_id(x["name"], names), median, f"{ends[0]} .. {ends[1]}", f"{ends[2]} .. {ends[3]}"]
 
 
 def _number(value: float, unit: str) -> str:

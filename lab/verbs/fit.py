@@ -122,7 +122,8 @@ def effects_sheet(f: Fitted) -> Sheet:
         if before and group != before:
             t.add_section()
         before = group
-        t.add_row(name, f"{p.value:.4g} ± {p.sd:.2g}", "" if p.unit == "1" else p.unit)
+        value = "not determined" if name in f.undetermined else f"{p.value:.4g} ± {p.sd:.2g}"
+        t.add_row(name, value, "" if p.unit == "1" else p.unit)
     return t
 
 

@@ -51,10 +51,12 @@ def test_robot_yaml_reads_back_and_compares_as_the_fit_said(fitted: Fitted, camp
 
 
 def test_an_effect_in_robot_yaml_is_part_of_the_baseline_that_is_diagnosed(fitted: Fitted, campaign: Measured) -> None:
-    some = {e: CATALOGUE[e] for e in ("chamber_azimuth", "base_tilt", "precurvature")}
+    some = {e: CATALOGUE[e] for e in ("chamber_azimuth", "base_tilt", "precurvature", "pressure_offset")}
     before = diagnose(campaign, quick(some))
     after = diagnose(Case(fitted.robot, campaign.table), quick(some))
     assert before.attribute.effects == ("chamber_azimuth",)
+    alone = fit_effects(campaign, []).calibrated_area_factor
+    assert before.calibration is not None and before.calibration.area_factor == pytest.approx(alone, rel=1e-6)
     assert after.attribute.verdict == "none" and after.locate.gap_rmse_mm < 0.3 * before.locate.gap_rmse_mm
 
 
@@ -64,6 +66,13 @@ def test_fitting_again_begins_without_what_is_fitted(fitted: Fitted, campaign: M
     assert angle.value == pytest.approx(first.value, abs=0.2 * first.sd)
     none = fit_effects(Case(fitted.robot, campaign.table), [])
     assert none.robot.effects == fitted.robot.effects and none.fitted_mm < 0.3 * fitted.calibrated_mm
+
+
+def test_what_the_data_say_nothing_of_is_said_to_be_undetermined(fitted: Fitted, campaign: Measured) -> None:
+    """Each pressure is read at rest, so nothing tells how fast the material follows."""
+    assert fitted.undetermined == ()
+    found = fit_effects(campaign, ["chamber_azimuth", "viscoelastic"])
+    assert "viscoelastic.spine" in found.undetermined and "chamber_azimuth.angle" not in found.undetermined
 
 
 def test_what_cannot_be_fitted_is_refused(campaign: Measured) -> None:
