@@ -281,7 +281,8 @@ def _where(s: Section, d: Diagnosis, folder: Path) -> None:
     _shapes(s, d, folder)
     s.figure(
         draw.gap_map(d, explained(d), folder),
-        f"Gap of all states by chambers inflated{_lengths(d)} and pressure, in-sample, on one colour scale",
+        f"Gap of all states by chambers inflated{_lengths(d)} and pressure, in-sample, on one colour scale; models are those of an "
+        "average trial, while the numbers on top of the page also fit what single trials differ by",
     )
     s.figure(
         draw.loops(d, explained(d), folder),
