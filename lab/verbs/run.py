@@ -26,6 +26,7 @@ from protocols.parameters import Parameters, RobotFacts
 from protocols.planned import planned_rows, unlike
 from protocols.registry import Experiment
 from protocols.steering import Steering
+from recordings.campaign.info import beyond_plan
 from recordings.campaign.journal import Journal
 from recordings.campaign.labels import labels
 from recordings.campaign.labels import metadata as metadata_of
@@ -383,7 +384,7 @@ def run(
         out.print(f"{result.outcome}: {len(result.table)} states in {result.file}")
         for topic, n in lost.items():
             out.print(f"  lost on {topic}: {n} samples")
-        note(marked_notes(result.table))
+        note([*marked_notes(result.table), *beyond_plan(len(result.table), j.plan.states)])
         if not result.safe:
             err.print("The safe state is not confirmed: use the vent valve and the emergency stop.", style="red")
         if again is not None:
