@@ -132,7 +132,9 @@ def info(path: str | os.PathLike[str]) -> Info:
     }
     sensors = [topic for topic in recording.streams if of_sensor(topic)]
     planned = planned_of(recording)[1]
-    read = {(e.row.trial, e.row.step) for e in _or([], notes, damage, lambda: recording.trials)}
+    read: set[tuple[int, int]] = _or(
+        set(), notes, damage, lambda: {(e.row.trial, e.row.step) for e in recording.trials}
+    )
     notes += beyond_plan(len(read), planned)
     return Info(
         path=str(recording.path),
