@@ -419,15 +419,13 @@ def connect(rig: Rig, needs: Sequence[str], quiet: bool = False) -> None:
     """Open what an experiment with these needs uses; raises the first InstrumentError after all were tried."""
 
     def announce(name: str, result: Identity | InstrumentError) -> None:
-        if quiet:
-            return
-        if isinstance(result, InstrumentError):
-            err.print(f"  {result}")
-        else:
+        if not (quiet or isinstance(result, InstrumentError)):
             out.print(f"  {name}: {result.maker} {result.model} {result.serial}".rstrip())
 
     failures = rig.open_all(announce, rig.needed(needs))
     if failures:
+        for failure in () if quiet else failures[1:]:
+            err.print(str(failure))
         raise failures[0]
 
 
