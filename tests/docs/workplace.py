@@ -162,7 +162,8 @@ def lab(words: Sequence[str]) -> int:
     try:
         given: argparse.Namespace = parser().parse_args(list(words))
         if given.verb == "run" and _named(given.protocol) == "bending":
-            words = [*words, *(w for setting in (*SHORT, *BUSY) for w in ("--set", setting))]
+            short = SHORT if given.protocol == "bending" else ()  # a proposal is as short as what it follows
+            words = [*words, *(w for setting in (*short, *BUSY) for w in ("--set", setting))]
         return main(words)
     except SystemExit as end:  # --version
         return int(end.code or 0)
