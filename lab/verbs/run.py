@@ -37,7 +37,7 @@ from recordings.file.writer import Recorder
 from recordings.trials import Table
 
 from ..console import Screen, answer, clock, err, note, out
-from ..files.all_protocols import found_protocols, protocol_from_file
+from ..files.all_protocols import file_of, found_protocols, protocol_from_file
 from ..files.config import ConfigError, Lines, Source, check, parse_yaml, read_yaml
 from ..files.inputs import marked_notes, same_body
 from ..files.packages import told_at
@@ -176,18 +176,22 @@ def _experiment(name: object, own: Experiment | None, where: str) -> Experiment:
 
 
 def _planned(experiment: Experiment, parameters: Parameters) -> Plan:
-    """The plan; what a file of one's own does wrong there is told as its fault."""
+    """The plan; what a protocol that is not the project's own does wrong there is told as its fault. The plan of a file has
+    the file's name, whatever it says: the file may be a copy."""
+    file = file_of(experiment)
     try:
         found = experiment.plan(parameters)
     except Exception as error:
-        if experiment.source is None:
+        if file is None:
             raise
-        raise BadProtocol(told_at(error, experiment.source)) from error
+        raise BadProtocol(told_at(error, file)) from error
     if not isinstance(found, Plan):
         raise BadProtocol(f"{experiment.source or experiment.name}: plan returned {found!r:.80}, not a Plan")
+    if experiment.source is not None:
+        return replace(found, protocol=experiment.name)
     if found.protocol != experiment.name:
         raise BadProtocol(
-            f"{experiment.source or experiment.name}: plan names {found.protocol!r}, not {experiment.name}"
+            f"{experiment.name}: plan names {found.protocol!r}; write Plan({experiment.name!r}, ..) in {file}"
         )
     return found
 
@@ -512,7 +516,7 @@ def execute(
         except KeyboardInterrupt:
             error, outcome = Stopped("stopped immediately by the operator"), "stopped"
         except Exception as e:  # noqa: BLE001 - the rig must be left safe and the file finished before anything is raised
-            error, outcome = e, "failed"
+            error, outcome = _of_file(e, j.experiment), "failed"
         if interrupts.now:
             error, outcome = Stopped("stopped immediately by the operator"), "stopped"
         report = _make_safe(rig, screen, outcome == "completed")
@@ -538,6 +542,13 @@ def _keys(steering: Steering, screen: Screen) -> Iterator[Callable[[], contextli
     screen.say(HELP)
     with Keys(sys.stdin.fileno(), Line(steering, screen.say, screen.typed)) as keys:
         yield keys.lent
+
+
+def _of_file(error: Exception, experiment: Experiment) -> Exception:
+    """Return a mistake in a protocol's own code, an error of Python, as BadProtocol with file and line; others as they are."""
+    file = file_of(experiment)
+    mistake = type(error).__module__ == "builtins" and not isinstance(error, OSError)
+    return BadProtocol(told_at(error, file)) if mistake and file is not None else error
 
 
 def _checked(j: Job) -> dict[str, dict[str, str]]:

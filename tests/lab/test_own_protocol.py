@@ -56,3 +56,18 @@ def test_a_staircase_of_a_few_lines_is_planned_run_and_replayed(
     ]
     assert [row.pressures[1] / 30e3 for row in rows] == pytest.approx([0, 1, 2, 1, 0] * 2, abs=0.1)
     assert main(["replay", str(file)]) == 0 and "bit-identical to the live run's" in capsys.readouterr().out
+
+
+def test_a_mistake_in_run_ends_safe_and_is_told_with_its_line(
+    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own = tmp_path / "own.py"
+    text = CREEP.with_name("staircase.py").read_text()
+    own.write_text(text.replace("    go_through(bench", "    bench.say(p.stepp)\n    go_through(bench"))
+    line = len(own.read_text().splitlines()) - 1
+    how = ["--set", "chambers=[9, 1, 2]", "--rig", str(virtual_lab.rig), "--out", str(tmp_path)]
+    assert main(["run", str(own), *how]) == 2
+    told = capsys.readouterr()
+    assert f"{own}:{line}: run: AttributeError: 'Staircase' object has no attribute 'stepp'" in told.err
+    (file,) = tmp_path.glob("own-*.mcap")
+    assert Recording.open(file).outcome == "failed" and "safe state confirmed" in Recording.open(file).log[-1].text
