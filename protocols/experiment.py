@@ -12,8 +12,9 @@ from drivers.errors import DeviceFault
 from recordings.campaign.journal import Journal
 from recordings.errors import Misplaced, NoResistance, NotSettled, TooFewSamples, VacuumLost
 from recordings.events import Mark, marked
+from recordings.messages import SENSORS as OWN
 from recordings.states.bodies import elsewhere
-from recordings.states.concluding import conclude
+from recordings.states.concluding import SLOW_OLDEST, conclude, of_sensor
 from recordings.states.rules import AMBIENT, Crossing, Probe, Settled, State, Window
 from recordings.states.zeros import TOLERATED, Drift, Zeros, without_drift
 from recordings.trials import TrialRow
@@ -264,7 +265,7 @@ class Trials:
 
     def _read(self, state: State, wait: float, repeatable: bool) -> Concluded:
         """One reading of a state, recorded."""
-        judged = ", ".join(SENSORS.get(topic, topic) for topic in state.topics)
+        judged = ", ".join(map(_instrument, state.topics))
         misplaced = False
         for left in reversed(range(READINGS)):
             repeats, _ = self._latest.get(state.step, (0, None))
@@ -329,10 +330,12 @@ class Trials:
             return conclude(self.bench.recorder.buffers, state)
 
         def stood() -> str:
-            newest = {SENSORS.get(topic, topic): self.bench.recorder.buffers.newest(topic) for topic in state.topics}
-            return "newest samples: " + ", ".join(
-                f"{name} {'none, is it in NEEDS?' if t == -math.inf else f'at {t:.2f} s'}" for name, t in newest.items()
-            )
+            now = self.bench.clock.now()
+            newest = {_instrument(topic): self.bench.recorder.buffers.newest(topic) for topic in state.topics}
+            silent = {name: t for name, t in newest.items() if t <= max(state.t_start, now - SLOW_OLDEST)}
+            others = ", ".join(f"{name} at {t:.2f} s" for name, t in newest.items() if name not in silent)
+            told = [f"{name}: {_silence(now - t)}" for name, t in silent.items()]
+            return "; ".join([*told, *([f"newest samples{' of the others' * bool(told)}: {others}"] if others else [])])
 
         return self.bench.wait(f"trial {state.trial} state {state.step}, judged from {judged}", look, wait, stood)
 
@@ -380,6 +383,18 @@ class Trials:
         done, planned = sum(s.seconds for s in self.plan.steps[: self._done]), self.plan.seconds
         self.bench.narrator.progress(done, planned)
         self.bench.recorder.progress(self.bench.clock.now(), self._done, len(self.plan.steps), done, planned)
+
+
+def _instrument(topic: str) -> str:
+    """Return the name that rig.yaml gives the instrument behind a topic."""
+    return f"sensors.{topic.removeprefix(OWN)}" if of_sensor(topic) else SENSORS.get(topic, topic)
+
+
+def _silence(age: float) -> str:
+    """Say for how long (s) an instrument has sent nothing, and what to check."""
+    if age == math.inf:
+        return "no sample yet; check its power and cable, and that NEEDS of the protocol names it"
+    return f"no sample for {age:.1f} s; check its power and cable"
 
 
 def settled(rules: Settle) -> Settled:

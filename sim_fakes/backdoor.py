@@ -25,6 +25,9 @@ from pathlib import Path
 from typing import Any
 
 from .parts import Doors
+from .pty_fake import PtyFake
+
+REQUESTS = ("prepare", "confirm", "state", "faults", "fault", "drop_out", "panel", "accident", "tip_visible")
 
 
 class BackDoor:
@@ -81,6 +84,8 @@ class BackDoor:
         elif what == "state":
             return {"state": rig.state()}
         elif what == "faults":
+            for line in value:
+                self._line(line)
             for line, faults in value.items():
                 rig.set_faults(line, faults)
         elif what == "fault":
@@ -89,7 +94,7 @@ class BackDoor:
             rig.switch.drop_out(*value)
         elif what == "panel":
             line, *change = value
-            return {"changed": rig.lines[line].panel(*change)}
+            return {"changed": self._line(line).panel(*change)}
         elif what == "accident":
             rig.accidents.begin(value) if value else rig.accidents.end()
         elif what == "tip_visible":
@@ -98,5 +103,11 @@ class BackDoor:
         elif what == "ur" and rig.ur is not None:
             return {"ur": rig.ur.backdoor(**value)}
         else:
-            raise ValueError(f"unknown request {what!r}")
+            raise ValueError(f"unknown request {what!r}; one of {', '.join(REQUESTS)}, and ur where the arm is a UR")
         return {}
+
+    def _line(self, name: str) -> PtyFake:
+        """Return the serial line of this name; raises ValueError that names those that there are."""
+        if name not in self._rig.lines:
+            raise ValueError(f"no serial line {name!r}; one of {', '.join(self._rig.lines)}")
+        return self._rig.lines[name]

@@ -201,8 +201,8 @@ def _concerns(s: States, spine: bool) -> list[str]:
             "no state was repeated: the noise floor is that of usual instruments and misses differences between trials, so no "
             "cause is named; repeat the sweep three times"
             if s.repeats < 2
-            else "states were read in two trials only: the noise floor rests on few differences, and probabilities are less "
-            "sure than stated; repeat the sweep three times"
+            else "a state was read in two trials (median over all states): the noise floor rests on few differences, and "
+            "probabilities are less sure than stated; repeat the sweep three times"
         )
     if not (own.branch < 0).any():
         notes.append(

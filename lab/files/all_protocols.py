@@ -31,3 +31,10 @@ def protocol_from_file(path: Path) -> Experiment:
         raise ConfigError(f"{path}: {wrong}")
     sys.modules[module.__name__] = module  # where annotations that its parameters resolve late are looked up
     return experiment(path.stem, module, path, text)
+
+
+def file_of(experiment: Experiment) -> str | Path | None:
+    """Return the file to name where a protocol fails; None for the project's own."""
+    if experiment.source is not None or experiment.name in OWN:
+        return experiment.source
+    return getattr(getattr(experiment.run, "__code__", None), "co_filename", experiment.name)

@@ -7,6 +7,7 @@ two packages that announce one name neither is used.
 
 from __future__ import annotations
 
+import difflib
 import importlib.metadata
 import importlib.util
 import os
@@ -137,6 +138,9 @@ def python_file(path: Path) -> tuple[ModuleType, bytes]:
     It is no module that others can import: what is sent elsewhere from it goes as a whole (cloudpickle), not by its name.
     """
     spec = importlib.util.spec_from_file_location(f"softlab_file_{path.stem}", path)
+    if not path.exists():
+        near = difflib.get_close_matches(path.name, [other.name for other in path.parent.glob("*.py")], 1)
+        raise ConfigError(f"{path}: no such file" + (f"; do you mean {path.with_name(near[0])}?" if near else ""))
     if spec is None or not path.is_file():
         raise ConfigError(f"{path}: is not a readable Python file")
     text = read_bounded(path, LARGEST_CODE, ConfigError)

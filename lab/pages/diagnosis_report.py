@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-import shlex
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
@@ -14,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from diagnosis.answer.headline import for_people, percent, stated
-from diagnosis.answer.result import Diagnosis, Proposal, Ranked
+from diagnosis.answer.result import Diagnosis, Ranked
 from diagnosis.answer.sentences import OUTSIDE, hypothesis_name, plain_name, with_id
 from diagnosis.judgement import RIVAL_WORTH_SEPARATING
 from recordings.campaign.labels import RECORD
@@ -22,6 +21,7 @@ from recordings.file.reader import Recording
 from recordings.trials import Table
 
 from ..files.inputs import UNCONFIRMED_GUESSES, Case
+from ..next_step import FIRST, command, nothing_next
 from ..version import version_text
 from . import diagnosis_figures as draw
 from .diagnosis_attribution import sizes as draw_sizes
@@ -34,8 +34,6 @@ from .sensors_figure import numbers as sensor_numbers
 from .sensors_figure import quantities
 from .sensors_figure import sensors as draw_sensors
 
-FIRST = 6
-"""Experiments shown."""
 FURTHEST, OUTLIER, SURPRISE = "furthest_from_prior", "outlier_trial", "outlier_surprise"
 MISFIT_LABELS = {
     "discrepancy_gain": "log evidence gained by a large discrepancy",
@@ -167,14 +165,10 @@ def small(d: Diagnosis) -> str:
 
 def _first_step(d: Diagnosis, protocols: Path | None) -> tuple[str, str]:
     if not d.next_experiment:
-        return "no experiment on this rig is expected to distinguish the remaining candidates better.", ""
+        text = nothing_next(d)
+        return text[0].lower() + text[1:], ""
     first = d.next_experiment[0]
     return f"{first.do} ({first.cost_min:.0f} min).", command(first, protocols)
-
-
-def command(p: Proposal, protocols: Path | None) -> str:
-    """What to type to run a proposed experiment; its file is in the folder `protocols`, by default next."""
-    return f"lab run {shlex.quote(str((protocols or Path('next')) / p.id))}.yaml --rig rig.yaml"
 
 
 STEPS = {
@@ -281,8 +275,8 @@ def _where(s: Section, d: Diagnosis, folder: Path) -> None:
     _shapes(s, d, folder)
     s.figure(
         draw.gap_map(d, explained(d), folder),
-        f"Gap of all states by chambers inflated{_lengths(d)} and pressure, in-sample, on one colour scale; models are those of an "
-        "average trial, while the numbers on top of the page also fit what single trials differ by",
+        f"Gap of all states by chambers inflated{_lengths(d)} and pressure, in-sample, on one colour scale; models are those of "
+        "an average trial, while the numbers on top of the page also fit what single trials differ by",
     )
     s.figure(
         draw.loops(d, explained(d), folder),
@@ -494,7 +488,7 @@ def _confounding(s: Section, d: Diagnosis, folder: Path) -> None:
 
 def _next(s: Section, d: Diagnosis, protocols: Path | None) -> None:
     if not d.next_experiment:
-        s.text("No experiment on this rig is expected to distinguish the remaining candidates better.")
+        s.text(nothing_next(d))
         return
     shown = d.next_experiment[:FIRST]
     separating = any(p.separates for p in shown)

@@ -34,7 +34,7 @@ from . import operator as op
 from .hosted_stream import HostedArmState
 from .interrupts import Shielded
 from .limits import bodies, wiring, within_robot
-from .real_time import clock_of, demand_fakes
+from .real_time import clock_of, demand_fakes, demand_running
 from .recovery import PatientOperator, Recovery
 from .streams import TOPICS, recorded
 from .watch import Vital, Watch, WatchedClock
@@ -126,7 +126,9 @@ class Rig:
     def open_all(
         self, announce: Callable[[str, Identity | InstrumentError], None], names: Sequence[str] | None = None
     ) -> list[InstrumentError]:
-        """Connect everything, or `names`, telling each outcome; returns what failed."""
+        """Connect everything, or `names`, telling each outcome; returns what failed. Raises ConfigError where fakes have
+        ended."""
+        demand_running(self.file)
         failures: list[InstrumentError] = []
         for name in self.names if names is None else names:
             try:

@@ -6,6 +6,7 @@ else may enter, and the kernel says who is at the other end.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import socket
@@ -22,6 +23,8 @@ from recordings.json_text import read_json
 
 from ..console import out
 
+UNIX = "unix:"
+"""`operator` of rig.yaml begins so where a program answers."""
 MOUNTS = {
     "robot": "hang the robot in its frame, spine inside",
     "body": "mount the robot at the stiffness stand",
@@ -132,13 +135,30 @@ class Program:
 
     def _check_peer(self, connection: socket.socket) -> None:
         """Raises ProtocolError when another user listens at the socket."""
-        _, user, _ = struct.unpack("3i", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
+        user = _peer(connection)[1]
         if user != os.getuid():
             raise ProtocolError(
                 f"{self._where}: user {user} listens there, not you ({os.getuid()}); start the program as yourself"
             )
 
 
+def process_of(spec: str) -> int | None:
+    """Return the process that listens at the operator of a rig.yaml; None where none does."""
+    if not spec.startswith(UNIX):
+        return None
+    with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
+        connection.settimeout(1.0)
+        connection.connect(spec.removeprefix(UNIX))
+        return _peer(connection)[0]
+    return None
+
+
+def _peer(connection: socket.socket) -> tuple[int, int]:
+    """Return process and user at the other end."""
+    process, user, _ = struct.unpack("3i", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
+    return process, user
+
+
 def operator(spec: str) -> Operator:
     """The operator that rig.yaml names: "console" or "unix:/path/of/its.sock"."""
-    return Console() if spec == "console" else Program(Path(spec.removeprefix("unix:")))
+    return Console() if spec == "console" else Program(Path(spec.removeprefix(UNIX)))

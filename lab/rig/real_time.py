@@ -17,7 +17,10 @@ from drivers.configs import HOSTS, PORTS
 from ..files.clock import RigClock
 from ..files.config import ConfigError
 from ..files.rig_file import ClockConfig, Instruments, RigFile, present, table_of
+from .operator import UNIX, process_of
 
+DOOR = "/softlab-"
+"""In the path of the operator's socket that `lab fakes` writes."""
 PSEUDO_TERMINALS = range(136, 144)
 """Major device numbers of the slave ends of pseudo-terminals on Linux."""
 
@@ -36,6 +39,16 @@ def demand_fakes(rig: RigFile, only: str | None = None) -> None:
     if real:
         where = rig.path or "rig.yaml"
         raise ConfigError("\n".join(f"{where}: clock.speed = {rig.clock.speed:g}: {line}" for line in real))
+
+
+def demand_running(rig: RigFile) -> None:
+    """Raises ConfigError when nothing on a rig is real and the fakes that wrote its rig.yaml have ended."""
+    path = rig.operator.removeprefix(UNIX)
+    if DOOR in path and process_of(rig.operator) is None and not any(_real(rig.instruments)):
+        raise ConfigError(
+            f"{rig.path}: the fakes that wrote this file have ended: no process answers at operator = {rig.operator}; "
+            f"start them again: lab fakes --rig {rig.path}, with the options that you gave before"
+        )
 
 
 def at_real_speed(rig: RigFile) -> tuple[RigFile, str]:

@@ -89,7 +89,7 @@ def rehearse(experiment: Experiment, parameters: Parameters, plan: Plan, rig: Ri
         ) as recorder,
     ):  # fmt: skip
         recorder.buffers = desk.readings
-        trials = Trials(desk.bench(recorder, experiment.needs), plan)
+        trials = AsPlanned(desk.bench(recorder, experiment.needs), plan)
         try:
             experiment.run(trials.bench, parameters, trials)
         except (Exception, SystemExit) as error:
@@ -98,6 +98,19 @@ def rehearse(experiment: Experiment, parameters: Parameters, plan: Plan, rig: Ri
             hint = AT_DESK if isinstance(error, NotReached) else ""
             raise BadProtocol(told_at(error, file, hint)) from error
     return Rehearsal(tuple(trials.rows), desk.highest)
+
+
+class AsPlanned(Trials):
+    """Trials that read no more states than the plan lists, where it lists any."""
+
+    def read(self, *args: Any, **kwargs: Any) -> TrialRow:
+        """See Trials. Raises BadProtocol beyond the planned states."""
+        row = super().read(*args, **kwargs)
+        if any(step.reads for step in self.plan.steps) and len(self.rows) > self.plan.states:
+            raise BadProtocol(
+                f"reads state {len(self.rows)}, and plan lists {self.plan.states}; add it to the reads of its Step"
+            )
+        return row
 
 
 class Clock:

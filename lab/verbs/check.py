@@ -208,7 +208,7 @@ def _table(title: str, rows: list[dict[str, Any]], span: float) -> Table:
         table.add_column(column)
     for r in rows:
         if not r["ok"]:
-            table.add_row(r["instrument"], styled(r["problem"], "red"), "", "", "")
+            table.add_row(r["instrument"], styled("missing" if "samples" not in r else "silent", "red"), "", "", "")
             continue
         identity = " ".join(x for x in (r["maker"], r["model"], r["serial"], r["firmware"]) if x)
         rate = f"{r['rate_hz']:g} Hz" if r.get("rate_hz") is not None else ""

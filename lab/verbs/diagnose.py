@@ -31,10 +31,9 @@ from ..files.baseline import from_simulator, from_table, simulator
 from ..files.config import ConfigError, demand_writable, in_units
 from ..files.inputs import UNCONFIRMED_GUESSES, Case, marked_notes, read_case, unconfirmed_guesses
 from ..files.own_effects import catalogue
+from ..next_step import FIRST, command, nothing_next, worth_doing
 from ..processes import for_case
 
-FIRST = 6
-"""Proposals shown."""
 FIRST_PAIRS = 3
 """Pairs of hypotheses named that the first proposal distinguishes."""
 
@@ -90,14 +89,15 @@ def diagnose(
     if case.robot.residual is not None:
         note(["the residual in robot.yaml is left out: what was learnt has no cause, and would hide one"])
     with cluster(scheduler) if scheduler is not None else for_case(len(case.table), cores) as others:
-        answer = _answer(case, robot, comparisons, Executor(remote_map=None if others is None else others.in_order))
+        executor = Executor(remote_map=None if others is None else others.in_order)
+        answer = worth_doing(_answer(case, robot, comparisons, executor))
     if guesses := unconfirmed_guesses(inputs):
         answer = replace(answer, concerns=(*guesses, *answer.concerns))
     if outputs.json is not None:
         outputs.json.write_text(answer.to_json() + "\n", encoding="utf-8")
     if outputs.protocols is not None:
         write_protocols(answer.next_experiment, outputs.protocols)
-    show(answer)
+    show(answer, outputs.protocols)
     if outputs.report is not None:
         from ..pages.diagnosis_report import write  # what draws takes a third of the start, and only a page needs it
 
@@ -200,7 +200,8 @@ def write_protocols(proposals: Sequence[Proposal], folder: Path) -> list[Path]:
     return written
 
 
-def show(d: Diagnosis) -> None:
+def show(d: Diagnosis, protocols: Path | None) -> None:
+    """Print an answer; `protocols`: the folder with the proposed experiments, where they were written."""
     unconfirmed = [c for c in d.concerns if c.startswith(UNCONFIRMED_GUESSES)]
     for concern in unconfirmed:
         out.print(concern)
@@ -212,10 +213,17 @@ def show(d: Diagnosis) -> None:
     if d.change is not None:
         out.print(d.change.statement)
     out.print(_ranking(d.attribute.ranking))
-    if d.next_experiment:
-        out.print(_proposals(d))
-        if d.next_experiment[0].separates:
-            out.print(_separated(d.next_experiment[0]))
+    if not d.next_experiment:
+        out.print(f"What to do next: {nothing_next(d)}")
+        return
+    first = d.next_experiment[0]
+    out.print(_proposals(d))
+    if first.separates:
+        out.print(_separated(first))
+    run = command(first, protocols)
+    out.print(
+        f"Run the first: {run}" if protocols else f"To run the first, give --protocols next, then {run}", soft_wrap=True
+    )
 
 
 def _ranking(ranking: Sequence[Ranked]) -> Sheet:
@@ -233,13 +241,13 @@ def _ranking(ranking: Sequence[Ranked]) -> Sheet:
 
 def _proposals(d: Diagnosis) -> Sheet:
     t = Sheet(title="What to do next", title_justify="left")
-    for column in ("file", "experiment", "expected", "takes"):
+    for column in ("name", "experiment", "expected", "takes"):
         t.add_column(column)
     for p in d.next_experiment[:FIRST]:
-        t.add_row(f"{p.id}.yaml", p.do, f"{p.expected_bits:.2f} bits", f"{p.cost_min:.0f} min")
+        t.add_row(p.id, p.do, f"{p.expected_bits:.2f} bits", f"{p.cost_min:.0f} min")
     return t
 
 
 def _separated(p: Proposal) -> str:
     pairs = " and ".join(" from ".join(pair) for pair in p.separates[:FIRST_PAIRS])
-    return f"{p.id}.yaml is expected to distinguish {pairs}."
+    return f"{p.id} is expected to distinguish {pairs}."

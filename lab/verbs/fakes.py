@@ -23,13 +23,14 @@ from sim_fakes.registry import GROUP, OWN, of_role
 from sim_fakes.rig import FakeRig
 from sim_fakes.virtual_robot import RobotTruth, list_effects
 
-from ..console import note, out
+from ..console import err, note, out
 from ..files.all_drivers import drivers, found_drivers
-from ..files.config import ConfigError, in_units, load
+from ..files.config import ConfigError, in_units, load, parse_yaml
 from ..files.example import paper_robot
 from ..files.packages import Found, Unusable, installed
 from ..files.rig_file import RigFile
 from ..files.units import to_si, unit_text
+from ..rig.operator import process_of
 
 PATIENT: dict[str, Any] = {
     "instruments": {
@@ -65,6 +66,9 @@ def serve(a: argparse.Namespace) -> int:
             sheet.add_row(e.id, f"{e.scale:.4g}{unit_text(e.unit)}", e.physics)
         out.print(sheet)
         return 0
+    _demand_free(a.rig)
+    if err.is_terminal:
+        err.print("Starting the fakes; compiling their physics takes up to a minute on a busy computer ..")
     rig = _rig(a)
     _demand_agreement(rig.rig_file()["instruments"])
     ended = threading.Event()
@@ -72,12 +76,29 @@ def serve(a: argparse.Namespace) -> int:
         signal.signal(number, lambda *_: ended.set())
     with rig:
         if a.rig is not None:
+            _demand_free(a.rig)
             write_rig(rig, a.rig, robot=a.robot)
             out.print(f"{a.rig} reaches the fakes; Ctrl-C stops them")
         else:
             out.print(rig_yaml(rig, str(a.robot or paper_robot())), soft_wrap=True)
         ended.wait()
     return 0
+
+
+def _demand_free(rig: Path | None) -> None:
+    """Raises ConfigError when other fakes serve this rig.yaml."""
+    if rig is None:
+        return
+    try:
+        found: Any = parse_yaml(rig.read_text(encoding="utf-8"), str(rig)).data
+        spec = found["operator"]
+    except (OSError, UnicodeDecodeError, ConfigError, LookupError, TypeError):
+        return
+    if (process := process_of(str(spec))) is not None:
+        raise ConfigError(
+            f"{rig}: the fakes of process {process} serve it; stop them (kill {process}, or Ctrl-C in their terminal), or "
+            "give another file with --rig"
+        )
 
 
 @functools.cache

@@ -26,6 +26,7 @@ from protocols.parameters import Parameters, RobotFacts
 from protocols.planned import planned_rows, unlike
 from protocols.registry import Experiment
 from protocols.steering import Steering
+from recordings.campaign.info import beyond_plan
 from recordings.campaign.journal import Journal
 from recordings.campaign.labels import labels
 from recordings.campaign.labels import metadata as metadata_of
@@ -36,7 +37,7 @@ from recordings.file.writer import Recorder
 from recordings.trials import Table
 
 from ..console import Screen, answer, clock, err, note, out
-from ..files.all_protocols import found_protocols, protocol_from_file
+from ..files.all_protocols import file_of, found_protocols, protocol_from_file
 from ..files.config import ConfigError, Lines, Source, check, parse_yaml, read_yaml
 from ..files.inputs import marked_notes, same_body
 from ..files.packages import told_at
@@ -175,18 +176,22 @@ def _experiment(name: object, own: Experiment | None, where: str) -> Experiment:
 
 
 def _planned(experiment: Experiment, parameters: Parameters) -> Plan:
-    """The plan; what a file of one's own does wrong there is told as its fault."""
+    """The plan; what a protocol that is not the project's own does wrong there is told as its fault. The plan of a file has
+    the file's name, whatever it says: the file may be a copy."""
+    file = file_of(experiment)
     try:
         found = experiment.plan(parameters)
     except Exception as error:
-        if experiment.source is None:
+        if file is None:
             raise
-        raise BadProtocol(told_at(error, experiment.source)) from error
+        raise BadProtocol(told_at(error, file)) from error
     if not isinstance(found, Plan):
         raise BadProtocol(f"{experiment.source or experiment.name}: plan returned {found!r:.80}, not a Plan")
+    if experiment.source is not None:
+        return replace(found, protocol=experiment.name)
     if found.protocol != experiment.name:
         raise BadProtocol(
-            f"{experiment.source or experiment.name}: plan names {found.protocol!r}, not {experiment.name}"
+            f"{experiment.name}: plan names {found.protocol!r}; write Plan({experiment.name!r}, ..) in {file}"
         )
     return found
 
@@ -383,7 +388,7 @@ def run(
         out.print(f"{result.outcome}: {len(result.table)} states in {result.file}")
         for topic, n in lost.items():
             out.print(f"  lost on {topic}: {n} samples")
-        note(marked_notes(result.table))
+        note([*marked_notes(result.table), *beyond_plan(len(result.table), j.plan.states)])
         if not result.safe:
             err.print("The safe state is not confirmed: use the vent valve and the emergency stop.", style="red")
         if again is not None:
@@ -418,15 +423,13 @@ def connect(rig: Rig, needs: Sequence[str], quiet: bool = False) -> None:
     """Open what an experiment with these needs uses; raises the first InstrumentError after all were tried."""
 
     def announce(name: str, result: Identity | InstrumentError) -> None:
-        if quiet:
-            return
-        if isinstance(result, InstrumentError):
-            err.print(f"  {result}")
-        else:
+        if not (quiet or isinstance(result, InstrumentError)):
             out.print(f"  {name}: {result.maker} {result.model} {result.serial}".rstrip())
 
     failures = rig.open_all(announce, rig.needed(needs))
     if failures:
+        for failure in () if quiet else failures[1:]:
+            err.print(str(failure))
         raise failures[0]
 
 
@@ -513,7 +516,7 @@ def execute(
         except KeyboardInterrupt:
             error, outcome = Stopped("stopped immediately by the operator"), "stopped"
         except Exception as e:  # noqa: BLE001 - the rig must be left safe and the file finished before anything is raised
-            error, outcome = e, "failed"
+            error, outcome = _of_file(e, j.experiment), "failed"
         if interrupts.now:
             error, outcome = Stopped("stopped immediately by the operator"), "stopped"
         report = _make_safe(rig, screen, outcome == "completed")
@@ -539,6 +542,13 @@ def _keys(steering: Steering, screen: Screen) -> Iterator[Callable[[], contextli
     screen.say(HELP)
     with Keys(sys.stdin.fileno(), Line(steering, screen.say, screen.typed)) as keys:
         yield keys.lent
+
+
+def _of_file(error: Exception, experiment: Experiment) -> Exception:
+    """Return a mistake in a protocol's own code, an error of Python, as BadProtocol with file and line; others as they are."""
+    file = file_of(experiment)
+    mistake = type(error).__module__ == "builtins" and not isinstance(error, OSError)
+    return BadProtocol(told_at(error, file)) if mistake and file is not None else error
 
 
 def _checked(j: Job) -> dict[str, dict[str, str]]:

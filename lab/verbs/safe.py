@@ -165,17 +165,22 @@ def _ended(found: Landed) -> list[str]:
 def _land_rest(rig_path: Path, latch: Latch, result: Result, clear: bool) -> None:
     """Land what no guard has landed. Raises ConfigError when nothing of the rig can be read."""
     from ..files.clock import RigClock
+    from ..files.config import ConfigError
     from ..files.rig_file import rig_to_make_safe
     from ..guard.instruments import ACTUATORS, owned_names
     from ..guard.last_used import recall
     from ..guard.new_guard import make_safe_with_new_guard
-    from ..rig.real_time import at_real_speed
+    from ..rig.real_time import at_real_speed, demand_running
 
     found = rig_to_make_safe(rig_path, recall(rig_path))
     result.notes += found.notes
     result.ask(owned_names(found.rig) - result.names - names_of_path(rig_path))
     file, told = at_real_speed(_without(found.rig, result.names))
     result.notes += [told] if told else []
+    try:
+        demand_running(found.rig)
+    except ConfigError as e:  # told, and what can be reached is landed all the same
+        result.notes.append(str(e))
     names = [n for n in ACTUATORS if getattr(file.instruments, n) is not None]
     beyond = [SafeStep(n, False, f"{why}; {BY_HAND}") for n, why in found.missing.items() if n in ACTUATORS]
     if names or not result.names:

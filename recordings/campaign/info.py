@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ..errors import BadMessage, Damaged, Foreign, NotARecording, OtherVersion
+from ..errors import BadMessage, BadTable, Damaged, Foreign, NotARecording, OtherVersion
 from ..events import Request
 from ..file.clocks import ClockModel, clocks
 from ..file.counts import counted
@@ -131,6 +131,11 @@ def info(path: str | os.PathLike[str]) -> Info:
         for topic, log_times in times.items()
     }
     sensors = [topic for topic in recording.streams if of_sensor(topic)]
+    planned = planned_of(recording)[1]
+    read: set[tuple[int, int]] = _or(
+        set(), notes, damage, lambda: {(e.row.trial, e.row.step) for e in recording.trials}
+    )
+    notes += beyond_plan(len(read), planned)
     return Info(
         path=str(recording.path),
         size=recording.contents.size,
@@ -141,8 +146,8 @@ def info(path: str | os.PathLike[str]) -> Info:
         start="" if first is None else datetime.fromtimestamp(first / 1e9, UTC).isoformat(timespec="seconds"),
         duration=0.0 if first is None else (last - first) / 1e9,
         states=len(times["/state"]) if recording.knows("/state") else 0,
-        rows=len(times["/trial"]) if recording.knows("/trial") else 0,
-        planned=planned_of(recording)[1],
+        rows=len(read) or (len(times["/trial"]) if recording.knows("/trial") else 0),
+        planned=planned,
         streams=streams,
         attachments={name: len(data) for name, data in recording.attachments.items()},
         clocks=_or({}, notes, damage, partial(clocks, recording)),
@@ -164,6 +169,16 @@ def planned_of(recording: Recording) -> tuple[str, int]:
         return "", 0
 
 
+def beyond_plan(states: int, planned: int) -> list[str]:
+    """Return the note that more states were read than the plan lists, if so; `planned` is 0 where it does not say."""
+    if not 0 < planned < states:
+        return []
+    return [
+        f"{states} states were read, and the plan lists {planned}: duration and limits were checked for those alone; list each "
+        "state in `reads` of a Step of the protocol's plan (`lab plan PROTOCOL --rehearse` names the first that is missing)"
+    ]
+
+
 def _or(otherwise: T, notes: list[str], damage: list[str], way: Callable[[], T]) -> T:
     """What `way` gives; where several channels carry a topic or its version is another one, a note and `otherwise`; where
     messages make no sense, damage and `otherwise`."""
@@ -171,7 +186,7 @@ def _or(otherwise: T, notes: list[str], damage: list[str], way: Callable[[], T])
         return way()
     except (NotARecording, OtherVersion) as error:
         notes.append(str(error))
-    except (Damaged, BadMessage) as error:
+    except (Damaged, BadMessage, BadTable) as error:
         damage.append(str(error))
     return otherwise
 

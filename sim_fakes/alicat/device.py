@@ -120,7 +120,10 @@ class AlicatDevice(Device):
         if self.locked:
             return False
         if setting == "unit":
-            self.unit_code = next(code for code, name in UNIT_NAMES.items() if name.lower() == str(value).lower())
+            codes = {name.lower(): code for code, name in UNIT_NAMES.items()}
+            if str(value).lower() not in codes:
+                raise ValueError(f"a panel has no unit {value!r}; one of {', '.join(UNIT_NAMES.values())}")
+            self.unit_code = codes[str(value).lower()]
         elif setting in ("source", "loop", "ramp", "zero_active", "auto_tare", "power_up_tare", "setpoint"):
             setattr(self, setting, value)
         else:

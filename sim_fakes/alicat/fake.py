@@ -93,6 +93,8 @@ class AlicatFake(PtyFake):
     def panel(self, *change: Any) -> bool:
         """A person at the front panel of a unit, given by its letter; see `AlicatDevice.panel`."""
         letter, *change_there = change
+        if letter not in self.device:
+            raise ValueError(f"no unit {letter!r}; one of {', '.join(self.device)}")
         with self.lock:
             return self.device[letter].panel(*change_there)
 

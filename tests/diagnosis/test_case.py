@@ -71,6 +71,7 @@ def test_a_weaker_vacuum_is_another_experiment_also_where_a_leak_takes_more_from
     ("rows", "said"),
     [
         (sweep(1), "no state was repeated"),
+        (sweep(2), "a state was read in two trials (median over all states): the noise floor rests on few differences"),
         (sweep(3, (0.1,)), "only one spine length"),
         (sweep(3, unload=False), "no unload branch"),
         ([r for r in sweep() if max(r.pressures) == 100e3], "only one pressure"),

@@ -81,6 +81,15 @@ def test_the_test_that_stands_for_a_block_exists(block: Block) -> None:
     assert f"def {name}(" in text if name else "def test_" in text
 
 
+@pytest.mark.parametrize("page", sorted({p for p in pages() if p.parent.name == "tutorials"}), ids=lambda p: p.stem)
+def test_a_tutorial_runs_what_its_answer_proposes(page: Path) -> None:
+    text = "\n".join(b.text.replace("\\\n", " ") for b in runs(page) if b.kind == "bash")
+    for answer in re.findall(r"lab diagnose .*--report .*", text):
+        (folder,) = re.findall(r"--protocols (\S+)", answer)
+        assert f"lab run {folder}/" in text.partition(answer)[2]
+    assert "--protocols" in page.read_text(encoding="utf-8")
+
+
 def test_no_command_hides_outside_of_a_block() -> None:
     command = re.compile(r"^    +(lab|make|python|pip|from|import|\$) ")
     found = []

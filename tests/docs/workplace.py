@@ -150,12 +150,20 @@ class Workplace:
         return said.stdout.split("\0")[:-1]
 
 
+def _named(protocol: str | None) -> str | None:
+    """The protocol that a word of the command names, be it by a protocol file."""
+    if protocol is not None and protocol.endswith(".yaml"):
+        return str(yaml.safe_load(Path(protocol).read_text())["protocol"])
+    return protocol
+
+
 def lab(words: Sequence[str]) -> int:
     """The command; a sweep on fakes is shortened, and patient."""
     try:
         given: argparse.Namespace = parser().parse_args(list(words))
-        if given.verb == "run" and given.protocol == "bending":
-            words = [*words, *(w for setting in (*SHORT, *BUSY) for w in ("--set", setting))]
+        if given.verb == "run" and _named(given.protocol) == "bending":
+            short = SHORT if given.protocol == "bending" else ()  # a proposal is as short as what it follows
+            words = [*words, *(w for setting in (*short, *BUSY) for w in ("--set", setting))]
         return main(words)
     except SystemExit as end:  # --version
         return int(end.code or 0)

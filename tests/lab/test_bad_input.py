@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -179,3 +180,45 @@ def test_a_missing_file_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixtur
     arguments = {"check": ["--rig", path], "plan": ["bending", "--rig", path]}.get(verb, [path])
     code, text = ran(capsys, verb, *arguments)
     assert code in (1, 2) and str(path) in text and len(text.strip().splitlines()) == 1
+
+
+def ended(rig: dict[str, Any]) -> None:
+    """Its fakes are gone."""
+    rig["operator"] = "unix:/tmp/softlab-gone/operator.sock"
+
+
+def test_fakes_that_have_ended_are_one_line_and_no_line_for_each_instrument(
+    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig = changed(virtual_lab, tmp_path, ended)
+    for verb in (["check"], ["run", "bending", "--out", tmp_path]):
+        code, text = ran(capsys, *verb, "--rig", rig)
+        assert code == 2 and text.count("\n") == 1
+        assert f"{rig}: the fakes that wrote this file have ended" in text and f"lab fakes --rig {rig}" in text
+
+
+def unplugged(rig: dict[str, Any]) -> None:
+    """Two instruments are out."""
+    rig["instruments"]["gauge"]["port"] = "/dev/no-gauge"
+    rig["instruments"]["valve"]["port"] = "/dev/no-valve"
+
+
+@pytest.mark.parametrize("verb", [("check",), ("run", "bending")])
+def test_each_instrument_that_is_missing_is_explained_once(
+    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str], verb: tuple[str, ...]
+) -> None:
+    rig = changed(virtual_lab, tmp_path, unplugged)
+    assert main([*verb, "--rig", str(rig), *(["--out", str(tmp_path)] if verb[0] == "run" else [])]) == 1
+    told = capsys.readouterr()
+    text = "".join((told.out + told.err).split())
+    for name in ("gauge", "valve"):
+        assert text.count(f"{name}:cannotopen/dev/no-{name}") == 1 and text.count("groupdialout") == 2
+
+
+def test_fakes_do_not_take_the_rig_file_of_others_that_live(
+    virtual_lab: VirtualLab, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = virtual_lab.rig.read_bytes()
+    code, text = ran(capsys, "fakes", "--rig", virtual_lab.rig)
+    assert code == 2 and f"the fakes of process {os.getpid()} serve it" in text
+    assert virtual_lab.rig.read_bytes() == before

@@ -15,11 +15,14 @@ from rich.table import Table
 
 from drivers.errors import DeviceFault
 from lab import cli
+from lab.cli import main
 from lab.console import PlainConsole, Screen, complain, out, styled
+from lab.files.config import ConfigError
 from lab.guard.latch import Latch
 from lab.pages.figures import STYLE, save
 from lab.pages.report import Report
 from lab.plain import plain
+from lab.verbs import fakes
 from lab.verbs.check import _table
 
 HOSTILE = "[/red] [bold]x[/] \x1b[2J\r\x07\0\u202e <script>alert(1)</script> :smile: \ud800 {{ 1 }}"
@@ -111,7 +114,7 @@ def test_the_table_of_lab_check_is_plain() -> None:
     rows = [{"instrument": "valve", "ok": False, "problem": HOSTILE}, sound | {"limits": {}}]
     text = io.StringIO()
     PlainConsole(file=text, width=1000).print(_table(HOSTILE, rows, 1.0))
-    assert text.getvalue().count(SHOWN) == 6
+    assert text.getvalue().count(SHOWN) == 5 and "missing" in text.getvalue()
 
 
 def test_an_error_that_ends_the_command_is_plain(
@@ -205,3 +208,24 @@ def test_the_guard_s_journal_has_one_line_for_a_text(tmp_path: Path) -> None:
     latch.note(f"{HOSTILE}\nall is well")
     (line,) = latch.journal.read_text(encoding="utf-8").splitlines()
     assert line.endswith(f"{SHOWN}\\nall is well")
+
+
+class Shown(io.StringIO):
+    """What stands at a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize(("file", "lines"), [(Shown(), 1), (io.StringIO(), 0)])
+def test_fakes_say_at_a_terminal_that_they_start_before_they_do(
+    file: io.StringIO, lines: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def compiling(a: object) -> None:
+        assert file.getvalue().count("Starting the fakes") == lines
+        raise ConfigError("enough")
+
+    monkeypatch.setattr(fakes, "err", PlainConsole(file=file, width=200))
+    monkeypatch.setattr(fakes, "_rig", compiling)
+    assert main(["fakes"]) == 2
+    assert file.getvalue().count("\n") == lines

@@ -18,6 +18,8 @@ from diagnosis.answer.result import FACTORS, STAGES, Diagnosis
 from lab.cli import main
 from lab.files.example import paper_robot
 from lab.files.own_effects import effects_from_file
+from lab.next_step import worth_doing
+from lab.verbs.diagnose import show
 from model.effects import CATALOGUE, with_effects
 from recordings.trials import TrialRow
 from tests.diagnosis.small_campaigns import SOME
@@ -141,6 +143,28 @@ def test_a_protocol_file_is_written_for_each_proposal(answered: Answered, answer
     files = {p.stem: yaml.safe_load(p.read_text()) for p in answered.protocols.glob("*.yaml")}
     assert set(files) == {p["id"] for p in answer["next_experiment"]} and files
     assert all(f["protocol"] in ("bending", "elongation") for f in files.values())
+
+
+def test_the_command_for_the_first_proposal_names_the_file_that_was_written(
+    answered: Answered, answer: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = answered.protocols / f"{answer['next_experiment'][0]['id']}.yaml"
+    assert f"Run the first: lab run {file} --rig rig.yaml" in answered.said and file.exists()
+    show(Diagnosis.from_json(answered.json.read_text()), None)
+    assert f"give --protocols next, then lab run next/{file.name} --rig rig.yaml" in capsys.readouterr().out
+
+
+def test_without_a_gap_nothing_is_proposed_that_tells_nothing(
+    answered: Answered, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = Diagnosis.from_json(answered.json.read_text())
+    useless = tuple(replace(p, expected_bits=0.0) for p in found.next_experiment)
+    assert worth_doing(replace(found, next_experiment=useless)).next_experiment == useless  # they test a cause
+    none = replace(found, attribute=replace(found.attribute, verdict="none"))
+    useful = replace(useless[0], expected_bits=0.4)
+    assert worth_doing(replace(none, next_experiment=(*useless, useful))).next_experiment == (useful,)
+    show(worth_doing(replace(none, next_experiment=useless)), None)
+    assert "What to do next: Nothing: robot and model agree" in capsys.readouterr().out
 
 
 @pytest.mark.usefixtures("weighed")

@@ -12,9 +12,11 @@ from recordings.campaign.info import info
 from recordings.campaign.resumed import metadata
 from recordings.file.writer import Recorder
 from recordings.states.rules import State, Window
+from recordings.trials import TrialRow
 
 TOPICS = ("/pressure", "/tip", "/spine", "/vacuum", "/force", "/arm", "/valve", "/state", "/trial")
 PRESSURES = (30e3, 0.0, 0.0)
+PLAN = {"protocol": "puffs", "states": 2}
 RIG = b"""poll: 20 Hz
 clock: {speed: 10}
 instruments: {mocap: {rate: 60}}
@@ -79,3 +81,17 @@ def test_runs_count_against_the_plan_and_name_the_run_that_continues(
     assert [line for line in told.splitlines() if "continued" in line] == ["early.mcap: continued in later.mcap"]
     assert main(["runs", str(tmp_path), "--json"]) == 0
     assert [run["planned"] for run in json.loads(capsys.readouterr().out)] == [9, 0, 9]
+
+
+def test_states_beyond_the_plan_are_told_but_not_those_that_were_read_again(tmp_path: Path) -> None:
+    recorder = Recorder(
+        tmp_path / "run.mcap", start_wall_ns=10**18, attachments={"plan.json": json.dumps(PLAN).encode()}
+    )
+    for number, step in enumerate((1, 2, 2, 2, 3), 1):
+        row = TrialRow(1, step, "puffs", 1, "load", float(number), 0.1, PRESSURES)
+        recorder.trial(float(number), number, row, repeats=number - 1 if step == 2 and number > 2 else 0)
+        recorder.sync()
+        told = info(recorder.path).notes
+        assert ("states were read, and the plan lists 2" in "".join(told)) is (step == 3), told
+    recorder.close("completed")
+    assert info(recorder.path).rows == 3

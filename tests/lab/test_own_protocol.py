@@ -15,19 +15,25 @@ from recordings.file.reader import Recording
 CREEP = Path(__file__).parents[2] / "examples/protocol/creep.py"
 
 
-def test_creep_is_run_and_replayed(virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_creep_is_run_and_replayed_though_its_plan_forgets_a_state(
+    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    creep = tmp_path / "creep.py"
+    creep.write_text(CREEP.read_text().replace("in zip(p.times, waits, strict=True)", "in zip(p.times[:1], waits)"))
     settings = ("pressure=60 kPa", "times=[10 s, 30 s]", "average=8 s", "spine_length=5 cm")
     how = [word for setting in settings for word in ("--set", setting)]
-    code = main(["run", str(CREEP), "--rig", str(virtual_lab.rig), *how, "--out", str(tmp_path)])
-    assert code in (0, 3), "".join(capsys.readouterr())
+    code = main(["run", str(creep), "--rig", str(virtual_lab.rig), *how, "--out", str(tmp_path)])
+    told = "".join(capsys.readouterr())
+    assert code in (0, 3) and "note: 2 states were read, and the plan lists 1:" in told, told
     (file,) = tmp_path.glob("creep-*.mcap")
     recording = Recording.open(file)
-    assert recording.attachments["protocol.py"] == CREEP.read_bytes()
+    assert recording.attachments["protocol.py"] == creep.read_bytes()
     rows = table_of(recording).rows
     assert [row.protocol for row in rows] == ["creep", "creep"]
     assert [row.hold for row in rows] == pytest.approx([10.0, 30.0], abs=0.5)
     assert all(row.pressures[0] == pytest.approx(60e3, rel=0.05) for row in rows)
     assert main(["replay", str(file)]) == 0 and "bit-identical to the live run's" in capsys.readouterr().out
+    assert main(["info", str(file)]) in (0, 3) and "2 states were read, and the plan lists 1" in capsys.readouterr().err
 
 
 def test_a_staircase_of_a_few_lines_is_planned_run_and_replayed(
@@ -50,3 +56,18 @@ def test_a_staircase_of_a_few_lines_is_planned_run_and_replayed(
     ]
     assert [row.pressures[1] / 30e3 for row in rows] == pytest.approx([0, 1, 2, 1, 0] * 2, abs=0.1)
     assert main(["replay", str(file)]) == 0 and "bit-identical to the live run's" in capsys.readouterr().out
+
+
+def test_a_mistake_in_run_ends_safe_and_is_told_with_its_line(
+    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own = tmp_path / "own.py"
+    text = CREEP.with_name("staircase.py").read_text()
+    own.write_text(text.replace("    go_through(bench", "    bench.say(p.stepp)\n    go_through(bench"))
+    line = len(own.read_text().splitlines()) - 1
+    how = ["--set", "chambers=[9, 1, 2]", "--rig", str(virtual_lab.rig), "--out", str(tmp_path)]
+    assert main(["run", str(own), *how]) == 2
+    told = capsys.readouterr()
+    assert f"{own}:{line}: run: AttributeError: 'Staircase' object has no attribute 'stepp'" in told.err
+    (file,) = tmp_path.glob("own-*.mcap")
+    assert Recording.open(file).outcome == "failed" and "safe state confirmed" in Recording.open(file).log[-1].text

@@ -16,6 +16,7 @@ from recordings.campaign.journal import read as journal_of
 from recordings.campaign.replay import compare
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
+from recordings.messages import sensor
 from recordings.states.rules import Window
 
 TOPIC = "/force"
@@ -53,10 +54,15 @@ class Narrator:
         pass
 
 
-def read(path: Path, pauses: list[tuple[float, float]], repeatable: bool) -> list[str]:
+HUMIDITY = sensor("skin", {"humidity": "1"})
+
+
+def read(
+    path: Path, pauses: list[tuple[float, float]], repeatable: bool, topics: tuple[str, ...] = (TOPIC,)
+) -> list[str]:
     """What is said while one state is read in a window of 1 s; pauses from and to so many s after its begin."""
     clock, narrator = ClockOfStream(), Narrator()
-    with Recorder(path, start_wall_ns=10**18) as recorder:
+    with Recorder(path, start_wall_ns=10**18, sensors=[HUMIDITY]) as recorder:
         bench = Bench(
             clock,
             recorder,
@@ -64,14 +70,16 @@ def read(path: Path, pauses: list[tuple[float, float]], repeatable: bool) -> lis
             narrator,
             *cast(Any, (None,) * 3),
             ChamberMap(tuple((i,) for i in range(1, 10))),
+            patience=0.0,
         )
         trials = Trials(bench, Plan("test", (), {}))
         trial = trials.begin(repeat=1, spine=0.0)
         begin = clock.now()
+        recorder.push(HUMIDITY.topic, begin, humidity=0.4)
         clock.pauses, clock.recorder = [(begin + a, begin + b) for a, b in pauses], recorder
         row = trials.read(
             trial, Window(0.2, 1.0, 3), branch="load", t_start=begin, ramp_end=begin, rate=0.0, targets=(),
-            topics=(TOPIC,), wait=30.0, repeatable=repeatable,
+            topics=topics, wait=30.0, repeatable=repeatable,
         )  # fmt: skip
         assert trials.rows == [row] and row.step == 1
     return narrator.said
@@ -91,6 +99,16 @@ def test_where_something_creeps_it_is_not(tmp_path: Path) -> None:
 def test_a_stream_that_pauses_again_and_again_is_no_reading(tmp_path: Path) -> None:
     with pytest.raises(NotReached, match="usable samples of /force"):
         read(tmp_path / "run.mcap", [(1.5 * k, 1.5 * k + 1.42) for k in range(8 * READINGS)], True)
+
+
+def test_the_stream_that_is_silent_is_named_before_those_that_are_not(tmp_path: Path) -> None:
+    silent = r"not reached within 30 s: sensors\.skin: no sample for 30\.\d s; check .*; newest samples of the others: force at"
+    with pytest.raises(NotReached, match=silent):
+        read(tmp_path / "sensor.mcap", [], False, (TOPIC, HUMIDITY.topic))
+    with pytest.raises(NotReached, match=r"within 30 s: force: no sample for 29\.\d s; check [^;]*$"):
+        read(tmp_path / "force.mcap", [(0.6, 1e9)], False)
+    with pytest.raises(NotReached, match="mocap: no sample yet; check .* NEEDS"):
+        read(tmp_path / "never.mcap", [], False, (TOPIC, "/tip"))
 
 
 def test_a_skip_is_of_the_trial_in_which_it_was_asked_even_at_its_very_end(tmp_path: Path) -> None:

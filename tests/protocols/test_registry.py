@@ -41,16 +41,24 @@ def test_a_file_that_holds_none_is_told(tmp_path: Path, text: str, words: str) -
 
 def test_a_wrong_one_fails_before_anything_is_connected(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "mine.py"
-    for text, words in (
-        (CREEP.read_text(), "plan names 'creep', not mine"),
-        (CREEP.read_text().replace("    asks = ", "    asks = nothing + "), "plan: NameError"),
-    ):
-        path.write_text(text)
-        assert main(["run", str(path), "--rig", RIG, "--out", str(tmp_path)]) == 2
-        assert words in capsys.readouterr().err
-    assert main(["plan", str(tmp_path / "none.py"), "--rig", RIG]) == 2
+    path.write_text(CREEP.read_text().replace("    asks = ", "    asks = nothing + "))
+    assert main(["run", str(path), "--rig", RIG, "--out", str(tmp_path)]) == 2
+    line = 1 + path.read_text().splitlines().index(next(x for x in path.read_text().splitlines() if "nothing +" in x))
+    assert f"{path}:{line}: plan: NameError" in capsys.readouterr().err
+    assert main(["plan", str(tmp_path / "zzz.py"), "--rig", RIG]) == 2
+    assert capsys.readouterr().err == f"{tmp_path / 'zzz.py'}: no such file\n"
+    assert main(["plan", str(tmp_path / "mine_.py"), "--rig", RIG]) == 2
+    assert capsys.readouterr().err == f"{tmp_path / 'mine_.py'}: no such file; do you mean {path}?\n"
     assert main(["plan", "bendin", "--rig", RIG]) == 2
     assert "must be one of stiffness, bending, elongation, cycles, or a protocol file" in capsys.readouterr().err
+
+
+def test_a_copied_file_is_a_protocol_of_its_own_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "slow_creep.py"
+    path.write_text(CREEP.read_text())
+    assert main(["plan", str(path), "--rig", RIG, "--rehearse"]) == 0
+    told = capsys.readouterr()
+    assert told.out.startswith("slow_creep: ") and not told.err
 
 
 def test_a_plan_of_one_s_own_is_held_against_the_limits(capsys: pytest.CaptureFixture[str]) -> None:

@@ -42,6 +42,29 @@ def test_an_unknown_name_is_refused(rig: FakeRig, instrument: str, fault: str) -
         rig.switch.begin(instrument, fault)
 
 
+@pytest.mark.parametrize(
+    ("request_", "said"),
+    [
+        ('{"faults": {"relay": {"silent": true}}}', "no serial line 'relay'; one of "),
+        ('{"panel": ["cell", "A", "unlock"]}', "no serial line 'cell'; one of "),
+        ('{"tip": false}', "unknown request 'tip'; one of prepare, confirm, state, "),
+    ],
+)
+def test_the_back_door_names_what_there_is(rig: FakeRig, request_: str, said: str) -> None:
+    answer = rig.door.answer(request_.encode())["error"]
+    assert said in answer and ("serial" not in said or ", ".join(rig.lines) in answer)
+
+
+def test_the_panel_of_an_alicat_names_its_units() -> None:
+    made = FakeRig()
+    assert "no unit 'Q'; one of A, B, C" in made.door.answer(b'{"panel": ["pressure", "Q", "unlock"]}')["error"]
+    assert (
+        "no unit 'furlong'; one of Pa, "
+        in made.door.answer(b'{"panel": ["pressure", "A", "unit", "furlong"]}')["error"]
+    )
+    made.stop()
+
+
 def test_a_pulled_cable_is_an_error_and_the_port_comes_back(rig: FakeRig) -> None:
     line = rig.lines["valve"]
     with serial.Serial(line.port, 19200, timeout=0.1) as port:

@@ -1,0 +1,32 @@
+"""What a diagnosis proposes next: which experiments are shown, and the command that runs one."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import replace
+from pathlib import Path
+
+from diagnosis.answer.result import Diagnosis, Proposal
+from diagnosis.judgement import LEAST_BITS
+
+FIRST = 6
+"""Experiments shown."""
+NOTHING = "No experiment on this rig is expected to distinguish the remaining candidates better."
+SETTLED = "Nothing: robot and model agree, and no experiment on this rig is expected to show a gap."
+
+
+def worth_doing(d: Diagnosis) -> Diagnosis:
+    """Return the answer; where there is no gap, without experiments that are expected to tell nothing."""
+    if d.attribute.verdict != "none":
+        return d
+    return replace(d, next_experiment=tuple(p for p in d.next_experiment if p.expected_bits >= LEAST_BITS))
+
+
+def nothing_next(d: Diagnosis) -> str:
+    """Say why nothing is proposed."""
+    return SETTLED if d.attribute.verdict == "none" else NOTHING
+
+
+def command(p: Proposal, protocols: Path | None) -> str:
+    """Return what to type to run a proposed experiment; its file is in the folder `protocols`, by default next."""
+    return f"lab run {shlex.quote(str((protocols or Path('next')) / p.id))}.yaml --rig rig.yaml"
