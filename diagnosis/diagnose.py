@@ -103,7 +103,8 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     tested = evaluate_holdout(found, other) if other is not None else None
     where = assemble.locate_section(found, stages)
     held_out = predicting()
-    names = {e: spec.name for e, spec in wanted.catalogue.items()}
+    words = case.robot.actuators.words
+    names = {e: words.say(spec.name) for e, spec in wanted.catalogue.items()}
     detail = {**assemble.detail_section(found, held_out.errors, tested, names), "names": names}
     if first.changed:
         detail["first_calibration"] = first.detail()
@@ -125,18 +126,18 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     if first.order:
         which = assemble.beside(which, ORDER)
     answer = Diagnosis(
-        statement=text + (f" {detail['holdout']['statement']}" if tested is not None else ""),
+        statement=words.say(text) + (f" {detail['holdout']['statement']}" if tested is not None else ""),
         data=assemble.data_section(prepared, case.table),
         locate=where,
         attribute=which,
         shrink=held_out.shrink,
         next_experiment=proposals,
-        concerns=(*concerns, *_scatter_concern(prepared.noise_components.excess_scatter)),
+        concerns=tuple(map(words.say, (*concerns, *_scatter_concern(prepared.noise_components.excess_scatter)))),
         detail=detail,
         budget=budget,
         waterfall=held_out.waterfall,
         calibration=calibration,
-        headline=headline(which, wanted.catalogue, found.asking, facts.missing, closed_by_calibration(facts)),
+        headline=headline(which, wanted.catalogue, found.asking, facts.missing, closed_by_calibration(facts), words),
     )
     return Examined(answer, rivals, first)
 
