@@ -175,3 +175,27 @@ def test_predict_takes_tensions_in_newtons_and_asks_about_small_pressures(
     assert main(["predict", "--robot", str(robot), "--inverse", str(targets)]) == 0
     said = capsys.readouterr().out
     assert "N (tendons)" in said and not OF_CHAMBERS.search(said)
+
+
+@pytest.mark.parametrize(
+    ("heading", "unit", "says"),
+    [
+        ("Seil_1 [N]", "kPa", "column 'Seil_1 [N]': the file says N, columns.p1.unit says kPa"),
+        ("Seil_1 [V]", "N/cm^2", "column 'Seil_1 [V]': the file says V, columns.p1.unit says N/cm^2"),
+        ("Seil_1 [bar]", "kPa", "column 'Seil_1 [bar]': the file says bar, columns.p1.unit says kPa"),
+        ("Seil_1 [N]", "N/cm^2", ""),
+    ],
+)
+def test_a_unit_of_the_file_that_contradicts_the_map_is_asked_about(
+    heading: str, unit: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    imported(tmp_path)
+    lab = tmp_path / "lab"
+    (lab / "table.csv").write_text((lab / "table.csv").read_text().replace("Seil_1 [N]", heading))
+    values = yaml.safe_load((lab / "map.yaml").read_text())
+    values["columns"]["p1"] = {"column": heading, "unit": unit}
+    (lab / "map.yaml").write_text(yaml.safe_dump(values))
+    capsys.readouterr()
+    main(["import", str(lab / "table.csv"), "--map", str(lab / "map.yaml"), "--out", str(tmp_path / "case")])
+    said = " ".join(capsys.readouterr().err.split())
+    assert (says in said) if says else ("the file says" not in said)
