@@ -8,7 +8,7 @@ answer.statement, answer.attribute.verdict, answer.to_json()
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 from model.effects.catalogue import CATALOGUE
@@ -19,7 +19,7 @@ from .answer.attribute import attribute
 from .answer.carried import carried
 from .answer.headline import headline
 from .answer.holdout import evaluate_holdout, unseen_states
-from .answer.result import Diagnosis
+from .answer.result import Calibration, Diagnosis
 from .answer.rivals import Rivals
 from .answer.sentences import Facts, closed_by_calibration, statement, stiffness_sentence
 from .answer.unseen import Unseen, unseen
@@ -27,6 +27,7 @@ from .data.baseline import Baseline
 from .data.case import CaseLike, lacking, states
 from .data.chamber_sides import ORDER
 from .data.first_calibration import FirstCalibration, calibrate_first
+from .data.plausible_robot import doubtful_area_factor
 from .inference.executor import SINGLE_THREAD, Executor, one_thread
 from .inference.prepare import prepare
 from .judgement import USUAL_EXCESS
@@ -125,6 +126,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         text += f" {stiffness_sentence(detail['stiffness'], found.decision)}"
     if first.order:
         which = assemble.beside(which, ORDER)
+    concerns = (*concerns, *_unit_concern(calibration), *_scatter_concern(prepared.noise_components.excess_scatter))
     answer = Diagnosis(
         statement=words.say(text) + (f" {detail['holdout']['statement']}" if tested is not None else ""),
         data=assemble.data_section(prepared, case.table),
@@ -132,7 +134,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         attribute=which,
         shrink=held_out.shrink,
         next_experiment=proposals,
-        concerns=tuple(map(words.say, (*concerns, *_scatter_concern(prepared.noise_components.excess_scatter)))),
+        concerns=tuple(map(words.say, concerns)),
         detail=detail,
         budget=budget,
         waterfall=held_out.waterfall,
@@ -140,6 +142,10 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         headline=headline(which, wanted.catalogue, found.asking, facts.missing, closed_by_calibration(facts), words),
     )
     return Examined(answer, rivals, first)
+
+
+def _unit_concern(found: Calibration | None) -> Iterator[str]:
+    return doubtful_area_factor(1.0 if found is None else found.area_factor / found.given)
 
 
 def _scatter_concern(excess_scatter: float) -> tuple[str, ...]:
