@@ -199,3 +199,60 @@ def test_a_unit_of_the_file_that_contradicts_the_map_is_asked_about(
     main(["import", str(lab / "table.csv"), "--map", str(lab / "map.yaml"), "--out", str(tmp_path / "case")])
     said = " ".join(capsys.readouterr().err.split())
     assert (says in said) if says else ("the file says" not in said)
+
+
+@pytest.mark.parametrize(("straight", "aside", "asked"), [("", 30, True), ("first state", 30, False), ("", 2, False)])
+def test_a_resting_tip_that_no_body_reaches_asks_for_the_straight_state(
+    straight: str, aside: float, asked: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    imported(tmp_path)
+    lab = tmp_path / "lab"
+    values = yaml.safe_load((lab / "map.yaml").read_text())
+    values.pop("straight")
+    values |= {"straight": straight} if straight else {}
+    (lab / "map.yaml").write_text(yaml.safe_dump(values))
+    head, *rows = (lab / "table.csv").read_text().splitlines()
+    moved = []
+    for row in rows:
+        cells = row.split(";")
+        place = [float(c.replace(",", ".")) for c in cells[4:7]]
+        place = [place[0] - 700 + aside, place[1] - (20 if aside > 10 else 0), place[2] - 40]
+        moved.append(";".join([*cells[:4], *(f"{p:.3f}".replace(".", ",") for p in place), *cells[7:]]))
+    (lab / "table.csv").write_text("\n".join([head, *moved]) + "\n")
+    capsys.readouterr()
+    assert (
+        main(["import", str(lab / "table.csv"), "--map", str(lab / "map.yaml"), "--out", str(tmp_path / "case")]) == 0
+    )
+    said = " ".join(capsys.readouterr().err.split())
+    assert (
+        "at rest the tip is 30 mm off the axis and 202 mm from the origin, the robot is 180 mm long" in said
+    ) == asked
+    assert ("straight: first state" in said) == asked
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({}, ""),
+        ({"columns": {"p1": "Seil_2 [N]", "p2": "Seil_1 [N]"}}, "an exchange of columns p1 and p2"),
+        ({"frame": {"x": "x", "y": "-y", "z": "z"}}, "y seems to be the robot's axis"),
+    ],
+)
+def test_exchanged_tendons_and_axes_are_asked_about_at_import_and_by_compare(
+    change: dict[str, dict[str, str]], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    imported(tmp_path)
+    lab = tmp_path / "lab"
+    values = yaml.safe_load((lab / "map.yaml").read_text())
+    for name, column in change.get("columns", {}).items():
+        values["columns"][name]["column"] = column
+    values["frame"] = {"x": "x", "y": "-y", "z": "-z"} if "frame" in change else values["frame"]
+    (lab / "map.yaml").write_text(yaml.safe_dump(values))
+    capsys.readouterr()
+    assert (
+        main(["import", str(lab / "table.csv"), "--map", str(lab / "map.yaml"), "--out", str(tmp_path / "case")]) == 0
+    )
+    at_import = " ".join(capsys.readouterr().err.split())
+    assert main(["compare", str(tmp_path / "case")]) == 0
+    compared = " ".join(capsys.readouterr().err.split())
+    assert all((says in said) if says else ("the tip" not in said) for said in (at_import, compared))
