@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from model.actuators import Chambers, Words
 from model.effects.catalogue import CATALOGUE
 from model.effects.spec import EffectSpec
 
@@ -93,7 +94,7 @@ def compare_campaigns(
         if parameters.effects[i] in named and named != UNKNOWN
     }
     told = what_is_told(found)
-    return Change(sentence(found, told, sizes, catalogue), found.ranking[:10], sizes, told)
+    return Change(sentence(found, told, sizes, catalogue, later.robot.actuators.words), found.ranking[:10], sizes, told)
 
 
 def _comparable(before: States, after: States) -> tuple[States, States]:
@@ -114,11 +115,15 @@ def what_is_told(found: Posterior) -> Hypothesis:
 
 
 def sentence(
-    found: Posterior, told: Hypothesis, sizes: Mapping[str, float], catalogue: Mapping[str, EffectSpec]
+    found: Posterior,
+    told: Hypothesis,
+    sizes: Mapping[str, float],
+    catalogue: Mapping[str, EffectSpec],
+    words: Words = Chambers.words,
 ) -> str:
     """What changed, in words; `sizes` of the most probable change's parameters."""
     (named, p), benchmark = found.ranking[0], CALIBRATED.benchmark
-    names = {e: spec.name for e, spec in catalogue.items()}
+    names = {e: words.say(spec.name) for e, spec in catalogue.items()}
     effects = OUTSIDE if named == UNKNOWN else " and ".join(with_id(e, names) for e in named)
     if named == NONE:
         return f"No change since the reference stands out from the noise (p = {p:.2f}, {benchmark})."
@@ -130,12 +135,12 @@ def sentence(
     if named == UNKNOWN:
         return f"Something has changed since the reference that no effect of the catalogue explains (p = {p:.2f}, {benchmark})."
     units = {f"{e}.{q.name}": q.unit for e in named for q in catalogue[e].parameters}
-    by = "; ".join(_changed(name.removesuffix(CHANGE), value, units, names) for name, value in sizes.items())
+    by = "; ".join(_changed(name.removesuffix(CHANGE), value, units, names, words) for name, value in sizes.items())
     return f"Since the reference {effects} changed ({by}; p = {p:.2f}, {benchmark})."
 
 
-def _changed(name: str, value: float, units: Mapping[str, str], names: Mapping[str, str]) -> str:
-    number, unit = for_people(value, units[name])
+def _changed(name: str, value: float, units: Mapping[str, str], names: Mapping[str, str], words: Words) -> str:
+    number, unit = for_people(value, units[name], words)
     return f"{plain_name(name, names)} by {number:.3g} {unit}".rstrip()
 
 

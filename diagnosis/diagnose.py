@@ -8,7 +8,7 @@ answer.statement, answer.attribute.verdict, answer.to_json()
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 from model.effects.catalogue import CATALOGUE
@@ -19,7 +19,7 @@ from .answer.attribute import attribute
 from .answer.carried import carried
 from .answer.headline import headline
 from .answer.holdout import evaluate_holdout, unseen_states
-from .answer.result import Diagnosis
+from .answer.result import Calibration, Diagnosis
 from .answer.rivals import Rivals
 from .answer.sentences import Facts, closed_by_calibration, statement, stiffness_sentence
 from .answer.unseen import Unseen, unseen
@@ -27,6 +27,7 @@ from .data.baseline import Baseline
 from .data.case import CaseLike, lacking, states
 from .data.chamber_sides import ORDER
 from .data.first_calibration import FirstCalibration, calibrate_first
+from .data.plausible_robot import doubtful_area_factor
 from .inference.executor import SINGLE_THREAD, Executor, one_thread
 from .inference.prepare import prepare
 from .judgement import USUAL_EXCESS
@@ -103,7 +104,8 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     tested = evaluate_holdout(found, other) if other is not None else None
     where = assemble.locate_section(found, stages)
     held_out = predicting()
-    names = {e: spec.name for e, spec in wanted.catalogue.items()}
+    words = case.robot.actuators.words
+    names = {e: words.say(spec.name) for e, spec in wanted.catalogue.items()}
     detail = {**assemble.detail_section(found, held_out.errors, tested, names), "names": names}
     if first.changed:
         detail["first_calibration"] = first.detail()
@@ -124,21 +126,26 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         text += f" {stiffness_sentence(detail['stiffness'], found.decision)}"
     if first.order:
         which = assemble.beside(which, ORDER)
+    concerns = (*concerns, *_unit_concern(calibration), *_scatter_concern(prepared.noise_components.excess_scatter))
     answer = Diagnosis(
-        statement=text + (f" {detail['holdout']['statement']}" if tested is not None else ""),
+        statement=words.say(text) + (f" {detail['holdout']['statement']}" if tested is not None else ""),
         data=assemble.data_section(prepared, case.table),
         locate=where,
         attribute=which,
         shrink=held_out.shrink,
         next_experiment=proposals,
-        concerns=(*concerns, *_scatter_concern(prepared.noise_components.excess_scatter)),
+        concerns=tuple(map(words.say, concerns)),
         detail=detail,
         budget=budget,
         waterfall=held_out.waterfall,
         calibration=calibration,
-        headline=headline(which, wanted.catalogue, found.asking, facts.missing, closed_by_calibration(facts)),
+        headline=headline(which, wanted.catalogue, found.asking, facts.missing, closed_by_calibration(facts), words),
     )
     return Examined(answer, rivals, first)
+
+
+def _unit_concern(found: Calibration | None) -> Iterator[str]:
+    return doubtful_area_factor(1.0 if found is None else found.area_factor / found.given)
 
 
 def _scatter_concern(excess_scatter: float) -> tuple[str, ...]:

@@ -160,7 +160,7 @@ def _predict(a: argparse.Namespace) -> int:
     outputs = Outputs(a.json, a.out, a.figure)
     if a.inverse is not None:
         return invert(a.robot, a.inverse, Wanted(a.spine_length, a.groups, a.max_pressure), outputs, a.effects)
-    states = table_states(a.table) if a.table is not None else protocol_states(a.protocol, a.set, a.robot)
+    states = table_states(a.table, a.robot) if a.table is not None else protocol_states(a.protocol, a.set, a.robot)
     return predict(a.robot, states, outputs, a.effects)
 
 
@@ -542,7 +542,7 @@ def parser() -> argparse.ArgumentParser:
         "--table",
         type=Path,
         metavar="STATES.csv",
-        help="the states of a table: p1 .. in Pa, spine_length in m; or a trials.csv",
+        help="the states of a table: p1 .. in Pa ('p1 [kPa]', of tendons 'p1 [N]'), spine_length in m; or a trials.csv",
     )
     given.add_argument(
         "--inverse",

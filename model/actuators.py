@@ -3,15 +3,62 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+
+PULL_AREA = 1e-4
+"""m^2: the tension T of a tendon stands in tables as the pressure T / 1 cm^2, so that 10 N are 100 kPa."""
+
+
+@dataclass(frozen=True)
+class Words:
+    """How people speak of what bends a robot, and the unit in which they read what drives it."""
+
+    kind: str
+    """The table of robot.yaml."""
+    unit: str
+    pascal: float
+    """Of one such unit, as tables hold it."""
+    digits: int
+    """Decimals that matter."""
+    instead: Mapping[str, str] = field(default_factory=dict)
+    """Words for chambers -> those for these actuators."""
+
+    def say(self, text: str) -> str:
+        """A text about chambers as one about these actuators; identifiers stay.
+
+        >>> Tendons.words.say("inflate chambers 1, 2"), Tendons.words.say("offset of the pressures [pressure_offset]")
+        ('pull tendons 1, 2', 'offset of the tensions [pressure_offset]')
+        """
+        return re.sub(r"\b[A-Za-z]+\b", lambda word: self.instead.get(word[0], word[0]), text)
+
+    def number(self, pressure: float, more: int = 0) -> str:
+        """A pressure of the tables (Pa) as a number in the unit, with `more` decimals than usual.
+
+        >>> Chambers.words.number(60e3), Tendons.words.number(60e3), Chambers.words.number(60e3, 1)
+        ('60', '6.0', '60.0')
+        """
+        return f"{pressure / self.pascal:.{self.digits + more}f}"
+
+    def group(self, numbers: Sequence[int]) -> str:
+        """Which actuators are driven, by their numbers.
+
+        >>> Chambers.words.group([1, 2]), Tendons.words.group([4]), Tendons.words.group([])
+        ('chambers 1, 2', 'tendon 4', 'nothing pulled')
+        """
+        named = f"chamber{'s' if len(numbers) > 1 else ''} {', '.join(map(str, numbers))}"
+        return self.say(named if numbers else "nothing inflated")
 
 
 class Chambers(BaseModel):
     """The pressure chambers: equal round channels that run along the body."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+    words: ClassVar[Words] = Words("chambers", "kPa", 1e3, 0)
 
     radius: FiniteFloat = Field(gt=0, le=0.5, json_schema_extra={"unit": "m"})
     path_radius: FiniteFloat = Field(gt=0, le=1, json_schema_extra={"unit": "m"})
@@ -28,14 +75,17 @@ class Chambers(BaseModel):
         return math.pi * self.radius**2
 
 
-PULL_AREA = 1e-4
-"""m^2: the tension T of a tendon stands in tables as the pressure T / 1 cm^2, so that 10 N are 100 kPa."""
-
-
 class Tendons(BaseModel):
     """Tendons that run along the body in its wall, parallel to its axis, each pulled by a known tension."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+    words: ClassVar[Words] = Words(
+        "tendons", "N", 1 / PULL_AREA, 1,
+        {
+            "chamber": "tendon", "chambers": "tendons", "Chambers": "Tendons", "inflate": "pull", "inflates": "pulls",
+            "inflated": "pulled", "pressure": "tension", "pressures": "tensions", "regulators": "motors",
+        },
+    )  # fmt: skip
 
     path_radius: FiniteFloat = Field(gt=0, le=1, json_schema_extra={"unit": "m"})
     azimuths_deg: tuple[Annotated[FiniteFloat, Field(ge=-360, le=360)], ...] = Field(

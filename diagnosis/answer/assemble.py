@@ -160,6 +160,7 @@ def detail_section(
             "lasting": dict(p.noise_components.lasting),
             "memory": p.noise_components.memory,
         },
+        "actuators": p.robot.actuators.words.kind,
         "calibrated_on": f.probability_calibration.benchmark,
         "sizes": [
             asdict(size) | {"impossible": size.impossible}

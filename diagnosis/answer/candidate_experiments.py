@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from model.actuators import Words
 from model.robot import Robot
 
 from ..data.states import States
@@ -70,8 +71,7 @@ def candidate_experiments(robot: Robot, s: States) -> list[Experiment]:
     """Experiments that the campaign does not hold yet."""
     lengths, pressures = _three(s.spine_length, 0.005), _three(s.highest[s.highest > s.pressure_gap], s.pressure_gap)
     chambers = _inflated(s)
-    count, act = len(robot.actuators.azimuths_deg), "pull" if robot.tendons is not None else "inflate"
-    kind = "tendons" if robot.tendons is not None else "chambers"
+    count, words = len(robot.actuators.azimuths_deg), robot.actuators.words
     others = _others(chambers, count, s)
     mass = float(np.median([robot.tip_mass if r.tip_mass is None else r.tip_mass for r in s.rows]))
     default_vacuum = 80e3 if robot.spine is not None else 0.0
@@ -91,16 +91,15 @@ def candidate_experiments(robot: Robot, s: States) -> list[Experiment]:
     offered = [
         Experiment("unload", "read the unload branch too", {**base, "unload": True}, 0.0),
         Experiment("orientation", "track the tip's orientation (rigid body in motion capture)", base, 5.0, quaternion),
-        Experiment("elongation", f"{act} all {kind} together", stretch, 0.0),
+        Experiment("elongation", "inflate all chambers together", stretch, 0.0),
         Experiment("roll", f"turn the body by {TURN:g} deg in its mount", {**base, "roll_deg": TURN}, 15.0),
         Experiment("tip_mass", f"hang {MASS * 1e3:g} g more on the tip", heavy, 3.0),
         Experiment("hold", "hold each pressure and read again and again", hold, 0.0),
         Experiment("rate", "ramp fast up and down, and read without stopping", fast, 0.0),
     ]
     if others:
-        named = ", ".join(map(str, others))
         turned = {**base, "chambers": others}
-        offered.insert(3, Experiment("other_chambers", f"{act} {kind} {named} instead", turned, 0.0))
+        offered.insert(3, Experiment("other_chambers", f"inflate {words.group(others)} instead", turned, 0.0))
     if robot.spine is not None and (between := _between(s.spine_length, 0.005)):
         shown = ", ".join(f"{x * 100:g}" for x in between)
         offered.append(
@@ -113,7 +112,7 @@ def candidate_experiments(robot: Robot, s: States) -> list[Experiment]:
     if robot.markers:
         names = tuple(f"m{k}{axis}" for k in range(1, len(robot.markers) + 1) for axis in "xyz")
         offered.append(Experiment("markers", "put markers along the body", base, 20.0, names))
-    return [e for e in offered if not _already_recorded(e.id, s)]
+    return [replace(e, do=words.say(e.do)) for e in offered if not _already_recorded(e.id, s)]
 
 
 def _others(chambers: list[int], count: int, s: States) -> list[int]:
@@ -164,6 +163,24 @@ def columns(p: Mapping[str, Any], chambers: int, channels: tuple[str, ...]) -> C
     for name in channels:
         out[name] = np.full(n, 1.0 if name == "qw" else 0.0)
     return out
+
+
+def to_apply(p: Mapping[str, Any], words: Words) -> str:
+    """The states that protocol parameters ask for in one line, for a robot that no rig drives.
+
+    >>> from model.actuators import Tendons
+    >>> sweep = {"pressures": [20e3, 45e3], "chambers": [2], "unload": True, "repeats": 2, "rate": 25e3}
+    >>> to_apply(sweep, Tendons.words)
+    'tendon 2: 0, 2, 4.5 N and back, 2 times, at 2.5 N/s'
+    """
+    levels = ", ".join(f"{x / words.pascal:.3g}" for x in (0.0, *p["pressures"]))
+    parts = [f"{words.group(p['chambers'])}: {levels} {words.unit}{' and back' if p['unload'] else ''}"]
+    parts += [f"{p['repeats']} times", f"at {p['rate'] / words.pascal:.3g} {words.unit}/s"]
+    if p.get("hold_times"):
+        parts.append(f"read after {', '.join(f'{x:g}' for x in p['hold_times'])} s")
+    if any(p.get("spine_lengths", ())):
+        parts.append(f"spine {', '.join(f'{100 * x:g}' for x in p['spine_lengths'])} cm")
+    return ", ".join(parts)
 
 
 def _sweeps(p: Mapping[str, Any]) -> Iterator[tuple[int, float, float]]:

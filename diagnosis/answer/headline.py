@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 
+from model.actuators import Chambers, Words
 from model.effects.spec import EffectSpec
 
 from ..criticism.stage_errors import StageError
@@ -15,17 +16,19 @@ from .verdict import stage
 MOST_WORDS = 20
 UNITS = {
     "rad": (180 / math.pi, "deg"), "rad/m": (180 / math.pi, "deg/m"), "rad/(N m)": (180 / math.pi, "deg/(N m)"),
-    "m": (1e3, "mm"), "m/N": (1e3, "mm/N"), "Pa": (1e-3, "kPa"), "kg": (1e3, "g"), "1": (1.0, ""),
+    "m": (1e3, "mm"), "m/N": (1e3, "mm/N"), "kg": (1e3, "g"), "1": (1.0, ""),
 }  # fmt: skip
 """Unit of a parameter -> factor and unit in which a person reads it."""
 
 
-def for_people(value: float, unit: str) -> tuple[float, str]:
+def for_people(value: float, unit: str, words: Words = Chambers.words) -> tuple[float, str]:
     """A value and its unit as a person reads them; the logarithm of a factor as the factor.
 
-    >>> for_people(0.1, "m"), for_people(0.0, "ln")
-    ((100.0, 'mm'), (1.0, 'times'))
+    >>> for_people(0.1, "m"), for_people(0.0, "ln"), for_people(2e4, "Pa")
+    ((100.0, 'mm'), (1.0, 'times'), (20.0, 'kPa'))
     """
+    if unit == "Pa":
+        return value / words.pascal, words.unit
     if unit == "ln":
         return math.exp(value), "times"
     factor, name = UNITS.get(unit, (1.0, unit))
@@ -54,7 +57,7 @@ def percent(share: float) -> str:
     return f"{round(100 * min(share, 1.0)) + 0}"
 
 
-def sized(v: Value) -> str:
+def sized(v: Value, words: Words = Chambers.words) -> str:
     """A parameter with its standard deviation, as a person reads it.
 
     >>> sized(Value(0.3, 0.05, "ln")), sized(Value(0.994, 0.03, "1"))
@@ -62,10 +65,10 @@ def sized(v: Value) -> str:
     """
     if not v.determined:
         return "not determined"
-    number, unit = for_people(v.value, v.unit)
+    number, unit = for_people(v.value, v.unit, words)
     if v.unit == "ln":
         return f"{number:.3g} {unit} (± {100 * math.expm1(v.sd):.0f} %)"
-    return f"{number:.3g} ± {for_people(v.sd, v.unit)[0]:.2g} {unit}".rstrip()
+    return f"{number:.3g} ± {for_people(v.sd, v.unit, words)[0]:.2g} {unit}".rstrip()
 
 
 def headline(
@@ -74,8 +77,9 @@ def headline(
     asking: Sequence[StageError] = (),
     missing: Sequence[str] = (),
     by_calibration: float | None = None,
+    words: Words = Chambers.words,
 ) -> str:
-    """The conclusion in at most 20 words.
+    """The conclusion in at most 20 words, those of the robot's actuators.
 
     `missing` is what the table lacks, `by_calibration` the share of the reducible gap that calibration closes where that is
     most of it.
@@ -84,11 +88,11 @@ def headline(
     if a.conclusion == "too little data":
         return _start(f"too little data to name a cause{': ' + missing[0] if missing else ''}.")
     if a.verdict == "effect":
-        said = _joined([_says(e, catalogue, _sizes(a)) for e in a.effects])
+        said = words.say(_joined([_says(e, catalogue, _sizes(a), words) for e in a.effects]))
         return _start(f"{'most likely ' if a.conclusion == 'one of several' else ''}{said} {sure}.")
     if a.verdict == "unknown":
         found = stage(asking)
-        where = f": the error lies in the {found.stage} and varies with {found.dependence}" if found else ""
+        where = f": the error lies in the {found.stage} and varies with {words.say(found.dependence)}" if found else ""
         return f"No known cause explains the gap{where} {sure}.".replace("_", " ")
     if by_calibration is not None:
         return f"Calibration closes {percent(by_calibration)} % of the gap; no other cause is needed {sure}."
@@ -102,7 +106,7 @@ def _sizes(a: Attribute) -> Mapping[str, Value]:
     return next((r.parameters for r in a.ranking if r.effects == a.effects), {})
 
 
-def _says(effect: str, catalogue: Mapping[str, EffectSpec], sizes: Mapping[str, Value]) -> str:
+def _says(effect: str, catalogue: Mapping[str, EffectSpec], sizes: Mapping[str, Value], words: Words) -> str:
     spec = catalogue.get(effect)
     if spec is None or not spec.says:
         return f"{effect.replace('_', ' ') if spec is None else spec.name} is at work"
@@ -111,14 +115,14 @@ def _says(effect: str, catalogue: Mapping[str, EffectSpec], sizes: Mapping[str, 
         return re.sub(r"\[(\w+)\|(\w+)\]", r"\1 or \2", spec.says).replace("{}", "some amount")
     own = [sizes[f"{effect}.{p.name}"].value for p in parts if p.unit == parts[0].unit]
     size = own[0] if len(own) == 1 else sum(own) if parts[0].sign == "positive" else math.hypot(*own)
-    words = re.sub(r"\[(\w+)\|(\w+)\]", r"\1" if size >= 0 else r"\2", spec.says)
-    return words.replace("{}", _amount(abs(size) if "[" in spec.says else size, parts[0].unit))
+    said = re.sub(r"\[(\w+)\|(\w+)\]", r"\1" if size >= 0 else r"\2", spec.says)
+    return said.replace("{}", _amount(abs(size) if "[" in spec.says else size, parts[0].unit, words))
 
 
-def _amount(value: float, unit: str) -> str:
+def _amount(value: float, unit: str, words: Words) -> str:
     if unit == "1":
         return f"{100 * value:.0f} %"
-    number, name = for_people(value, unit)
+    number, name = for_people(value, unit, words)
     digits = max(0, 1 - math.floor(math.log10(abs(number)))) if number else 0
     return f"{number:.{digits}f} {name}"
 

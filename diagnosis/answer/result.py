@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
+from model.actuators import Chambers, Tendons, Words
 from recordings.json_text import read_json
 
 from ..criticism.stage_errors import StageError
@@ -292,6 +293,11 @@ class Diagnosis:
     """What calibration changed; None for a simulator in the rod's place, and in answers of earlier versions."""
     headline: str = ""
     """The conclusion in at most 20 plain words; empty in answers of earlier versions."""
+
+    @property
+    def words(self) -> Words:
+        """How people speak of the robot's actuators; of chambers in answers of earlier versions."""
+        return (Tendons if self.detail.get("actuators") == Tendons.words.kind else Chambers).words
 
     def __repr__(self) -> str:
         return f"<Diagnosis: {self.statement}>"

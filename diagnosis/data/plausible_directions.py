@@ -57,7 +57,7 @@ def doubtful_directions(robot: Robot, rows: Iterable[TrialRow]) -> tuple[str, ..
     what = "pressures push" if robot.tendons is None else "tensions pull"
     if odd := _axis(seen.displacement[told], push[told], what):
         return (odd,)
-    return tuple(_doubts(aside[told], seen.pressure[told], towards[told], what))
+    return tuple(map(robot.actuators.words.say, _doubts(aside[told], seen.pressure[told], towards[told], what)))
 
 
 def _axis(moved: Array, push: Complex, what: str) -> str:

@@ -197,13 +197,7 @@ def _number(series: Series, name: str, column: Column, notes: list[str]) -> Arra
     found = numbers(series, column.column, place)
     own = name_of(series, column.column, place)
     unit = column.unit or unit_in(series, own, unit_of(name), place)
-    if (said := unit_in(series, own, unit_of(name))) and said != unit:
-        notes.append(f"column {own!r}: the file says {said}, {place}.unit says {unit}, which is taken")
-    of_file = heading(own, series.units.get(own, ""))
-    if of_file.kind not in ("", unit_of(name)) and column.scale == 1.0:
-        notes.append(
-            f"column {own!r} ({place}): the file says {of_file.unit} of it, no unit of {name}: is it this quantity?"
-        )
+    notes += _contradicted(series, own, name, unit, f"{place}.unit", column.scale)
     one = factor(unit, name, f"{place}.unit")
     if name == "t":
         return seconds(found * column.scale, unit, one)
@@ -214,6 +208,21 @@ def _number(series: Series, name: str, column: Column, notes: list[str]) -> Arra
     if name == "repeat" and np.nanmin(found) == 0:
         found = found + 1  # a count from 0
     return found - ATMOSPHERE if column.zero == "absolute" else found
+
+
+def _contradicted(series: Series, own: str, name: str, unit: str, place: str, scale: float = 1.0) -> Iterator[str]:
+    """About a column of which the file says another unit than the map does, which translates it by no `scale`."""
+    if said := unit_in(series, own, unit_of(name)):
+        if said != unit:
+            yield f"column {own!r}: the file says {said}, {place} says {unit}, which is taken"
+        return
+    of_file = heading(own, series.units.get(own, ""))
+    said = of_file.unit or of_file.stated[:40]
+    if said and said != unit.removesuffix("/cm^2") and name != "t" and scale == 1.0:
+        yield (
+            f"column {own!r}: the file says {said}, {place} says {unit or 'nothing'}, which is taken: is it this quantity, and "
+            "its unit right?"
+        )
 
 
 def _mixed_units(series: Series, wanted: Map, *groups: Sequence[str]) -> Iterator[str]:
@@ -268,7 +277,9 @@ def _xyz(file: _File, point: Point, unit: str, place: str) -> Array:
     shown = point if isinstance(point, str) else " / ".join(map(str, point))
     columns = []
     for name in names:
-        said = unit or unit_in(file.series, name_of(file.series, name, place), "m", place)
+        own = name_of(file.series, name, place)
+        said = unit or unit_in(file.series, own, "m", place)
+        file.notes.extend(_contradicted(file.series, own, "x", said, f"{place}.unit"))
         columns.append(numbers(file.series, name, place) * factor(said, "x", f"{place}.unit"))
     return file.places(np.column_stack(columns), f"marker {shown} ({place})")
 

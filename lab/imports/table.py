@@ -24,7 +24,7 @@ from recordings.trials import HEAD, TAIL, Table, TrialRow
 from ..files.config import ConfigError
 from .formats import KNOWN, RECORDING, read
 from .map_file import AXES, Map, Name, named, quantities
-from .places import Jump, jumps, length_at_rest, lever_off, marker_ahead, moves_within, strays, turn_off
+from .places import Jump, beside_at_rest, jumps, length_at_rest, lever_off, marker_ahead, moves_within, strays, turn_off
 from .plateaus import Cut, cuts
 from .quantities import BETWEEN_RUNS, Quantities, quantities_of
 from .reading import EPOCH
@@ -182,6 +182,12 @@ def imported(
     if wanted.straight != "as recorded" and (off := lever_off(rows, float(straight[2]))) is not None:
         notes.append(_lever_note(wanted.sensor[2], *off))
     notes += _contradictions(rows, float(straight[2]))
+    if wanted.straight == "as recorded" and (rests := beside_at_rest(rows, straight)) is not None:
+        aside, away = (1e3 * m for m in rests)
+        notes.append(
+            f"at rest the tip is {aside:.0f} mm off the axis and {away:.0f} mm from the origin, the robot is "
+            f"{1e3 * straight[2]:.0f} mm long: add `straight: first state` to the map, or check the frame and the unit"
+        )
     notes += _jump_notes(list(jumps(rows, float(straight[2]))), states, every)
     _demand_mounted(rows)
     if wanted.stiffness is not None:

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from diagnosis.answer.headline import for_people
+from model.actuators import Words
 
 from .figures import STYLE, save
 
@@ -19,13 +20,13 @@ FACTOR = "times"
 BLUE, RED, GREY = "#20639b", "#b5382a", "#8a8a8a"
 
 
-def sizes(found: Sequence[Mapping[str, Any]], folder: Path) -> list[Path]:
+def sizes(found: Sequence[Mapping[str, Any]], folder: Path, words: Words) -> list[Path]:
     """Density of each parameter of the named effects, cut at its physical bounds: over the possible range, and close up."""
-    return [path for k, size in enumerate(found) for path in _panels(size, folder, k)]
+    return [path for k, size in enumerate(found) for path in _panels(size, folder, k, words)]
 
 
-def _panels(size: Mapping[str, Any], folder: Path, number: int) -> list[Path]:
-    size, unit = _for_people(size)
+def _panels(size: Mapping[str, Any], folder: Path, number: int, words: Words) -> list[Path]:
+    size, unit = _for_people(size, words)
     mean, sd = size["mean"], max(size["sd"], 1e-300)
     ends = [x for x in (size["low"], size["high"], 0.0, size["median"]) if x is not None]
     pad = 0.04 * (max(ends) - min(ends))
@@ -46,9 +47,9 @@ def _panels(size: Mapping[str, Any], folder: Path, number: int) -> list[Path]:
     return made
 
 
-def _for_people(size: Mapping[str, Any]) -> tuple[dict[str, Any], str]:
+def _for_people(size: Mapping[str, Any], words: Words) -> tuple[dict[str, Any], str]:
     """The numbers in the unit in which a person reads them; logarithms stay, with the unit of the factor."""
-    number, unit = for_people(1.0, size["unit"])
+    number, unit = for_people(1.0, size["unit"], words)
     factor = 1.0 if unit == FACTOR else number
     return {key: factor * value if isinstance(value, float) else value for key, value in size.items()}, unit
 

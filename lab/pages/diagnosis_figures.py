@@ -78,7 +78,7 @@ def waterfall(w: Waterfall, names: Sequence[str], length: float, folder: Path) -
 
 @dataclass(frozen=True)
 class Group:
-    """States with the same chambers inflated."""
+    """States with the same actuators driven."""
 
     name: str
     own: NDArray[np.bool_]
@@ -92,7 +92,7 @@ class Group:
 def groups(d: Diagnosis) -> list[Group]:
     """All states by the chambers inflated in them, largest calibrated gap first; beyond `MOST_GROUPS` the rest are one."""
     s, chambers = _states(d), d.detail["states"].get("chambers")
-    keys = ["all states"] * len(s["tip"]) if chambers is None else [_chambers(c) for c in chambers]
+    keys = ["all states"] * len(s["tip"]) if chambers is None else [d.words.group(c) for c in chambers]
     missed = np.linalg.norm(s["tip"] - s["calibrated"], axis=1)
     worst = {key: max(m for m, k in zip(missed, keys, strict=True) if k == key) for key in keys}
     ranked = sorted(worst, key=lambda key: -worst[key])
@@ -105,10 +105,6 @@ def groups(d: Diagnosis) -> list[Group]:
         own = np.array([key == name for key in keys])
         made.append(Group(name, own, _side(s["tip"][own]), _levels(s["spine_length"][own], 0.01)))
     return made
-
-
-def _chambers(numbers: Sequence[int]) -> str:
-    return f"chamber{'s' if len(numbers) > 1 else ''} {', '.join(map(str, numbers))}" if numbers else "nothing inflated"
 
 
 def _side(tip: Array) -> Array:
@@ -144,7 +140,7 @@ def gap_map(d: Diagnosis, name: str, folder: Path) -> list[Path]:
         with plt.rc_context(STYLE):
             figure, axis = plt.subplots(figsize=(4.3, 1.3 + 0.26 * len(rows)), layout="constrained")
             image = axis.imshow(values, origin="lower", aspect="auto", vmin=0, vmax=top, cmap="cividis")
-            axis.set_xticks(range(len(pressures)), [f"{p / 1e3:.0f}" for p in pressures])
+            axis.set_xticks(range(len(pressures)), [d.words.number(p) for p in pressures])
             axis.set_yticks(range(len(rows)), labels, fontsize=8)
             if len(pressures) <= MOST_WRITTEN:
                 for (i, j), value in np.ndenumerate(values):
@@ -153,7 +149,7 @@ def gap_map(d: Diagnosis, name: str, folder: Path) -> list[Path]:
                                   color="k" if value > 0.5 * top else "w")  # fmt: skip
             axis.set_title(title, loc="left")
             axis.grid(False)
-            axis.set_xlabel("pressure, kPa")
+            axis.set_xlabel(driven(d))
             figure.colorbar(image, ax=axis, label="gap, mm rms")
             made.append(save(figure, folder / f"map-{k}.svg"))
     return made
@@ -179,7 +175,7 @@ def loops(d: Diagnosis, name: str, folder: Path) -> list[Path]:
                     for length, colour in zip(g.lengths, colours(len(g.lengths)), strict=True):
                         for branch, style in ((1, "-"), (-1, "--")):
                             at = g.own & (s["branch"] == branch) & (np.abs(s["spine_length"] - length) < 0.01)
-                            _curve(axis, s["pressure"][at], gap[at] @ way * MM, colour, style)
+                            _curve(axis, s["pressure"][at], d.words.pascal, gap[at] @ way * MM, colour, style)
                     axis.set_title(f"{model},\n{word}", loc="left", fontsize=8)
                 row[0].set_ylabel("measured minus\nmodel, mm")
             legend = axes[0, 0]
@@ -190,7 +186,7 @@ def loops(d: Diagnosis, name: str, folder: Path) -> list[Path]:
             legend.plot([], [], "k--", label="unload")
             legend.set_ylim(-most, most)
             for axis in axes[1]:
-                axis.set_xlabel("pressure, kPa")
+                axis.set_xlabel(driven(d))
             figure.suptitle(g.name, fontsize=9)
             figure.legend(*legend.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8)
             made.append(save(figure, folder / f"loops-{k}.svg"))
@@ -222,15 +218,15 @@ def unseen_tips(d: Diagnosis, name: str, folder: Path) -> list[Path]:
                     2, 1, figsize=(3.9, 4.4), layout="constrained", sharex=True, height_ratios=(3, 2)
                 )
                 for key, style, label, colour in models:
-                    _curve(top, s["pressure"][at], s[key][at] @ g.side * MM, colour, style, label)
+                    _curve(top, s["pressure"][at], d.words.pascal, s[key][at] @ g.side * MM, colour, style, label)
                     if key != "given":
                         missed = np.linalg.norm(s["tip"][at] - s[key][at], axis=1) * MM
-                        _curve(below, s["pressure"][at], missed, colour, style)
+                        _curve(below, s["pressure"][at], d.words.pascal, missed, colour, style)
                 tip = s["tip"][at] @ g.side * MM
-                top.plot(s["pressure"][at] / 1e3, tip, "o", color=RED, mfc="none", ms=4, label="measured")
+                top.plot(s["pressure"][at] / d.words.pascal, tip, "o", color=RED, mfc="none", ms=4, label="measured")
                 top.set_title(f"{g.name}{f', spine {length * 100:.0f} cm' if spines else ''}", loc="left")
                 below.axhspan(0, d.locate.noise_floor_mm, color="0.9")
-                below.set_xlabel("pressure, kPa")
+                below.set_xlabel(driven(d))
                 top.set_ylabel("tip, mm")
                 below.set_ylabel("tip missed\nby, mm")
                 figure.legend(*top.get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8)
@@ -287,6 +283,11 @@ def _states(d: Diagnosis) -> dict[str, Array]:
     return {name: np.array(values, float) for name, values in found.items() if name != "chambers"}
 
 
+def driven(d: Diagnosis) -> str:
+    """Label of an axis of pressures or tensions."""
+    return d.words.say(f"pressure, {d.words.unit}")
+
+
 def _levels(values: Array, grain: float) -> Array:
     """Settings meant, from readings that scatter by less than `grain`."""
     number = levels(values, grain / 2)
@@ -311,14 +312,20 @@ def _mapped(
 
 
 def _curve(
-    axis: Axes, pressure: Array, gap: Array, colour: tuple[float, ...] | str, style: str, label: str | None = None
+    axis: Axes,
+    pressure: Array,
+    pascal: float,
+    gap: Array,
+    colour: tuple[float, ...] | str,
+    style: str,
+    label: str | None = None,
 ) -> None:
     if not pressure.size:
         return
     levels = _levels(pressure, 0.6 * _grain(pressure))
     nearest = np.abs(pressure[:, None] - levels).argmin(axis=1)
     axis.plot(
-        levels / 1e3,
+        levels / pascal,
         [np.nanmean(gap[nearest == i]) for i in range(len(levels))],
         f".{style}",
         color=colour,

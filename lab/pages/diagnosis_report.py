@@ -12,10 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from diagnosis.answer.candidate_experiments import to_apply
 from diagnosis.answer.headline import for_people, percent, stated
 from diagnosis.answer.result import Diagnosis, Ranked
 from diagnosis.answer.sentences import OUTSIDE, hypothesis_name, plain_name, with_id
 from diagnosis.judgement import RIVAL_WORTH_SEPARATING
+from model.actuators import Chambers, Words
 from recordings.campaign.labels import RECORD
 from recordings.file.reader import Recording
 from recordings.trials import Table
@@ -111,7 +113,7 @@ def fill(report: Report, d: Diagnosis, case: Case, protocols: Path | None) -> No
                 section.text(line[:1].upper() + line[1:])
         if d.detail["sizes"]:
             _sizes(report.section("How large the cause is", folded=True), d, folder)
-        factors = f"{'spine length, ' if spine else ''}pressure, branch and time"
+        factors = d.words.say(f"{'spine length, ' if spine else ''}pressure, branch and time")
         _by_factor(report.section(f"The gap by {factors}", folded=True), d, spine)
         if "stiffness" in d.detail:
             _pushed(report.section("Stiffness trials", folded=tips), d, folder)
@@ -121,7 +123,7 @@ def fill(report: Report, d: Diagnosis, case: Case, protocols: Path | None) -> No
             _confounding(report.section("Confounding: what a calibration absorbs", folded=True), d, folder)
         _misfit(report.section("Stages and misfit diagnostics", folded=True), d, spine)
         if quantities(table):
-            _sensors(report.section("What the lab's own sensors measured", folded=True), table, folder)
+            _sensors(report.section("What the lab's own sensors measured", folded=True), table, d.words, folder)
 
 
 def origin(robot: str, inputs: Sequence[Path]) -> str:
@@ -168,7 +170,10 @@ def _first_step(d: Diagnosis, protocols: Path | None) -> tuple[str, str]:
         text = nothing_next(d)
         return text[0].lower() + text[1:], ""
     first = d.next_experiment[0]
-    return f"{first.do} ({first.cost_min:.0f} min).", command(first, protocols)
+    text = f"{first.do} ({first.cost_min:.0f} min)"
+    if d.words is not Chambers.words:
+        return f"{text}: {to_apply(first.protocol, d.words)}; lab import reads what you measure.", ""
+    return f"{text}.", command(first, protocols)
 
 
 STEPS = {
@@ -193,8 +198,9 @@ def _steps(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
         draw.waterfall(
             w, [plain_name(x.effect, names(d)) if x.effect else STEPS[x.step] for x in w.steps], length, folder
         ),
-        f"Error of the {d.locate.of}, mm rms over {w.n} states, each predicted by fits that did not see it ({w.how}). Each bar "
-        "is what the step takes; whiskers: 95 % over trials drawn anew and orders of the causes.",
+        f"Error of the {d.locate.of}, mm rms over {w.n} states, each predicted by fits that did not see it "
+        f"({d.words.say(w.how)}). Each bar is what the step takes; whiskers: 95 % over trials drawn anew and orders of the "
+        "causes.",
     )
     model = d.detail["baseline"]["name"] if "baseline" in d.detail else "model"
     rows = [[f"{model}, {GIVEN}", "", "", f"{w.given_mm:.2f}"]]
@@ -212,8 +218,8 @@ def _steps(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
         a = w.absorbed
         cause = "" if a.cause_mm is None else f"; one area factor and what is named leave {a.cause_mm:.2f} mm"
         s.text(
-            f"What a calibration hides ({a.how}, unseen states): one area factor leaves {a.one_mm:.2f} mm, one for each spine "
-            f"length {a.per_length_mm:.2f} mm{cause}."
+            f"What a calibration hides ({d.words.say(a.how)}, unseen states): one area factor leaves {a.one_mm:.2f} mm, one "
+            f"for each spine length {a.per_length_mm:.2f} mm{cause}."
         )
     if d.shrink is not None:
         closed = (
@@ -230,15 +236,15 @@ def _against(d: Diagnosis) -> list[str]:
     """Concerns, sizes that cannot be, errors that stages ask for."""
     lines = [c for c in d.concerns if not c.startswith(UNCONFIRMED_GUESSES)]  # on top of the page
     lines += [
-        f"The data would require {with_id(x['name'], names(d))} = {_number(x['mean'], x['unit'])}, which is physically "
+        f"The data would require {with_id(x['name'], names(d))} = {_number(x['mean'], x['unit'], d.words)}, which is physically "
         "impossible: evidence against the effect itself."
         for x in d.detail["sizes"]
         if x["impossible"]
     ]
     if d.attribute.verdict == "effect":
         lines += [
-            f"In addition to the cause, a free-form error in the {e.stage} that varies with {_words(e.dependence)} would gain "
-            f"{e.gain:.1f} in log evidence."
+            f"In addition to the cause, a free-form error in the {e.stage} that varies with "
+            f"{d.words.say(_words(e.dependence))} would gain {e.gain:.1f} in log evidence."
             for e in d.attribute.stage_errors[:2]
         ]
     return lines
@@ -248,9 +254,9 @@ def _mm(value: float) -> str:
     return f"{round(value, 2) + 0.0:.2f}"
 
 
-def _sensors(s: Section, table: Table, folder: Path) -> None:
+def _sensors(s: Section, table: Table, words: Words, folder: Path) -> None:
     s.figure(
-        apart(draw_sensors(table), folder / "sensors.svg"),
+        apart(draw_sensors(table, words), folder / "sensors.svg"),
         "Each state's mean; bars: one standard deviation of the samples averaged. The model does not use them.",
     )
     s.table(*sensor_numbers(table))
@@ -275,12 +281,17 @@ def _where(s: Section, d: Diagnosis, folder: Path) -> None:
     _shapes(s, d, folder)
     s.figure(
         draw.gap_map(d, explained(d), folder),
-        f"Gap of all states by chambers inflated{_lengths(d)} and pressure, in-sample, on one colour scale; models are those of "
-        "an average trial, while the numbers on top of the page also fit what single trials differ by",
+        d.words.say(
+            f"Gap of all states by chambers inflated{_lengths(d)} and pressure, in-sample, on one colour scale; models are those "
+            "of an average trial, while the numbers on top of the page also fit what single trials differ by"
+        ),
     )
     s.figure(
         draw.loops(d, explained(d), folder),
-        "Gap along and across the direction in which these chambers bend the robot, up and down, in-sample; grey: noise floor",
+        d.words.say(
+            "Gap along and across the direction in which these chambers bend the robot, up and down, in-sample; grey: noise "
+            "floor"
+        ),
     )
 
 
@@ -291,7 +302,7 @@ def _lengths(d: Diagnosis, joint: str = ", ") -> str:
 def _by_factor(s: Section, d: Diagnosis, spine: bool) -> None:
     rows = [
         [
-            f"{_words(name)} {_at(name, c.value)}",
+            f"{d.words.say(_words(name))} {_at(name, c.value, d.words)}",
             str(c.n),
             f"{c.rmse_mm:.2f}",
             f"{c.low95_mm:.2f} .. {c.high95_mm:.2f}",
@@ -326,10 +337,11 @@ def _pushed(s: Section, d: Diagnosis, folder: Path) -> None:
     )
 
 
-def _at(factor: str, value: float | str) -> str:
+def _at(factor: str, value: float | str, words: Words) -> str:
     """A level of a factor as a person reads it."""
     unit, scale, digits = {
-        "spine_length": ("cm", 100.0, 0), "pressure": ("kPa", 1e-3, 0), "time": ("s", 1.0, 0), "arc_length": ("cm", 100.0, 0),
+        "spine_length": ("cm", 100.0, 0), "pressure": (words.unit, 1 / words.pascal, words.digits), "time": ("s", 1.0, 0),
+        "arc_length": ("cm", 100.0, 0),
     }.get(factor, ("", 1.0, 0))  # fmt: skip
     return value if isinstance(value, str) else f"{scale * value:.{digits}f} {unit}"
 
@@ -385,7 +397,7 @@ def _misfit(s: Section, d: Diagnosis, spine: bool) -> None:
     if d.attribute.stage_errors:
         s.table(
             ("stage with an error of free form", "varies with", "log evidence gained"),
-            [[e.stage, _words(e.dependence), f"{e.gain:.1f}"] for e in d.attribute.stage_errors],
+            [[e.stage, d.words.say(_words(e.dependence)), f"{e.gain:.1f}"] for e in d.attribute.stage_errors],
         )
     found = dict(d.detail["misfit"])
     if found.get(FURTHEST):
@@ -409,28 +421,28 @@ def _words(key: str) -> str:
 def _sizes(s: Section, d: Diagnosis, folder: Path) -> None:
     sizes = d.detail["sizes"]
     s.figure(
-        draw_sizes([{**x, "name": plain_name(x["name"], names(d))} for x in sizes], folder),
+        draw_sizes([{**x, "name": plain_name(x["name"], names(d))} for x in sizes], folder, d.words),
         "Size of what is named, in-sample: posterior of the problem linearised at the fit, cut at the physical bounds (red); "
         "dashed: its median; 90 % shaded. First the physically possible range, then close up",
     )
-    s.table(("size", "median", "90 %", "bounds"), [_size(x, names(d)) for x in sizes])
+    s.table(("size", "median", "90 %", "bounds"), [_size(x, d) for x in sizes])
 
 
-def _size(x: Mapping[str, Any], names: Mapping[str, str]) -> list[str]:
+def _size(x: Mapping[str, Any], d: Diagnosis) -> list[str]:
     """A row of the table of sizes, in a person's units; the logarithm of a factor as the factor."""
     unit = x["unit"]
-    ends = [_bound(x[end], unit) for end in ("low90", "high90", "low", "high")]
-    median = _number(x["median"], unit) if x.get("determined", True) else "not determined by these data"
-    return [with_id(x["name"], names), median, f"{ends[0]} .. {ends[1]}", f"{ends[2]} .. {ends[3]}"]
+    ends = [_bound(x[end], unit, d.words) for end in ("low90", "high90", "low", "high")]
+    median = _number(x["median"], unit, d.words) if x.get("determined", True) else "not determined by these data"
+    return [with_id(x["name"], names(d)), median, f"{ends[0]} .. {ends[1]}", f"{ends[2]} .. {ends[3]}"]
 
 
-def _number(value: float, unit: str) -> str:
-    number, name = for_people(value, unit)
+def _number(value: float, unit: str, words: Words) -> str:
+    number, name = for_people(value, unit, words)
     return f"{number:.3g} {name}".rstrip()
 
 
-def _bound(value: float | None, unit: str) -> str:
-    return "unbounded" if value is None else f"{for_people(value, unit)[0]:.3g}"
+def _bound(value: float | None, unit: str, words: Words) -> str:
+    return "unbounded" if value is None else f"{for_people(value, unit, words)[0]:.3g}"
 
 
 def _shapes(s: Section, d: Diagnosis, folder: Path) -> None:
@@ -440,12 +452,19 @@ def _shapes(s: Section, d: Diagnosis, folder: Path) -> None:
         s.text(f"{why} in the measured states, so there is no shape to show.")
         return
     s.figure(
-        draw_shapes(states, explained(d), folder),
-        f"States with the largest calibrated error, one for each group of chambers{_lengths(d, ' and ')}, in-sample; mm, base "
-        "frame",
+        draw_shapes(states, explained(d), folder, d.words),
+        d.words.say(
+            f"States with the largest calibrated error, one for each group of chambers{_lengths(d, ' and ')}, in-sample"
+        )
+        + "; mm, base frame",
     )
     rows = [
-        [state_name(x).replace("\n", ", "), _point(x["measured_tip"]), _miss(x, "calibrated"), _miss(x, "explained")]
+        [
+            state_name(x, d.words).replace("\n", ", "),
+            _point(x["measured_tip"]),
+            _miss(x, "calibrated"),
+            _miss(x, "explained"),
+        ]
         for x in states
     ]
     s.table(("state", "measured tip, mm", f"{CALIBRATED}, off by, mm", f"{explained(d)}, off by, mm"), rows)
@@ -496,14 +515,20 @@ def _next(s: Section, d: Diagnosis, protocols: Path | None) -> None:
         s.text(
             f"{_rivals(d)} Each experiment tests the answer in states that were not measured: take the quickest that you can do."
         )
+    driven = d.words is Chambers.words
     if protocols is None:
-        s.text("lab diagnose writes these protocol files with the option --protocols next.")
+        s.text(
+            f"lab diagnose writes these {'protocols' if driven else 'states'} to files with the option --protocols next."
+        )
     rows = [
         [p.do, f"{p.cost_min:.0f}", *(["; ".join(_pair(x, d) for x in p.separates[:3])] if separating else []),
-         Command(command(p, protocols))]
+         Command(command(p, protocols)) if driven else to_apply(p.protocol, d.words)]
         for p in shown
     ]  # fmt: skip
-    s.table(("experiment", "minutes", *(("separates",) if separating else ()), "command"), rows)
+    s.table(
+        ("experiment", "minutes", *(("separates",) if separating else ()), "command" if driven else "states to apply"),
+        rows,
+    )
 
 
 def _pair(pair: Sequence[str], d: Diagnosis) -> str:

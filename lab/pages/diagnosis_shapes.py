@@ -11,6 +11,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from model.actuators import Words
+
 from .figures import CALIBRATED, STYLE, save
 
 Array = NDArray[np.float64]
@@ -23,15 +25,15 @@ LEAST_WINDOW = 2.0
 State = Mapping[str, Any]
 
 
-def shapes(states: Sequence[State], name: str, folder: Path) -> list[Path]:
+def shapes(states: Sequence[State], name: str, folder: Path, words: Words) -> list[Path]:
     """A panel for each state: x and y over z in mm with equal scales, the tip hanging down, and the tip close up below.
 
     `name` of the model with the cause.
     """
-    return [_panel(state, name, folder / f"shape-{k}.svg") for k, state in enumerate(states)]
+    return [_panel(state, name, folder / f"shape-{k}.svg", words) for k, state in enumerate(states)]
 
 
-def _panel(state: State, name: str, path: Path) -> Path:
+def _panel(state: State, name: str, path: Path, words: Words) -> Path:
     names = dict(zip(MODELS, (CALIBRATED, name), strict=True))
     tips = np.vstack([_mm(state["measured_tip"]), *(_mm(state[model]["tip"]) for model in MODELS)])
     middle = tips.mean(axis=0)
@@ -49,18 +51,18 @@ def _panel(state: State, name: str, path: Path) -> Path:
                 xlim=(middle[k] - half, middle[k] + half), ylim=(middle[2] + half, middle[2] - half), aspect="equal"
             )
             close.set_title(f"tip, {2 * half:.0f} mm wide", fontsize=8)
-        figure.suptitle(state_name(state), fontsize=9)
+        figure.suptitle(state_name(state, words), fontsize=9)
         handles, labels = axes[0, 0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=2, fontsize=8)
         return save(figure, path)
 
 
-def state_name(state: State) -> str:
+def state_name(state: State, words: Words) -> str:
     """Which state it is, for people."""
     parts = [f"spine {100 * state['spine_length']:.0f} cm"] if state["spine_length"] else []
     if state.get("chambers"):
-        parts.append(f"chambers {', '.join(map(str, state['chambers']))}")
-    parts += [f"{state['pressure'] / 1e3:.0f} kPa", state["branch"]]
+        parts.append(words.group(state["chambers"]))
+    parts += [f"{words.number(state['pressure'])} {words.unit}", state["branch"]]
     return f"{', '.join(parts)}\ntrial {state['trial']}, step {state['step']}"
 
 

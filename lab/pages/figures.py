@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import matplotlib
 
+from model.actuators import Chambers, Words
 from recordings.own_files import replacing
 
 matplotlib.use("Agg")
@@ -84,10 +85,10 @@ def legend_below(axis: Axes, title: str | None = None) -> None:
     axis.legend(title=title, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=3, fontsize=8, title_fontsize=8)
 
 
-def tip_curves(c: Comparison) -> list[Panel]:
+def tip_curves(c: Comparison, words: Words = Chambers.words) -> list[Panel]:
     """Tip x and z over pressure, per spine length: measured marks (load up, unload down), model lines."""
     lengths = list(c.condition.by_spine_length())
-    pressure = c.condition.pressure.max(axis=1) / 1e3
+    pressure = c.condition.pressure.max(axis=1) / words.pascal
 
     def panel(axis: Axes, k: int, name: str) -> None:
         for (length, own), colour in zip(lengths, colours(len(lengths)), strict=True):
@@ -101,7 +102,7 @@ def tip_curves(c: Comparison) -> list[Panel]:
         axis.plot([], [], "k-", lw=1.2, label="model")
         axis.plot([], [], "k^", ms=4, label="measured, load")
         axis.plot([], [], "kv", ms=4, mfc="none", label="measured, unload")
-        axis.set_xlabel("pressure, kPa")
+        axis.set_xlabel(words.say(f"pressure, {words.unit}"))
         axis.set_ylabel(name)
         legend_below(axis)
 

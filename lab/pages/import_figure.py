@@ -13,13 +13,14 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PathCollection
 
 from diagnosis.data.levels import pressure_gap
+from model.actuators import Words
 from model.robot import Robot
 from recordings.trials import TrialRow
 
 from ..imports.table import Imported
 from .figures import save
 
-MM, KPA = 1e3, 1e-3
+MM = 1e3
 MOST_POINTS = 4000
 """Of a line; more are not seen."""
 GREYS = ("black", "0.45", "0.7")
@@ -40,20 +41,22 @@ def draw(made: Imported, robot: Robot, path: Path) -> None:
     shown = {g: own for g, own in groups.items() if g in most}
     lines = -(-(len(shown) + 1) // COLUMNS)
     columns = -(-(len(shown) + 1) // lines)
+    words = robot.actuators.words
     figure = plt.figure(figsize=(10, 5.0 + 2.7 * lines), layout="constrained")
     grid = figure.add_gridspec(2, 1, height_ratios=(5.0, 2.7 * lines))
     over_time, planes = (figure.add_subfigure(grid[k]) for k in (0, 1))
-    _over_time(made, rows, *over_time.subplots(2, 1, sharex=True))
+    _over_time(made, rows, words, *over_time.subplots(2, 1, sharex=True))
     panels = planes.subplots(lines, columns, squeeze=False).ravel()
     dots = _side(rows, robot, panels[0])
     for panel, (group, own) in zip(panels[1:], shown.items(), strict=False):
         _top(own, group, rows, robot, panel)
     for panel in panels[1 + len(shown) :]:
         panel.set_axis_off()
-    planes.colorbar(dots, ax=panels.tolist(), label="highest pressure, kPa")
+    planes.colorbar(dots, ax=panels.tolist(), label=words.say(f"highest pressure, {words.unit}"))
     named = f"{len(shown)} of {len(groups)} groups" if len(shown) < len(groups) else "each group"
     planes.suptitle(
-        f"Tip from the side, and along z for {named} of chambers; arrow: where they push it", fontsize="medium"
+        words.say(f"Tip from the side, and along z for {named} of chambers; arrow: where they bend it"),
+        fontsize="medium",
     )
     save(figure, path)
 
@@ -70,12 +73,12 @@ def _groups(rows: Sequence[TrialRow]) -> Mapping[tuple[int, ...], Sequence[Trial
     return out
 
 
-def _over_time(made: Imported, rows: Sequence[TrialRow], pressure: Axes, tip: Axes) -> None:
+def _over_time(made: Imported, rows: Sequence[TrialRow], words: Words, pressure: Axes, tip: Axes) -> None:
     for number, (_, q, cuts) in enumerate(made.files):
         every = max(1, len(q.t) // MOST_POINTS)
         for k in range(q.pressures.shape[1]):
             pressure.plot(
-                q.t[::every], q.pressures[::every, k] * KPA, STYLES[k // 3 % 4], color=GREYS[k % 3], lw=1,
+                q.t[::every], q.pressures[::every, k] / words.pascal, STYLES[k // 3 % 4], color=GREYS[k % 3], lw=1,
                 label=f"p{k + 1}" if not number else None,
             )  # fmt: skip
         moved = (q.tip - np.nanmedian(q.tip, axis=0)) * MM
@@ -87,13 +90,13 @@ def _over_time(made: Imported, rows: Sequence[TrialRow], pressure: Axes, tip: Ax
             t = q.t[cut.rows]
             for ax in (pressure, tip):
                 ax.axvspan(t[0], max(t[-1], t[0] + 1e-6), color="tab:orange", alpha=0.35, lw=0)
-    at, highest = [r.t for r in rows], [max(r.pressures) * KPA for r in rows]
+    at, highest = [r.t for r in rows], [max(r.pressures) / words.pascal for r in rows]
     pressure.plot(at, highest, "o", ms=3, mfc="none", color="tab:orange", label="state")
     begins = [r.t - (r.hold or 0.0) for k, r in enumerate(rows) if not k or rows[k - 1].trial != r.trial]
     for ax in (pressure, tip):
         for k, begin in enumerate(begins):
             ax.axvline(begin, color="tab:blue", lw=0.6, label=None if k else "trial begins")
-    pressure.set(ylabel="pressure, kPa", title=f"{len(rows)} states in {len(begins)} trials")
+    pressure.set(ylabel=words.say(f"pressure, {words.unit}"), title=f"{len(rows)} states in {len(begins)} trials")
     tip.set(ylabel="tip beside its median, mm", xlabel="time, s")
     pressure.legend(**BESIDE)
     tip.legend(**BESIDE)
@@ -103,7 +106,9 @@ def _side(rows: Sequence[TrialRow], robot: Robot, ax: Axes) -> PathCollection:
     """All tips, by their distance from the axis."""
     x, y, z = MM * np.array([r.tip for r in rows], np.float64).T
     ax.plot([0, 0], [0, robot.length * MM], color="0.6", lw=3, solid_capstyle="butt")
-    dots = ax.scatter(np.hypot(x, y), z, c=[max(r.pressures) * KPA for r in rows], s=14, cmap="viridis")
+    dots = ax.scatter(
+        np.hypot(x, y), z, c=[max(r.pressures) / robot.actuators.words.pascal for r in rows], s=14, cmap="viridis"
+    )
     ax.set_title("side; grey: straight robot", fontsize="small")
     width = MM * max(0.7 * robot.length, 1.1 * max(float(np.hypot(*r.tip[:2])) for r in rows if r.tip))
     ax.set(xlabel="from the axis, mm", ylabel="z, mm", xlim=(-0.05 * width, width))
@@ -113,7 +118,8 @@ def _side(rows: Sequence[TrialRow], robot: Robot, ax: Axes) -> PathCollection:
 
 def _top(own: Sequence[TrialRow], group: Sequence[int], rows: Sequence[TrialRow], robot: Robot, ax: Axes) -> None:
     """Tips of the states of one group, and the direction in which the chambers push them."""
-    highest = [max(r.pressures) * KPA for r in rows]
+    pascal = robot.actuators.words.pascal
+    highest = [max(r.pressures) / pascal for r in rows]
     x, y, _ = MM * np.array([r.tip for r in own], np.float64).T
     size = 1.1 * MM * max(float(np.abs([r.tip[:2] for r in rows if r.tip]).max()), 1e-3)
     towards = robot.bending_directions
@@ -131,7 +137,7 @@ def _top(own: Sequence[TrialRow], group: Sequence[int], rows: Sequence[TrialRow]
             arrowprops={"arrowstyle": "->", "color": "0.6"},
         )
     ax.scatter(
-        x, y, c=[max(r.pressures) * KPA for r in own], s=14, cmap="viridis", vmin=min(highest), vmax=max(highest)
+        x, y, c=[max(r.pressures) / pascal for r in own], s=14, cmap="viridis", vmin=min(highest), vmax=max(highest)
     )
     ax.set_title(" + ".join(f"p{c}" for c in group), fontsize="small")
     ax.set(xlabel="x, mm", ylabel="y, mm", xlim=(-size, size), ylim=(-size, size))

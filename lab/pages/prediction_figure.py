@@ -8,6 +8,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 
+from model.actuators import Words
 from model.prediction import Prediction
 from model.prediction.inverse import Reached
 
@@ -17,7 +18,7 @@ Array = NDArray[np.float64]
 MM = 1e3
 
 
-def tips(pressure: Array, spine_length: Array, found: Prediction, path: Path) -> Path:
+def tips(pressure: Array, spine_length: Array, found: Prediction, path: Path, words: Words) -> Path:
     """x, y and z of the tip over the highest pressure (n,) Pa, a colour for each spine length (n,) m."""
     low, high = found.interval()
     lengths = np.unique(np.round(spine_length, 4))
@@ -25,14 +26,14 @@ def tips(pressure: Array, spine_length: Array, found: Prediction, path: Path) ->
         figure, axes = plt.subplots(1, 3, figsize=(11, 3.6), layout="constrained")
         for length, colour in zip(lengths, colours(len(lengths)), strict=True):
             own = np.flatnonzero(np.round(spine_length, 4) == length)
-            at = pressure[own] / 1e3
+            at = pressure[own] / words.pascal
             for k, axis in enumerate(axes):
                 middle, half = MM * found.tip[own, k], MM * (high - low)[own, k] / 2
                 axis.errorbar(at, middle, half, fmt="o", ms=2.5, lw=0.9, capsize=2, color=colour)
             if len(lengths) <= 12:
                 axes[0].plot([], [], "o", ms=3, color=colour, label=f"{100 * length:.3g} cm")
         for k, axis in enumerate(axes):
-            axis.set_xlabel("highest pressure, kPa")
+            axis.set_xlabel(words.say(f"highest pressure, {words.unit}"))
             axis.set_ylabel(f"tip {'xyz'[k]}, mm")
         axes[0].set_title("bars: 95 % interval of a reading", loc="left")
         axes[0].legend(title="spine", fontsize=8, ncols=2)

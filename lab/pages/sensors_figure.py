@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
+from model.actuators import Words
 from recordings.trials import Table
 
 from ..files.units import unit_text
@@ -28,21 +29,21 @@ def label(table: Table, column: str) -> str:
     return column.removeprefix(PREFIX) + unit_text(table.sensor_units.get(column, ""), ", ")
 
 
-def sensors(table: Table) -> list[Panel]:
+def sensors(table: Table, words: Words) -> list[Panel]:
     """Each quantity over the states in their order and over their pressure, a colour a spine length; bars: one standard
     deviation of the samples averaged."""
     return [
-        partial(_panel, table=table, column=column, over=over)
+        partial(_panel, table=table, column=column, over=over, pascal=words.pascal)
         for column in quantities(table)[:MOST]
-        for over in ("state", "highest pressure, kPa")
+        for over in ("state", words.say(f"highest pressure, {words.unit}"))
     ]
 
 
-def _panel(axis: Axes, table: Table, column: str, over: str) -> None:
+def _panel(axis: Axes, table: Table, column: str, over: str, pascal: float) -> None:
     lengths = sorted({row.spine_length for row in table})
     for length, colour in zip(lengths, colours(len(lengths)), strict=True):
         rows = [(k, r) for k, r in enumerate(table, 1) if r.spine_length == length and column in r.sensors]
-        places = [k if over == "state" else max(r.pressures) / 1e3 for k, r in rows]
+        places = [k if over == "state" else max(r.pressures) / pascal for k, r in rows]
         value, spread = [r.sensors[column] for _, r in rows], [r.sd.get(column, 0.0) for _, r in rows]
         axis.errorbar(
             places, value, spread, fmt="o", ms=3.5, lw=0.8, capsize=2, color=colour, label=f"{100 * length:.0f} cm"

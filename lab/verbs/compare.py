@@ -34,8 +34,9 @@ def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_
     figure = measured = None
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
-        figure = in_a_row(tip_curves(c), folder / "compare.png")
-        measured = in_a_row(sensors(case.table), folder / "sensors.png") if quantities(case.table) else None
+        words = case.robot.actuators.words
+        figure = in_a_row(tip_curves(c, words), folder / "compare.png")
+        measured = in_a_row(sensors(case.table, words), folder / "sensors.png") if quantities(case.table) else None
     if as_json:
         data: dict[str, Any] = {**c.table.as_dict(), "unsolved": c.unsolved, "clipped": len(case.table.clipped)}
         data["figure"] = str(figure) if figure else None

@@ -11,6 +11,7 @@ import numpy as np
 import yaml
 from rich.table import Table as Sheet
 
+from diagnosis.answer.candidate_experiments import columns, to_apply
 from diagnosis.answer.headline import LEAST_STATED, sized, stated
 from diagnosis.answer.result import Diagnosis, Proposal, Ranked
 from diagnosis.compare_campaigns import compare_campaigns
@@ -19,8 +20,10 @@ from diagnosis.diagnose import Options
 from diagnosis.diagnose import diagnose as diagnosed
 from diagnosis.errors import BadHoldout, DiagnosisError
 from diagnosis.inference.executor import PRACTISED, Executor, FirstLook
+from model.actuators import Chambers, Words
 from model.effects.spec import EffectSpec
 from model.errors import ModelError
+from model.robot import Robot
 from recordings.errors import RecordingError
 from recordings.own_files import replaced
 
@@ -96,7 +99,7 @@ def diagnose(
     if outputs.json is not None:
         outputs.json.write_text(answer.to_json() + "\n", encoding="utf-8")
     if outputs.protocols is not None:
-        write_protocols(answer.next_experiment, outputs.protocols)
+        write_protocols(answer.next_experiment, outputs.protocols, case.robot)
     show(answer, outputs.protocols)
     if outputs.report is not None:
         from ..pages.diagnosis_report import write  # what draws takes a third of the start, and only a page needs it
@@ -185,12 +188,16 @@ def _held_out(path: Path, robot: Path | None) -> Case:
         raise ConfigError(f"--holdout {path}: {e}") from e
 
 
-def write_protocols(proposals: Sequence[Proposal], folder: Path) -> list[Path]:
-    """One protocol file for each proposed experiment, as `lab run` takes it, its numbers with units."""
+def write_protocols(proposals: Sequence[Proposal], folder: Path, robot: Robot) -> list[Path]:
+    """One protocol file for each proposed experiment, as `lab run` takes it, its numbers with units; the states to apply as a
+    table where no rig drives the robot."""
     folder.mkdir(parents=True, exist_ok=True)
     known = found_protocols().usable
     written = []
     for p in proposals:
+        if robot.tendons is not None:
+            written.append(_write_states(p, folder / f"{p.id}.csv", robot))
+            continue
         path = folder / f"{p.id}.yaml"
         head = f"# {p.do}; expected information {p.expected_bits:.2f} bits, about {p.cost_min:.0f} min\n"
         experiment = known.get(p.protocol.get("protocol", ""))
@@ -198,6 +205,23 @@ def write_protocols(proposals: Sequence[Proposal], folder: Path) -> list[Path]:
         replaced(path, head + yaml.safe_dump(values, sort_keys=False))
         written.append(path)
     return written
+
+
+def _write_states(p: Proposal, path: Path, robot: Robot) -> Path:
+    """The states of a proposed experiment in their order, tensions in N."""
+    words, count = robot.actuators.words, len(robot.actuators.azimuths_deg)
+    table = columns(p.protocol, count, ())
+    names = ["trial", "repeat", "protocol", "branch", "hold", "tip_mass", "roll_deg"]
+    names += ["spine_length", "vacuum"] if robot.spine is not None else []
+    shown = {name: table[name] for name in names}
+    shown[f"rate [{words.unit}/s]"] = np.asarray(table["rate"], float) / words.pascal
+    shown |= {f"p{c} [{words.unit}]": np.asarray(table[f"p{c}"], float) / words.pascal for c in range(1, count + 1)}
+    lines = [
+        ",".join(shown),
+        *(",".join(map(str, row)) for row in zip(*(v.tolist() for v in shown.values()), strict=True)),
+    ]
+    replaced(path, "\n".join(lines) + "\n")
+    return path
 
 
 def show(d: Diagnosis, protocols: Path | None) -> None:
@@ -212,7 +236,7 @@ def show(d: Diagnosis, protocols: Path | None) -> None:
             out.print(f"  note: {concern}")
     if d.change is not None:
         out.print(d.change.statement)
-    out.print(_ranking(d.attribute.ranking))
+    out.print(_ranking(d.attribute.ranking, d.words))
     if not d.next_experiment:
         out.print(f"What to do next: {nothing_next(d)}")
         return
@@ -220,20 +244,24 @@ def show(d: Diagnosis, protocols: Path | None) -> None:
     out.print(_proposals(d))
     if first.separates:
         out.print(_separated(first))
+    if d.words is not Chambers.words:
+        where = f"{protocols}/{first.id}.csv" if protocols else "a file that --protocols FOLDER writes"
+        out.print(f"The states of the first are in {where}; lab import reads what you measure", soft_wrap=True)
+        return
     run = command(first, protocols)
     out.print(
         f"Run the first: {run}" if protocols else f"To run the first, give --protocols next, then {run}", soft_wrap=True
     )
 
 
-def _ranking(ranking: Sequence[Ranked]) -> Sheet:
+def _ranking(ranking: Sequence[Ranked], words: Words) -> Sheet:
     t = Sheet(title="What the data support", title_justify="left")
     for column in ("hypothesis", "p", "log evidence", "unseen states", "size"):
         t.add_column(column)
     for r in ranking:
         if r.probability < LEAST_STATED:
             continue
-        sizes = ", ".join(f"{name.partition('.')[2]} {sized(v)}" for name, v in r.parameters.items())
+        sizes = ", ".join(f"{name.partition('.')[2]} {sized(v, words)}" for name, v in r.parameters.items())
         held = "" if r.heldout_rmse_mm is None else f"{r.heldout_rmse_mm:.2f} mm"
         t.add_row(" + ".join(r.effects) or "none", stated(r.probability), f"{r.log_evidence:.1f}", held, sizes)
     return t
@@ -241,10 +269,12 @@ def _ranking(ranking: Sequence[Ranked]) -> Sheet:
 
 def _proposals(d: Diagnosis) -> Sheet:
     t = Sheet(title="What to do next", title_justify="left")
-    for column in ("name", "experiment", "expected", "takes"):
+    driven = d.words is Chambers.words
+    for column in ("name", "experiment", *(() if driven else ("states to apply",)), "expected", "takes"):
         t.add_column(column)
     for p in d.next_experiment[:FIRST]:
-        t.add_row(p.id, p.do, f"{p.expected_bits:.2f} bits", f"{p.cost_min:.0f} min")
+        states = () if driven else (to_apply(p.protocol, d.words),)
+        t.add_row(p.id, p.do, *states, f"{p.expected_bits:.2f} bits", f"{p.cost_min:.0f} min")
     return t
 
 

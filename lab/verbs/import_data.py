@@ -9,6 +9,7 @@ from pathlib import Path
 
 from diagnosis.data.plausible import implausible_values
 from diagnosis.data.plausible_directions import doubtful_directions
+from diagnosis.data.plausible_robot import doubtful_numbers
 from model.robot import Robot
 from recordings.own_files import copied, replaced
 from recordings.table_file import write_csv
@@ -34,7 +35,8 @@ def import_files(inputs: Sequence[Path], map_path: Path, robot_path: Path | None
     found = implausible_values(robot, made.table.rows)
     if found:
         raise ConfigError("\n".join(f"{map_path}: {text}" for text in found))
-    made = replace(made, notes=(*made.notes, *doubtful_directions(robot, made.table.rows)))
+    doubts = (f"{robot_path}: {text}" for text in doubtful_numbers(robot))
+    made = replace(made, notes=(*made.notes, *doubtful_directions(robot, made.table.rows), *doubts))
     write_case(made, robot, robot_path, map_path, folder)
     told(made, robot, folder, as_json)
     return 0

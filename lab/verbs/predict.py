@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table as Sheet
 
+from model.actuators import Words
 from model.effects import EffectSpec
 from model.errors import ModelError
 from model.prediction import NORMAL_95, Prediction, Predictor
@@ -99,6 +100,7 @@ def predict(robot_path: Path, states: Columns, outputs: Outputs, effects: Path |
             np.asarray(kept["spine_length"], float),
             found,
             outputs.figure.resolve(),
+            robot.actuators.words,
         )
     if outputs.json:
         print(json.dumps({**_head(robot, outputs), "states": rows}, indent=1))
@@ -134,7 +136,7 @@ def invert(robot_path: Path, targets_path: Path, wanted: Wanted, outputs: Output
     fixed = None if wanted.spine_length is None else (wanted.spine_length, wanted.spine_length)
     try:
         limits = limits_of(robot, wanted.groups, wanted.max_pressure, fixed)
-        with Screen("searching pressures", quiet=outputs.json) as screen:
+        with Screen(robot.actuators.words.say("searching pressures"), quiet=outputs.json) as screen:
             at = Predictor(robot, stated_by(robot, effects))
             found = inverse(at, place, limits, weight, lambda share: screen.progress(share, 1.0))
         found = replace(found, prediction=_with_known_intervals(robot, found.prediction))
@@ -150,7 +152,7 @@ def invert(robot_path: Path, targets_path: Path, wanted: Wanted, outputs: Output
     if outputs.json:
         print(json.dumps({**_head(robot, outputs), "targets": rows}, indent=1))
         return 0
-    out.print(_inverse_sheet(place, found))
+    out.print(_inverse_sheet(place, found, robot.actuators.words))
     _tell(robot, outputs, len(rows))
     missed = np.flatnonzero(~found.reached)
     if missed.size:
@@ -162,9 +164,21 @@ def invert(robot_path: Path, targets_path: Path, wanted: Wanted, outputs: Output
     return 0
 
 
-def table_states(path: Path) -> Columns:
-    """What a table says was or will be done to the robot: trials.csv, or a table with p1 .. and spine_length alone."""
-    found = read_numbers(path, ASKED, r"p\d+", "p1 .. (Pa) and spine_length (m)", empty=True)
+def table_states(path: Path, robot_path: Path) -> Columns:
+    """What a table says was or will be done to the robot: trials.csv, or a table with p1 .. and spine_length alone.
+
+    p1 .. are in Pa, `p1 [kPa]` or of tendons `p1 [N]` in that unit.
+    """
+    words = _robot(robot_path).actuators.words
+    own = f"p1 [{words.unit}]"
+    found = read_numbers(
+        path, ASKED, rf"p\d+( ?\[{words.unit}\])?", f"p1 .. (Pa) or {own} .., and spine_length (m)", empty=True
+    )
+    for name in [name for name in found if "[" in name]:
+        bare = name.partition("[")[0].strip()
+        if bare in found:
+            raise ConfigError(f"{path}: the columns {bare} and {name} name one {words.say('chamber')}: leave one out")
+        found[bare] = np.asarray(found.pop(name), float) * words.pascal
     for name, column in found.items():
         if column.dtype == np.float64 and np.isnan(column).all():
             raise ConfigError(f"{path}: the column {name} is empty, leave it out")
@@ -174,8 +188,9 @@ def table_states(path: Path) -> Columns:
     if highest and 0 < max(highest.values()) < LEAST_PRESSURE:
         name = max(highest, key=lambda n: highest[n])
         raise ConfigError(
-            f"{path}: column {name}: the highest pressure is {highest[name]:g} Pa, which looks like kPa or bar; write Pa "
-            f"({highest[name]:g} kPa is {1e3 * highest[name]:g})"
+            f"{path}: column {name}: the highest {words.say('pressure')} is {highest[name]:g} Pa, which looks like another "
+            f"unit; write Pa ({highest[name]:g} {words.unit} is {words.pascal * highest[name]:g}), or name the column "
+            f"'{name} [{words.unit}]'"
         )
     return found
 
@@ -261,9 +276,11 @@ def _robot(path: Path) -> Robot:
 
 
 def _demand_columns(robot: Robot, states: Columns) -> None:
-    count = len(robot.actuators.azimuths_deg)
+    count, words = len(robot.actuators.azimuths_deg), robot.actuators.words
     if not any(re.fullmatch(r"p\d+", name) for name in states):
-        raise ConfigError(f"the table has no pressures: give columns p1 .. p{count}, in Pa")
+        raise ConfigError(
+            f"the table has no {words.say('pressures')}: give columns p1 .. p{count}, in Pa, or p1 [{words.unit}] .."
+        )
 
 
 def _pressures(robot: Robot, states: Columns) -> Array:
@@ -276,7 +293,9 @@ def _beyond(robot: Robot, states: Columns) -> None:
     """Says so where more pressure is asked for than the robot bears: the model was never compared with a robot there."""
     highest = float(_pressures(robot, states).max())
     if robot.max_pressure is not None and highest > robot.max_pressure:
-        note([f"up to {highest / 1e3:g} kPa are asked for, robot.yaml allows {robot.max_pressure / 1e3:g} kPa"])
+        words = robot.actuators.words
+        unit, most = words.unit, robot.max_pressure / words.pascal
+        note([f"up to {highest / words.pascal:g} {unit} are asked for, robot.yaml allows {most:g} {unit}"])
 
 
 def _coordinates(path: Path, table: Columns) -> tuple[Array, Array]:
@@ -327,27 +346,28 @@ def _tell(robot: Robot, outputs: Outputs, rows: int) -> None:
 
 def _sheet(robot: Robot, states: Columns, found: Prediction) -> Sheet:
     low, high = found.interval()
-    pressures = _pressures(robot, states)
+    pressures, words = _pressures(robot, states), robot.actuators.words
     count = pressures.shape[1]
     own = count <= OWN_COLUMNS
-    columns = [f"p{c}" for c in range(1, count + 1)] if own else ["p (chambers)"]
+    columns = [f"p{c}" for c in range(1, count + 1)] if own else [words.say("p (chambers)")]
     named = " + ".join(robot.effects) or "no effect"
-    t = Sheet(title=f"Expected readings of the tip, p in kPa: {robot.name}, {named}", title_justify="left")
+    t = Sheet(title=f"Expected readings of the tip, p in {words.unit}: {robot.name}, {named}", title_justify="left")
     for column in ("spine", *columns, "x, mm", "y, mm", "z, mm"):
         t.add_column(column, justify="right")
     for i in range(min(len(found.tip), SHOWN)):
         t.add_row(
             f"{100 * float(states['spine_length'][i]):.1f} cm",
-            *([f"{p / 1e3:.1f}" for p in pressures[i]] if own else [_inflated(pressures[i])]),
+            *([words.number(p, 1) for p in pressures[i]] if own else [_inflated(pressures[i], words)]),
             *_with_half(found.tip[i], low[i], high[i]),
         )
     return t
 
 
-def _inverse_sheet(wanted: Array, found: Reached) -> Sheet:
+def _inverse_sheet(wanted: Array, found: Reached, words: Words) -> Sheet:
     low, high = found.prediction.interval(model_only=True)
-    t = Sheet(title=f"Pressures for wanted tips (there: within {MM * REACHED:g} mm)", title_justify="left")
-    for column in ("target, mm", "there", "spine", "kPa (chambers)", "x, mm", "y, mm", "z, mm"):
+    drives = words.say("pressures").capitalize()
+    t = Sheet(title=f"{drives} for wanted tips (there: within {MM * REACHED:g} mm)", title_justify="left")
+    for column in ("target, mm", "there", "spine", words.say(f"{words.unit} (chambers)"), "x, mm", "y, mm", "z, mm"):
         t.add_column(column)
     for i in range(min(len(wanted), SHOWN)):
         target = " ".join("any" if np.isnan(v) else f"{MM * v:.1f}" for v in wanted[i])
@@ -355,19 +375,19 @@ def _inverse_sheet(wanted: Array, found: Reached) -> Sheet:
             target,
             "yes" if found.reached[i] else f"{MM * found.miss[i]:.1f} mm off",
             f"{100 * found.spine_length[i]:.1f} cm",
-            _inflated(found.pressures[i]),
+            _inflated(found.pressures[i], words),
             *_with_half(found.prediction.tip[i], low[i], high[i]),
         )
     return t
 
 
-def _inflated(pressures: Array) -> str:
-    """kPa and, in brackets, the chambers that have it."""
+def _inflated(pressures: Array, words: Words) -> str:
+    """Pressure or tension and, in brackets, the actuators that have it."""
     by: dict[str, list[str]] = {}
     for c, p in enumerate(pressures.tolist(), 1):
         if p > LEAST_SHOWN:
-            by.setdefault(f"{p / 1e3:.1f}", []).append(str(c))
-    return "; ".join(f"{kpa} ({', '.join(own)})" for kpa, own in by.items()) or "none"
+            by.setdefault(words.number(p, 1), []).append(str(c))
+    return "; ".join(f"{number} ({', '.join(own)})" for number, own in by.items()) or "none"
 
 
 def _with_half(value: Array, low: Array, high: Array) -> list[str]:

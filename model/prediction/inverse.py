@@ -89,7 +89,11 @@ def limits_of(
         raise BadCondition(f"groups: {own}, must hold each chamber at most once, counted from 1 to {count}")
     highest = robot.max_pressure if max_pressure is None else max_pressure
     if highest is None:
-        raise BadCondition("max_pressure: robot.yaml does not say how much its chambers may hold; add it, in Pa")
+        words = robot.actuators.words
+        raise BadCondition(
+            f"max_pressure: robot.yaml does not say how much its {words.kind} may hold; add it, in Pa (10 {words.unit} are "
+            f"{10 * words.pascal:g} Pa)"
+        )
     if robot.max_pressure is not None and highest > robot.max_pressure:
         raise BadCondition(f"max_pressure: {highest:g} Pa, must not exceed robot.yaml's {robot.max_pressure:g} Pa")
     if not highest > 0:

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import json
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
+from diagnosis.diagnose import Options, diagnose
 from lab.cli import main
 from lab.files.inputs import read_case
+from lab.pages.diagnosis_report import write
+from lab.verbs.diagnose import show, write_protocols
+from model.effects import CATALOGUE
 
 ROBOT = """\
 name: trunk
@@ -102,3 +108,151 @@ def test_markers_too_are_taken_from_the_straight_robot(straight: str, tmp_path: 
     (first, *others) = read_case([tmp_path / "case"]).table.rows
     assert first.markers[0] == pytest.approx((0.0, 0.0, 0.09), abs=1e-9)
     assert max(abs(r.markers[0][0]) for r in others) > 0.005
+
+
+def imported(folder: Path) -> Path:
+    """The case of a trunk, its map written by hand."""
+    lab = trunk(folder / "lab", "Seil_")
+    columns = {f"p{k}": {"column": f"Seil_{k} [N]", "unit": "N/cm^2"} for k in (1, 2, 3)}
+    columns |= {"t": {"column": "Zeit [s]"}} | {a: {"column": f"Spitze_{a} [mm]"} for a in "xyz"}
+    values = {
+        "robot": "robot.yaml", "columns": columns, "frame": {"x": "x", "y": "z", "z": "-y"}, "straight": "first state",
+        "constants": {"spine_length": 0}, "trials": {"begin": "rest"},
+    }  # fmt: skip
+    (lab / "map.yaml").write_text(yaml.safe_dump(values))
+    assert main(["import", str(lab / "table.csv"), "--map", str(lab / "map.yaml"), "--out", str(folder / "case")]) == 0
+    return folder / "case"
+
+
+OF_CHAMBERS = re.compile(r"\b(kPa|chambers?|inflated?|lab run|pressures?(?! rising| and loads| to reading|\.csv))\b")
+"""Words that say nothing of tendons; the glossary and the name of a file aside."""
+
+
+def test_answer_page_and_proposals_of_a_robot_with_tendons_speak_of_tendons_and_newtons(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    case = read_case([imported(tmp_path)])
+    few = {e: CATALOGUE[e] for e in ("pressure_offset", "chamber_azimuth")}
+    found = diagnose(case, Options(catalogue=few))
+    capsys.readouterr()
+    show(found)
+    page = write(found, case, [tmp_path / "case"], tmp_path / "page.html").read_text()
+    visible = re.sub(r"(?s)<style.*?</style>|<script.*?</script>|<section id=\"glossary.*|<[^>]*>|\[\w+\]", " ", page)
+    for text in (capsys.readouterr().out, visible.partition("effective chamber area")[0]):
+        assert not OF_CHAMBERS.search(text), OF_CHAMBERS.search(text)
+    assert "tendon 1" in visible and "4.0 N" in visible and "states to apply" in visible
+    (first, *_) = found.next_experiment
+    paths = write_protocols(found.next_experiment, tmp_path / "next", case.robot)
+    assert {p.suffix for p in paths} == {".csv"}
+    head, *rows = (tmp_path / f"next/{first.id}.csv").read_text().splitlines()
+    highest = max(float(row.split(",")[head.split(",").index("p3 [N]")]) for row in rows)
+    assert highest == pytest.approx(max(first.protocol["pressures"]) / 1e4)
+    asked = ["predict", "--robot", str(tmp_path / "case/robot.yaml"), "--table"]
+    assert main([*asked, str(tmp_path / f"next/{first.id}.csv"), "--out", str(tmp_path / "tips.csv")]) == 0
+    assert "p in N" in capsys.readouterr().out
+
+
+def test_predict_takes_tensions_in_newtons_and_asks_about_small_pressures(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot, table = tmp_path / "robot.yaml", tmp_path / "states.csv"
+    robot.write_text(ROBOT + "max_pressure: 5 N/cm^2\n")
+    found = []
+    for text in ("p1 [N],p2,p3[N]\n2.5,0,0\n", "p1,p2,p3\n25000,0,0\n"):
+        table.write_text(text)
+        assert main(["predict", "--robot", str(robot), "--table", str(table), "--json"]) == 0
+        found.append(json.loads(capsys.readouterr().out)["states"][0])
+    assert found[0] == pytest.approx(found[1]) and found[0]["x"] > 0.01
+    for text, says in (("p1\n2.5\n", "name the column 'p1 [N]'"), ("p1,p1 [N]\n0,2.5\n", "name one tendon")):
+        table.write_text(text)
+        assert main(["predict", "--robot", str(robot), "--table", str(table)]) == 2
+        assert says in " ".join(capsys.readouterr().err.split())
+    table.write_text("p1 [N]\n6\n")
+    assert main(["predict", "--robot", str(robot), "--table", str(table)]) == 0
+    assert "up to 6 N are asked for, robot.yaml allows 5 N" in capsys.readouterr().err
+    targets = tmp_path / "targets.csv"
+    targets.write_text("x,y,z\n0.03,,\n")
+    assert main(["predict", "--robot", str(robot), "--inverse", str(targets)]) == 0
+    said = capsys.readouterr().out
+    assert "N (tendons)" in said and not OF_CHAMBERS.search(said)
+
+
+@pytest.mark.parametrize(
+    ("heading", "unit", "says"),
+    [
+        ("Seil_1 [N]", "kPa", "column 'Seil_1 [N]': the file says N, columns.p1.unit says kPa"),
+        ("Seil_1 [V]", "N/cm^2", "column 'Seil_1 [V]': the file says V, columns.p1.unit says N/cm^2"),
+        ("Seil_1 [bar]", "kPa", "column 'Seil_1 [bar]': the file says bar, columns.p1.unit says kPa"),
+        ("Seil_1 [N]", "N/cm^2", ""),
+    ],
+)
+def test_a_unit_of_the_file_that_contradicts_the_map_is_asked_about(
+    heading: str, unit: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    imported(tmp_path)
+    lab = tmp_path / "lab"
+    (lab / "table.csv").write_text((lab / "table.csv").read_text().replace("Seil_1 [N]", heading))
+    values = yaml.safe_load((lab / "map.yaml").read_text())
+    values["columns"]["p1"] = {"column": heading, "unit": unit}
+    (lab / "map.yaml").write_text(yaml.safe_dump(values))
+    capsys.readouterr()
+    main(["import", str(lab / "table.csv"), "--map", str(lab / "map.yaml"), "--out", str(tmp_path / "case")])
+    said = " ".join(capsys.readouterr().err.split())
+    assert (says in said) if says else ("the file says" not in said)
+
+
+@pytest.mark.parametrize(("straight", "aside", "asked"), [("", 30, True), ("first state", 30, False), ("", 2, False)])
+def test_a_resting_tip_that_no_body_reaches_asks_for_the_straight_state(
+    straight: str, aside: float, asked: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    imported(tmp_path)
+    lab = tmp_path / "lab"
+    values = yaml.safe_load((lab / "map.yaml").read_text())
+    values.pop("straight")
+    values |= {"straight": straight} if straight else {}
+    (lab / "map.yaml").write_text(yaml.safe_dump(values))
+    head, *rows = (lab / "table.csv").read_text().splitlines()
+    moved = []
+    for row in rows:
+        cells = row.split(";")
+        place = [float(c.replace(",", ".")) for c in cells[4:7]]
+        place = [place[0] - 700 + aside, place[1] - (20 if aside > 10 else 0), place[2] - 40]
+        moved.append(";".join([*cells[:4], *(f"{p:.3f}".replace(".", ",") for p in place), *cells[7:]]))
+    (lab / "table.csv").write_text("\n".join([head, *moved]) + "\n")
+    capsys.readouterr()
+    assert (
+        main(["import", str(lab / "table.csv"), "--map", str(lab / "map.yaml"), "--out", str(tmp_path / "case")]) == 0
+    )
+    said = " ".join(capsys.readouterr().err.split())
+    assert (
+        "at rest the tip is 30 mm off the axis and 202 mm from the origin, the robot is 180 mm long" in said
+    ) == asked
+    assert ("straight: first state" in said) == asked
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({}, ""),
+        ({"columns": {"p1": "Seil_2 [N]", "p2": "Seil_1 [N]"}}, "an exchange of columns p1 and p2"),
+        ({"frame": {"x": "x", "y": "-y", "z": "z"}}, "y seems to be the robot's axis"),
+    ],
+)
+def test_exchanged_tendons_and_axes_are_asked_about_at_import_and_by_compare(
+    change: dict[str, dict[str, str]], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    imported(tmp_path)
+    lab = tmp_path / "lab"
+    values = yaml.safe_load((lab / "map.yaml").read_text())
+    for name, column in change.get("columns", {}).items():
+        values["columns"][name]["column"] = column
+    values["frame"] = {"x": "x", "y": "-y", "z": "-z"} if "frame" in change else values["frame"]
+    (lab / "map.yaml").write_text(yaml.safe_dump(values))
+    capsys.readouterr()
+    assert (
+        main(["import", str(lab / "table.csv"), "--map", str(lab / "map.yaml"), "--out", str(tmp_path / "case")]) == 0
+    )
+    at_import = " ".join(capsys.readouterr().err.split())
+    assert main(["compare", str(tmp_path / "case")]) == 0
+    compared = " ".join(capsys.readouterr().err.split())
+    assert all((says in said) if says else ("the tip" not in said) for said in (at_import, compared))

@@ -178,7 +178,7 @@ def test_a_robot_without_uncertainty_gets_no_interval(tmp_path: Path, capsys: py
         (
             "--table",
             "p1,p2,p3\n30,0,0\n",
-            "column p1: the highest pressure is 30 Pa, which looks like kPa or bar; write Pa",
+            "column p1: the highest pressure is 30 Pa, which looks like another unit; write Pa",
         ),
         (
             "--inverse",

@@ -39,7 +39,7 @@ def offered() -> dict[str, Experiment]:
 
 def file(folder: Path, e: Experiment, **changes: object) -> Path:
     """The protocol file of an experiment, some of its parameters changed."""
-    (path,) = write_protocols([Proposal(e.id, e.do, (), 0.1, e.minutes, {**e.parameters, **changes})], folder)
+    (path,) = write_protocols([Proposal(e.id, e.do, (), 0.1, e.minutes, {**e.parameters, **changes})], folder, ROBOT)
     return path
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from lab.pages.figures import apart, in_a_row
 from lab.pages.sensors_figure import numbers, quantities, sensors
+from model.actuators import Chambers
 from recordings.trials import Table, TrialRow
 
 
@@ -39,13 +40,15 @@ def test_a_table_without_units_has_names_alone() -> None:
 
 
 def test_every_quantity_is_drawn(tmp_path: Path) -> None:
-    picture = matplotlib.image.imread(in_a_row(sensors(table()), tmp_path / "sensors.png"))
+    picture = matplotlib.image.imread(in_a_row(sensors(table(), Chambers.words), tmp_path / "sensors.png"))
     dark = picture[..., :3].min(axis=2) < 0.5
     assert all(np.mean(part) > 0.001 for part in np.array_split(dark, 4))
 
 
 def test_a_page_has_a_panel_for_each_quantity_and_axis(tmp_path: Path) -> None:
-    panels = [matplotlib.image.imread(path) for path in apart(sensors(table()), tmp_path / "sensors.png")]
+    panels = [
+        matplotlib.image.imread(path) for path in apart(sensors(table(), Chambers.words), tmp_path / "sensors.png")
+    ]
     assert len(panels) == 4
     assert all(panel.shape[1] < 700 for panel in panels)  # at 150 dots an inch: no wider than a phone
     assert all((panel[..., :3].min(axis=2) < 0.5).mean() > 0.001 for panel in panels)

@@ -1,0 +1,41 @@
+"""Numbers of robot.yaml that robots rarely have: asked about, never refused."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from model.robot import Robot
+
+FAR_OUT = 3.0
+"""Outer radii off the axis from which no actuator is expected; spacer disks and chambers around a core reach 2."""
+MOST_POISSON, LEAST_POISSON = 0.5, -0.05
+"""Ratios of isotropic materials, but for rounding."""
+OTHER_UNIT = 7.0
+"""Factor between calibrated and stated area factor from which a unit or a scale is wrong."""
+
+
+def doubtful_numbers(robot: Robot) -> Iterator[str]:
+    """What to ask about robot.yaml: a message each."""
+    own, outer = robot.actuators, robot.outer_radius
+    if own.path_radius > FAR_OUT * outer:
+        yield (
+            f"{own.words.kind}.path_radius is {1e3 * own.path_radius:.4g} mm, {own.path_radius / outer:.2g} times the "
+            f"outer_radius of {1e3 * outer:.4g} mm: check both and their units"
+        )
+    poisson = robot.youngs_modulus / (2 * robot.shear_modulus) - 1
+    if not LEAST_POISSON <= poisson <= 1.02 * MOST_POISSON:
+        yield (
+            f"shear_modulus {robot.shear_modulus / 1e3:.4g} kPa with youngs_modulus {robot.youngs_modulus / 1e3:.4g} kPa means a "
+            f"Poisson's ratio of {poisson:.2g}, outside 0 to 0.5: rubber has a third of its youngs_modulus, "
+            f"{robot.youngs_modulus / 3e3:.4g} kPa"
+        )
+
+
+def doubtful_area_factor(ratio: float) -> Iterator[str]:
+    """What to ask where the calibrated area factor is `ratio` times that of robot.yaml: a wrong unit does that."""
+    if not 1 / OTHER_UNIT < ratio < OTHER_UNIT:
+        size, factor = ("large", 1 / ratio) if ratio < 1 else ("small", ratio)
+        yield (
+            f"calibration asks for {ratio:.2g} times the area factor of robot.yaml: the pressures seem to be too {size} by "
+            f"{factor:.2g}; check their unit, and path_radius of the chambers"
+        )

@@ -1,0 +1,68 @@
+"""Numbers of robot.yaml, and factors of its area, that hint at a wrong unit: asked about with both values, and no others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from diagnosis.data.plausible_robot import doubtful_area_factor, doubtful_numbers
+from diagnosis.diagnose import Options, diagnose
+from model.effects import CATALOGUE
+from model.prediction import Predictor
+from model.robot import Robot, robot_from_dict
+from recordings.trials import Table, TrialRow
+
+TENDONS = {
+    "name": "cable arm", "length": 0.24, "outer_radius": 0.006, "inner_radius": 0.0, "density": 1100.0, "youngs_modulus": 9e6,
+    "shear_modulus": 3e6, "tip_mass": 0.0, "gravity": [0, 0, 9.81], "area_factor": 1.0,
+    "tendons": {"path_radius": 0.011, "azimuths_deg": [0.0, 90.0, 180.0, 270.0]},
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Case:
+    robot: Robot
+    table: Table
+
+
+def test_disks_that_stand_out_are_no_news_and_a_path_radius_in_another_unit_is() -> None:
+    assert not list(doubtful_numbers(robot_from_dict(TENDONS)))
+    (said,) = doubtful_numbers(
+        robot_from_dict(TENDONS | {"tendons": {"path_radius": 0.11, "azimuths_deg": [0.0, 90.0]}})
+    )
+    assert said.startswith("tendons.path_radius is 110 mm") and "outer_radius of 6 mm" in said
+
+
+@pytest.mark.parametrize(("shear", "asked"), [(9e6, True), (3e6, False), (4.5e6, False), (2e6, True)])
+def test_a_shear_modulus_that_no_material_has_is_asked_about(shear: float, asked: bool) -> None:
+    said = list(doubtful_numbers(robot_from_dict(TENDONS | {"shear_modulus": shear})))
+    assert bool(said) == asked and all("Poisson" in text and "3000 kPa" in text for text in said)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "says"), [(0.1, "too large by 10;"), (9.8, "too small by 9.8;"), (2.9, ""), (0.3, "")]
+)
+def test_an_area_factor_near_another_unit_is_asked_about(ratio: float, says: str) -> None:
+    said = " ".join(doubtful_area_factor(ratio))
+    assert says in said and bool(said) == bool(says)
+
+
+def test_the_diagnosis_asks_about_tensions_that_are_ten_times_too_large() -> None:
+    robot = robot_from_dict(TENDONS)
+    pulls = [p for k in range(4) for p in np.outer((0.0, 4e3, 8e3, 12e3), np.eye(4)[k])] * 2
+    found = Predictor(robot)(np.array(pulls), np.zeros(len(pulls)))
+    noise = 0.1e-3 * np.random.default_rng(8).normal(size=found.tip.shape)
+    rows = [
+        TrialRow.from_cells(
+            {"trial": 1 + i // 4, "step": 1 + i % 4, "protocol": "bending", "repeat": 1 + i // 16, "branch": "load", "t": 9.0 * i,
+             "spine_length": 0.0, **{f"p{c}": 10 * float(v) for c, v in enumerate(p, 1)},
+             **dict(zip("xyz", map(float, tip), strict=True))}
+        )
+        for i, (p, tip) in enumerate(zip(pulls, found.tip + noise, strict=True))
+    ]  # fmt: skip
+    few = Options(quantify=False, experiments=False, catalogue={"base_tilt": CATALOGUE["base_tilt"]})
+    answer = diagnose(Case(robot, Table(tuple(rows))), few)
+    (said,) = (c for c in answer.concerns if "area factor of robot.yaml" in c)
+    assert "the tensions seem to be too large by" in said
