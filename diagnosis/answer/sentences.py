@@ -158,9 +158,7 @@ def _factor(f: Facts) -> str:
         return ""
     how = f"{100 * abs(c.stiffness - 1):.0f} % {'stiffer' if c.stiffness > 1 else 'softer'}"
     if c.modulus != 1:
-        how = (
-            f"with {c.modulus:.2f} times the modulus; pressures show hardly more than their ratio, that of a body {how}"
-        )
+        how = f"with {c.modulus:.2f} times the modulus; these data show hardly more than their ratio, that of a body {how}"
         return f" ({c.area_factor:.2f} instead of {c.given:.2f}, {how})"
     return f" ({c.area_factor:.2f} instead of {c.given:.2f}; a body {how} would look the same)"
 

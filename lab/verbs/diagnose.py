@@ -274,7 +274,9 @@ def _proposals(d: Diagnosis) -> Sheet:
         t.add_column(column)
     for p in d.next_experiment[:FIRST]:
         states = () if driven else (to_apply(p.protocol, d.words),)
-        t.add_row(p.id, p.do, *states, f"{p.expected_bits:.2f} bits", f"{p.cost_min:.0f} min")
+        t.add_row(
+            p.id if driven else f"{p.id}.csv", p.do, *states, f"{p.expected_bits:.2f} bits", f"{p.cost_min:.0f} min"
+        )
     return t
 
 

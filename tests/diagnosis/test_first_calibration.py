@@ -161,7 +161,7 @@ def test_the_cause_is_found_around_the_calibrated_robot(case: Measured) -> None:
     told: Any = found.detail["first_calibration"]
     assert len(told["adjusted"]) == 1
     assert found.calibration is not None and found.calibration.modulus == pytest.approx(1 / 2.4, rel=0.15)
-    assert "pressures show hardly more than their ratio" in found.statement
+    assert "these data show hardly more than their ratio" in found.statement
     steps = found.detail["waterfall_mm"]
     assert steps["as given"] > 4 * steps["calibrated"]  # as robot.yaml stands, not as it was calibrated
 

@@ -86,7 +86,7 @@ def test_the_json_holds_every_key_of_the_contract(answer: dict[str, Any]) -> Non
     assert {"gap_rmse_mm", "noise_floor_mm", "significant", "numerical_error_mm"} <= set(answer["locate"])
     ranked = answer["attribute"]["ranking"][0]
     assert {"effects", "probability", "log_evidence", "heldout_rmse_mm", "parameters"} <= set(ranked)
-    assert all(set(v) == {"value", "sd", "unit"} for v in ranked["parameters"].values())
+    assert all(set(v) == {"value", "sd", "unit", "determined"} for v in ranked["parameters"].values())
     assert {"verdict", "effects", "probability", "credible_set", "cannot_tell_apart"} <= set(answer["attribute"])
     wanted = {"how", "before_mm", "after_mm", "floor_mm", "share_closed", "ci95", "by_spine_length"}
     assert wanted <= set(answer["shrink"])
