@@ -18,6 +18,8 @@ from pydantic import BaseModel
 import lab
 from drivers import interfaces
 from drivers.registry import ROLES
+from drivers.retries import Retries
+from drivers.serial_line import SerialLine
 from lab.cli import parser
 from lab.files.all_drivers import drivers
 from lab.files.all_protocols import found_protocols
@@ -39,6 +41,7 @@ from protocols.visits import Sweep, Visit, Walk
 from recordings import trials
 from recordings.messages import STREAMS
 from recordings.states.rules import Crossing, Settled, Window
+from sim_fakes.pty_fake import PtyFake
 
 OFFERS: Mapping[str, type] = {
     "arm": interfaces.ArmDriver,
@@ -229,8 +232,8 @@ def quantities() -> Iterator[str]:
         yield from _class(kind, f"{kind.__name__}: `{part}`")
 
 
-def _class(kind: type, title: str) -> Iterator[str]:
-    """Fields and methods of a class, with their notes."""
+def _class(kind: type, title: str, made: bool = False) -> Iterator[str]:
+    """Fields and methods of a class, with their notes; `made`: how it is made, too."""
     yield from (f"## {title}", "", *_prose(kind))
     notes = _notes(kind)
     fields = inspect.get_annotations(kind)
@@ -238,9 +241,10 @@ def _class(kind: type, title: str) -> Iterator[str]:
     methods = [
         (name, f)
         for name, f in vars(kind).items()
-        if inspect.isfunction(f) and not name.startswith("_") and name not in fields
+        if inspect.isfunction(f) and (not name.startswith("_") or (made and name == "__init__")) and name not in fields
     ]
-    rows += [(_code(f"{name}{_signature(f)}"), _cell(inspect.getdoc(f) or "")) for name, f in methods]
+    calls = {name: kind.__name__ if name == "__init__" else name for name, _ in methods}
+    rows += [(_code(f"{calls[name]}{_signature(f)}"), _cell(f.__doc__ or "")) for name, f in methods]
     yield from _table(("name", "meaning"), rows)
 
 
@@ -263,14 +267,14 @@ def instruments() -> Iterator[str]:
             if driver.role == role and driver.config.__module__.startswith("drivers."):
                 yield from (f"### {name}", "", *_prose(inspect.getmodule(driver.config)))
                 yield from _tables(driver.config, "", level=4, leave_out=("driver",))
+    for kind in (SerialLine, Retries, PtyFake):
+        yield from _class(kind, f"{kind.__module__}.{kind.__name__}", made=True)
 
 
-def _methods(interface: type) -> Iterator[tuple[str, Any]]:
-    for one in reversed(interface.__mro__):
-        if one.__module__ == interfaces.__name__:
-            yield from (
-                (name, f) for name, f in vars(one).items() if inspect.isfunction(f) and not name.startswith("_")
-            )
+def _methods(interface: type) -> Iterable[tuple[str, Any]]:
+    own = [vars(one) for one in reversed(interface.__mro__) if one.__module__ == interfaces.__name__]
+    found = {name: f for members in own for name, f in members.items() if inspect.isfunction(f)}
+    return [(name, f) for name, f in found.items() if not name.startswith("_")]
 
 
 def effects() -> Iterator[str]:

@@ -25,7 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeVar, runtime_checkable
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 Vector3 = tuple[float, float, float]
 Vector6 = tuple[float, float, float, float, float, float]
@@ -230,6 +230,9 @@ class Stream(Instrument, Protocol):
 
     lost: int
     """Samples known to be lost (gaps in stamps or counters, damaged frames)."""
+
+    def latest(self) -> Any:
+        """The newest sample; raises `StaleReading` when it is older than the maximum age."""
 
 
 class ForceSensor(Stream, Protocol):

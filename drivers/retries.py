@@ -21,6 +21,7 @@ class Retries:
     """The requests of one line, and what a person should be told of the line."""
 
     def __init__(self, line: SerialLine) -> None:
+        """`line`: on which they are made."""
         self._line = line
         self._repeated: deque[bool] = deque(maxlen=WINDOW)
         self._told: set[str] = set()

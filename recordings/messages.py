@@ -60,6 +60,8 @@ class Field:
     shape: tuple[int, ...] = ()
     unit: str = ""
     doc: str = ""
+    parts: str = ""
+    """Names of an array's components, such as "x y z"; a single word is counted: "chamber 1"."""
 
     @property
     def type(self) -> FieldDescriptorProto.Type.ValueType:
@@ -253,8 +255,8 @@ PRESSURE = MessageType(
     "/pressure",
     (
         _T,
-        Field("setpoint", "double", (9,), "Pa", "set-point the regulator confirmed, gauge, by chamber"),
-        Field("measured", "double", (9,), "Pa", "pressure at the regulator, gauge, by chamber"),
+        Field("setpoint", "double", (9,), "Pa", "set-point the regulator confirmed, gauge, by chamber", "chamber"),
+        Field("measured", "double", (9,), "Pa", "pressure at the regulator, gauge, by chamber", "chamber"),
     ),
     "all chambers of the robot",
 )
@@ -263,11 +265,11 @@ SPINE = MessageType(
     "/spine",
     (
         _T,
-        Field("length", "double", (), "m"),
-        Field("speed", "double", (), "m/s"),
+        Field("length", "double", (), "m", "length of the spine"),
+        Field("speed", "double", (), "m/s", "of the spine, outwards positive"),
         Field("goal", "double", (), "m", "length it was told to go to"),
-        Field("moving", "bool"),
-        Field("homed", "bool"),
+        Field("moving", "bool", doc="the spine moves"),
+        Field("homed", "bool", doc="the zero of the length is known"),
     ),
     "the length unit",
 )
@@ -278,8 +280,15 @@ FORCE = MessageType(
     "/force",
     (
         _T,
-        Field("raw", "double", (6,), "N, N m", "as the sensor sends it: fx fy fz mx my mz, sensor frame"),
-        Field("zero", "double", (6,), "N, N m", "software zero to subtract"),
+        Field(
+            "raw",
+            "double",
+            (6,),
+            "N, N m",
+            "as the sensor sends it: fx fy fz mx my mz, sensor frame",
+            "fx fy fz mx my mz",
+        ),
+        Field("zero", "double", (6,), "N, N m", "software zero to subtract", "fx fy fz mx my mz"),
     ),
     "force-torque sensor",
 )
@@ -289,11 +298,11 @@ ARM = MessageType(
     (
         _T,
         Field("device_time", "double", (), "s", "the controller's own stamp"),
-        Field("joints", "double", (6,), "rad"),
-        Field("tcp_pose", "double", (6,), "m, rad", "position and rotation vector, arm base frame"),
-        Field("tcp_speed", "double", (6,), "m/s, rad/s", "arm base frame"),
-        Field("safety_bits", "fixed32"),
-        Field("program_running", "bool"),
+        Field("joints", "double", (6,), "rad", "angles of the joints, from the base on", "joint"),
+        Field("tcp_pose", "double", (6,), "m, rad", "position and rotation vector, arm base frame", "x y z rx ry rz"),
+        Field("tcp_speed", "double", (6,), "m/s, rad/s", "of the TCP, arm base frame", "vx vy vz wx wy wz"),
+        Field("safety_bits", "fixed32", doc="safety status bits of the controller"),
+        Field("program_running", "bool", doc="a program runs on the controller"),
     ),
     "state of the robot arm",
 )
@@ -304,11 +313,13 @@ TIP = MessageType(
         _T,
         Field("device_time", "double", (), "s", "the camera system's own stamp"),
         Field("frame", "sfixed64", doc="the camera system's frame number"),
-        Field("position", "double", (3,), "m", "base frame"),
-        Field("orientation", "double", (4,), "1", "w x y z, body in base frame"),
-        Field("marker_error", "double", (), "m"),
+        Field("position", "double", (3,), "m", "of the tip, base frame", "x y z"),
+        Field("orientation", "double", (4,), "1", "w x y z, body in base frame", "w x y z"),
+        Field(
+            "marker_error", "double", (), "m", "mean distance of the markers from the rigid body, by the camera system"
+        ),
         Field("valid", "bool", doc="False: not tracked, do not use the pose"),
-        Field("markers", "double", (0, 3), "m", "body markers, base frame; NaN where one was not seen"),
+        Field("markers", "double", (0, 3), "m", "body markers, base frame; NaN where one was not seen", "x y z"),
     ),
     "the tip as motion capture sees it",
 )

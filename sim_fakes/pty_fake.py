@@ -68,6 +68,7 @@ class PtyFake(threading.Thread):
     """How this instrument has a fault of `faults.FAULTS`: the name in `faults.extra` and its value."""
 
     def __init__(self, name: str, clock: SimClock, baud: int, seed: int = 0) -> None:
+        """`baud`: bits/s of the line, whose time is simulated; `seed`: of `random`, for its noise."""
         super().__init__(name=f"fake-{name}", daemon=True)
         self.clock = clock
         self.byte_time = 10 / baud / clock.speed

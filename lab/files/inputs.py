@@ -189,15 +189,19 @@ DOUBTS = {
     "drift": "the force sensor's zero moved, and not at a constant pace, so its drift is not removed",
 }
 """What each of `recordings.trials.DOUBTS` means, for people."""
+CLIPPED = (
+    "; the pressures read are right, but the ramp there was uneven: this computer sent a set-point late and max_rate held the "
+    "next one back, or a limit of rig.yaml is below what was asked (`/log` has the values)"
+)
 
 
 def marked_notes(table: Table) -> list[str]:
     """One line that names the states on whose way the rig's limits clipped set-points, and one for each doubt about states."""
-    notes = [("set-points were clipped to the rig's limits before", table.clipped)]
+    notes = [("set-points were clipped to the rig's limits before", table.clipped, CLIPPED)]
     notes += [
-        (f"{text} in", tuple(row for row in table.doubtful if row.doubt == doubt)) for doubt, text in DOUBTS.items()
+        (f"{text} in", tuple(row for row in table.doubtful if row.doubt == doubt), "") for doubt, text in DOUBTS.items()
     ]
-    return [f"{text} {len(rows)} of {len(table)} states: {_named(rows)}" for text, rows in notes if rows]
+    return [f"{text} {len(rows)} of {len(table)} states: {_named(rows)}{more}" for text, rows, more in notes if rows]
 
 
 def _named(rows: Sequence[TrialRow]) -> str:

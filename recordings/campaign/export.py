@@ -20,7 +20,7 @@ from ..errors import BadTable, MissingPackage, MissingStream
 from ..events import Request
 from ..file.clocks import aligned, has_stamp
 from ..file.reader import Recording
-from ..messages import STREAMS
+from ..messages import SENSORS, STREAMS, Field
 from ..own_files import replaced, replacing
 from ..table_file import write_csv
 from ..trials import Table
@@ -102,28 +102,43 @@ def _described(recording: Recording, topics: Sequence[str], table: Table) -> Col
     for topic in topics:
         known = {f.name: f for f in STREAMS[topic].fields} if topic in STREAMS else {}
         units = recording.units(topic)
-        for column in _columns(recording, topic):
+        for column in (columns := _columns(recording, topic)):
             name = column if column in units else column.rpartition("_")[0]
-            meaning = known[name].doc if name in known else ""
+            unit, meaning = units.get(name, ""), known[name].doc if name in known else _of_sensor(name, topic)
             if column == "t":
                 meaning = f"rig time{since}"
             elif column == "t_aligned":
                 meaning = "rig time at which the sample was taken, by the clock of the instrument"
             elif column != name:
-                part = f"component {column.rpartition('_')[2]}"
-                meaning = f"{part}; {meaning}" if meaning else part
-            rows.append(
-                (_stem(topic), column, "s" if column == "t_aligned" else units.get(name, ""), " ".join(meaning.split()))
-            )
+                index, count = int(column.rpartition("_")[2]) - 1, sum(c.startswith(f"{name}_") for c in columns)
+                meaning = f"{_part(known[name], index)}; {meaning}"
+                unit = (several := unit.split(", "))[index * len(several) // count]
+            rows.append((_stem(topic), column, "s" if column == "t_aligned" else unit, " ".join(meaning.split())))
     rows += [("trials", c, unit, _meaning(c)) for c, unit in table.units.items()]
     names = ("file", "column", "unit", "meaning")
     return {name: np.array([row[k] for row in rows], np.str_) for k, name in enumerate(names)}
+
+
+def _part(field: Field, index: int) -> str:
+    """Return the name of a component of an array, counted from 0."""
+    names = field.parts.split()
+    if len(names) < 2:
+        return f"{field.parts or 'component'} {index + 1}"
+    whole, at = divmod(index, len(names))
+    return f"{names[at]} of number {whole + 1}" if len(field.shape) > 1 else names[at]
+
+
+def _of_sensor(quantity: str, topic: str) -> str:
+    """Return what a column of a sensor of the lab's own is: its quantity as the driver declares it."""
+    return f"{quantity} measured by the sensor {topic.removeprefix(SENSORS)}"
 
 
 def _meaning(column: str) -> str:
     """Of a column of the table of trials."""
     of = column.removeprefix("sd_")
     found = next((text for pattern, text in MEANINGS if re.fullmatch(pattern, of)), "")
+    if of.startswith("sensor_"):
+        found = f"{of.removeprefix('sensor_')}: sensor and quantity, averaged"
     return f"standard deviation of {of}" if of != column else found
 
 

@@ -35,6 +35,28 @@ def test_each_verb_key_effect_driver_and_stream_is_there(reference: dict[str, st
     assert all(f"\n## {topic}\n" in reference["streams"] for topic in STREAMS)
 
 
+def test_what_a_driver_and_its_fake_are_built_of_is_there(reference: dict[str, str]) -> None:
+    text = reference["instruments"]
+    sensor = text[text.index("\n## sensor\n") :]
+    assert (
+        sensor.index("`open() ->")
+        < sensor.index("`latest() ->")
+        < sensor.index("\n## drivers.serial_line.SerialLine\n")
+    )
+    assert (
+        sum(line.startswith("| `latest() ->") for line in text.splitlines()) == 3
+    )  # of force, mocap and sensor, each once
+    for made in (
+        "SerialLine(name: str, port: str",
+        "ask(request: bytes",
+        "Retries(line:",
+        "twice(",
+        "PtyFake(",
+        "feed() ->",
+    ):
+        assert f"| `{made}" in text
+
+
 def test_the_pages_in_the_repository_are_those_that_the_code_makes(reference: dict[str, str]) -> None:
     (glossary,) = (ROOT / "docs").glob("glossary.md")
     pages = {page.stem: page for page in (glossary, *(ROOT / "docs/reference").glob("*.md"))}

@@ -32,7 +32,8 @@ def test_a_robot_stays_the_same_when_the_pressure_it_bears_is_written_down() -> 
 def test_clipped_states_are_counted_and_named() -> None:
     assert marked_notes(Table((row(1, False),))) == []
     (note,) = marked_notes(Table(tuple(row(step, step != 2) for step in range(1, 10))))
-    assert "8 of 9 states" in note and "trial 1 step 1, trial 1 step 3" in note and note.endswith("and 3 more")
+    assert "8 of 9 states" in note and "trial 1 step 1, trial 1 step 3" in note and "and 3 more; " in note
+    assert "the pressures read are right" in note and "max_rate" in note
 
 
 def test_the_robot_that_travels_with_a_recording_is_the_one_that_is_used(
