@@ -99,7 +99,7 @@ def test_a_right_map_is_not_asked_about(tmp_path: Path, capsys: pytest.CaptureFi
         (column("roll_deg", column="phi y [deg]"), "write it under orientation"),
         (lambda v: (column("roll_deg", column="phi y [deg]")(v), also(trials={"begin": "state"})(v)),
          "columns.roll_deg: the pressures account for"),
-        (column("tip_mass", column=HEADINGS[1], unit="g"), "the file says mbar of it, no unit of tip_mass"),
+        (column("tip_mass", column=HEADINGS[1], unit="g"), "the file says mbar, columns.tip_mass.unit says"),
         (column("tip_mass", column=HEADINGS[0], unit="g"), "is this column a mass that was hung there?"),
     ],
 )  # fmt: skip
