@@ -15,6 +15,7 @@ from diagnosis.diagnose import Options, diagnose
 from lab.cli import main
 from lab.files.inputs import read_case
 from lab.imports.columns import judge
+from lab.pages.diagnosis_figures import Group
 from lab.pages.diagnosis_report import write
 from lab.verbs.diagnose import show, write_protocols
 from model.effects import CATALOGUE
@@ -359,3 +360,24 @@ def test_a_table_without_a_row_at_rest_has_a_map_proposed_and_marked(
 def test_groups_of_tendons_are_no_clock_times() -> None:
     assert judge(pd.Series(["1:2", "2:3", "3:1"])).values.dtype.kind == "U"
     assert judge(pd.Series(["1:02", "2:03", "3:01"])).unit == "s"
+
+
+def test_the_map_of_gaps_lists_single_tendons_first_and_the_rest_last() -> None:
+    nothing = np.zeros(30, bool)
+    names = ["24 other settings", "tendons 1, 2", "tendon 10", "nothing pulled", "tendon 2", "tendons 1, 3", "tendon 1"]
+    made = [Group(name, nothing, np.zeros(3), np.zeros(1)) for name in names]
+    assert [g.name for g in sorted(made, key=lambda g: g.order)] == [
+        "nothing pulled", "tendon 1", "tendon 2", "tendon 10", "tendons 1, 2", "tendons 1, 3", "24 other settings",
+    ]  # fmt: skip
+
+
+def test_power_says_the_plan_and_leaves_out_effects_of_parts_that_the_robot_has_not(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "robot.yaml").write_text(ROBOT)
+    plan = ["--protocol", "bending", "--set", "pressures=[15 kPa, 35 kPa]", "--worlds", "2", "--no-additions"]
+    assert main(["power", "--robot", str(tmp_path / "robot.yaml"), *plan]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "plan: 5 states in 1 trial, tendons up to 3.5 N, and robot.yaml states no max_pressure" in said
+    assert "never seen in these states: time_offset" in said
+    assert not re.search("spine|vacuum|ballooning|thrust", said)
