@@ -188,6 +188,10 @@ def _check_limits(where: str, name: str, value: float) -> None:
         raise BadTable(f"{where}: {value:g} kg is outside 0 .. 10 kg: looks like g; masses are in kg: divide by 1000")
 
 
+PROTOCOLS = ("bending", "elongation", "stiffness")
+"""Names that the analysis knows; others are of a lab's own."""
+
+
 def _doubts(rows: list[TrialRow]) -> list[str]:
     """What may be right but looks like another unit or a mistake."""
     doubts = []
@@ -200,6 +204,10 @@ def _doubts(rows: list[TrialRow]) -> list[str]:
     vacuum = max((row.vacuum or 0.0 for row in rows), default=0.0)
     if 5 < vacuum < 150 and any(row.spine_length > 0 for row in rows):
         doubts.append(f"no vacuum is above {vacuum:g} Pa below ambient: if these are kPa, multiply vacuum by 1000")
+    for name in sorted({row.protocol for row in rows}):
+        near = difflib.get_close_matches(name, PROTOCOLS, 1, 0.8)
+        if near and not name.startswith(near[0]):
+            doubts.append(f"protocol {name[:40]!r}: did you mean {near[0]!r}?")
     seen: set[tuple[int, int]] = set()
     for row in rows:
         if (row.trial, row.step) in seen:

@@ -305,7 +305,7 @@ def _describe(error: ErrorDetails, loc: Loc, data: object, model: type[BaseModel
     if kind == "missing":
         extra = field.json_schema_extra if field is not None else None
         hint = f"; {extra['write']}" if isinstance(extra, dict) and "write" in extra else ""
-        return f"{key}: is missing{f'; give it in {unit}' if unit else ''}{hint}"
+        return f"{key}: is missing{'; give a number' if unit == '1' else f'; give it in {unit}' if unit else ''}{hint}"
     limits = {"greater_than": ("gt", "above"), "greater_than_equal": ("ge", "at least"),
               "less_than": ("lt", "below"), "less_than_equal": ("le", "at most")}  # fmt: skip
     if kind in limits:

@@ -70,7 +70,7 @@ def guess_map(series: Series, robot: Robot) -> Guess:
     tip = guess_tip(g, series, [h for h in headings if h.name not in used and h.name in series.numbers], robot)
     guess_quaternion(g, series, turns, tip.columns)
     guess_angles(g, series, angles, tip)
-    used |= set(tip.columns)
+    used |= set(tip.mentioned)
     _others(g, series, [h for h in headings if h.name not in used])
     _states(g, series, pressures)
     _trials(g, series, counting, pressures)

@@ -27,6 +27,8 @@ ORDERS_IN_WORDS = (
     "small letters turn about fixed axes (extrinsic, as in SciPy), capitals about axes that turn with the body (intrinsic); "
     "robots of Universal Robots write a rotation vector"
 )
+STILL = 0.02
+"""Share of the tip's movement within which a marker stands still."""
 AGREED = 0.5
 """Cosine between pressures and displacements below which the frame remains in doubt."""
 
@@ -40,6 +42,8 @@ class Tip:
     """(n, 3) m, in the recorded axes, against the base where one is recorded."""
     resting: NDArray[np.bool_]
     """(n,) rows with the lowest pressures and a place."""
+    mentioned: tuple[str, ...]
+    """Columns of all places, used or not."""
 
 
 def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot) -> Tip:
@@ -53,18 +57,25 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
         )
     tips, bases = (_whole([t for t in found if t.words & words]) for words in (TIP_WORDS, BASE_WORDS))
     tips = tips or [max(_whole([t for t in found if t not in bases]) or found, key=lambda t: _spread(series, t))]
-    bases = [t for t in bases if t not in tips]
+    bases = [t for t in bases if t not in tips] or _still(g, series, [t for t in found if t not in tips], tips[0])
     rest = _at_rest(g, series)
     said = {c: _said(series, c) for t in (*tips, *bases) for c in t.columns}
     common = said[tips[0].columns[0]]
     tip = np.mean([_xyz(series, t, rest, common) for t in tips], axis=0)
     base = np.mean([_xyz(series, t, rest, common) for t in bases], axis=0) if bases else np.zeros(3)
     between = tip - base
-    rest = rest & np.isfinite(between).all(axis=1)
-    if not rest.any():
+    known = np.isfinite(between).all(axis=1)
+    if not known.any():
         raise ConfigError(
-            f"{series.path}: {' / '.join(tips[0].columns)}: no position is known while the pressures are lowest; "
-            "write map.yaml by hand (docs: data from elsewhere)"
+            f"{series.path}: {' / '.join(tips[0].columns)}: no position is known in any row; write map.yaml by hand (docs: data "
+            "from elsewhere)"
+        )
+    rests = bool((rest & known).any())
+    rest = rest & known if rests else _lowest(g, series, known)
+    if not rests:
+        g.doubts.append(
+            "frame: in no row with a tip is the robot at rest; its axes and unit follow from the rows with the lowest "
+            f"{robot.actuators.words.say('pressures')}, and where the straight robot is stays open (straight)"
         )
     unit, why = _length_unit(common, tips[0], between[rest], robot.length)
     names = [c for t in tips for c in t.columns]
@@ -73,20 +84,48 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
             "points.tip.of", [list(t.columns) for t in tips], f"{len(tips)} group(s) of columns that move with the tip"
         )
         if bases:
-            g.say("points.tip.against", [list(t.columns) for t in bases], "they are named after the base")
+            g.say("points.tip.against", [list(t.columns) for t in bases], "they are at the base")
             names += [c for t in bases for c in t.columns]
         if len(set(said.values())) == 1:  # else each column is read in its own
             g.say("points.tip.unit", unit, why)
     else:
         for axis, column in zip("xyz", tips[0].columns, strict=True):
             g.say(f"columns.{axis}", {"column": column, "unit": said[column] or unit}, why)
-    _frame(g, series, between * KINDS["m"][unit], rest, robot)
+    _frame(g, series, between * KINDS["m"][unit], rest, robot, rests)
     others = [t for t in found if t not in tips and t not in bases]
-    if others:
+    if others and len(others) == len(robot.markers):
+        away = [
+            float(np.nanmedian(np.linalg.norm((_xyz(series, t, rest, common) - base)[rest], axis=1))) for t in others
+        ]
+        for k, t in enumerate((others[i] for i in np.argsort(away)), 1):
+            g.say(f"points.m{k}.of", [list(t.columns)], "in the order of their distance from the base")
+            if bases:
+                g.say(f"points.m{k}.against", [list(b.columns) for b in bases], "as the tip")
+            if not said.get(t.columns[0], _said(series, t.columns[0])):
+                g.say(f"points.m{k}.unit", unit, "as the tip")
+        g.doubts.append(f"points.m1 ..: {len(others)} places for the markers of robot.yaml: check which is which")
+    elif others:
         g.doubts.append(
             f"not used: {', '.join('/'.join(t.columns) for t in others)}; markers along the body go under points.m1 .."
         )
-    return Tip(tuple(names), between * KINDS["m"][unit], rest)
+    return Tip(tuple(names), between * KINDS["m"][unit], rest, tuple(c for t in found for c in t.columns))
+
+
+def _still(g: Guess, series: Series, others: Sequence[Triple], tip: Triple) -> list[Triple]:
+    """The one place that stands still while the tip moves."""
+    moves = _spread(series, tip)
+    still = [t for t in others if t.unit == tip.unit and _spread(series, t) < STILL * moves]
+    if len(still) != 1:
+        return []
+    g.doubts.append(f"points.tip.against: {' / '.join(still[0].columns)} stands still: taken for a marker at the base")
+    return still
+
+
+def _lowest(g: Guess, series: Series, known: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(n,) of the rows with a place those with the lowest pressures in sum."""
+    total = np.where(known, proposed_pressures(g, series).sum(axis=1), np.inf)
+    total = np.where(np.isfinite(total), total, np.inf)
+    return known & (total <= total.min())
 
 
 def _whole(found: Sequence[Triple]) -> list[Triple]:
@@ -134,16 +173,16 @@ def _length_unit(said: str, t: Triple, rest: Array, length: float) -> tuple[str,
     return best, f"at rest the tip is {far:.4g} from the origin, the robot is {length:g} m long"
 
 
-def _frame(g: Guess, series: Series, tip: Array, rest: NDArray[np.bool_], robot: Robot) -> None:
+def _frame(g: Guess, series: Series, tip: Array, rest: NDArray[np.bool_], robot: Robot, rests: bool) -> None:
     """z along the axis on which the resting tip is far from its base; x and y as the chambers bend, right-handed. `tip`: m.
 
-    Where markers stand elsewhere, all three axes as the chambers bend.
+    Where markers stand elsewhere, all three axes as the chambers bend. `rests`: whether the rows `rest` are of a robot at rest.
     """
     at_rest = np.nanmean(tip[rest], axis=0)
     along = int(np.argmax(np.abs(at_rest)))
     away = float(np.linalg.norm(at_rest))
     aside = float(np.linalg.norm(np.delete(at_rest, along)))
-    elsewhere = abs(away - robot.length) > 0.02 * robot.length or aside > 0.05 * robot.length
+    elsewhere = rests and (abs(away - robot.length) > 0.02 * robot.length or aside > 0.05 * robot.length)
     told = aside <= ASIDE * robot.length
     lies = "-" * bool(at_rest[along] < 0) + "xyz"[along]
     frames = [

@@ -19,7 +19,7 @@ from .columns import is_missing
 from .headings import heading
 from .map_file import Column, Map, Name, Orientation, Point, Points, factor
 from .places import turn_misfit
-from .reading import at_rest, name_of, numbers, seconds, texts, unit_in, unseen
+from .reading import at_rest, axes_of, name_of, numbers, seconds, texts, unit_in, unseen
 from .series import Series
 
 Array = NDArray[np.float64]
@@ -273,7 +273,7 @@ def _chambers(values: Mapping[str, Array], constants: Mapping[str, Any]) -> list
 
 def _xyz(file: _File, point: Point, unit: str, place: str) -> Array:
     """(n, 3) m of a marker, each column by its own unit."""
-    names: Sequence[Name] = [f"{point}.{a}" for a in "xyz"] if isinstance(point, str) else point
+    names: Sequence[Name] = axes_of(file.series, point, place) if isinstance(point, str) else point
     shown = point if isinstance(point, str) else " / ".join(map(str, point))
     columns = []
     for name in names:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -35,12 +37,30 @@ def name_of(series: Series, name: Name, place: str) -> str:
         if str(name) not in names:
             raise ConfigError(f"{series.path}: {place} = {name}: must be 1 .. {len(names)}, the columns of the file")
     if str(name) not in names:
+        near = difflib.get_close_matches(str(name), names, 3, 0.4)
         noted = f" ({'; '.join(series.notes)})" if series.notes else ""
         raise ConfigError(
-            f"{series.path}: {place} = {str(name)[:80]!r}: this column is not there; there are {listed(names)}{noted}; "
+            f"{series.path}: {place} = {str(name)[:80]!r}: this column is not there; there are "
+            f"{listed(dict.fromkeys((*near, *names)))}{noted}; "
             f"name another, for this file alone under files: {{{series.path.name!r}: {{columns: ..}}, '*': {{}}}}"
         )
     return str(name)
+
+
+def axes_of(series: Series, marker: str, place: str) -> list[str]:
+    """The headings of a marker's x, y and z: NAME.x, or as the file writes them, NAME_x [mm]; raises ConfigError."""
+    found = [f"{marker}.{axis}" for axis in "xyz"]
+    if not set(found) <= set(series.names):
+        own = [re.compile(rf"{re.escape(marker)}[\s._-]*{axis}(?:[\s_\[(/,].*)?", re.IGNORECASE) for axis in "xyz"]
+        found = [name for one in own for name in series.names if one.fullmatch(name)]
+    if len(found) != 3:
+        near = difflib.get_close_matches(f"{marker}.x", series.names, 6, 0.4)
+        raise ConfigError(
+            f"{series.path}: {place} = {marker[:80]!r}: has no columns x, y and z of its own; there are "
+            f"{listed(dict.fromkeys((*near, *series.names)))}; name its three columns, as in [[{marker[:40]}_x, "
+            f"{marker[:40]}_y, {marker[:40]}_z]]"
+        )
+    return found
 
 
 def numbers(series: Series, name: Name, place: str) -> Array:

@@ -116,11 +116,22 @@ def _read(
 ) -> tuple[list[tuple[Series, Quantities, Map]], list[str]]:
     """Every file, in the order of time where all files tell the time since 1970, and notes."""
     files, made = _recordings(files_of(given, wanted)), []
+    unread: list[ConfigError] = []
     for number, (parts, own) in enumerate(files):
         progress(number, len(files))
-        series = read(parts, own.source, named(own))
+        try:
+            series = read(parts, own.source, named(own))
+        except ConfigError as e:
+            if set(parts) & set(given) or wanted.files:  # asked for by name
+                raise
+            unread.append(e)
+            continue
         made.append((series, quantities_of(series, own, quantities(own.constants, "constants")), own))
-    notes = [f"{s.path.name}: {text}" for s, q, _ in made for text in (*s.notes, *q.notes)]
+    if not made:
+        raise unread[0]
+    notes = [f"not read: {e}" for e in unread] + [
+        f"{s.path.name}: {text}" for s, q, _ in made for text in (*s.notes, *q.notes)
+    ]
     starts = [float(q.t[0]) for _, q, _ in made]
     if min(starts) >= EPOCH[0] and starts != sorted(starts):
         made.sort(key=lambda one: float(one[1].t[0]))

@@ -16,6 +16,7 @@ from diagnosis.errors import DiagnosisError
 from diagnosis.power.foreseen import Addition, PlannedCase, additions, foreseen, of_case
 from diagnosis.power.rates import OTHER_LAWS, Power, power
 from diagnosis.power.worlds import Planned
+from model.effects.shows import possible
 from model.errors import ModelError
 from model.robot import Robot
 from protocols.parameters import RobotFacts
@@ -60,6 +61,7 @@ def run(asked: Asked, each: int, seed: int, more: bool, effects: Path | None, as
         raise ConfigError(f"--worlds {each}: must be 2 to 10000 of each cause")
     robot, table = _planned(asked)
     weighed, left_out = catalogue(robot, effects)
+    weighed = {id: spec for id, spec in weighed.items() if possible(robot, spec)}
     note(f"not considered: {why}" for why in left_out)
     try:
         with Screen("drawing worlds", quiet=as_json) as screen:
@@ -80,8 +82,20 @@ def run(asked: Asked, each: int, seed: int, more: bool, effects: Path | None, as
     if as_json:
         print(json.dumps(_dict(found, brings, design), indent=1))
         return 0
+    out.print(_plan(case), soft_wrap=True)
     _show(found, brings)
     return 0
+
+
+def _plan(case: PlannedCase) -> str:
+    """What is planned, or was measured, in one line."""
+    robot, rows = case.robot, case.table.rows
+    words = robot.actuators.words
+    highest = max((max(r.pressures) for r in rows), default=0.0)
+    open_end = "" if robot.max_pressure is not None else ", and robot.yaml states no max_pressure"
+    number = len({r.trial for r in rows})
+    trials = f"{number} trial{'s' if number > 1 else ''}"
+    return f"plan: {len(rows)} states in {trials}, {words.kind} up to {words.number(highest)} {words.unit}{open_end}"
 
 
 def _planned(a: Asked) -> tuple[Robot, Columns | None]:

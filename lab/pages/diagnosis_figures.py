@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +23,7 @@ from .figures import CALIBRATED, GIVEN, STYLE, colours, save
 Array = NDArray[np.float64]
 MOST_GROUPS = 8
 """Panels, one for each group of chambers."""
+OTHERS = "other settings"
 MOST_WRITTEN = 10
 """Columns of a map up to which its cells have their number written in."""
 GREY, BLUE, RED, LIGHT = "#8a8a8a", "#20639b", "#b5382a", "#d5dadd"
@@ -88,6 +90,12 @@ class Group:
     lengths: Array
     """Spine lengths, m."""
 
+    @property
+    def order(self) -> tuple[int, ...]:
+        """For a list: single actuators by their number first, then pairs; settings that are summed up last."""
+        numbers = tuple(map(int, re.findall(r"\d+", self.name)))
+        return (len(self.own) + 1,) if self.name.endswith(OTHERS) else (len(numbers), *numbers)
+
 
 def groups(d: Diagnosis) -> list[Group]:
     """All states by the chambers inflated in them, largest calibrated gap first; beyond `MOST_GROUPS` the rest are one."""
@@ -97,7 +105,7 @@ def groups(d: Diagnosis) -> list[Group]:
     worst = {key: max(m for m, k in zip(missed, keys, strict=True) if k == key) for key in keys}
     ranked = sorted(worst, key=lambda key: -worst[key])
     if len(ranked) > MOST_GROUPS:
-        others = f"{len(ranked) - MOST_GROUPS + 1} other settings"
+        others = f"{len(ranked) - MOST_GROUPS + 1} {OTHERS}"
         keys = [key if key in ranked[: MOST_GROUPS - 1] else others for key in keys]
         ranked = [*ranked[: MOST_GROUPS - 1], others]
     made = []
@@ -122,7 +130,7 @@ def gap_map(d: Diagnosis, name: str, folder: Path) -> list[Path]:
     """
     s, found = _states(d), groups(d)
     missed = {CALIBRATED: s["tip"] - s["calibrated"], name: s["tip"] - s["explained"]}
-    rows = [(g, length) for g in found for length in g.lengths]
+    rows = [(g, length) for g in sorted(found, key=lambda g: g.order) for length in g.lengths]
     spines = np.ptp(s["spine_length"]) > 0.01
     labels = [f"{g.name}{f'; spine {100 * length:.0f} cm' if spines else ''}" for g, length in rows]
     grain = _grain(s["pressure"])
@@ -139,7 +147,7 @@ def gap_map(d: Diagnosis, name: str, folder: Path) -> list[Path]:
     for k, (title, pressures, values) in enumerate(maps):
         with plt.rc_context(STYLE):
             figure, axis = plt.subplots(figsize=(4.3, 1.3 + 0.26 * len(rows)), layout="constrained")
-            image = axis.imshow(values, origin="lower", aspect="auto", vmin=0, vmax=top, cmap="cividis")
+            image = axis.imshow(values, aspect="auto", vmin=0, vmax=top, cmap="cividis")
             axis.set_xticks(range(len(pressures)), [d.words.number(p) for p in pressures])
             axis.set_yticks(range(len(rows)), labels, fontsize=8)
             if len(pressures) <= MOST_WRITTEN:

@@ -19,7 +19,8 @@ from ..files.config import ConfigError, load
 from ..imports.formats import KNOWN, read
 from ..imports.guess import guess_map
 from ..imports.map_file import Source, load_map
-from ..imports.proposal import guess_text
+from ..imports.proposal import Guess, guess_text
+from ..imports.series import Series
 from ..imports.table import Imported, imported, straight_point
 
 MAP, PICTURE = "map.yaml", "states.png"
@@ -67,6 +68,26 @@ def told(made: Imported, robot: Robot, folder: Path, as_json: bool) -> None:
     out.print(f"look at {folder / PICTURE}, then: lab diagnose {folder}")
 
 
+def _first_proposal(inputs: Sequence[Path], robot: Robot) -> tuple[Series, Guess]:
+    """The first file of which a map can be proposed; raises ConfigError for the first one where there is none, or for one that
+    is given by its name."""
+    failed: list[ConfigError] = []
+    for path in inputs:
+        for file in sorted(path.iterdir()) if path.is_dir() else [path]:
+            if file.suffix.lower() not in KNOWN:
+                continue
+            try:
+                series = read(file, Source())
+                return series, guess_map(series, robot)
+            except ConfigError as e:
+                if not path.is_dir():
+                    raise
+                failed.append(e)
+    if failed:
+        raise failed[0]
+    raise ConfigError(f"{', '.join(map(str, inputs))}: no file of a kind that is read ({', '.join(KNOWN)})")
+
+
 def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, as_json: bool) -> int:
     """Write FOLDER/map.yaml, proposed from headings and numbers, and a picture of what it makes of the file."""
     if robot_path is None:
@@ -74,23 +95,16 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, as_json
             "--robot: a proposal needs the robot's robot.yaml: its length, chambers and axis are what columns are held against"
         )
     robot = load(robot_path, Robot)
-    first = next(
-        (f for p in inputs for f in ([p] if not p.is_dir() else sorted(p.iterdir())) if f.suffix.lower() in KNOWN),
-        None,
-    )
-    if first is None:
-        raise ConfigError(f"{', '.join(map(str, inputs))}: no file of a kind that is read ({', '.join(KNOWN)})")
-    series = read(first, Source())
-    proposed = guess_map(series, robot)
+    series, proposed = _first_proposal(inputs, robot)
     folder.mkdir(parents=True, exist_ok=True)
     copied(robot_path, folder / "robot.yaml")
-    replaced(folder / MAP, guess_text(proposed, Path("robot.yaml"), [first], series.form))
+    replaced(folder / MAP, guess_text(proposed, Path("robot.yaml"), [series.path], series.form))
     told_of = [f"check: {d}" for d in (*series.notes, *proposed.doubts)]
     made = None
     try:
         made = imported(inputs, load_map(folder / MAP), straight_point(robot), arcs=robot.markers)
         found = (*implausible_values(robot, made.table.rows), *doubtful_directions(robot, made.table.rows))
-        told_of += [f"check: {text}" for text in found]
+        told_of += [f"check: {text}" for text in (*found, *(n for n in made.notes if n.startswith("not read: ")))]
         from ..pages.import_figure import draw
 
         draw(made, robot, folder / PICTURE)

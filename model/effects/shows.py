@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.effects.design import USED, Design
+from model.effects.spec import EffectSpec
 from model.robot import Robot
 
 Array = NDArray[np.float64]
@@ -36,6 +37,15 @@ def with_spine(robot: Robot, design: Design) -> bool:
 def by_chambers(robot: Robot, design: Design) -> bool:
     """A robot with chambers."""
     return robot.chambers is not None
+
+
+PARTS: dict[object, str] = {with_spine: "spine", by_tendons: "tendons", by_chambers: "chambers"}
+
+
+def possible(robot: Robot, spec: EffectSpec) -> bool:
+    """Whether the robot has the part that an effect is of, whatever its campaign holds."""
+    part = PARTS.get(spec.shown)
+    return part is None or getattr(robot, part) is not None
 
 
 def chambers_apart(robot: Robot, design: Design) -> bool:

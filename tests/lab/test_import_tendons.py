@@ -7,12 +7,15 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 
 from diagnosis.diagnose import Options, diagnose
 from lab.cli import main
 from lab.files.inputs import read_case
+from lab.imports.columns import judge
+from lab.pages.diagnosis_figures import Group
 from lab.pages.diagnosis_report import write
 from lab.verbs.diagnose import show, write_protocols
 from model.effects import CATALOGUE
@@ -256,3 +259,125 @@ def test_exchanged_tendons_and_axes_are_asked_about_at_import_and_by_compare(
     assert main(["compare", str(tmp_path / "case")]) == 0
     compared = " ".join(capsys.readouterr().err.split())
     assert all((says in said) if says else ("the tip" not in said) for said in (at_import, compared))
+
+
+@pytest.mark.parametrize("spelt", ["Knoten4_{} [mm]", "Knoten4 {} (mm)", "Knoten4.{}", "knoten4_{}_mm"])
+def test_a_marker_is_named_without_its_axes_however_the_file_writes_them(
+    spelt: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    imported(tmp_path)
+    lab = tmp_path / "lab"
+    text = (lab / "table.csv").read_text()
+    for axis in "xyz":
+        text = text.replace(f"Spitze_{axis} [mm]", spelt.format(axis))
+    (lab / "table.csv").write_text(text)
+    values = yaml.safe_load((lab / "map.yaml").read_text())
+    for axis in "xyz":
+        values["columns"].pop(axis)
+    values["points"] = {"tip": {"of": ["Knoten4"], "unit": "mm"}}
+    (lab / "map.yaml").write_text(yaml.safe_dump(values))
+    command = ["import", str(lab / "table.csv"), "--map", str(lab / "map.yaml"), "--out", str(tmp_path / "again")]
+    assert main(command) == 0
+    assert (tmp_path / "again/trials.csv").read_text() == (tmp_path / "case/trials.csv").read_text()
+    values["points"]["tip"]["of"] = ["Knoten"]
+    (lab / "map.yaml").write_text(yaml.safe_dump(values))
+    capsys.readouterr()
+    assert main(command) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert f"there are '{spelt.format('x')}'" in said and "[[Knoten_x, Knoten_y, Knoten_z]]" in said
+
+
+@pytest.mark.parametrize("guessed", [True, False])
+def test_a_note_of_the_user_among_the_tables_is_left_out(
+    guessed: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    imported(tmp_path)
+    lab = tmp_path / "lab"
+    measured = tmp_path / "measured"
+    measured.mkdir()
+    (measured / "a note.txt").write_text("camera 2 was moved before lunch\nask Jonas\n")
+    (measured / "table.csv").write_text((lab / "table.csv").read_text())
+    way = ["--guess", "--robot", str(lab / "robot.yaml")] if guessed else ["--map", str(lab / "map.yaml")]
+    capsys.readouterr()
+    assert main(["import", str(measured), *way, "--out", str(tmp_path / "out")]) == 0
+    made = capsys.readouterr()
+    assert "42 states" in made.out and "a note.txt" in " ".join(made.err.split())
+    assert main(["import", str(measured / "a note.txt"), *way, "--out", str(tmp_path / "out")]) == 2
+
+
+def with_base(lab: Path, rows: slice = slice(None)) -> Path:
+    """The table of a trunk with a marker at its base, and these rows of it."""
+    head, *lines = (lab / "table.csv").read_text().splitlines()
+    fixed = [f"{line};{700.01 + 0.02 * (k % 3):.3f};0,000;40,000".replace(".", ",") for k, line in enumerate(lines)]
+    path = lab / "with_base.csv"
+    path.write_text("\n".join([f"{head};Knoten1_x [mm];Knoten1_y [mm];Knoten1_z [mm]", *fixed[rows]]) + "\n")
+    return path
+
+
+def test_a_marker_that_stands_still_is_the_base_and_those_of_robot_yaml_are_points_of_the_body(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lab = trunk(tmp_path / "lab", "Seil_")
+    command = [
+        "import",
+        str(with_base(lab)),
+        "--guess",
+        "--robot",
+        str(lab / "robot.yaml"),
+        "--out",
+        str(tmp_path / "m"),
+    ]
+    assert main(command) == 0
+    said = " ".join(capsys.readouterr().err.split())
+    points = yaml.safe_load((tmp_path / "m/map.yaml").read_text())["points"]
+    fixed = [[f"Knoten1_{a} [mm]" for a in "xyz"]]
+    assert points["tip"]["against"] == points["m1"]["against"] == fixed
+    assert points["m1"]["of"] == [[f"Mitte_{a} [mm]" for a in "xyz"]]
+    assert "stands still" in said and "not used" not in said
+    (lab / "robot.yaml").write_text(ROBOT.replace("markers: [90 mm]\n", ""))
+    assert main(command) == 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert said.count("Mitte_x [mm]") == 1 and "points" in yaml.safe_load((tmp_path / "m/map.yaml").read_text())
+
+
+def test_a_table_without_a_row_at_rest_has_a_map_proposed_and_marked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lab = trunk(tmp_path / "lab", "Seil_")
+    head, *lines = (lab / "table.csv").read_text().splitlines()
+    pulled = [line for line in lines if any(float(c.replace(",", ".")) > 0 for c in line.split(";")[1:4])]
+    (lab / "table.csv").write_text("\n".join([head, *pulled]) + "\n")
+    robot = ["--robot", str(lab / "robot.yaml")]
+    assert main(["import", str(lab / "table.csv"), "--guess", *robot, "--out", str(tmp_path / "m")]) == 0
+    said = " ".join(capsys.readouterr().err.split())
+    proposed = (tmp_path / "m/map.yaml").read_text()
+    assert "in no row with a tip is the robot at rest" in said and "# CHECK: frame: in no row" in proposed
+    columns = yaml.safe_load(proposed)["columns"]
+    assert columns["p3"]["column"] == "Seil_3 [N]" and columns["x"]["column"] == "Spitze_x [mm]"
+    assert "straight" not in yaml.safe_load(proposed)
+
+
+def test_groups_of_tendons_are_no_clock_times() -> None:
+    assert judge(pd.Series(["1:2", "2:3", "3:1"])).values.dtype.kind == "U"
+    assert judge(pd.Series(["1:02", "2:03", "3:01"])).unit == "s"
+
+
+def test_the_map_of_gaps_lists_single_tendons_first_and_the_rest_last() -> None:
+    nothing = np.zeros(30, bool)
+    names = ["24 other settings", "tendons 1, 2", "tendon 10", "nothing pulled", "tendon 2", "tendons 1, 3", "tendon 1"]
+    made = [Group(name, nothing, np.zeros(3), np.zeros(1)) for name in names]
+    assert [g.name for g in sorted(made, key=lambda g: g.order)] == [
+        "nothing pulled", "tendon 1", "tendon 2", "tendon 10", "tendons 1, 2", "tendons 1, 3", "24 other settings",
+    ]  # fmt: skip
+
+
+def test_power_says_the_plan_and_leaves_out_effects_of_parts_that_the_robot_has_not(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "robot.yaml").write_text(ROBOT)
+    plan = ["--protocol", "bending", "--set", "pressures=[15 kPa, 35 kPa]", "--worlds", "2", "--no-additions"]
+    assert main(["power", "--robot", str(tmp_path / "robot.yaml"), *plan]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "plan: 5 states in 1 trial, tendons up to 3.5 N, and robot.yaml states no max_pressure" in said
+    assert "never seen in these states: time_offset" in said
+    assert not re.search("spine|vacuum|ballooning|thrust", said)

@@ -11,7 +11,7 @@ import pytest
 from diagnosed_case import campaign, folder
 
 from lab.cli import main
-from lab.files.config import check, load, parse_yaml
+from lab.files.config import ConfigError, check, load, parse_yaml
 from lab.files.robot_file import robot_yaml
 from model.robot import Robot, robot_from_dict
 
@@ -227,3 +227,10 @@ def test_lab_fit_keeps_the_file_of_the_case_and_so_does_a_second_fit(
     assert close(plain, refitted, rel=1e-3)
     again = (tmp_path / "again" / "robot.yaml").read_text()
     assert [c for c in comments if c not in again] == [] and "effects" not in again
+
+
+def test_a_missing_number_without_a_unit_is_asked_for_as_a_number(tmp_path: Path) -> None:
+    path = tmp_path / "robot.yaml"
+    path.write_text("name: no factor\n")
+    with pytest.raises(ConfigError, match="area_factor: is missing; give a number"):
+        load(path, Robot)

@@ -153,3 +153,16 @@ def test_a_stiffness_row_needs_force_and_deflection_and_others_a_tip(tmp_path: P
 def test_asking_for_a_column_that_is_not_there_names_those_that_are() -> None:
     with pytest.raises(BadTable, match="no column q; the table has trial, step"):
         Table((ROW,))["q"]
+
+
+@pytest.mark.parametrize(
+    ("protocol", "asked"), [("elongaton", "elongation"), ("stifness", "stiffness"), ("bending_slow", ""), ("twist", "")]
+)
+def test_a_protocol_that_is_nearly_a_known_one_is_asked_about(protocol: str, asked: str, tmp_path: Path) -> None:
+    path = tmp_path / "trials.csv"
+    path.write_text(
+        "trial,step,protocol,repeat,branch,t,spine_length,p1,x,y,z\n"
+        f"1,1,{protocol},1,load,0,0,0,0,0,0.3\n1,2,{protocol},1,load,9,0,40000,0.02,0,0.29\n"
+    )
+    said = " ".join(read_csv(path).warnings)
+    assert (f"did you mean '{asked}'" in said) if asked else ("did you mean" not in said)
