@@ -200,7 +200,7 @@ def write_protocols(proposals: Sequence[Proposal], folder: Path) -> list[Path]:
     return written
 
 
-def show(d: Diagnosis, protocols: Path | None) -> None:
+def show(d: Diagnosis, protocols: Path | None = None) -> None:
     """Print an answer; `protocols`: the folder with the proposed experiments, where they were written."""
     unconfirmed = [c for c in d.concerns if c.startswith("unconfirmed: ")]
     for concern in unconfirmed:
