@@ -224,7 +224,7 @@ def _write_states(p: Proposal, path: Path, robot: Robot) -> Path:
     return path
 
 
-def show(d: Diagnosis, protocols: Path | None) -> None:
+def show(d: Diagnosis, protocols: Path | None = None) -> None:
     """Print an answer; `protocols`: the folder with the proposed experiments, where they were written."""
     unconfirmed = [c for c in d.concerns if c.startswith(UNCONFIRMED_GUESSES)]
     for concern in unconfirmed:
