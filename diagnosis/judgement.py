@@ -74,6 +74,10 @@ FIRST_LOSS_SCALE = 0.01
 FIRST_GAIN = 0.3
 """Share of the robust rms below which numbers are taken over. Laws of another form can look like a modulus or an origin, but do
 not reduce the gap this far. Chosen on the practice robots."""
+FIRST_PAYLOADS, FIRST_WEIGHTS = (0.15, 0.3, 0.6, 1.2, 2.4), (0.6, 1.6, 2.5)
+"""Body masses hung on the tip, and factors on gravity, that are tried in place of numbers far off."""
+FIRST_AS_GOOD = 1.2
+"""Times the robust rms of numbers far off below which a weight is preferred: one cause against several."""
 UPSIDE_DOWN_GAIN = 0.5
 """Share of what an upright robot leaves below which the robot counts as hanging upside down."""
 FIRST_CONVERGED = 3e-3

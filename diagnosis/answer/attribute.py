@@ -13,8 +13,9 @@ from model.effects.spec import Stage
 from ..criticism.gaussian import Gaussian
 from ..criticism.misfit import MisfitDiagnostics, misfit_diagnostics
 from ..criticism.probability_calibration import CALIBRATED, ProbabilityCalibration
-from ..criticism.stage_errors import StageError, smooth_functions, stage_errors, total_gain
+from ..criticism.stage_errors import Dependence, StageError, smooth_functions, stage_errors, total_gain
 from ..data.case import lacking
+from ..data.levels import SPINE_GAP
 from ..inference.budget import Budget, budget, by_what_is_carried, parts, standard_normal
 from ..inference.candidate import Candidate
 from ..inference.evidence import NONE, Hypothesis
@@ -56,7 +57,7 @@ class Attribution:
     @property
     def asking(self) -> tuple[StageError, ...]:
         """Stages that ask for an error of their own."""
-        return tuple(e for e in self.stage_errors if e.gain > STAGE_GAIN)
+        return tuple(dict.fromkeys(e for e in self.stage_errors if e.gain > STAGE_GAIN))
 
     @property
     def cannot_tell_apart(self) -> tuple[tuple[str, ...], ...]:
@@ -101,7 +102,11 @@ def _stage_errors(p: Prepared, c: Candidate, stages: Mapping[str, Stage]) -> tup
     parameters, s = p.problem.parameters, p.states
     g = Gaussian(c.linear(p.problem), c.prior(parameters), c.grid_point.size, c.grid_point.form_error)
     functions = smooth_functions(s.spine_length, np.maximum(s.highest, 0.0), s.branch, s.time, p.robot.length)
-    return stage_errors(g, parameters, stages, {name: f[p.labels.state] for name, f in functions.items()})
+    found = stage_errors(g, parameters, stages, {name: f[p.labels.state] for name, f in functions.items()})
+    if np.ptp(s.spine_length) > SPINE_GAP:
+        return found
+    without: Mapping[Dependence, Dependence] = {"spine length": "nothing", "pressure and spine length": "pressure"}
+    return tuple(replace(e, dependence=without.get(e.dependence, e.dependence)) for e in found)
 
 
 def calibrated(p: Prepared) -> Fit:

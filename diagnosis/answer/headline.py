@@ -92,7 +92,7 @@ def headline(
         return _start(f"{'most likely ' if a.conclusion == 'one of several' else ''}{said} {sure}.")
     if a.verdict == "unknown":
         found = stage(asking)
-        where = f": the error lies in the {found.stage} and varies with {words.say(found.dependence)}" if found else ""
+        where = f": the error lies in the {found.stage} and {words.say(found.varies)}" if found else ""
         return f"No known cause explains the gap{where} {sure}.".replace("_", " ")
     if by_calibration is not None:
         return f"Calibration closes {percent(by_calibration)} % of the gap; no other cause is needed {sure}."

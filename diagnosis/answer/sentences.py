@@ -115,8 +115,8 @@ def _verdict(f: Facts) -> str:
     found = stage(f.asking)
     if found is not None:
         return (
-            f"The cause is not in the catalogue; it lies in the {found.stage}, with an error that varies with "
-            f"{found.dependence} ({_sure(f)})."
+            f"The cause is not in the catalogue; it lies in the {found.stage}, with an error that {found.varies} "
+            f"({_sure(f)})."
         )
     return f"The cause is not in the catalogue ({_sure(f)})."
 

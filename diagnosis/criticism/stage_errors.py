@@ -36,7 +36,7 @@ from .gaussian import Gaussian
 
 Array = NDArray[np.float64]
 
-Dependence = Literal["pressure", "spine length", "time", "pressure and spine length"]
+Dependence = Literal["pressure", "spine length", "time", "pressure and spine length", "nothing"]
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,11 @@ class StageError:
     """What the error goes with."""
     gain: float
     """Log evidence gained, averaged over its size."""
+
+    @property
+    def varies(self) -> str:
+        """What it does, after "an error that" or "the error"."""
+        return "is the same in all states" if self.dependence == "nothing" else f"varies with {self.dependence}"
 
 
 WANDER = ("measurement", "time")

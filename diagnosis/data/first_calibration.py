@@ -8,7 +8,8 @@ over wide bounds,
 
 theta: area factor (free), E with G (w = ln 2), azimuth of the chambers, direction of gravity, and where the cameras' frame has
 its origin; s is 1 % of the robot's length. What the diagnosis can describe itself stays within `FIRST_USUAL`; only where going
-beyond leaves less than 0.3 of the robust rms are the numbers that lie beyond it taken over, and told.
+beyond leaves less than 0.3 of the robust rms are the numbers that lie beyond it taken over, and told. Where one
+weight more, at the tip or all along, leaves as little, nothing is: the diagnosis can name that weight.
 """
 
 from __future__ import annotations
@@ -24,17 +25,20 @@ from scipy.spatial.transform import Rotation
 from model.errors import ModelError
 from model.robot import Robot
 from model.rods import FINE, solve
-from model.section import rods_of
+from model.section import body_mass, rods_of
 from recordings.trials import TrialRow
 
 from ..judgement import (
+    FIRST_AS_GOOD,
     FIRST_AT_BOUND,
     FIRST_CONVERGED,
     FIRST_GAIN,
     FIRST_LOSS_SCALE,
     FIRST_NEAR_BOUND,
+    FIRST_PAYLOADS,
     FIRST_SD,
     FIRST_USUAL,
+    FIRST_WEIGHTS,
     FIRST_WIDEST,
     UPSIDE_DOWN_GAIN,
 )
@@ -156,6 +160,8 @@ def calibrate_first(robot: Robot, states: States, effects: Collection[str] = ())
     beyond = np.abs(far) > FIRST_USUAL
     if not (beyond.any() or min(senses) < 0) or after > FIRST_GAIN * before:
         return FirstCalibration(told, states)
+    if min(senses) > 0 and _loaded(robot, own) < min(FIRST_AS_GOOD * after, FIRST_GAIN * before):
+        return FirstCalibration(told, states)  # a weight explains it, and the diagnosis names weights
     turned = _with(_sensed(told, *senses), far * (np.array(NAMES) == "azimuth")).actuators.azimuths_deg
     place = exchanged(told, turned) if can_name_order(told, states, effects) else None
     if place is not None:
@@ -170,6 +176,23 @@ def calibrate_first(robot: Robot, states: States, effects: Collection[str] = ())
     order = "" if place is None else order_told(told, place)
     made = made if place is None else with_order(made, place)
     return FirstCalibration(made, moved, adjusted, (x, y, z), before, after, order)
+
+
+def _loaded(robot: Robot, own: States) -> float:
+    """m, robust rms that is left by the robot as the diagnosis follows it and one weight more: at the tip, or all along."""
+    ways = [(robot, _with_payload(robot, own, share * body_mass(robot))) for share in FIRST_PAYLOADS]
+    ways += [(robot.model_copy(update={"gravity": tuple(f * g for g in robot.gravity)}), own) for f in FIRST_WEIGHTS]
+    left = np.inf
+    for there, seen in ways:
+        found = _fitted(there, seen, FIRST_USUAL, 0.0)
+        left = min(left, np.inf if found is None else _rms(there, seen, found))
+    return left
+
+
+def _with_payload(robot: Robot, own: States, mass: float) -> States:
+    """The states with so many kg more on the tip."""
+    hung = [robot.tip_mass if r.tip_mass is None else r.tip_mass for r in own.rows]
+    return replace(own, rows=tuple(replace(r, tip_mass=m + mass) for r, m in zip(own.rows, hung, strict=True)))
 
 
 def _counted(robot: Robot, own: States) -> tuple[float, float, float]:

@@ -243,8 +243,8 @@ def _against(d: Diagnosis) -> list[str]:
     ]
     if d.attribute.verdict == "effect":
         lines += [
-            f"In addition to the cause, a free-form error in the {e.stage} that varies with "
-            f"{d.words.say(_words(e.dependence))} would gain {e.gain:.1f} in log evidence."
+            f"In addition to the cause, a free-form error in the {e.stage} that "
+            f"{d.words.say(e.varies)} would gain {e.gain:.1f} in log evidence."
             for e in d.attribute.stage_errors[:2]
         ]
     return lines

@@ -128,9 +128,7 @@ class ForwardModel:
         # the sort is stable: tolerances stay behind effects, in their own order
         self._order = sorted(places, key=places.__getitem__)
         self._nominal = nominal_values(robot, self._table.infos)
-        self.parameters: tuple[ParameterInfo, ...] = beyond(
-            self._table.infos, self._nominal, float(design.tip_mass.min(initial=np.inf))
-        )
+        self.parameters: tuple[ParameterInfo, ...] = beyond(robot, self._table.infos, self._nominal)
         self._shear = shear_spine(robot.spine) if robot.spine is not None else ShearSpine(1.0, 1.0, 1.0)
         factor = robot.area_factor_at(self._full.spine_length)
         if area_factor is not None:

@@ -78,12 +78,8 @@ def nominal_values(robot: Robot, infos: Iterable[ParameterInfo]) -> Array:
     return np.array([stated[i.name].value if i.name in stated else 0.0 for i in infos])
 
 
-PAYLOAD = "tip_payload.mass"
-
-
-def beyond(infos: tuple[ParameterInfo, ...], nominal: Array, least_tip_mass: float) -> tuple[ParameterInfo, ...]:
-    """The table of parameters that count from what robot.yaml states: bounds move with it, and no payload takes more off the tip
-    than the least tip mass (kg) of the states.
+def beyond(robot: Robot, infos: tuple[ParameterInfo, ...], nominal: Array) -> tuple[ParameterInfo, ...]:
+    """The table of parameters that count from what robot.yaml states: bounds move with it.
 
     An effect that the robot has may be larger or smaller than stated, and where it has a size its shapes move the robot by
     themselves: all its parameters are then sizes, which are absent at zero.
@@ -92,7 +88,7 @@ def beyond(infos: tuple[ParameterInfo, ...], nominal: Array, least_tip_mass: flo
     return tuple(
         replace(
             i,
-            low=(max(i.low, min(-least_tip_mass, value)) if i.name == PAYLOAD else i.low) - value,
+            low=i.low - value,
             high=i.high - value,
             sign="both" if i.source in present else i.sign,
             role="size" if i.source in present else i.role,

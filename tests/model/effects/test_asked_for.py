@@ -187,18 +187,6 @@ def test_the_moment_of_a_payload_is_its_weight_at_a_lever_that_turns_with_the_ti
     assert np.abs(rod.solve(held, METHOD).tip - again.tip).max() > 2e-3
 
 
-@pytest.mark.parametrize(("hung", "least"), [(0.0, 0.0), (0.05, -0.05), (0.4, -0.3)])
-def test_no_payload_takes_more_off_the_tip_than_hangs_there(
-    hung: float, least: float, paper_robot: Robot, make_campaign: Make
-) -> None:
-    columns = make_campaign(lengths=(0.0,), levels=(100e3,), unload=False)
-    masses = np.full(len(columns["trial"]), 0.4)
-    masses[0] = hung
-    forward = forward_of(paper_robot, columns | {"tip_mass": masses})
-    (mass,) = (p for p in forward.parameters if p.name == "tip_payload.mass")
-    assert mass.low == pytest.approx(least)
-
-
 def test_a_payload_is_rolled_with_the_robot_it_sits_on(paper_robot: Robot, make_campaign: Make) -> None:
     moved = []
     for roll in (0.0, 90.0):
