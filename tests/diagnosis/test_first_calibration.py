@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from diagnosis.data import first_calibration
 from diagnosis.data.first_calibration import _Misfit, calibrate_first
 from diagnosis.diagnose import diagnose
 from diagnosis.fit_effects import fit_effects
@@ -15,9 +16,10 @@ from model.condition import conditions
 from model.effects.catalogue import CATALOGUE
 from model.effects.laws.actuation import orders
 from model.errors import BadEffect
-from model.robot import Robot
+from model.robot import Robot, robot_from_dict
 from model.rods import FINE, solve
 from model.section import rods_of
+from recordings.trials import Table, TrialRow
 from tests.diagnosis.small_campaigns import LENGTHS, Measured, measured, quick
 from tests.diagnosis.test_case import ROBOT, states
 
@@ -170,3 +172,36 @@ def test_what_is_fitted_is_the_calibrated_robot(case: Measured) -> None:
     fitted = fit_effects(replace(case, robot=softer(ROBOT, 2.4)), ("chamber_azimuth",))
     assert fitted.robot.youngs_modulus == pytest.approx(ROBOT.youngs_modulus, rel=0.15)
     assert "calibrated first" in fitted.concerns[0]
+
+
+def test_a_payload_on_an_arm_across_gravity_is_no_modulus(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It sags as a softer arm does; the diagnosis can name the payload, so nothing is taken over."""
+    tendons = {"path_radius": 0.012, "azimuths_deg": [90.0, 210.0, 330.0]}
+    values = {
+        "length": 0.32,
+        "outer_radius": 0.0011,
+        "inner_radius": 0.0,
+        "density": 2e3,
+        "youngs_modulus": 43.5e9,
+        "mass_per_length": 0.12,
+    }
+    values |= {
+        "shear_modulus": 16e9,
+        "tip_mass": 0.0,
+        "gravity": [0.0, -9.81, 0.0],
+        "tendons": tendons,
+        "area_factor": 1.0,
+    }
+    arm = robot_from_dict({"name": "arm", **values})
+    plan = [tuple(p * (c == k) for c in range(3)) for k in range(3) for p in (0.0, 40e3, 80e3, 120e3)]
+    rows = [
+        TrialRow(1 + i // 4, 1 + i % 4, "bending", 1, "load", float(i), 0.0, p, tip=(0.0, 0.0, 0.32))
+        for i, p in enumerate(plan)
+    ]
+    at = conditions(arm, 0.0, plan)
+    tip = solve(rods_of(arm, replace(at, tip_mass=at.tip_mass + 0.03)), FINE).trusted().tip
+    seen = tuple(replace(r, tip=tuple(t)) for r, t in zip(rows, tip.tolist(), strict=True))
+    own = states(Measured(arm, Table(seen)))[0]
+    assert calibrate_first(arm, own).robot is arm
+    monkeypatch.setattr(first_calibration, "_loaded", lambda robot, own: np.inf)
+    assert calibrate_first(arm, own).adjusted
