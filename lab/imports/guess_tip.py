@@ -8,7 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from model.condition import conditions
 from model.robot import Robot
+from model.rods import FINE, solve
+from model.section import rods_of
 
 from ..files.config import ConfigError
 from ..files.units import KINDS
@@ -29,6 +32,8 @@ ORDERS_IN_WORDS = (
 )
 STILL = 0.02
 """Share of the tip's movement within which a marker stands still."""
+SAG_KNOWN = 1.5
+"""Times the sag that robot.yaml's weight and stiffness give, within which a tip rests where the robot may bring it."""
 AGREED = 0.5
 """Cosine between pressures and displacements below which the frame remains in doubt."""
 
@@ -182,7 +187,8 @@ def _frame(g: Guess, series: Series, tip: Array, rest: NDArray[np.bool_], robot:
     along = int(np.argmax(np.abs(at_rest)))
     away = float(np.linalg.norm(at_rest))
     aside = float(np.linalg.norm(np.delete(at_rest, along)))
-    elsewhere = rests and (abs(away - robot.length) > 0.02 * robot.length or aside > 0.05 * robot.length)
+    sag, chord = _under_its_weight(robot)
+    elsewhere = rests and (abs(away - chord) > 0.02 * robot.length or aside > 0.05 * robot.length + SAG_KNOWN * sag)
     told = aside <= ASIDE * robot.length
     lies = "-" * bool(at_rest[along] < 0) + "xyz"[along]
     frames = [
@@ -213,6 +219,13 @@ def _frame(g: Guess, series: Series, tip: Array, rest: NDArray[np.bool_], robot:
         g.say(
             "straight", "first state", f"{text} of a robot of {robot.length * 1e3:g} mm: markers were placed elsewhere"
         )
+
+
+def _under_its_weight(robot: Robot) -> tuple[float, float]:
+    """m that the tip of the robot at rest lies off the axis, and m from the base; of a straight one where it cannot stand."""
+    found = solve(rods_of(robot, conditions(robot, 0.0, np.zeros((1, len(robot.actuators.azimuths_deg))))), FINE)
+    tip = found.tip[0] if found.converged[0] else np.array([0.0, 0.0, robot.length])
+    return float(np.hypot(tip[0], tip[1])), float(np.linalg.norm(tip))
 
 
 def _sense(robot: Robot) -> str:

@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 import yaml
 
+import lab
 from diagnosis.diagnose import Options, diagnose
 from lab.cli import main
 from lab.files.inputs import read_case
@@ -381,3 +382,19 @@ def test_power_says_the_plan_and_leaves_out_effects_of_parts_that_the_robot_has_
     assert "plan: 5 states in 1 trial, tendons up to 3.5 N, and robot.yaml states no max_pressure" in said
     assert "never seen in these states: time_offset" in said
     assert not re.search("spine|vacuum|ballooning|thrust", said)
+
+
+def test_an_arm_across_gravity_that_sags_as_its_robot_yaml_says_needs_no_straight_state(tmp_path: Path) -> None:
+    arm = ROBOT.replace("180 mm", "320 mm").replace("[0, 0, 9.81]", "[0, -9.81, 0]").replace("[90 mm]", "[]")
+    arm = arm.replace("320 kPa", "8 MPa").replace("107 kPa", "2.7 MPa")
+    (tmp_path / "robot.yaml").write_text(arm)
+    robot = lab.load_robot(tmp_path / "robot.yaml")
+    tensions = [[pull * (k == j) for j in range(3)] for k in range(3) for pull in (0.0, 20.0, 40.0, 0.0)]
+    tips = lab.predict(robot, np.multiply(tensions, 1e4)) * 1e3
+    assert abs(tips[0, 1]) > 0.05 * 320
+    lines = ["t [s],F1 [N],F2 [N],F3 [N],tip x [mm],tip y [mm],tip z [mm]"]
+    lines += [",".join(map(str, (3.0 * i, *f, *tip))) for i, (f, tip) in enumerate(zip(tensions, tips, strict=True))]
+    (tmp_path / "table.csv").write_text("\n".join(lines) + "\n")
+    asked = ["import", str(tmp_path / "table.csv"), "--guess", "--robot", str(tmp_path / "robot.yaml")]
+    assert main([*asked, "--out", str(tmp_path / "map")]) == 0
+    assert "straight" not in yaml.safe_load((tmp_path / "map/map.yaml").read_text())
