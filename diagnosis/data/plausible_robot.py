@@ -6,8 +6,9 @@ from collections.abc import Iterator
 
 from model.robot import Robot
 
-FAR_OUT = 3.0
-"""Outer radii off the axis from which no actuator is expected; spacer disks and chambers around a core reach 2."""
+FAR_OUT, LARGE = 3.0, 0.15
+"""Outer radii, and lengths of the robot, off the axis beyond both of which no actuator is expected: disks on a thin rod stand out
+far, but are small beside its length."""
 MOST_POISSON, LEAST_POISSON = 0.5, -0.05
 """Ratios of isotropic materials, but for rounding."""
 OTHER_UNIT = 7.0
@@ -17,13 +18,14 @@ OTHER_UNIT = 7.0
 def doubtful_numbers(robot: Robot) -> Iterator[str]:
     """What to ask about robot.yaml: a message each."""
     own, outer = robot.actuators, robot.outer_radius
-    if own.path_radius > FAR_OUT * outer:
+    if own.path_radius > max(FAR_OUT * outer, LARGE * robot.length):
         yield (
             f"{own.words.kind}.path_radius is {1e3 * own.path_radius:.4g} mm, {own.path_radius / outer:.2g} times the "
             f"outer_radius of {1e3 * outer:.4g} mm: check both and their units"
         )
     poisson = robot.youngs_modulus / (2 * robot.shear_modulus) - 1
-    if not LEAST_POISSON <= poisson <= 1.02 * MOST_POISSON:
+    by_material = robot.bending_stiffness is None
+    if by_material and not LEAST_POISSON <= poisson <= 1.02 * MOST_POISSON:
         yield (
             f"shear_modulus {robot.shear_modulus / 1e3:.4g} kPa with youngs_modulus {robot.youngs_modulus / 1e3:.4g} kPa means a "
             f"Poisson's ratio of {poisson:.2g}, outside 0 to 0.5: rubber has a third of its youngs_modulus, "

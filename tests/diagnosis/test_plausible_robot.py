@@ -29,6 +29,8 @@ class Case:
 
 def test_disks_that_stand_out_are_no_news_and_a_path_radius_in_another_unit_is() -> None:
     assert not list(doubtful_numbers(robot_from_dict(TENDONS)))
+    rod = {"outer_radius": 0.001, "youngs_modulus": 40e9, "shear_modulus": 5e9, "bending_stiffness": 0.03}
+    assert not list(doubtful_numbers(robot_from_dict(TENDONS | rod)))
     (said,) = doubtful_numbers(
         robot_from_dict(TENDONS | {"tendons": {"path_radius": 0.11, "azimuths_deg": [0.0, 90.0]}})
     )
