@@ -52,6 +52,7 @@ def test_a_bending_sweep_goes_on_without_losing_or_doubling_a_point(
     vented: list[float] = []
 
     def repair(trouble: str) -> None:
+        until(lambda: house.highest() < 5e3)  # it is confirmed by readings, whose noise the truth has not
         vented.append(house.highest())
         house.fakes.switch.end()
 
@@ -61,7 +62,7 @@ def test_a_bending_sweep_goes_on_without_losing_or_doubling_a_point(
         lambda: plant.valve_on and float(plant.regulator.max()) > 100e3, lambda: house.fakes.accidents.begin(accident)
     )
     assert lab(house, tmp_path, "bending", *BENDING) in (0, 3), "".join(capsys.readouterr())
-    assert vented and max(vented) < 6e3  # 5 kPa is confirmed by readings; the plant differs by their noise
+    assert vented and max(vented) < 5e3
     assert len(house.fakes.troubles) == 1 and word in house.fakes.troubles[0]
     (file,) = tmp_path.glob("*.mcap")
     rows = read_case([file]).table
