@@ -53,10 +53,9 @@ def test_derivatives_agree_with_differences_of_predictions(
         if theta[k] - step[k] < info.low or theta[k] + step[k] > info.high:
             continue
         expected = (forward.predict(theta + step) - forward.predict(theta - step)) / (2 * step[k])
-        # What a trial leaves in the silicone for the next one is not in the derivative by its own parameters.
-        known = np.ones(len(expected), bool) if "[trial=" not in info.name else jacobian[:, k] != 0
-        assert jacobian[known, k] * info.sd == pytest.approx(expected[known] * info.sd, abs=3e-7, rel=3e-4), info.name
-        assert expected[~known] * info.sd == pytest.approx(0.0, abs=1e-6), info.name
+        # The copies of a trial's parameter move together, so what one trial leaves in the silicone for the next counts as its.
+        within = 3e-7 if info.trial is None else 1e-6
+        assert jacobian[:, k] * info.sd == pytest.approx(expected * info.sd, abs=within, rel=3e-4), info.name
     some = [*forward.index("spine_length")[::-1], *forward.index("spine_slip"), *forward.index("frame_shift")]
     assert forward.linearise(theta, some)[1] == pytest.approx(jacobian[:, some], rel=1e-9, abs=1e-12)
 
