@@ -8,7 +8,7 @@ answer.statement, answer.attribute.verdict, answer.to_json()
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from model.effects.catalogue import CATALOGUE
@@ -19,7 +19,7 @@ from .answer.attribute import attribute
 from .answer.carried import carried
 from .answer.headline import headline
 from .answer.holdout import evaluate_holdout, unseen_states
-from .answer.result import Calibration, Diagnosis
+from .answer.result import Diagnosis
 from .answer.rivals import Rivals
 from .answer.sentences import Facts, closed_by_calibration, statement, stiffness_sentence
 from .answer.unseen import Unseen, unseen
@@ -126,7 +126,9 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         text += f" {stiffness_sentence(detail['stiffness'], found.decision)}"
     if first.order:
         which = assemble.beside(which, ORDER)
-    concerns = (*concerns, *_unit_concern(calibration), *_scatter_concern(prepared.noise_components.excess_scatter))
+    if calibration is not None:
+        concerns = (*concerns, *doubtful_area_factor(calibration.area_factor / calibration.given))
+    concerns = (*concerns, *_scatter_concern(prepared.noise_components.excess_scatter))
     answer = Diagnosis(
         statement=words.say(text) + (f" {detail['holdout']['statement']}" if tested is not None else ""),
         data=assemble.data_section(prepared, case.table),
@@ -142,10 +144,6 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         headline=headline(which, wanted.catalogue, found.asking, facts.missing, closed_by_calibration(facts), words),
     )
     return Examined(answer, rivals, first)
-
-
-def _unit_concern(found: Calibration | None) -> Iterator[str]:
-    return doubtful_area_factor(1.0 if found is None else found.area_factor / found.given)
 
 
 def _scatter_concern(excess_scatter: float) -> tuple[str, ...]:

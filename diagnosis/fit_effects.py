@@ -37,7 +37,7 @@ from .inference.candidate import Candidate
 from .inference.evidence import KNOWN, weigh
 from .inference.executor import one_thread
 from .inference.linear import Linear, Prior
-from .inference.prepare import Prepared, prepare
+from .inference.prepare import AREA, Prepared, prepare
 from .inference.problem import Parameters
 from .inference.reading_noise import with_vented_at_zero
 from .inference.search import Search
@@ -164,10 +164,9 @@ def fit_effects(
         )
         written = written.model_copy(update={"residual": learnt.residual})
     progress(1.0)
-    area = float(p.forward.area_factor[0] * (1 + baseline.theta[p.problem.parameters.names.index("area.excess")]))
     return Fitted(
-        written, (*found_before, *named), stated, len(own), len(np.unique(own.trial)), MM * before, area, MM * after,
-        concerns, unseen, None if learnt is None else MM * learnt.left_out,
+        written, (*found_before, *named), stated, len(own), len(np.unique(own.trial)), MM * before,
+        p.area_factor(baseline.theta), MM * after, concerns, unseen, None if learnt is None else MM * learnt.left_out,
     )  # fmt: skip
 
 
@@ -219,22 +218,16 @@ def _posterior(p: Prepared, c: Candidate, left: float) -> tuple[dict[str, Stated
     own = list(place.values())
     scale = np.sqrt(np.diag(covariance))[own]
     correlation = SHRINKING * covariance[np.ix_(own, own)] / np.outer(scale, scale)
-    return (
-        stated,
-        {
-            "parameters": list(place),
-            "area_factor_sd": stated[AREA_FACTOR].sd,
-            "correlation": [[*np.round(correlation[i, :i], DIGITS).tolist(), 1.0] for i in range(len(own))],
-            "law_error": _rounded(law_error),
-            "discrepancy": _rounded(float(np.sqrt(max((size * p.unit) ** 2, _beyond_noise(p, left) / 3)))),
-            "noise": _noise(p),
-        },
-        tuple(
-            n
-            for n, i in place.items()
-            if parameters.effects[i] in c.named and sd[i] > UNDETERMINED_SHARE * parameters.sd[i]
-        ),
-    )
+    posterior = {
+        "parameters": list(place),
+        "area_factor_sd": stated[AREA_FACTOR].sd,
+        "correlation": [[*np.round(correlation[i, :i], DIGITS).tolist(), 1.0] for i in range(len(own))],
+        "law_error": _rounded(law_error),
+        "discrepancy": _rounded(float(np.sqrt(max((size * p.unit) ** 2, _beyond_noise(p, left) / 3)))),
+        "noise": _noise(p),
+    }
+    wide = sd > UNDETERMINED_SHARE * parameters.sd
+    return stated, posterior, tuple(n for n, i in place.items() if parameters.effects[i] in c.named and wide[i])
 
 
 def _beyond_noise(p: Prepared, left: float) -> float:
@@ -257,7 +250,7 @@ def _noise(p: Prepared) -> dict[str, float]:
 def _lasting(p: Prepared, named: Sequence[str]) -> dict[str, int]:
     """What is written: area factor, parameters of the named effects, tolerances of the whole set-up -> index."""
     parameters = p.problem.parameters
-    place = {AREA_FACTOR: parameters.names.index("area.excess")}
+    place = {AREA_FACTOR: parameters.names.index(AREA)}
     return place | {
         name: i
         for i, name in enumerate(parameters.names)

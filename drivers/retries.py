@@ -18,7 +18,7 @@ RULE = 10
 
 
 class Retries:
-    """The requests of one line, and what a person should be told of the line."""
+    """The requests of one line, and what a person should know of the line."""
 
     def __init__(self, line: SerialLine) -> None:
         """`line`: on which they are made."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from diagnosis.fit_effects import Fitted, fit_effects
 from model.calibration import (
+    AXES,
     AreaFit,
     fit_area_factor_by_length,
     fit_body_modulus,
@@ -23,8 +24,6 @@ from recordings.trials import TrialRow
 
 from .files.inputs import Case
 
-AXES = 3
-"""Numbers that the tip of a state gives."""
 LENGTH_KNOWN_TO = 0.1e-3
 """m; standard uncertainty of the spine length read from the drum, with the play of cord and clamp."""
 

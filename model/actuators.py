@@ -25,8 +25,15 @@ class Words:
     """Of one such unit, as tables hold it."""
     digits: int
     """Decimals that matter."""
+    by_rig: bool
+    """Whether a rig can drive them; else a person does, state by state."""
     instead: Mapping[str, str] = field(default_factory=dict)
     """Words for chambers -> those for these actuators."""
+
+    @property
+    def axis(self) -> str:
+        """Label of an axis of pressures or tensions."""
+        return self.say(f"pressure, {self.unit}")
 
     def say(self, text: str) -> str:
         """A text about chambers as one about these actuators; identifiers stay.
@@ -58,7 +65,7 @@ class Chambers(BaseModel):
     """The pressure chambers: equal round channels that run along the body."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
-    words: ClassVar[Words] = Words("chambers", "kPa", 1e3, 0)
+    words: ClassVar[Words] = Words("chambers", "kPa", 1e3, 0, True)
 
     radius: FiniteFloat = Field(gt=0, le=0.5, json_schema_extra={"unit": "m"})
     path_radius: FiniteFloat = Field(gt=0, le=1, json_schema_extra={"unit": "m"})
@@ -80,7 +87,7 @@ class Tendons(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     words: ClassVar[Words] = Words(
-        "tendons", "N", 1 / PULL_AREA, 1,
+        "tendons", "N", 1 / PULL_AREA, 1, False,
         {
             "chamber": "tendon", "chambers": "tendons", "Chambers": "Tendons", "inflate": "pull", "inflates": "pulls",
             "inflated": "pulled", "pressure": "tension", "pressures": "tensions", "regulators": "motors",

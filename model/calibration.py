@@ -21,6 +21,8 @@ from model.rods import FINE, Method, solve
 from model.section import annulus_second_moment, body_second_moment, rods_of
 
 Array = NDArray[np.float64]
+AXES = 3
+"""Readings that the tip of a state gives."""
 LEAST_FACTOR, MOST_FACTOR = 0.05, 20.0
 """Bounds of A_effect / A_norm."""
 
@@ -35,7 +37,12 @@ class AreaFit:
     @property
     def rmse(self) -> float:
         """Root mean square tip distance over all states, m."""
-        return float(np.sqrt(3)) * self.factor.rms_residual
+        return float(np.sqrt(AXES)) * self.factor.rms_residual
+
+    @property
+    def states(self) -> int:
+        """Number of states fitted."""
+        return self.factor.n // AXES
 
 
 def fit_area_factor(

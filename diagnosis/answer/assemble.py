@@ -14,7 +14,7 @@ from recordings.trials import Table
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.on_baseline import SHARE
 from ..inference.posterior import UNKNOWN
-from ..inference.prepare import Prepared
+from ..inference.prepare import AREA, Prepared
 from ..inference.stiffness_trials import StiffnessTrials
 from ..judgement import TIED
 from . import locate
@@ -30,7 +30,6 @@ from .verdict import conclude, rivals
 Array = NDArray[np.float64]
 
 MM = 1e3
-AREA = "area.excess"
 LISTED = 12
 """Hypotheses shown in the ranking, besides none and unknown, which always are."""
 
@@ -70,18 +69,13 @@ def locate_section(f: Attribution, stages: Mapping[str, str]) -> Locate:
 
 def calibration_section(f: Attribution) -> Calibration | None:
     """The section `calibration`: the one area factor of the calibrated baseline next to robot.yaml's."""
-    p, parameters = f.prepared, f.prepared.problem.parameters
-    if p.baseline is not None or p.pushes_only or AREA not in parameters.names:
+    p = f.prepared
+    if p.baseline is not None or p.pushes_only or AREA not in p.problem.parameters.names:
         return None
     robot, states = p.described or (p.robot, p.states)
     own = ~p.states.pushed
     given = float(np.mean(robot.area_factor_at(states.spine_length[own])))
-    before = float(np.mean(p.robot.area_factor_at(p.states.spine_length[own])))
-    return Calibration(
-        before * (1 + float(f.calibrated.theta[parameters.names.index(AREA)])),
-        given,
-        p.robot.youngs_modulus / robot.youngs_modulus,
-    )
+    return Calibration(p.area_factor(f.calibrated.theta), given, p.robot.youngs_modulus / robot.youngs_modulus)
 
 
 def _pushes(p: Prepared, missed: Array) -> locate.Pushes | None:

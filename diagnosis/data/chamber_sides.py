@@ -36,9 +36,7 @@ def leave_out(robot: Robot, states: States, catalogue: Mapping[str, EffectSpec])
 
 def contradicted(robot: Robot, states: States) -> bool:
     """Whether tips go to other sides than the order of the chambers says."""
-    push = (states.pressure @ robot.bending_directions) * np.exp(
-        1j * np.radians([r.roll_deg or 0.0 for r in states.rows])
-    )
+    push = (states.pressure @ robot.bending_directions) * np.exp(1j * states.roll)
     aside, strength = states.tip[:, 0] + 1j * states.tip[:, 1], np.abs(push)
     far = np.abs(aside)
     own = (np.nan_to_num(far) > ASIDE * robot.length) & (strength > 0.2 * states.pressure.max(initial=1.0))

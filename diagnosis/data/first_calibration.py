@@ -160,7 +160,7 @@ def calibrate_first(robot: Robot, states: States, effects: Collection[str] = ())
     beyond = np.abs(far) > FIRST_USUAL
     if not (beyond.any() or min(senses) < 0) or after > FIRST_GAIN * before:
         return FirstCalibration(told, states)
-    if min(senses) > 0 and _loaded(robot, own) < min(FIRST_AS_GOOD * after, FIRST_GAIN * before):
+    if min(senses) > 0 and _loaded(robot, own, min(FIRST_AS_GOOD * after, FIRST_GAIN * before)):
         return FirstCalibration(told, states)  # a weight explains it, and the diagnosis names weights
     turned = _with(_sensed(told, *senses), far * (np.array(NAMES) == "azimuth")).actuators.azimuths_deg
     place = exchanged(told, turned) if can_name_order(told, states, effects) else None
@@ -178,19 +178,17 @@ def calibrate_first(robot: Robot, states: States, effects: Collection[str] = ())
     return FirstCalibration(made, moved, adjusted, (x, y, z), before, after, order)
 
 
-def _loaded(robot: Robot, own: States) -> float:
-    """m, robust rms that is left by the robot as the diagnosis follows it and one weight more: at the tip, or all along."""
+def _loaded(robot: Robot, own: States, most: float) -> bool:
+    """Whether the robot as the diagnosis follows it and one weight more, at the tip or all along, leaves less than `most` (m) of
+    robust rms."""
     ways = [(robot, _with_payload(robot, own, share * body_mass(robot))) for share in FIRST_PAYLOADS]
     ways += [(robot.model_copy(update={"gravity": tuple(f * g for g in robot.gravity)}), own) for f in FIRST_WEIGHTS]
-    left = np.inf
-    for there, seen in ways:
-        found = _fitted(there, seen, FIRST_USUAL, 0.0)
-        left = min(left, np.inf if found is None else _rms(there, seen, found))
-    return left
+    fits = ((there, seen, _fitted(there, seen, FIRST_USUAL, 0.0)) for there, seen in ways)
+    return any(found is not None and _rms(there, seen, found) < most for there, seen, found in fits)
 
 
 def _with_payload(robot: Robot, own: States, mass: float) -> States:
-    """The states with so many kg more on the tip."""
+    """The states with `mass` (kg) added at the tip."""
     hung = [robot.tip_mass if r.tip_mass is None else r.tip_mass for r in own.rows]
     return replace(own, rows=tuple(replace(r, tip_mass=m + mass) for r, m in zip(own.rows, hung, strict=True)))
 

@@ -54,8 +54,12 @@ class States:
     def conditions(self, robot: Robot) -> Condition:
         """What was done in each state; the robot's own tip mass where none is recorded. Raises `BadCondition`."""
         mass = [robot.tip_mass if r.tip_mass is None else r.tip_mass for r in self.rows]
-        roll = np.radians([r.roll_deg or 0.0 for r in self.rows])
-        return conditions(robot, self.spine_length, self.pressure, mass, roll, [r.tip_force for r in self.rows])
+        return conditions(robot, self.spine_length, self.pressure, mass, self.roll, [r.tip_force for r in self.rows])
+
+    @cached_property
+    def roll(self) -> Array:
+        """(n,) rad, by which the body was turned in its mount."""
+        return np.radians([r.roll_deg or 0.0 for r in self.rows])
 
     @cached_property
     def main(self) -> NDArray[np.bool_]:

@@ -35,6 +35,8 @@ from .stiffness_trials import StiffnessTrials, stiffness_trials
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+AREA = "area.excess"
+"""The parameter of the one area factor."""
 TINY = 1e-12
 """m."""
 
@@ -65,6 +67,10 @@ class Prepared:
     def pushes_only(self) -> bool:
         """Whether the gap is that of stiffness trials, as no state has a tip."""
         return bool(self.states.pushed.all())
+
+    def area_factor(self, theta: Array) -> float:
+        """The one area factor at parameters (k,)."""
+        return float(self.forward.area_factor[0] * (1 + theta[self.problem.parameters.names.index(AREA)]))
 
     def common(self, theta: Array) -> Array:
         """Parameters (k,) with what belongs to single trials or to this campaign's course (drift) at its mean: what the model

@@ -106,7 +106,7 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
             g.say(f"points.m{k}.of", [list(t.columns)], "in the order of their distance from the base")
             if bases:
                 g.say(f"points.m{k}.against", [list(b.columns) for b in bases], "as the tip")
-            if not said.get(t.columns[0], _said(series, t.columns[0])):
+            if not _said(series, t.columns[0]):
                 g.say(f"points.m{k}.unit", unit, "as the tip")
         g.doubts.append(f"points.m1 ..: {len(others)} places for the markers of robot.yaml: check which is which")
     elif others:
@@ -128,8 +128,8 @@ def _still(g: Guess, series: Series, others: Sequence[Triple], tip: Triple) -> l
 
 def _lowest(g: Guess, series: Series, known: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(n,) of the rows with a place those with the lowest pressures in sum."""
-    total = np.where(known, proposed_pressures(g, series).sum(axis=1), np.inf)
-    total = np.where(np.isfinite(total), total, np.inf)
+    total = proposed_pressures(g, series).sum(axis=1)
+    total = np.where(known & np.isfinite(total), total, np.inf)
     return known & (total <= total.min())
 
 

@@ -37,14 +37,18 @@ def name_of(series: Series, name: Name, place: str) -> str:
         if str(name) not in names:
             raise ConfigError(f"{series.path}: {place} = {name}: must be 1 .. {len(names)}, the columns of the file")
     if str(name) not in names:
-        near = difflib.get_close_matches(str(name), names, 3, 0.4)
         noted = f" ({'; '.join(series.notes)})" if series.notes else ""
         raise ConfigError(
             f"{series.path}: {place} = {str(name)[:80]!r}: this column is not there; there are "
-            f"{listed(dict.fromkeys((*near, *names)))}{noted}; "
+            f"{_nearest_first(str(name), names, 3)}{noted}; "
             f"name another, for this file alone under files: {{{series.path.name!r}: {{columns: ..}}, '*': {{}}}}"
         )
     return str(name)
+
+
+def _nearest_first(name: str, names: Sequence[str], most: int) -> str:
+    """Names as a message lists them, up to `most` that are like this one before the others."""
+    return listed(dict.fromkeys((*difflib.get_close_matches(name, names, most, 0.4), *names)))
 
 
 def axes_of(series: Series, marker: str, place: str) -> list[str]:
@@ -54,10 +58,9 @@ def axes_of(series: Series, marker: str, place: str) -> list[str]:
         own = [re.compile(rf"{re.escape(marker)}[\s._-]*{axis}(?:[\s_\[(/,].*)?", re.IGNORECASE) for axis in "xyz"]
         found = [name for one in own for name in series.names if one.fullmatch(name)]
     if len(found) != 3:
-        near = difflib.get_close_matches(f"{marker}.x", series.names, 6, 0.4)
         raise ConfigError(
             f"{series.path}: {place} = {marker[:80]!r}: has no columns x, y and z of its own; there are "
-            f"{listed(dict.fromkeys((*near, *series.names)))}; name its three columns, as in [[{marker[:40]}_x, "
+            f"{_nearest_first(f'{marker}.x', series.names, 6)}; name its three columns, as in [[{marker[:40]}_x, "
             f"{marker[:40]}_y, {marker[:40]}_z]]"
         )
     return found

@@ -42,6 +42,8 @@ MOST_JUMPS = 3
 """Jumps of places that are told one by one."""
 FOLLOWS, FEW_SETTINGS = 0.9, 4
 """Share of a column's variance that the pressures account for in no table of mountings, and values of which there are fewer."""
+NOT_READ = "not read: "
+"""How the note on a file that cannot be read begins."""
 SAME_MASS, SAME_ROLL = 2e-3, 2.0
 """kg at the tip, deg of roll: the same of these."""
 
@@ -129,7 +131,7 @@ def _read(
         made.append((series, quantities_of(series, own, quantities(own.constants, "constants")), own))
     if not made:
         raise unread[0]
-    notes = [f"not read: {e}" for e in unread] + [
+    notes = [f"{NOT_READ}{e}" for e in unread] + [
         f"{s.path.name}: {text}" for s, q, _ in made for text in (*s.notes, *q.notes)
     ]
     starts = [float(q.t[0]) for _, q, _ in made]

@@ -157,7 +157,7 @@ def gap_map(d: Diagnosis, name: str, folder: Path) -> list[Path]:
                                   color="k" if value > 0.5 * top else "w")  # fmt: skip
             axis.set_title(title, loc="left")
             axis.grid(False)
-            axis.set_xlabel(driven(d))
+            axis.set_xlabel(d.words.axis)
             figure.colorbar(image, ax=axis, label="gap, mm rms")
             made.append(save(figure, folder / f"map-{k}.svg"))
     return made
@@ -194,7 +194,7 @@ def loops(d: Diagnosis, name: str, folder: Path) -> list[Path]:
             legend.plot([], [], "k--", label="unload")
             legend.set_ylim(-most, most)
             for axis in axes[1]:
-                axis.set_xlabel(driven(d))
+                axis.set_xlabel(d.words.axis)
             figure.suptitle(g.name, fontsize=9)
             figure.legend(*legend.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8)
             made.append(save(figure, folder / f"loops-{k}.svg"))
@@ -234,7 +234,7 @@ def unseen_tips(d: Diagnosis, name: str, folder: Path) -> list[Path]:
                 top.plot(s["pressure"][at] / d.words.pascal, tip, "o", color=RED, mfc="none", ms=4, label="measured")
                 top.set_title(f"{g.name}{f', spine {length * 100:.0f} cm' if spines else ''}", loc="left")
                 below.axhspan(0, d.locate.noise_floor_mm, color="0.9")
-                below.set_xlabel(driven(d))
+                below.set_xlabel(d.words.axis)
                 top.set_ylabel("tip, mm")
                 below.set_ylabel("tip missed\nby, mm")
                 figure.legend(*top.get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8)
@@ -289,11 +289,6 @@ def _states(d: Diagnosis) -> dict[str, Array]:
     """Columns of the states; cells without a value are NaN."""
     found: dict[str, Any] = d.detail["states"]
     return {name: np.array(values, float) for name, values in found.items() if name != "chambers"}
-
-
-def driven(d: Diagnosis) -> str:
-    """Label of an axis of pressures or tensions."""
-    return d.words.say(f"pressure, {d.words.unit}")
 
 
 def _levels(values: Array, grain: float) -> Array:

@@ -17,7 +17,7 @@ from diagnosis.answer.headline import for_people, percent, stated
 from diagnosis.answer.result import Diagnosis, Ranked
 from diagnosis.answer.sentences import OUTSIDE, hypothesis_name, plain_name, with_id
 from diagnosis.judgement import RIVAL_WORTH_SEPARATING
-from model.actuators import Chambers, Words
+from model.actuators import Words
 from recordings.campaign.labels import RECORD
 from recordings.file.reader import Recording
 from recordings.trials import Table
@@ -171,7 +171,7 @@ def _first_step(d: Diagnosis, protocols: Path | None) -> tuple[str, str]:
         return text[0].lower() + text[1:], ""
     first = d.next_experiment[0]
     text = f"{first.do} ({first.cost_min:.0f} min)"
-    if d.words is not Chambers.words:
+    if not d.words.by_rig:
         return f"{text}: {to_apply(first.protocol, d.words)}; lab import reads what you measure.", ""
     return f"{text}.", command(first, protocols)
 
@@ -515,18 +515,18 @@ def _next(s: Section, d: Diagnosis, protocols: Path | None) -> None:
         s.text(
             f"{_rivals(d)} Each experiment tests the answer in states that were not measured: take the quickest that you can do."
         )
-    driven = d.words is Chambers.words
+    by_rig = d.words.by_rig
     if protocols is None:
         s.text(
-            f"lab diagnose writes these {'protocols' if driven else 'states'} to files with the option --protocols next."
+            f"lab diagnose writes these {'protocols' if by_rig else 'states'} to files with the option --protocols next."
         )
     rows = [
         [p.do, f"{p.cost_min:.0f}", *(["; ".join(_pair(x, d) for x in p.separates[:3])] if separating else []),
-         Command(command(p, protocols)) if driven else to_apply(p.protocol, d.words)]
+         Command(command(p, protocols)) if by_rig else to_apply(p.protocol, d.words)]
         for p in shown
     ]  # fmt: skip
     s.table(
-        ("experiment", "minutes", *(("separates",) if separating else ()), "command" if driven else "states to apply"),
+        ("experiment", "minutes", *(("separates",) if separating else ()), "command" if by_rig else "states to apply"),
         rows,
     )
 

@@ -102,7 +102,7 @@ def tip_curves(c: Comparison, words: Words = Chambers.words) -> list[Panel]:
         axis.plot([], [], "k-", lw=1.2, label="model")
         axis.plot([], [], "k^", ms=4, label="measured, load")
         axis.plot([], [], "kv", ms=4, mfc="none", label="measured, unload")
-        axis.set_xlabel(words.say(f"pressure, {words.unit}"))
+        axis.set_xlabel(words.axis)
         axis.set_ylabel(name)
         legend_below(axis)
 

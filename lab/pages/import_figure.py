@@ -52,7 +52,7 @@ def draw(made: Imported, robot: Robot, path: Path) -> None:
         _top(own, group, rows, robot, panel)
     for panel in panels[1 + len(shown) :]:
         panel.set_axis_off()
-    planes.colorbar(dots, ax=panels.tolist(), label=words.say(f"highest pressure, {words.unit}"))
+    planes.colorbar(dots, ax=panels.tolist(), label=f"highest {words.axis}")
     named = f"{len(shown)} of {len(groups)} groups" if len(shown) < len(groups) else "each group"
     planes.suptitle(
         words.say(f"Tip from the side, and along z for {named} of chambers; arrow: where they bend it"),
@@ -96,7 +96,7 @@ def _over_time(made: Imported, rows: Sequence[TrialRow], words: Words, pressure:
     for ax in (pressure, tip):
         for k, begin in enumerate(begins):
             ax.axvline(begin, color="tab:blue", lw=0.6, label=None if k else "trial begins")
-    pressure.set(ylabel=words.say(f"pressure, {words.unit}"), title=f"{len(rows)} states in {len(begins)} trials")
+    pressure.set(ylabel=words.axis, title=f"{len(rows)} states in {len(begins)} trials")
     tip.set(ylabel="tip beside its median, mm", xlabel="time, s")
     pressure.legend(**BESIDE)
     tip.legend(**BESIDE)

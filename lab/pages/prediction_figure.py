@@ -33,7 +33,7 @@ def tips(pressure: Array, spine_length: Array, found: Prediction, path: Path, wo
             if len(lengths) <= 12:
                 axes[0].plot([], [], "o", ms=3, color=colour, label=f"{100 * length:.3g} cm")
         for k, axis in enumerate(axes):
-            axis.set_xlabel(words.say(f"highest pressure, {words.unit}"))
+            axis.set_xlabel(f"highest {words.axis}")
             axis.set_ylabel(f"tip {'xyz'[k]}, mm")
         axes[0].set_title("bars: 95 % interval of a reading", loc="left")
         axes[0].legend(title="spine", fontsize=8, ncols=2)

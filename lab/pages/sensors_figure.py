@@ -35,7 +35,7 @@ def sensors(table: Table, words: Words) -> list[Panel]:
     return [
         partial(_panel, table=table, column=column, over=over, pascal=words.pascal)
         for column in quantities(table)[:MOST]
-        for over in ("state", words.say(f"highest pressure, {words.unit}"))
+        for over in ("state", f"highest {words.axis}")
     ]
 
 

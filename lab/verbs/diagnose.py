@@ -20,7 +20,7 @@ from diagnosis.diagnose import Options
 from diagnosis.diagnose import diagnose as diagnosed
 from diagnosis.errors import BadHoldout, DiagnosisError
 from diagnosis.inference.executor import PRACTISED, Executor, FirstLook
-from model.actuators import Chambers, Words
+from model.actuators import Words
 from model.effects.spec import EffectSpec
 from model.errors import ModelError
 from model.robot import Robot
@@ -195,7 +195,7 @@ def write_protocols(proposals: Sequence[Proposal], folder: Path, robot: Robot) -
     known = found_protocols().usable
     written = []
     for p in proposals:
-        if robot.tendons is not None:
+        if not robot.actuators.words.by_rig:
             written.append(_write_states(p, folder / f"{p.id}.csv", robot))
             continue
         path = folder / f"{p.id}.yaml"
@@ -244,7 +244,7 @@ def show(d: Diagnosis, protocols: Path | None = None) -> None:
     out.print(_proposals(d))
     if first.separates:
         out.print(_separated(first))
-    if d.words is not Chambers.words:
+    if not d.words.by_rig:
         where = f"{protocols}/{first.id}.csv" if protocols else "a file that --protocols FOLDER writes"
         out.print(f"The states of the first are in {where}; lab import reads what you measure", soft_wrap=True)
         return
@@ -269,13 +269,13 @@ def _ranking(ranking: Sequence[Ranked], words: Words) -> Sheet:
 
 def _proposals(d: Diagnosis) -> Sheet:
     t = Sheet(title="What to do next", title_justify="left")
-    driven = d.words is Chambers.words
-    for column in ("name", "experiment", *(() if driven else ("states to apply",)), "expected", "takes"):
+    by_rig = d.words.by_rig
+    for column in ("name", "experiment", *(() if by_rig else ("states to apply",)), "expected", "takes"):
         t.add_column(column)
     for p in d.next_experiment[:FIRST]:
-        states = () if driven else (to_apply(p.protocol, d.words),)
+        states = () if by_rig else (to_apply(p.protocol, d.words),)
         t.add_row(
-            p.id if driven else f"{p.id}.csv", p.do, *states, f"{p.expected_bits:.2f} bits", f"{p.cost_min:.0f} min"
+            p.id if by_rig else f"{p.id}.csv", p.do, *states, f"{p.expected_bits:.2f} bits", f"{p.cost_min:.0f} min"
         )
     return t
 

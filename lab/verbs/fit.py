@@ -17,7 +17,7 @@ from model.errors import BadEffect, ModelError
 from model.estimate import Estimate
 from recordings.own_files import folder_in
 
-from ..calibration import AXES, Calibration, calibrate
+from ..calibration import Calibration, calibrate
 from ..console import Screen, note, out
 from ..files.config import ConfigError
 from ..files.inputs import Case, read_case
@@ -165,8 +165,7 @@ def sheet(c: Calibration) -> Sheet:
     areas = [("set-up exact", f"{length * 100:.1f} cm", a) for length, a in c.area_factor_by_length.items()]
     areas += [("with tolerances", "all", c.area_factor)] if c.area_factor else []
     for kind, where, a in areas:
-        states, missed = str(a.factor.n // AXES), f"{a.rmse * 1e3:.2f} mm rms"
-        t.add_row(f"A_eff / A, {kind}", where, _plain(a.factor), states, missed)
+        t.add_row(f"A_eff / A, {kind}", where, _plain(a.factor), str(a.states), f"{a.rmse * 1e3:.2f} mm rms")
     return t
 
 
@@ -174,7 +173,7 @@ def baseline_line(area: AreaFit) -> str:
     """The baseline of a diagnosis, in its words."""
     return (
         "calibrated with one area factor for all lengths and the tolerances of the set-up, the model misses "
-        f"the tip by {area.rmse * 1e3:.2f} mm rms on the {area.factor.n // AXES} states (in-sample): the calibrated model of "
+        f"the tip by {area.rmse * 1e3:.2f} mm rms on the {area.states} states (in-sample): the calibrated model of "
         "lab diagnose. Factors per length take the set-up as exact, so they need not lie about that one"
     )
 

@@ -21,7 +21,7 @@ from ..imports.guess import guess_map
 from ..imports.map_file import Source, load_map
 from ..imports.proposal import Guess, guess_text
 from ..imports.series import Series
-from ..imports.table import Imported, imported, straight_point
+from ..imports.table import NOT_READ, Imported, imported, straight_point
 
 MAP, PICTURE = "map.yaml", "states.png"
 
@@ -104,7 +104,7 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, as_json
     try:
         made = imported(inputs, load_map(folder / MAP), straight_point(robot), arcs=robot.markers)
         found = (*implausible_values(robot, made.table.rows), *doubtful_directions(robot, made.table.rows))
-        told_of += [f"check: {text}" for text in (*found, *(n for n in made.notes if n.startswith("not read: ")))]
+        told_of += [f"check: {text}" for text in (*found, *(n for n in made.notes if n.startswith(NOT_READ)))]
         from ..pages.import_figure import draw
 
         draw(made, robot, folder / PICTURE)

@@ -176,7 +176,7 @@ def _experiment(name: object, own: Experiment | None, where: str) -> Experiment:
 
 
 def _planned(experiment: Experiment, parameters: Parameters) -> Plan:
-    """The plan; what a protocol that is not the project's own does wrong there is told as its fault. The plan of a file has
+    """The plan; a mistake there of a protocol that is not the project's own is reported as its own. The plan of a file has
     the file's name, whatever it says: the file may be a copy."""
     file = file_of(experiment)
     try:

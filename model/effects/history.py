@@ -81,9 +81,7 @@ class Path:
         drive at which element j begins to slide, in the drive's unit.
         """
         v = np.broadcast_shapes((len(drive),), (len(yields),))[0]
-        # Copies: a view would be another type, for which all is compiled once more.
-        drive = np.array(np.broadcast_to(drive, (v, *drive.shape[1:])), order="C")
-        yields = np.array(np.broadcast_to(yields, (v, yields.shape[1])), order="C")
+        drive, yields = _spread(drive, v, *drive.shape[1:]), _spread(yields, v, yields.shape[1])
         out = np.zeros(drive.shape)
         _slide(drive, self.before, self.after, self.first, yields, out)
         return out
@@ -94,10 +92,8 @@ class Path:
         It keeps what it had as long as that is between pull / (1 + give) and pull / (1 - give), `give` (v, n, parts, places).
         """
         shape = np.broadcast_shapes(pulls.shape[:2], give.shape[:2], weight.shape[:2])
-        pulls, give, share = (
-            np.array(np.broadcast_to(x, (*shape, *x.shape[2:])), order="C")
-            for x in (pulls, give, weight / weight.sum(axis=-1, keepdims=True))
-        )
+        share = weight / weight.sum(axis=-1, keepdims=True)
+        pulls, give, share = (_spread(x, *shape, *x.shape[2:]) for x in (pulls, give, share))
         out = np.repeat(pulls[:, :, None, :], give.shape[2], axis=2)
         _hold(pulls, give, share, self.before, self.after, self.first, out)
         return out
@@ -176,10 +172,8 @@ class History:
         edges = np.linspace(0.0, 1.0, CELLS + 1) * np.asarray(q.length)[..., None]
         covered = np.clip((q.spine_length[..., None] - edges[..., :-1]) / np.diff(edges), 0.0, 1.0)
         n, v = self.drive.shape[1], max(len(self.drive), len(covered), len(rate))
-        drive, covered, rates = (
-            np.array(np.broadcast_to(x, shape), order="C")
-            for x, shape in ((self.drive, (v, n, DRIVES)), (covered, (v, n, CELLS)), (rate[:, 0], (v,)))
-        )
+        drive, covered = _spread(self.drive, v, n, DRIVES), _spread(covered, v, n, CELLS)
+        rates = _spread(rate[:, 0], v)
         return self.path.extremes(drive, covered, q.design.roll, rates)
 
     def sliding(self, drive: Array, yields: Array) -> Array:
@@ -213,6 +207,11 @@ def drive(lengths: Sequence[Array], results: Array, places: Order, states: int) 
         out[:, places, OF_PART * part : OF_PART * part + 3] = np.where(long[..., None] > SHORTEST, bent, 0.0)
         out[:, places, OF_PART * part + 3] = np.where(long > SHORTEST, results[..., at.STRAIN + part], 0.0)
     return np.nan_to_num(out, copy=False)
+
+
+def _spread(values: Array, *shape: int) -> Array:
+    """A copy of this shape: a view would be another type, for which the kernels are compiled once more."""
+    return np.array(np.broadcast_to(values, shape), order="C")
 
 
 @numba.njit(cache=True)
