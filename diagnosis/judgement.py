@@ -168,6 +168,8 @@ OUTSIDE_ON = 8
 # ------------------------------------------------------------------ verdict and sentences
 CAUSE_PROBABILITY = 0.9
 """Probability above which the answer says "Cause"; below, the robot "behaves most like" one."""
+TIE_STATED = 0.1
+"""Difference of probability within which the headline names the first two hypotheses, not the first alone."""
 OUTSIDE_STATED = 0.01
 """Probability of a cause outside the catalogue above which the statement gives the probability within the catalogue too."""
 EXPLAINS = 0.5

@@ -10,6 +10,8 @@ from model.actuators import Chambers, Words
 from model.effects.spec import EffectSpec
 
 from ..criticism.stage_errors import StageError
+from ..inference.posterior import UNKNOWN
+from ..judgement import TIE_STATED
 from .result import Attribute, Value
 from .verdict import stage
 
@@ -88,8 +90,10 @@ def headline(
     if a.conclusion == "too little data":
         return _start(f"too little data to name a cause{': ' + missing[0] if missing else ''}.")
     if a.verdict == "effect":
-        said = words.say(_joined([_says(e, catalogue, _sizes(a), words) for e in a.effects]))
-        return _start(f"{'most likely ' if a.conclusion == 'one of several' else ''}{said} {sure}.")
+        said = _says_all(a.effects, _sizes(a, a.effects), catalogue, words)
+        if a.conclusion != "one of several":
+            return _start(words.say(f"{said} {sure}."))
+        return _start(words.say(_tied(a, catalogue, words) or f"most likely {said} {sure}."))
     if a.verdict == "unknown":
         found = stage(asking)
         where = f": the error lies in the {found.stage} and {words.say(found.varies)}" if found else ""
@@ -101,9 +105,39 @@ def headline(
     return f"No cause: no known effect accounts for enough of the gap {sure}."
 
 
-def _sizes(a: Attribute) -> Mapping[str, Value]:
-    """Parameters of what is named; empty where it is not among those ranked."""
-    return next((r.parameters for r in a.ranking if r.effects == a.effects), {})
+def _tied(a: Attribute, catalogue: Mapping[str, EffectSpec], words: Words) -> str:
+    """What is named and the next hypothesis, where that is nearly as probable and both find room; else empty."""
+    second = max((r for r in a.ranking if r.effects != a.effects), key=lambda r: r.probability, default=None)
+    if second is None or second.probability < a.probability - TIE_STATED:
+        return ""
+    both = (a.effects, second.effects)
+    in_full = (_says_all(effects, _sizes(a, effects), catalogue, words) for effects in both)
+    by_name = (_name_all(effects, catalogue) for effects in both)
+    for first, other in (in_full, by_name):
+        text = f"{first} or {other} (p = {a.probability:.2f}, {second.probability:.2f})."
+        if len(text.split()) <= MOST_WORDS:
+            return text
+    return ""
+
+
+def _name_all(effects: Sequence[str], catalogue: Mapping[str, EffectSpec]) -> str:
+    if tuple(effects) == UNKNOWN:
+        return "a cause outside the catalogue"
+    names = [catalogue[e].name if e in catalogue else e.replace("_", " ") for e in effects]
+    return " and ".join(names) or "no effect"
+
+
+def _sizes(a: Attribute, effects: Sequence[str]) -> Mapping[str, Value]:
+    """Parameters of a hypothesis; empty where it is not among those ranked."""
+    return next((r.parameters for r in a.ranking if r.effects == tuple(effects)), {})
+
+
+def _says_all(
+    effects: Sequence[str], sizes: Mapping[str, Value], catalogue: Mapping[str, EffectSpec], words: Words
+) -> str:
+    if tuple(effects) == UNKNOWN:
+        return "the cause is outside the catalogue"
+    return _joined([_says(e, catalogue, sizes, words) for e in effects]) if effects else "there is no cause"
 
 
 def _says(effect: str, catalogue: Mapping[str, EffectSpec], sizes: Mapping[str, Value], words: Words) -> str:

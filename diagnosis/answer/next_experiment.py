@@ -36,7 +36,8 @@ def propose(
 ) -> tuple[Proposal, ...]:
     """Experiments that are not in the campaign; none after stiffness trials alone.
 
-    Those that separate candidates with a probability above `RIVAL_WORTH_SEPARATING` come first, then best bits for their time.
+    Those that separate candidates with a probability above `RIVAL_WORTH_SEPARATING` come first, then best bits for their time;
+    where a person sets each state, whose time no rig tells, most bits.
     """
     if len(rivals.candidates) < 2 or p.pushes_only:
         return ()
@@ -45,9 +46,12 @@ def propose(
         " + ".join(h) or "none" for h, probability in weighed.ranking if probability > RIVAL_WORTH_SEPARATING
     )
     found = executor.map(partial(_proposal, p, rivals, possible), menu, *PROPOSING)
-    return tuple(
-        sorted(filter(None, found), key=lambda x: (not x.separates, -x.expected_bits / (x.cost_min + OVERHEAD_MIN)))
-    )
+    by_rig = p.robot.actuators.words.by_rig
+
+    def worth(x: Proposal) -> float:
+        return x.expected_bits / (x.cost_min + OVERHEAD_MIN) if by_rig else x.expected_bits
+
+    return tuple(sorted(filter(None, found), key=lambda x: (not x.separates, -worth(x))))
 
 
 def _proposal(p: Prepared, rivals: Rivals, possible: frozenset[str], experiment: Experiment) -> Proposal | None:

@@ -15,6 +15,7 @@ from ..inference.posterior import UNKNOWN
 from ..judgement import ABSORBED, CALIBRATION_STATED, EXPLAINS, OUTSIDE_STATED
 from .headline import percent
 from .result import Calibration, Carries, Conclusion, Locate, Shrink, Simulator, Waterfall
+from .shrink import share_closed
 from .verdict import Decision, stage
 
 
@@ -221,7 +222,11 @@ def _closing(f: Facts) -> str:
             return f"On unseen states {after} mm remain; calibration alone leaves {before} mm, hardly above the noise floor."
         if share < 0:
             return f"On unseen states it makes the prediction worse: {before} mm without it, {after} mm with it."
-        return f"With it, {after} mm remain on unseen states: {percent(share)} % of the reducible gap is closed."
+        by = f"With it, {after} mm remain on unseen states: {percent(share)} % of the reducible gap is closed"
+        alone = _by_cause(f)
+        if alone is None or alone >= EXPLAINS * share:
+            return f"{by}."
+        return f"{by}, {percent(max(alone, 0.0))} % by itself and the rest by tolerances of other effects."
     nearest = " and ".join(with_id(e, f.names) for e in f.nearest)
     if not nearest or share is None:
         return ""
@@ -234,6 +239,12 @@ def _closing(f: Facts) -> str:
         f"Closest: {nearest}, which closes {percent(share)} % of the reducible gap on unseen states but leaves errors that "
         "are no noise."
     )
+
+
+def _by_cause(f: Facts) -> float | None:
+    """Share of the reducible gap that what is named closes without any tolerance of other effects."""
+    left = [s.left_mm for s in (f.waterfall.steps if f.waterfall else ()) if s.step == "cause"]
+    return share_closed(f.shrink.before_mm, left[-1], f.shrink.floor_mm) if left and f.shrink else None
 
 
 def _absorbed(f: Facts) -> str:

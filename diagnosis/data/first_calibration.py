@@ -53,6 +53,8 @@ ORIGIN, STEP = 5, 1.5e-8
 MOST_STATES = 60
 """That the fit looks at; the others lie between them."""
 FEWEST_STATES = 6
+CALIBRATED_FIRST = "calibrated first"
+"""How what a person has to know of it begins."""
 QUARTERS = (0.0, np.pi / 2, -np.pi / 2, np.pi)
 """Azimuths by which chambers may be counted from another one."""
 
@@ -100,7 +102,7 @@ class FirstCalibration:
     def concern(self) -> str:
         """What a person has to know and to look at."""
         return (
-            f"calibrated first, because robot.yaml is far from these data ({self.before * 1e3:.2f} mm rms at best, so "
+            f"{CALIBRATED_FIRST}, because robot.yaml is far from these data ({self.before * 1e3:.2f} mm rms at best, so "
             f"{self.after * 1e3:.2f} mm): {self._told}. Everything below is about the robot with these numbers; check them"
         )
 

@@ -16,6 +16,7 @@ from diagnosis.answer.candidate_experiments import to_apply
 from diagnosis.answer.headline import for_people, percent, stated
 from diagnosis.answer.result import Diagnosis, Ranked
 from diagnosis.answer.sentences import OUTSIDE, hypothesis_name, plain_name, with_id
+from diagnosis.data.first_calibration import CALIBRATED_FIRST
 from diagnosis.judgement import RIVAL_WORTH_SEPARATING
 from model.actuators import Words
 from recordings.campaign.labels import RECORD
@@ -67,9 +68,8 @@ def write(d: Diagnosis, case: Case, inputs: Sequence[Path], path: Path, protocol
 def opened(title: str, d: Diagnosis, case: Case, inputs: Sequence[Path], protocols: Path | None) -> Report:
     """A page with the answer on top and where it comes from at its foot."""
     source = ", ".join(map(str, inputs))
-    guesses = [c.removeprefix(UNCONFIRMED_GUESSES) for c in d.concerns if c.startswith(UNCONFIRMED_GUESSES)]
     return Report(
-        title, f"{time.strftime('%Y-%m-%d %H:%M')}, {source}", d.headline or d.statement, guesses, small(d),
+        title, f"{time.strftime('%Y-%m-%d %H:%M')}, {source}", d.headline or d.statement, _on_top(d), small(d),
         gap_numbers(d), _first_step(d, protocols), origin(case.robot.name, inputs), names(d).keys(),
     )  # fmt: skip
 
@@ -154,6 +154,11 @@ def gap_numbers(d: Diagnosis) -> list[tuple[str, str, str]]:
     return [*((name, f"{mm:.{digits}f} mm", f"rms, {how}") for name, mm in found), floor]
 
 
+def _on_top(d: Diagnosis) -> list[str]:
+    """Concerns that have to be known before the answer is believed."""
+    return [c.removeprefix(UNCONFIRMED_GUESSES) for c in d.concerns if c.startswith(ON_TOP)]
+
+
 def explained(d: Diagnosis) -> str:
     """Name of the model with the leading hypothesis in every figure and table."""
     return WITH_CAUSE if d.attribute.verdict == "effect" else NEAREST
@@ -176,6 +181,7 @@ def _first_step(d: Diagnosis, protocols: Path | None) -> tuple[str, str]:
     return f"{text}.", command(first, protocols)
 
 
+ON_TOP = (UNCONFIRMED_GUESSES, CALIBRATED_FIRST)
 STEPS = {
     "calibration": "calibration with one area factor",
     "simulator": "the simulator taken back to the rod",
@@ -194,9 +200,11 @@ def _steps(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
             "A single trial: nothing can be left out of the fit, so how far the gap shrinks on unseen data is unknown."
         )
         return
+    beside = {"calibration": f"{STEPS['calibration']} and the numbers {CALIBRATED_FIRST}"}
+    steps = {**STEPS, **(beside if "first_calibration" in d.detail else {})}
     s.figure(
         draw.waterfall(
-            w, [plain_name(x.effect, names(d)) if x.effect else STEPS[x.step] for x in w.steps], length, folder
+            w, [plain_name(x.effect, names(d)) if x.effect else steps[x.step] for x in w.steps], length, folder
         ),
         f"Error of the {d.locate.of}, mm rms over {w.n} states, each predicted by fits that did not see it "
         f"({d.words.say(w.how)}). Each bar is what the step takes; whiskers: 95 % over trials drawn anew and orders of the "
@@ -206,7 +214,7 @@ def _steps(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
     rows = [[f"{model}, {GIVEN}", "", "", f"{w.given_mm:.2f}"]]
     rows += [
         [
-            with_id(x.effect, names(d)) if x.effect else STEPS[x.step],
+            with_id(x.effect, names(d)) if x.effect else steps[x.step],
             _mm(x.mm),
             f"{_mm(x.low95_mm)} .. {_mm(x.high95_mm)}",
             _mm(x.left_mm),
@@ -234,7 +242,7 @@ def _steps(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
 
 def _against(d: Diagnosis) -> list[str]:
     """Concerns, sizes that cannot be, errors that stages ask for."""
-    lines = [c for c in d.concerns if not c.startswith(UNCONFIRMED_GUESSES)]  # on top of the page
+    lines = [c for c in d.concerns if not c.startswith(ON_TOP)]
     lines += [
         f"The data would require {with_id(x['name'], names(d))} = {_number(x['mean'], x['unit'], d.words)}, which is physically "
         "impossible: evidence against the effect itself."

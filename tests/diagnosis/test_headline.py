@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+from dataclasses import replace
+
 import pytest
 
 from diagnosis.answer.headline import headline
@@ -65,3 +68,30 @@ def test_two_causes_and_the_other_conclusions_fit_too() -> None:
         headline(attribute("unknown", "too little data"), CATALOGUE, missing=lacks),
     ]
     assert all(len(said.split()) <= 20 for said in (unknown, none, *made)) and lacks[0] in made[-1]
+
+
+def tied(effect: str, sizes: dict[str, Value], p: float, other: str, q: float, found: dict[str, Value]) -> str:
+    a = attribute("effect", "one of several", sizes, effect, p=p)
+    second = Ranked((other,) if other else (), q, 9.0, None, found)
+    return headline(replace(a, ranking=(*a.ranking, second)), CATALOGUE)
+
+
+def test_two_that_are_nearly_as_probable_are_both_named() -> None:
+    tilt, turn = (
+        {f"{effect}.x": Value(angle, 0.01, "rad"), f"{effect}.y": Value(0.0, 0.01, "rad")}
+        for effect, angle in (("base_tilt", 0.0628), ("frame_misalignment", 0.0611))
+    )
+    both = tied("base_tilt", tilt, 0.49, "frame_misalignment", 0.47, turn)
+    assert both == "The base is tilted by 3.6 deg or the cameras' frame is turned by 3.5 deg (p = 0.49, 0.47)."
+    assert "frame" not in tied("base_tilt", tilt, 0.55, "frame_misalignment", 0.41, turn)
+    assert tied("base_tilt", tilt, 0.49, "", 0.45, {}).endswith("or there is no cause (p = 0.49, 0.45).")
+
+
+def test_both_fit_whichever_they_are() -> None:
+    for effect, other in itertools.permutations(CATALOGUE, 2):
+        sizes, found = (
+            {f"{e}.{p.name}": Value(0.123456 * p.scale, 0.0, p.unit) for p in CATALOGUE[e].parameters}
+            for e in (effect, other)
+        )
+        said = tied(effect, sizes, 0.49, other, 0.47, found)
+        assert len(said.split()) <= 20 and said.endswith("(p = 0.49, 0.47)."), said

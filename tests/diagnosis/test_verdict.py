@@ -106,6 +106,22 @@ def test_what_calibration_changed_is_part_of_the_statement() -> None:
     assert small.startswith("No gap: ") and "a body 36 % softer" in small
 
 
+def test_what_tolerances_close_is_not_said_of_the_cause() -> None:
+    shrink = Shrink("leave one trial out", 7.5, 1.2, 0.5, 0.979, None, ())
+    texts = {}
+    for name, mm in (("alone", 1.4), ("beside", 6.9)):
+        steps = (
+            Step("calibration", None, 20.0, 18.0, 22.0, 7.5),
+            Step("cause", "base_tilt", 7.5 - mm, 0.0, 9.0, mm),
+            Step("tolerances", None, mm - 1.2, 0.0, 9.0, 1.2),
+        )
+        gap = Waterfall("leave one trial out", 40, 27.5, steps, {}, None)
+        texts[name] = statement(replace(facts(SURE), waterfall=gap, shrink=shrink))
+    whole = "98 % of the reducible gap is closed"
+    assert f"{whole}." in texts["alone"]
+    assert f"{whole}, 15 % by itself and the rest by tolerances of other effects." in texts["beside"]
+
+
 def test_a_cause_that_an_area_factor_by_length_hides_is_said_to_be_hidden() -> None:
     steps = (Step("calibration", None, 20.0, 18.0, 22.0, 7.5),)
     absorbed = Absorbed("leave one pressure out", 7.5, 0.2, 0.6)

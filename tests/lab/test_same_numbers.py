@@ -106,11 +106,11 @@ def in_page(text: str) -> Numbers:
     top = dict(re.findall(r"<dt>(?:<[^>]+>)*([^<]+)(?:</[^>]+>)*</dt><dd>([\d.]+) mm</dd>", text))
     lead = re.search(r'<p class="lead">([^<]*)</p>', text)
     assert lead is not None
-    said = {**top, **found({"p": r"\(p = ([\d.]+)\)"}, lead[1])}
+    said = {**top, **found({"p": r"\(p = ([\d.]+)[,)]"}, lead[1])}
     said |= found({"closed": r"closed on unseen states with [^:]*: (\d+) %"}, text) if "with cause" in top else {}
     for heading, rows in tables(text):
         if heading[0] == "step":
-            left = {row[0]: row[3] for row in rows}
+            left = {row[0].partition(" and the numbers")[0]: row[3] for row in rows}
             said["uncalibrated in steps"], said["calibrated in steps"] = (
                 left["model, uncalibrated"],
                 left["calibration with one area factor"],
@@ -165,7 +165,7 @@ def test_every_surface_says_the_same_number_for_the_same_word(
     monkeypatch.setattr("lab.console.out.width", 200)
     show(d)
     surfaces = {
-        "headline": found({"p": r"\(p = ([\d.]+)\)"}, d.headline),
+        "headline": found({"p": r"\(p = ([\d.]+)[,)]"}, d.headline),
         "statement": in_statement(d.statement),
         "page": in_page(write(d, case, [tmp_path], tmp_path / "page.html").read_text()),
         "command": in_command(capsys.readouterr().out),
