@@ -29,6 +29,8 @@ LARGE_DISCREPANCY_SHARE = 0.1
 DISCREPANCY_UNIT_RANGE = (0.2e-3, 2e-3)
 """m; the noise floor in which the discrepancy is counted is kept within this range, so that neither very good nor very bad
 cameras decide how wrong laws are."""
+LEAST_NOISE_FLOOR = 1e-6
+"""m; a table whose repeats agree better than any camera reads, as a simulator's do, has this noise floor."""
 CORRELATION_LENGTH, CORRELATION_PRESSURE, BRANCH_DISTANCE = 0.35, 0.45, 0.5
 """Correlation lengths of the discrepancy: robot lengths of spine, highest pressures, and half the distance between loading and
 unloading, in correlation lengths. About a third of the range, as smooth functions of so few states need."""

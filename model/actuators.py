@@ -28,7 +28,7 @@ class Words:
     by_rig: bool
     """Whether a rig can drive them; else a person does, state by state."""
     instead: Mapping[str, str] = field(default_factory=dict)
-    """Words for chambers -> those for these actuators."""
+    """Words for chambers -> those for these actuators; whole words."""
 
     @property
     def axis(self) -> str:
@@ -41,7 +41,9 @@ class Words:
         >>> Tendons.words.say("inflate chambers 1, 2"), Tendons.words.say("offset of the pressures [pressure_offset]")
         ('pull tendons 1, 2', 'offset of the tensions [pressure_offset]')
         """
-        return re.sub(r"\b[A-Za-z]+\b", lambda word: self.instead.get(word[0], word[0]), text)
+        if not self.instead:
+            return text
+        return re.sub(rf"\b({'|'.join(self.instead)})\b", lambda found: self.instead[found[0]], text)
 
     def number(self, pressure: float, more: int = 0) -> str:
         """A pressure of the tables (Pa) as a number in the unit, with `more` decimals than usual.
@@ -89,7 +91,9 @@ class Tendons(BaseModel):
     words: ClassVar[Words] = Words(
         "tendons", "N", 1 / PULL_AREA, 1, False,
         {
-            "chamber": "tendon", "chambers": "tendons", "Chambers": "Tendons", "inflate": "pull", "inflates": "pulls",
+            "area factor": "tension factor", "area factors": "tension factors", "chamber areas": "tendons' tensions",
+            "areas of the chambers": "tensions of the tendons", "chambers' area": "tendons' pull", "chamber": "tendon",
+            "chambers": "tendons", "Chambers": "Tendons", "inflate": "pull", "inflates": "pulls",
             "inflated": "pulled", "pressure": "tension", "pressures": "tensions", "regulators": "motors",
         },
     )  # fmt: skip

@@ -24,7 +24,7 @@ from ..data.chamber_sides import leave_out
 from ..data.noise_components import NoiseComponents
 from ..data.states import States
 from ..errors import BadCase
-from ..judgement import DISCREPANCY_UNIT_RANGE, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE
+from ..judgement import DISCREPANCY_UNIT_RANGE, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE, LEAST_NOISE_FLOOR
 from .discrepancy import Settings, by_channel, columns, settings
 from .labels import Labels
 from .on_baseline import SHARE, OnBaseline, on_baseline
@@ -191,7 +191,7 @@ def prepare(
     if pushes is not None and states.pushed.all():
         known = beside_model = pushes.noise_floor
     else:
-        known = min(repeated, beside_model)
+        known = max(min(repeated, beside_model), LEAST_NOISE_FLOOR)
     unit = float(np.clip(beside_model / np.sqrt(3), *DISCREPANCY_UNIT_RANGE))
     smooth, shared_basis, channel_basis = _discrepancy_bases(robot, states, labels, unit, pushes)
     problem = Problem(

@@ -58,13 +58,13 @@ def sheet(table: ErrorTable, robot: Robot) -> Sheet:
     paper = _of_the_paper(robot)
     named = ("x (paper: X)", "z (paper: Y)", "y (out of plane)") if paper else ("x", "y", "z")
     t = Sheet(title="Measured against model: mean absolute error of the tip", title_justify="left")
-    for column in ("spine", "n", *named, "rms", "worst"):
+    with_spine = robot.spine is not None
+    for column in (*(("spine",) if with_spine else ()), "n", *named, "rms", "worst"):
         t.add_column(column, justify="right")
     for r in table.rows:
         along = (r.mean_abs_x, r.mean_abs_z, r.mean_abs_y) if paper else (r.mean_abs_x, r.mean_abs_y, r.mean_abs_z)
-        t.add_row(
-            f"{r.spine_length * 100:.1f} cm", str(r.n), *(f"{v * 1e3:.2f} mm" for v in (*along, r.rmse, r.worst)),
-        )  # fmt: skip
+        length = (f"{r.spine_length * 100:.1f} cm",) if with_spine else ()
+        t.add_row(*length, str(r.n), *(f"{v * 1e3:.2f} mm" for v in (*along, r.rmse, r.worst)))
     worst = {"X": table.worst_percent_x, "Y": table.worst_percent_z} if paper else {
         axis: 100 * max(getattr(r, f"mean_abs_{axis}") for r in table.rows) / table.length for axis in "xyz"
     }  # fmt: skip

@@ -10,6 +10,8 @@ from pathlib import Path
 
 from rich.table import Table as Sheet
 
+from diagnosis.answer.headline import sized
+from diagnosis.answer.result import Value
 from diagnosis.errors import DiagnosisError
 from diagnosis.fit_effects import Fitted, fit_effects
 from model.calibration import AreaFit
@@ -62,7 +64,7 @@ def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_json
     else:
         out.print(sheet(result))
         if result.area_factor is not None:
-            out.print(baseline_line(result.area_factor))
+            out.print(baseline_line(result, result.area_factor))
     return 0
 
 
@@ -110,10 +112,10 @@ def fit_with(inputs: Sequence[Path], robot: Path | None, asked: WithEffects, fol
 
 
 def effects_sheet(f: Fitted) -> Sheet:
-    """The fitted parameters as a table."""
+    """The fitted parameters as a table, in the units in which people read them."""
     named = " + ".join(f.effects) or "no effect"
     t = Sheet(title=f"Robot with {named} (± standard deviation)", title_justify="left")
-    for column in ("parameter", "value", "unit"):
+    for column in ("parameter", "value"):
         t.add_column(column)
     before = ""
     for name, p in f.parameters.items():
@@ -122,8 +124,8 @@ def effects_sheet(f: Fitted) -> Sheet:
         if before and group != before:
             t.add_section()
         before = group
-        value = "not determined" if name in f.undetermined else f"{p.value:.4g} ± {p.sd:.2g}"
-        t.add_row(name, value, "" if p.unit == "1" else p.unit)
+        value = Value(p.value, p.sd, p.unit, name not in f.undetermined)
+        t.add_row(name, sized(value, f.robot.actuators.words))
     return t
 
 
@@ -148,33 +150,35 @@ def residual_lines(f: Fitted) -> list[str]:
 
 
 def sheet(c: Calibration) -> Sheet:
-    """The calibration as a table."""
-    t = Sheet(title="Calibration (± standard error)", title_justify="left")
-    for column in ("parameter", "spine", "value", "states", "residual"):
-        t.add_column(column)
-    for length, e in c.spine_modulus.items():
-        t.add_row("E of the spine", f"{length * 100:.1f} cm", _mpa(e), str(e.n), f"{e.rms_residual:.3f} N")
-    if c.body_modulus:
-        t.add_row(
-            "E of the body (eq. 8)",
-            "0 cm",
-            _mpa(c.body_modulus),
-            str(c.body_modulus.n),
-            f"{c.body_modulus.rms_residual:.3f} N",
-        )
+    """The calibration as a table; without the column of spine lengths for a robot that has no spine."""
+    rows = [
+        ("E of the spine", f"{length * 100:.1f} cm", _mpa(e), str(e.n), f"{e.rms_residual:.3f} N")
+        for length, e in c.spine_modulus.items()
+    ]
+    if e := c.body_modulus:
+        rows.append(("E of the body (eq. 8)", "0 cm", _mpa(e), str(e.n), f"{e.rms_residual:.3f} N"))
     areas = [("set-up exact", f"{length * 100:.1f} cm", a) for length, a in c.area_factor_by_length.items()]
-    areas += [("with tolerances", "all", c.area_factor)] if c.area_factor else []
+    areas += [("tolerances", "all", c.area_factor)] if c.area_factor else []
+    factor = c.robot.actuators.words.say("area factor")
     for kind, where, a in areas:
-        t.add_row(f"A_eff / A, {kind}", where, _plain(a.factor), str(a.states), f"{a.rmse * 1e3:.2f} mm rms")
+        rows.append((f"{factor}, {kind}", where, _plain(a.factor), str(a.states), f"{a.rmse * 1e3:.2f} mm rms"))
+    t = Sheet(title="Calibration (± standard error)", title_justify="left")
+    spine = c.robot.spine is not None
+    for column in ("parameter", *(("spine",) if spine else ()), "value", "states", "residual"):
+        t.add_column(column)
+    for name, where, *rest in rows:
+        t.add_row(name, *((where,) if spine else ()), *rest)
     return t
 
 
-def baseline_line(area: AreaFit) -> str:
+def baseline_line(c: Calibration, area: AreaFit) -> str:
     """The baseline of a diagnosis, in its words."""
-    return (
-        "calibrated with one area factor for all lengths and the tolerances of the set-up, the model misses "
-        f"the tip by {area.rmse * 1e3:.2f} mm rms on the {area.states} states (in-sample): the calibrated model of "
-        "lab diagnose. Factors per length take the set-up as exact, so they need not lie about that one"
+    spine = c.robot.spine is not None
+    return c.robot.actuators.words.say(
+        f"calibrated with one area factor{' for all lengths' if spine else ''} and the tolerances of the set-up, the model "
+        f"misses the tip by {area.rmse * 1e3:.2f} mm rms on the {area.states} states (in-sample): the calibrated model of lab "
+        "diagnose"
+        + (". Factors per length take the set-up as exact, so they need not lie about that one" if spine else "")
     )
 
 

@@ -152,7 +152,7 @@ def invert(robot_path: Path, targets_path: Path, wanted: Wanted, outputs: Output
     if outputs.json:
         print(json.dumps({**_head(robot, outputs), "targets": rows}, indent=1))
         return 0
-    out.print(_inverse_sheet(place, found, robot.actuators.words))
+    out.print(_inverse_sheet(place, found, robot))
     _tell(robot, outputs, len(rows))
     missed = np.flatnonzero(~found.reached)
     if missed.size:
@@ -338,7 +338,8 @@ def _head(robot: Robot, outputs: Outputs) -> dict[str, Any]:
 def _tell(robot: Robot, outputs: Outputs, rows: int) -> None:
     if rows > SHOWN:
         out.print(f"{rows - SHOWN} more rows; --out FILE.csv writes all")
-    out.print(f"± {INTERVAL}" if states_uncertainty(robot) else NO_INTERVAL)
+    said = INTERVAL if robot.spine is not None else INTERVAL.replace("pressure and spine", "pressure")
+    out.print(f"± {robot.actuators.words.say(said)}" if states_uncertainty(robot) else NO_INTERVAL)
     for path in (outputs.csv, outputs.figure):
         if path is not None:
             out.print(f"written: {path}")
@@ -352,29 +353,32 @@ def _sheet(robot: Robot, states: Columns, found: Prediction) -> Sheet:
     columns = [f"p{c}" for c in range(1, count + 1)] if own else [words.say("p (chambers)")]
     named = " + ".join(robot.effects) or "no effect"
     t = Sheet(title=f"Expected readings of the tip, p in {words.unit}: {robot.name}, {named}", title_justify="left")
-    for column in ("spine", *columns, "x, mm", "y, mm", "z, mm"):
+    spine = robot.spine is not None
+    for column in (*(("spine",) if spine else ()), *columns, "x, mm", "y, mm", "z, mm"):
         t.add_column(column, justify="right")
     for i in range(min(len(found.tip), SHOWN)):
         t.add_row(
-            f"{100 * float(states['spine_length'][i]):.1f} cm",
+            *([f"{100 * float(states['spine_length'][i]):.1f} cm"] if spine else []),
             *([words.number(p, 1) for p in pressures[i]] if own else [_inflated(pressures[i], words)]),
             *_with_half(found.tip[i], low[i], high[i]),
         )
     return t
 
 
-def _inverse_sheet(wanted: Array, found: Reached, words: Words) -> Sheet:
+def _inverse_sheet(wanted: Array, found: Reached, robot: Robot) -> Sheet:
+    words, spine = robot.actuators.words, robot.spine is not None
     low, high = found.prediction.interval(model_only=True)
     drives = words.say("pressures").capitalize()
     t = Sheet(title=f"{drives} for wanted tips (there: within {MM * REACHED:g} mm)", title_justify="left")
-    for column in ("target, mm", "there", "spine", words.say(f"{words.unit} (chambers)"), "x, mm", "y, mm", "z, mm"):
+    inputs = (*(("spine",) if spine else ()), words.say(f"{words.unit} (chambers)"))
+    for column in ("target, mm", "there", *inputs, "x, mm", "y, mm", "z, mm"):
         t.add_column(column)
     for i in range(min(len(wanted), SHOWN)):
         target = " ".join("any" if np.isnan(v) else f"{MM * v:.1f}" for v in wanted[i])
         t.add_row(
             target,
             "yes" if found.reached[i] else f"{MM * found.miss[i]:.1f} mm off",
-            f"{100 * found.spine_length[i]:.1f} cm",
+            *([f"{100 * found.spine_length[i]:.1f} cm"] if spine else []),
             _inflated(found.pressures[i], words),
             *_with_half(found.prediction.tip[i], low[i], high[i]),
         )

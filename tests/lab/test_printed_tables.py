@@ -32,12 +32,12 @@ def said(capsys: pytest.CaptureFixture[str], *words: object) -> str:
 def test_fit_gives_one_area_factor_for_all_lengths(case: Path, capsys: pytest.CaptureFixture[str]) -> None:
     told = said(capsys, "fit", case)
     found = json.loads(said(capsys, "fit", case, "--json"))["area_factor"]
-    (row,) = [line for line in told.splitlines() if "with tolerances" in line]
+    (row,) = [line for line in told.splitlines() if "factor, tolerances" in line]
     assert f"{found['value']:.3f} ± {found['standard_error']:.3f}" in row
     assert f"{lab.fit(lab.case(case)).area_factor.factor.value:.3f}" in row  # type: ignore[union-attr]
     assert len(re.findall(r"\d\.\d+ ± ", told)) == 3  # two lengths and all
     rows = (case / "trials.csv").read_text().count("\n") - 1
-    counts = [int(line.split("│")[4]) for line in told.splitlines() if "A_eff" in line]
+    counts = [int(line.split("│")[4]) for line in told.splitlines() if "area factor, " in line]
     assert counts[-1] == rows == sum(counts[:-1])
 
 
