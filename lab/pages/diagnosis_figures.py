@@ -273,7 +273,7 @@ def confounding(d: Diagnosis, names: Mapping[str, str], path: Path) -> Path:
     at = np.arange(len(effects))
     with plt.rc_context(STYLE):
         figure, axis = plt.subplots(figsize=(5.2, 0.8 + 0.26 * len(effects)), layout="constrained")
-        axis.barh(at + 0.2, [100 * one[n] for n in effects], 0.38, color=BLUE, label="one area factor")
+        axis.barh(at + 0.2, [100 * one[n] for n in effects], 0.38, color=BLUE, label=d.words.say("one area factor"))
         if spines:
             shares = [100 * per_length[n] for n in effects]
             axis.barh(at - 0.2, shares, 0.38, color=GREY, hatch="//", label="an area factor for each spine length")

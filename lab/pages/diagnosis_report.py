@@ -201,7 +201,8 @@ def _steps(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
         )
         return
     beside = {"calibration": f"{STEPS['calibration']} and the numbers {CALIBRATED_FIRST}"}
-    steps = {**STEPS, **(beside if "first_calibration" in d.detail else {})}
+    named = {**STEPS, **(beside if "first_calibration" in d.detail else {})}
+    steps = {step: d.words.say(label) for step, label in named.items()}
     s.figure(
         draw.waterfall(
             w, [plain_name(x.effect, names(d)) if x.effect else steps[x.step] for x in w.steps], length, folder
@@ -373,7 +374,7 @@ def _which(s: Section, d: Diagnosis, folder: Path) -> None:
             [with_id(c.effect, names(d)), f"{c.mm:.2f}", f"{c.low95_mm:.2f} .. {c.high95_mm:.2f}", words[c.role]]
             for c in d.budget
         ]
-        s.table(("effect", "moves the tip beyond an area factor by, mm rms", "95 %", ""), rows)
+        s.table(("effect", d.words.say("moves the tip beyond an area factor by, mm rms"), "95 %", ""), rows)
     rows = [
         [hypothesis(r.effects, d), stated(r.probability), f"{r.log_evidence:.1f}",
          "" if r.heldout_rmse_mm is None else f"{r.heldout_rmse_mm:.2f}"]

@@ -56,7 +56,7 @@ def test_predict_has_a_column_for_each_of_few_pressures(tmp_path: Path, capsys: 
     table = tmp_path / "states.csv"
     table.write_text("p1,p2,p3\n20000,20000,0\n20000,0,0\n")
     told = said(capsys, "predict", "--robot", THREE, "--table", table)
-    rows = [[cell.strip() for cell in line.split("│")[2:5]] for line in told.splitlines() if line.startswith("│")]
+    rows = [[cell.strip() for cell in line.split("│")[1:4]] for line in told.splitlines() if line.startswith("│")]
     assert "p3" in told and rows == [["20.0", "20.0", "0.0"], ["20.0", "0.0", "0.0"]]
 
 
