@@ -42,7 +42,7 @@ SLACK = 5.0
 REFUSED = 30
 """Damaged answers in a row without a sample by which a driver shows that it refuses them."""
 PLACES = 4
-"""Characters of an answer, counted back from the end of what its checksum covers, that are changed in turn."""
+"""Characters of an answer, counted back from the end of what its checksum covers, that are changed one at a time."""
 MAX_AGE = 0.5
 """s, host time: the age that the contract asks of a stream, where its table allows it."""
 AGO = 1000.0
@@ -133,28 +133,42 @@ class Unit:
             for part in self.parts:
                 part.stop()
 
-    def falsified(self) -> contextlib.AbstractContextManager[list[bytes]]:
-        """Change one character of every answer and leave its checksum as it is; gives what arrives instead."""
+    def falsified(self, place: int, one: bool = False) -> contextlib.AbstractContextManager[list[bytes]]:
+        """Change one character of every answer, and leave its checksum as it is.
+
+        `place` counts the characters back from the end of what the checksum covers. With `one`, only answers to the first
+        request are changed, so that nothing but its checksum tells, where the fake notes its requests.
+        """
         covered = next((part.checked for part in self.parts if isinstance(part, PtyFake) and part.checked), None)
         if covered is None:
             pytest.skip(
                 "its fake declares no checksum; if answers carry one, set `checked` of its PtyFake to the bytes that it "
                 "covers, such as slice(0, -3)"
             )
-        turns = itertools.count()
-        return self.rewritten(lambda answer: one_changed(answer, covered, next(turns)))
+        first: list[bytes] = []
+
+        def change(answer: bytes, request: bytes) -> bytes:
+            first[:] = first or [request]
+            return one_changed(answer, covered, place) if not one or request == first[0] else answer
+
+        return self.rewritten(change)
 
     @contextlib.contextmanager
-    def rewritten(self, change: Callable[[bytes], bytes]) -> Iterator[list[bytes]]:
-        """Change all that the fake sends on its serial lines; gives what arrives instead where it differs."""
+    def rewritten(self, change: Callable[[bytes, bytes], bytes]) -> Iterator[list[bytes]]:
+        """Change all that the fake sends on its serial lines; gives what arrives instead where it differs.
+
+        `change` takes an answer and the newest request that its line has noted, empty where there is none.
+        """
         changed: list[bytes] = []
         lines: list[Any] = [part for part in self.parts if isinstance(part, PtyFake)]
         if not lines:
             pytest.skip("its fake has no serial line")
 
-        def through(send: Callable[..., None]) -> Callable[..., None]:
+        def through(line: PtyFake) -> Callable[..., None]:
+            send = line.send
+
             def sent(answer: bytes, line_time: bool = True) -> None:
-                after = change(answer)
+                after = change(answer, line.requests[-1] if line.requests else b"")
                 if after != answer:
                     changed.append(after)
                 send(after, line_time)
@@ -162,7 +176,7 @@ class Unit:
             return sent
 
         for line in lines:
-            line.send = through(line.send)
+            line.send = through(line)
         try:
             yield changed
         finally:
@@ -279,30 +293,28 @@ def answers(call: Callable[[], Any]) -> bool:
     return True
 
 
-def damaged(answer: bytes) -> bytes:
+def damaged(answer: bytes, _: bytes) -> bytes:
     """An answer of which no byte is right but the ends of its lines."""
     return bytes(byte if byte in b"\r\n" else byte ^ 0x40 for byte in answer)
 
 
-def one_changed(answer: bytes, covered: slice, turn: int) -> bytes:
+def one_changed(answer: bytes, covered: slice, place: int) -> bytes:
     """An answer of the same form with another digit, or in a binary one another bit, where its checksum covers it."""
     where = range(len(answer))[covered]
     digits = [at for at in where if answer[at : at + 1].isdigit()]
-    places = (digits if digits and answer.isascii() and answer.strip().decode().isprintable() else list(where))[
-        -PLACES:
-    ]
+    places = digits if digits and answer.isascii() and answer.strip().decode().isprintable() else where
     if not places:
         return answer
-    at = places[-1 - turn % len(places)]
+    at = places[max(-1 - place, -len(places))]
     return answer[:at] + bytes([answer[at] ^ 1]) + answer[at + 1 :]
 
 
-def other(words: list[bytes]) -> Callable[[bytes], bytes]:
+def other(words: list[bytes]) -> Callable[[bytes, bytes], bytes]:
     """Writes other words of the same form for these: K25 becomes L36."""
     kinds = (b"ABCDEFGHIJKLMNOPQRSTUVWXYZ", b"abcdefghijklmnopqrstuvwxyz", b"0123456789")
     next_one = bytes.maketrans(b"".join(kinds), b"".join(kind[1:] + kind[:1] for kind in kinds))
 
-    def change(answer: bytes) -> bytes:
+    def change(answer: bytes, _: bytes) -> bytes:
         for word in words:
             answer = answer.replace(word, word.translate(next_one))
         return answer
@@ -346,32 +358,34 @@ def test_it_does_not_open_on_a_line_whose_answers_are_all_damaged(unit: Unit) ->
 
 @units()
 def test_it_does_not_open_on_answers_whose_checksum_is_wrong(unit: Unit) -> None:
-    with unit.falsified() as sent:
-        must_not_open(
-            unit.driver,
-            "a line on which one character of every answer was changed",
-            "verify the checksum of each answer, then raise Unreachable or WrongDevice",
-            sent,
-        )
+    quick = unit.hasty()
+    for place in range(PLACES):
+        with unit.falsified(place) as sent:
+            must_not_open(
+                quick,
+                "a line on which one character of every answer was changed",
+                "verify the checksum of each answer, then raise Unreachable or WrongDevice",
+                sent,
+            )
+        quick.close()
 
 
 @units(*(role for role in POLLED if role not in STREAMS))
 def test_no_call_returns_on_an_answer_whose_checksum_is_wrong(unit: Unit) -> None:
-    line, quick = unit.falsified(), unit.hasty()
-    assert until(lambda: answers(quick.open))
-    with line as sent:
-        for call in CALLS[unit.role] * PLACES:
-            before = len(sent)
+    quick = unit.hasty()
+    for place, call in itertools.product(range(PLACES), CALLS[unit.role]):
+        assert until(lambda: answers(quick.open))
+        with unit.falsified(place, one=True) as sent:
             try:
                 given = call(quick)
             except InstrumentError as error:
                 assert error.instrument == "it", f"{error!r} is for {error.instrument!r}, needed 'it'"
             else:
-                assert len(sent) == before, (
-                    f"a call returned {given} on the answers {sent[before:]}, in each of which one character was changed; "
-                    "verify the checksum of each answer, then raise BadReply"
+                assert not sent, (
+                    f"a call returned {given} on the answers {sent}, in each of which one character was changed; verify the "
+                    "checksum of each answer, then raise BadReply"
                 )
-    quick.close()
+        quick.close()
 
 
 @units()
@@ -463,12 +477,14 @@ def test_a_stream_hands_over_no_damaged_answer(unit: Unit) -> None:
 
 @units(*STREAMS)
 def test_a_stream_hands_over_no_answer_whose_checksum_is_wrong(unit: Unit) -> None:
-    line, what = unit.falsified(), "one character of every answer is changed"
-    before = unit.strict().lost
-    hands_over_none(unit, line, what, "verify the checksum of each answer")
-    assert until(lambda: unit.driver.lost > before, SLACK), (
-        f"lost stays {before} while {what}; count each of them in lost"
-    )
+    unit.strict()
+    what = "one character of every answer is changed"
+    for place in range(PLACES):
+        before = unit.driver.lost
+        hands_over_none(unit, unit.falsified(place), what, "verify the checksum of each answer")
+        assert until(lambda before=before: unit.driver.lost > before, SLACK), (  # type: ignore[misc]
+            f"lost stays {before} while {what}; count each of them in lost"
+        )
 
 
 def hands_over_none(unit: Unit, line: contextlib.AbstractContextManager[list[bytes]], what: str, remedy: str) -> None:
