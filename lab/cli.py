@@ -572,7 +572,13 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--robot", type=Path, help="robot.yaml (default: the one in the input)")
     p.add_argument("--json", type=Path, metavar="OUT", help="write diagnosis.json here")
     p.add_argument("--report", type=Path, metavar="OUT.html", help="write the page with all figures here")
-    p.add_argument("--protocols", type=Path, metavar="FOLDER", help="write the proposed experiments as protocol files")
+    p.add_argument(
+        "--protocols",
+        type=Path,
+        metavar="FOLDER",
+        help="write the proposed experiments as protocol files; no earlier answer is kept, so later the whole diagnosis is "
+        "repeated for them",
+    )
     p.add_argument("--reference", type=Path, metavar="CASE", help="an earlier campaign: report what has changed since")
     p.add_argument(
         "--holdout",

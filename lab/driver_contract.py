@@ -4,11 +4,12 @@ of installed packages too. `-k NAME` tries one."""
 from __future__ import annotations
 
 import contextlib
+import itertools
 import math
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -40,6 +41,8 @@ SLACK = 5.0
 """Host seconds after `max_age` within which a stream without a good sample must be stale, on a busy computer too."""
 REFUSED = 30
 """Damaged answers in a row without a sample by which a driver shows that it refuses them."""
+PLACES = 4
+"""Characters of an answer, counted back from the end of what its checksum covers, that are changed one at a time."""
 MAX_AGE = 0.5
 """s, host time: the age that the contract asks of a stream, where its table allows it."""
 AGO = 1000.0
@@ -130,17 +133,42 @@ class Unit:
             for part in self.parts:
                 part.stop()
 
+    def falsified(self, place: int, one: bool = False) -> contextlib.AbstractContextManager[list[bytes]]:
+        """Change one character of every answer, and leave its checksum as it is.
+
+        `place` counts the characters back from the end of what the checksum covers. With `one`, only answers to the first
+        request are changed, so that nothing but its checksum tells, where the fake notes its requests.
+        """
+        covered = next((part.checked for part in self.parts if isinstance(part, PtyFake) and part.checked), None)
+        if covered is None:
+            pytest.skip(
+                "its fake declares no checksum; if answers carry one, set `checked` of its PtyFake to the bytes that it "
+                "covers, such as slice(0, -3)"
+            )
+        first: list[bytes] = []
+
+        def change(answer: bytes, request: bytes) -> bytes:
+            first[:] = first or [request]
+            return one_changed(answer, covered, place) if not one or request == first[0] else answer
+
+        return self.rewritten(change)
+
     @contextlib.contextmanager
-    def rewritten(self, change: Callable[[bytes], bytes]) -> Iterator[list[bytes]]:
-        """Change all that the fake sends on its serial lines; gives what arrives instead where it differs."""
+    def rewritten(self, change: Callable[[bytes, bytes], bytes]) -> Iterator[list[bytes]]:
+        """Change all that the fake sends on its serial lines; gives what arrives instead where it differs.
+
+        `change` takes an answer and the newest request that its line has noted, empty where there is none.
+        """
         changed: list[bytes] = []
         lines: list[Any] = [part for part in self.parts if isinstance(part, PtyFake)]
         if not lines:
             pytest.skip("its fake has no serial line")
 
-        def through(send: Callable[..., None]) -> Callable[..., None]:
+        def through(line: PtyFake) -> Callable[..., None]:
+            send = line.send
+
             def sent(answer: bytes, line_time: bool = True) -> None:
-                after = change(answer)
+                after = change(answer, line.requests[-1] if line.requests else b"")
                 if after != answer:
                     changed.append(after)
                 send(after, line_time)
@@ -148,7 +176,7 @@ class Unit:
             return sent
 
         for line in lines:
-            line.send = through(line.send)
+            line.send = through(line)
         try:
             yield changed
         finally:
@@ -265,17 +293,28 @@ def answers(call: Callable[[], Any]) -> bool:
     return True
 
 
-def damaged(answer: bytes) -> bytes:
+def damaged(answer: bytes, _: bytes) -> bytes:
     """An answer of which no byte is right but the ends of its lines."""
     return bytes(byte if byte in b"\r\n" else byte ^ 0x40 for byte in answer)
 
 
-def other(words: list[bytes]) -> Callable[[bytes], bytes]:
+def one_changed(answer: bytes, covered: slice, place: int) -> bytes:
+    """An answer of the same form with another digit, or in a binary one another bit, where its checksum covers it."""
+    where = range(len(answer))[covered]
+    digits = [at for at in where if answer[at : at + 1].isdigit()]
+    places = digits if digits and answer.isascii() and answer.strip().decode().isprintable() else where
+    if not places:
+        return answer
+    at = places[max(-1 - place, -len(places))]
+    return answer[:at] + bytes([answer[at] ^ 1]) + answer[at + 1 :]
+
+
+def other(words: list[bytes]) -> Callable[[bytes, bytes], bytes]:
     """Writes other words of the same form for these: K25 becomes L36."""
     kinds = (b"ABCDEFGHIJKLMNOPQRSTUVWXYZ", b"abcdefghijklmnopqrstuvwxyz", b"0123456789")
     next_one = bytes.maketrans(b"".join(kinds), b"".join(kind[1:] + kind[:1] for kind in kinds))
 
-    def change(answer: bytes) -> bytes:
+    def change(answer: bytes, _: bytes) -> bytes:
         for word in words:
             answer = answer.replace(word, word.translate(next_one))
         return answer
@@ -283,16 +322,19 @@ def other(words: list[bytes]) -> Callable[[bytes], bytes]:
     return change
 
 
-def must_not_open(driver: Any, line: str, remedy: str) -> None:
-    """Fails when the driver opens, or ends by what is none of the drivers' errors."""
+def must_not_open(driver: Any, line: str, remedy: str, sent: Sequence[bytes] = ()) -> None:
+    """Fails when the driver opens, or ends by what is none of the drivers' errors; `sent`: the answers that were changed."""
+    wrong = ""
     try:
-        identity = driver.open()
+        wrong = f"returned {driver.open()}, needed an error of drivers.errors"
     except InstrumentError as error:
-        assert error.instrument == "it", f"open() on {line} raised {error!r} for {error.instrument!r}, needed 'it'"
+        if error.instrument != "it":
+            wrong = f"raised {error!r} for {error.instrument!r}, needed 'it'"
     except Exception as error:  # noqa: BLE001 - whatever else it is, it is wrong
-        pytest.fail(f"open() on {line} ended by {error!r}, needed an error of drivers.errors; {remedy}")
-    else:
-        pytest.fail(f"open() on {line} returned {identity}, needed an error of drivers.errors; {remedy}")
+        wrong = f"ended by {error!r}, needed an error of drivers.errors"
+    if wrong:
+        such = f", such as {sent[-1]!r}," if sent else ""
+        pytest.fail(f"open() on {line}{such} {wrong}; {remedy}")
 
 
 @units()
@@ -308,9 +350,42 @@ def test_it_does_not_open_on_a_line_whose_answers_are_all_damaged(unit: Unit) ->
     with unit.rewritten(damaged) as sent:
         must_not_open(
             unit.driver,
-            f"a line on which every answer was damaged ({sent[-1:]})",
+            "a line on which every answer was damaged",
             "check the form of each answer, then raise Unreachable or WrongDevice",
+            sent,
         )
+
+
+@units()
+def test_it_does_not_open_on_answers_whose_checksum_is_wrong(unit: Unit) -> None:
+    quick = unit.hasty()
+    for place in range(PLACES):
+        with unit.falsified(place) as sent:
+            must_not_open(
+                quick,
+                "a line on which one character of every answer was changed",
+                "verify the checksum of each answer, then raise Unreachable or WrongDevice",
+                sent,
+            )
+        quick.close()
+
+
+@units(*(role for role in POLLED if role not in STREAMS))
+def test_no_call_returns_on_an_answer_whose_checksum_is_wrong(unit: Unit) -> None:
+    quick = unit.hasty()
+    for place, call in itertools.product(range(PLACES), CALLS[unit.role]):
+        assert until(lambda: answers(quick.open))
+        with unit.falsified(place, one=True) as sent:
+            try:
+                given = call(quick)
+            except InstrumentError as error:
+                assert error.instrument == "it", f"{error!r} is for {error.instrument!r}, needed 'it'"
+            else:
+                assert not sent, (
+                    f"a call returned {given} on the answers {sent}, in each of which one character was changed; verify the "
+                    "checksum of each answer, then raise BadReply"
+                )
+        quick.close()
 
 
 @units()
@@ -332,9 +407,7 @@ def test_it_does_not_open_another_device(unit: Unit) -> None:
         unit.driver.close()
         if not sent:
             pytest.skip(f"its fake sends neither maker nor model of {identity}")
-        must_not_open(
-            unit.driver, f"a line with another device than {identity.model}, which answers {sent[0]!r}", remedy
-        )
+        must_not_open(unit.driver, f"a line with another device than {identity.model}", remedy, sent)
 
 
 @units()
@@ -399,7 +472,24 @@ def test_a_stream_that_falls_silent_is_stale_after_max_age(unit: Unit) -> None:
 @units(*STREAMS)
 def test_a_stream_hands_over_no_damaged_answer(unit: Unit) -> None:
     unit.strict()
-    seen = (0, 0)  # samples, and the damaged answers that were sent when the newest was
+    hands_over_none(unit, unit.rewritten(damaged), "every answer is damaged", "check the form of each answer")
+
+
+@units(*STREAMS)
+def test_a_stream_hands_over_no_answer_whose_checksum_is_wrong(unit: Unit) -> None:
+    unit.strict()
+    what = "one character of every answer is changed"
+    for place in range(PLACES):
+        before = unit.driver.lost
+        hands_over_none(unit, unit.falsified(place), what, "verify the checksum of each answer")
+        assert until(lambda before=before: unit.driver.lost > before, SLACK), (  # type: ignore[misc]
+            f"lost stays {before} while {what}; count each of them in lost"
+        )
+
+
+def hands_over_none(unit: Unit, line: contextlib.AbstractContextManager[list[bytes]], what: str, remedy: str) -> None:
+    """Fails when a stream still hands over samples on a disturbed line, or a thread of its driver ends."""
+    seen = (0, 0)  # samples, and the disturbed answers that were sent when the newest was
 
     def refused() -> bool:
         nonlocal seen
@@ -407,16 +497,16 @@ def test_a_stream_hands_over_no_damaged_answer(unit: Unit) -> None:
             seen = len(unit.samples), len(sent)
         return len(sent) - seen[1] >= REFUSED
 
-    with crashes() as crashed, unit.rewritten(damaged) as sent:
+    with crashes() as crashed, line as sent:
         within = unit.config.max_age + SLACK
         still = not until(lambda: bool(crashed) or refused(), within) and not unit.quiet()
     assert not crashed, (
-        f"a thread of the driver ended by {crashed[0]} on the answer {sent[-1:]}; check the form of each answer, count a "
-        "damaged one in lost and go on"
+        f"a thread of the driver ended by {crashed[0]} on the answer {sent[-1:]}; {remedy}, count a damaged one in lost and "
+        "go on"
     )
     assert not still, (
-        f"the driver still hands over samples, the last is {unit.samples[-1]}, while every answer is damaged, such as "
-        f"{sent[-1:]}; check the form of each answer and count a damaged one in lost"
+        f"the driver still hands over samples, the last is {unit.samples[-1]}, while {what}, such as {sent[-1:]}; {remedy} "
+        "and count a damaged one in lost"
     )
 
 

@@ -282,6 +282,7 @@ class DynamixelFake(PtyFake):
         "nak": ("nak", 7),
         "stuck": ("stuck", True),
     }
+    checked: ClassVar[slice | None] = slice(0, -2)
 
     def __init__(
         self,

@@ -118,6 +118,7 @@ class Ft300sFake(PtyFake):
         "stuck": ("stuck", True),
         "over_range": ("over_range", 2),
     }
+    checked: ClassVar[slice | None] = slice(0, -2)
 
     def __init__(
         self, plant: Plant, clock: SimClock, seed: int = 0, lever: tuple[float, float, float] = (0.0, 0.0, 0.1)

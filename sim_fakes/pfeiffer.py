@@ -48,6 +48,7 @@ class PfeifferFake(PtyFake):
         "nak": ("refuse", "_LOGIC"),
         "over_range": ("value", 5e6),
     }
+    checked: ClassVar[slice | None] = slice(0, -4)
 
     def __init__(
         self,

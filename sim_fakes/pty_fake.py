@@ -66,6 +66,9 @@ class PtyFake(threading.Thread):
 
     own_faults: ClassVar[Mapping[str, tuple[str, Any]]] = {}
     """How this instrument has a fault of `faults.FAULTS`: the name in `faults.extra` and its value."""
+    checked: ClassVar[slice | None] = None
+    """Where answers carry a checksum: the bytes that it covers, without itself, such as slice(0, -3) before two hexadecimal
+    digits and CR. The driver contract then demands that the driver verifies it."""
 
     def __init__(self, name: str, clock: SimClock, baud: int, seed: int = 0) -> None:
         """`baud`: bits/s of the line, whose time is simulated; `seed`: of `random`, for its noise."""

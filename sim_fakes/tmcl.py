@@ -228,6 +228,7 @@ class TmclFake(PtyFake):
         "nak": ("nak", 5),
         "stuck": ("stuck", True),
     }
+    checked: ClassVar[slice | None] = slice(0, -1)
 
     def __init__(
         self,

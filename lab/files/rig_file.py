@@ -346,7 +346,7 @@ def _sound_tables(source: Source, last: RigFile | None) -> tuple[RigFile, list[s
     """The rig without instruments, with those of its other tables that are sound."""
     rig, notes = _with(source, {}), []
     assert isinstance(source.data, dict)
-    for key in ("clock", "safe", "limits"):
+    for key in ("clock", "safe", "limits", "operator"):
         if key in source.data:
             try:
                 found = getattr(_with(source, {}, **{key: source.data[key]}), key)

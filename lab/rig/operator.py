@@ -153,6 +153,19 @@ def process_of(spec: str) -> int | None:
     return None
 
 
+def ended(spec: str) -> bool:
+    """Return whether nothing listens at the operator of a rig.yaml any more; one that may not be asked has not ended."""
+    try:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
+            connection.settimeout(1.0)
+            connection.connect(spec.removeprefix(UNIX))
+    except (FileNotFoundError, NotADirectoryError, ConnectionRefusedError):
+        return True
+    except OSError:
+        return False
+    return False
+
+
 def _peer(connection: socket.socket) -> tuple[int, int]:
     """Return process and user at the other end."""
     process, user, _ = struct.unpack("3i", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))

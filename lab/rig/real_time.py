@@ -17,12 +17,16 @@ from drivers.configs import HOSTS, PORTS
 from ..files.clock import RigClock
 from ..files.config import ConfigError
 from ..files.rig_file import ClockConfig, Instruments, RigFile, present, table_of
-from .operator import UNIX, process_of
+from .operator import UNIX, ended
 
-DOOR = "/softlab-"
-"""In the path of the operator's socket that `lab fakes` writes."""
+FOLDER = "/softlab-"
+"""In the paths that `lab fakes` writes: the operator's socket, the serial lines."""
 PSEUDO_TERMINALS = range(136, 144)
 """Major device numbers of the slave ends of pseudo-terminals on Linux."""
+
+
+class FakesEnded(ConfigError):
+    """The fakes that wrote a rig.yaml have ended: there is nothing to open, and nothing to make safe."""
 
 
 def clock_of(rig: RigFile) -> RigClock:
@@ -42,10 +46,12 @@ def demand_fakes(rig: RigFile, only: str | None = None) -> None:
 
 
 def demand_running(rig: RigFile) -> None:
-    """Raises ConfigError when nothing on a rig is real and the fakes that wrote its rig.yaml have ended."""
-    path = rig.operator.removeprefix(UNIX)
-    if DOOR in path and process_of(rig.operator) is None and not any(_real(rig.instruments)):
-        raise ConfigError(
+    """Raises FakesEnded when the fakes that wrote a rig.yaml have ended and it reaches nothing but them."""
+    theirs = (
+        FOLDER in address if key in PORTS else _fake_host(address) for _, key, address in _addresses(rig.instruments)
+    )
+    if rig.operator.startswith(UNIX) and FOLDER in rig.operator and ended(rig.operator) and all(theirs):
+        raise FakesEnded(
             f"{rig.path}: the fakes that wrote this file have ended: no process answers at operator = {rig.operator}; "
             f"start them again: lab fakes --rig {rig.path}, with the options that you gave before"
         )
@@ -66,22 +72,27 @@ def at_real_speed(rig: RigFile) -> tuple[RigFile, str]:
 
 def _real(instruments: Instruments) -> Iterator[tuple[str, str]]:
     """(instrument, what is real about it). A port that is not there is left to opening, which looks again."""
+    for name, key, address in _addresses(instruments):
+        if not (_fake_line(address) if key in PORTS else _fake_host(address)):
+            kind = "not the pseudo-terminal of a fake" if key in PORTS else "not a loopback address"
+            yield (
+                name,
+                (
+                    f"instruments.{name}.{key} = {address} is {kind}, and only fakes run faster or slower than "
+                    "real time; write speed: 1"
+                ),
+            )
+
+
+def _addresses(instruments: Instruments) -> Iterator[tuple[str, str, str]]:
+    """(instrument, key, address) of all ports and hosts."""
     for name in present(instruments):
         config = table_of(instruments, name)
         for key in (*PORTS, *HOSTS):
             value = getattr(config, key, None)
             for address in value if isinstance(value, tuple) else (value,):
-                if not isinstance(address, str) or not address:
-                    continue  # TMCL has a `host` that is a number on its bus
-                if not (_fake_line(address) if key in PORTS else _fake_host(address)):
-                    kind = "not the pseudo-terminal of a fake" if key in PORTS else "not a loopback address"
-                    yield (
-                        name,
-                        (
-                            f"instruments.{name}.{key} = {address} is {kind}, and only fakes run faster or slower than "
-                            "real time; write speed: 1"
-                        ),
-                    )
+                if isinstance(address, str) and address:  # TMCL has a `host` that is a number on its bus
+                    yield name, key, address
 
 
 def _fake_line(path: str) -> bool:

@@ -250,7 +250,10 @@ def show(d: Diagnosis, protocols: Path | None = None) -> None:
         return
     run = command(first, protocols)
     out.print(
-        f"Run the first: {run}" if protocols else f"To run the first, give --protocols next, then {run}", soft_wrap=True
+        f"Run the first: {run}"
+        if protocols
+        else f"To run the first, repeat this command with --protocols next, which writes its file; then {run}",
+        soft_wrap=True,
     )
 
 

@@ -78,11 +78,16 @@ def safe_all(as_json: bool) -> int:
     told = {owner.rig: Result(list(answer.report.steps), locked=answer.locked) for owner, answer in live.answered}
     notes = _ended(live)
     from ..console import out
-    from ..guard.last_used import remembered
+    from ..guard.last_used import forget, remembered
+    from ..rig.real_time import FakesEnded
 
     for rig in remembered():
         if rig.path is not None and not names_of_path(rig.path) & live.names:
-            told[str(rig.path)] = _landed(rig.path, clear=False)
+            try:
+                told[str(rig.path)] = _landed(rig.path, clear=False)
+            except FakesEnded as e:
+                _warn([str(e)])
+                forget(rig)
     _warn(notes)
     if as_json:
         print(json.dumps({"rigs": {path: result.told for path, result in told.items()}}, indent=1))
@@ -96,13 +101,14 @@ def safe_all(as_json: bool) -> int:
 
 
 def _landed(rig_path: Path, clear: bool) -> Result:
-    """Land one rig. Raises ConfigError when no guard owns it and nothing can be read of it."""
+    """Land one rig. Raises ConfigError when no guard owns it and nothing can be read of it, or its fakes have ended."""
     result = Result()
     result.ask(names_of_path(rig_path))
     # the rest is imported after the asking, which needs none of it
     from ..files.config import ConfigError
     from ..guard.latch import Latch
     from ..rig.interrupts import Shielded
+    from ..rig.real_time import FakesEnded
 
     latch = Latch(rig_path)
     with Shielded():
@@ -110,6 +116,8 @@ def _landed(rig_path: Path, clear: bool) -> Result:
             _land_rest(rig_path, latch, result, clear)
         except ConfigError as e:
             if not result.names:
+                if isinstance(e, FakesEnded):
+                    raise
                 live = ", ".join(owner.rig for owner in owners()) or "none"
                 raise ConfigError(
                     f"{e}\nno run owns this path; rigs in use on this computer: {live}. `lab safe --all` lands them, and those "
@@ -163,9 +171,8 @@ def _ended(found: Landed) -> list[str]:
 
 
 def _land_rest(rig_path: Path, latch: Latch, result: Result, clear: bool) -> None:
-    """Land what no guard has landed. Raises ConfigError when nothing of the rig can be read."""
+    """Land what no guard has landed. Raises ConfigError when nothing of the rig can be read, FakesEnded for ended fakes."""
     from ..files.clock import RigClock
-    from ..files.config import ConfigError
     from ..files.rig_file import rig_to_make_safe
     from ..guard.instruments import ACTUATORS, owned_names
     from ..guard.last_used import recall
@@ -175,12 +182,9 @@ def _land_rest(rig_path: Path, latch: Latch, result: Result, clear: bool) -> Non
     found = rig_to_make_safe(rig_path, recall(rig_path))
     result.notes += found.notes
     result.ask(owned_names(found.rig) - result.names - names_of_path(rig_path))
+    demand_running(found.rig)
     file, told = at_real_speed(_without(found.rig, result.names))
     result.notes += [told] if told else []
-    try:
-        demand_running(found.rig)
-    except ConfigError as e:  # told, and what can be reached is landed all the same
-        result.notes.append(str(e))
     names = [n for n in ACTUATORS if getattr(file.instruments, n) is not None]
     beyond = [SafeStep(n, False, f"{why}; {BY_HAND}") for n, why in found.missing.items() if n in ACTUATORS]
     if names or not result.names:

@@ -23,6 +23,8 @@ from tests.lab.commands import run_there
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = (ROOT / "examples/regulator", ROOT / "examples/sensor", ROOT / "tests/drivers/bench_arm")
+VERIFYING = {"dynamixel", "ft300s", "pfeiffer", "tmcl"}
+"""Drivers whose instruments send a checksum."""
 THEIRS = ("bench_pr4", "skin_thermometer", "bench_arm", "bench_cameras")
 
 
@@ -32,7 +34,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     folder = tmp_path_factory.mktemp("site")
     for package in PACKAGES:
         install(folder, package)
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (folder, *PACKAGES)))}
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (folder, *PACKAGES, ROOT)))}
 
 
 @pytest.mark.parametrize(
@@ -43,6 +45,8 @@ def test_the_contract(drivers: tuple[str, ...], installed: dict[str, str], tmp_p
     assert done.returncode == 0, done.stdout + done.stderr
     passed = [name for name, fault in report.items() if fault is None]
     assert all(any(driver in name for name in passed) for driver in drivers), passed
+    verified = [name for name in passed if "whose_checksum_is_wrong" in name]
+    assert all(any(f"[{driver}]" in name for name in verified) for driver in VERIFYING & {*drivers}), report
 
 
 def contract(
@@ -62,13 +66,29 @@ def contract(
 
 
 WRONG = {
-    "ageless": ("a_stream_that_falls_silent_is_stale_after_max_age", ("latest() gave Sample(", "needed StaleReading")),
-    "trusting": ("it_does_not_open_another_device", ("b'MSG0;4711\\r'", "returned Identity(", "WrongDevice")),
-    "guessing": ("a_stream_hands_over_no_damaged_answer", ("distance=0.0", "count a damaged one in lost")),
-    "crashing": ("a_stream_hands_over_no_damaged_answer", ("ValueError", "count a damaged one in lost")),
-    "holding": ("close_leaves_the_port_to_others", ("is open 2 times", "before open() it was 1 times")),
-    "sharing": ("close_leaves_the_port_to_others", ("is open 2 times", "before open() it was 1 times")),
-    "host_time": ("samples_have_the_time_of_the_rig_s_clock", ("a sample has t = ", "now() of the clock")),
+    "range_ageless": (
+        "a_stream_that_falls_silent_is_stale_after_max_age",
+        ("latest() gave Sample(", "needed StaleReading"),
+    ),
+    "range_trusting": ("it_does_not_open_another_device", ("b'MSG0;4711\\r'", "returned Identity(", "WrongDevice")),
+    "range_guessing": ("a_stream_hands_over_no_damaged_answer", ("distance=0.0", "count a damaged one in lost")),
+    "range_crashing": ("a_stream_hands_over_no_damaged_answer", ("ValueError", "count a damaged one in lost")),
+    "range_holding": ("close_leaves_the_port_to_others", ("is open 2 times", "before open() it was 1 times")),
+    "range_sharing": ("close_leaves_the_port_to_others", ("is open 2 times", "before open() it was 1 times")),
+    "range_host_time": ("samples_have_the_time_of_the_rig_s_clock", ("a sample has t = ", "now() of the clock")),
+    "range_unchecked": (
+        "a_stream_hands_over_no_answer_whose_checksum_is_wrong",
+        ("distance=", "b'D;", "verify the checksum"),
+    ),
+    "range_uncounted": ("a_stream_hands_over_no_answer_whose_checksum_is_wrong", ("lost stays 0", "in lost")),
+    "range_credulous": (
+        "it_does_not_open_on_answers_whose_checksum_is_wrong",
+        ("returned Identity(", "b'D;", "verify the checksum"),
+    ),
+    "gauge_unchecked": (
+        "no_call_returns_on_an_answer_whose_checksum_is_wrong",
+        ("GaugeSample(", "b'P", "verify the checksum"),
+    ),
 }
 """Drivers that are wrong in one respect: the only test that each fails, and what it says."""
 
@@ -77,12 +97,12 @@ def test_a_driver_that_is_wrong_in_one_respect_fails_the_test_of_that_and_no_oth
     package = ROOT / "tests/drivers/bench_range"
     install(tmp_path, package)
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (tmp_path, package, ROOT)))}
-    done, report = contract(environment, tmp_path, "range_")
+    done, report = contract(environment, tmp_path, "range_", "gauge_")
     failed = {name: fault for name, fault in report.items() if fault}
-    assert failed.keys() == {f"test_{test}[range_{driver}]" for driver, (test, _) in WRONG.items()}, done.stdout
+    assert failed.keys() == {f"test_{test}[{driver}]" for driver, (test, _) in WRONG.items()}, done.stdout
     assert report["test_it_does_not_open_another_device[range_right]"] is None  # not skipped
     for driver, (test, words) in WRONG.items():
-        told = failed[f"test_{test}[range_{driver}]"]
+        told = failed[f"test_{test}[{driver}]"]
         assert all(word in told for word in words), told
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import errno
 import os
 import shutil
 from collections.abc import Callable
@@ -15,6 +16,10 @@ from virtual_lab import VirtualLab
 
 from lab.cli import main
 from lab.files.example import paper_robot
+from lab.files.rig_file import load_rig
+from lab.guard import door, last_used
+from lab.guard.latch import Latch
+from lab.rig import operator
 from lab.verbs.fakes import PATIENT_SETTLE
 
 Change = Callable[[dict[str, Any]], None]
@@ -191,10 +196,50 @@ def test_fakes_that_have_ended_are_one_line_and_no_line_for_each_instrument(
     virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     rig = changed(virtual_lab, tmp_path, ended)
-    for verb in (["check"], ["run", "bending", "--out", tmp_path]):
+    for verb in (["check"], ["run", "bending", "--out", tmp_path], ["safe"], ["safe", "--clear"]):
         code, text = ran(capsys, *verb, "--rig", rig)
         assert code == 2 and text.count("\n") == 1
         assert f"{rig}: the fakes that wrote this file have ended" in text and f"lab fakes --rig {rig}" in text
+    assert Latch(rig).read() is None
+
+
+def test_all_rigs_are_safe_when_the_only_one_left_was_of_fakes_that_have_ended(
+    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(door, "PREFIX", f"softlab-test-ended/{os.getpid()}/")
+    monkeypatch.setattr(last_used, "FOLDER", tmp_path)
+    rig = changed(virtual_lab, tmp_path, ended)
+    last_used.remember(load_rig(rig))
+    for said in ("have ended", ""):  # the second time it is forgotten
+        code, text = ran(capsys, "safe", "--all")
+        assert code == 0 and said in text and bool(text) is bool(said)
+    assert Latch(rig).read() is None
+
+
+def and_unplugged(rig: dict[str, Any]) -> None:
+    """A rig.yaml that began as that of fakes; its only instrument is hardware, whose cable is out."""
+    ended(rig)
+    rig["instruments"] = {"valve": {"driver": "numato", "port": "/dev/no-valve"}}
+
+
+def test_hardware_whose_cable_is_out_is_no_fake_that_has_ended(
+    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig = changed(virtual_lab, tmp_path, and_unplugged)
+    code, text = ran(capsys, "safe", "--rig", rig)
+    assert code == 1 and "have ended" not in text and Latch(rig).read() is not None
+
+
+def test_fakes_whose_back_door_is_closed_to_this_user_have_not_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def forbidden(*_: object) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    spec = f"unix:{tmp_path}/operator.sock"
+    assert operator.ended(spec)
+    monkeypatch.setattr(operator.socket.socket, "connect", forbidden)
+    assert not operator.ended(spec)
 
 
 def unplugged(rig: dict[str, Any]) -> None:

@@ -1,11 +1,14 @@
-"""A fake range finder, which looks at the tip from below."""
+"""Fake range finders, which look at the tip from below, and a fake vacuum gauge."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar
 
 from sim_fakes.instrument import Fake, Site
 from sim_fakes.pty_fake import PtyFake
 
-from . import BAUD
+from . import BAUD, total
 
 
 class RangeFake(PtyFake):
@@ -22,12 +25,53 @@ class RangeFake(PtyFake):
             return False
         self.buffer = rest
         if line == b"?I":
-            self.send(b"LRF9;4711\r")
+            self.send(self.ended(b"LRF9;4711"))
         elif line == b"?D":
             with self.plant.lock:
                 height = float(self.plant.tip_position[2])
-            self.send(b"D;%07.2f;mm\r" % (1e3 * (0.5 - height) + self.random.gauss(0.0, 0.05)))
+            self.send(self.ended(b"D;%07.2f;mm" % (1e3 * (0.5 - height) + self.random.gauss(0.0, 0.05))))
         return True
 
+    def ended(self, text: bytes) -> bytes:
+        """A whole line."""
+        return text + b"\r"
 
-FAKE = Fake("sensor", lambda site: [RangeFake(site)], lambda site, lines: {"port": lines[0].port})
+
+class CheckedRangeFake(RangeFake):
+    """A newer one."""
+
+    checked: ClassVar[slice | None] = slice(0, -3)
+
+    def ended(self, text: bytes) -> bytes:
+        """With its checksum."""
+        return text + b"%02X\r" % total(text)
+
+
+class GaugeFake(PtyFake):
+    """The vacuum gauge on one pty."""
+
+    checked: ClassVar[slice | None] = slice(0, -1)
+
+    def __init__(self, site: Site) -> None:
+        super().__init__("gauge", site.clock, BAUD, site.seed)
+        self.plant = site.plant
+
+    def feed(self) -> bool:
+        """Take one letter and answer it."""
+        letter, self.buffer = self.buffer[:1], self.buffer[1:]
+        if letter == b"I":
+            self.send(b"IVG1\0" + bytes([total(b"IVG1\0")]))
+        elif letter == b"P":
+            tenths = round(10 * self.plant.vacuum_absolute + self.random.gauss(0.0, 5.0))
+            answer = letter + tenths.to_bytes(4, "big")
+            self.send(answer + bytes([total(answer)]))
+        return bool(self.buffer)
+
+
+def _port(site: Site, lines: Sequence[PtyFake]) -> dict[str, Any]:
+    return {"port": lines[0].port}
+
+
+FAKE = Fake("sensor", lambda site: [RangeFake(site)], _port)
+CHECKED = Fake("sensor", lambda site: [CheckedRangeFake(site)], _port)
+GAUGE = Fake("gauge", lambda site: [GaugeFake(site)], _port)

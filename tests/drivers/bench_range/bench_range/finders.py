@@ -18,7 +18,7 @@ from drivers.interfaces import Clock, Identity, Sink
 from drivers.registry import Driver
 from drivers.serial_line import SerialLine, show
 
-from . import BAUD
+from . import BAUD, total
 
 PAUSE = 0.02
 """s, host time, between two requests."""
@@ -56,7 +56,7 @@ class Range:
         self.close()
         self.line.open()
         try:
-            self.who(self.line.ask(b"?I\r", b"\r"))
+            self.who(self.ask(b"?I\r"))
             self.take()
         except (NoReply, BadReply, WrongDevice) as e:
             self.line.close()
@@ -85,7 +85,7 @@ class Range:
 
     def take(self) -> None:
         """One request and its answer."""
-        distance = self.distance(self.line.ask(b"?D\r", b"\r"))
+        distance = self.distance(self.ask(b"?D\r"))
         sample = Sample(self.now(), distance)
         self.newest = time.monotonic(), sample
         self.sink(sample)
@@ -99,6 +99,10 @@ class Range:
                 self.lost += 1
             except NoReply:
                 continue
+
+    def ask(self, request: bytes) -> bytes:
+        """The answer to a request."""
+        return self.line.ask(request, b"\r")
 
     def who(self, answer: bytes) -> None:
         """Check who answers."""
@@ -183,9 +187,56 @@ class HostTime(Range):
         return time.time()
 
 
+class Checked(Range):
+    """The newer one."""
+
+    def ask(self, request: bytes) -> bytes:
+        """Without its checksum, when that is right."""
+        answer = super().ask(request)
+        if self.verifies() and answer[-2:] != b"%02X" % total(answer[:-2]):
+            raise BadReply(
+                self.name, f"{self.config.port} answers {show(answer)}, whose checksum is wrong; check the cable"
+            )
+        return answer[:-2]
+
+    def verifies(self) -> bool:
+        """Whether it looks at a checksum now."""
+        return True
+
+
+class Unchecked(Checked):
+    """Does not verify the checksums of the stream."""
+
+    def verifies(self) -> bool:
+        """While it is opened."""
+        return self.thread is None
+
+
+class Credulous(Checked):
+    """Does not verify the checksums while it is opened."""
+
+    def verifies(self) -> bool:
+        """Once the stream runs."""
+        return self.thread is not None
+
+
+class Uncounted(Checked):
+    """Does not count what it refuses."""
+
+    @property
+    def lost(self) -> int:
+        """None."""
+        return 0
+
+    @lost.setter
+    def lost(self, count: int) -> None:
+        """Nothing."""
+
+
 def _driver(make: type[Range]) -> Driver:
     return Driver("sensor", Config, make, quantities={"distance": "m"})
 
 
 RIGHT, AGELESS, TRUSTING, GUESSING = map(_driver, (Range, Ageless, Trusting, Guessing))
 CRASHING, HOLDING, SHARING, HOST_TIME = map(_driver, (Crashing, Holding, Sharing, HostTime))
+CHECKED, UNCHECKED, CREDULOUS, UNCOUNTED = map(_driver, (Checked, Unchecked, Credulous, Uncounted))
