@@ -11,6 +11,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from model.effects.catalogue import CATALOGUE
 from model.effects.spec import EffectSpec
 
@@ -28,6 +30,7 @@ from .data.case import CaseLike, lacking, states
 from .data.chamber_sides import ORDER
 from .data.first_calibration import FirstCalibration, calibrate_first
 from .data.plausible_robot import doubtful_area_factor
+from .errors import BadCase
 from .inference.executor import SINGLE_THREAD, Executor, one_thread
 from .inference.prepare import prepare
 from .judgement import USUAL_EXCESS
@@ -88,7 +91,13 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     first = (
         calibrate_first(case.robot, own, wanted.catalogue) if predicted is None else FirstCalibration(case.robot, own)
     )
-    prepared = prepare(first.robot, first.states, catalogue=wanted.catalogue, baseline=predicted)
+    try:
+        prepared = prepare(first.robot, first.states, catalogue=wanted.catalogue, baseline=predicted)
+    except np.linalg.LinAlgError as error:
+        raise BadCase(
+            "the model of robot.yaml is too far from these data to be compared with them: check youngs_modulus, area_factor and "
+            "gravity of robot.yaml, and the units of the table"
+        ) from error
     if first.changed:
         concerns = (first.concern, *concerns)
         prepared = replace(prepared, described=(case.robot, own))

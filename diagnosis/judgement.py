@@ -67,7 +67,7 @@ FIRST_SD = np.array([10.0, np.log(2), np.radians(30), np.radians(3), np.radians(
 direction, robot lengths of the origin."""
 FIRST_USUAL = np.array([np.log(20), np.log(1.6), np.radians(12), np.radians(4), np.radians(4), 0.03, 0.03, 0.03])
 """Bounds within which the diagnosis' own fit converges; only numbers beyond them are taken over."""
-FIRST_WIDEST = np.array([np.log(20), np.log(5), np.radians(180), np.radians(25), np.radians(25), 0.3, 0.3, 0.3])
+FIRST_WIDEST = np.array([np.log(20), np.log(20), np.radians(180), np.radians(25), np.radians(25), 0.3, 0.3, 0.3])
 """Bounds of the wide fit."""
 FIRST_NEAR_BOUND, FIRST_AT_BOUND = 0.75, 0.98
 """Shares of a bound: above the first the wide fit is tried, above the second the answer says that another number is wrong too."""

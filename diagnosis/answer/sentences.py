@@ -158,6 +158,8 @@ def _factor(f: Facts) -> str:
     if c is None or abs(c.stiffness - 1) < CALIBRATION_STATED:
         return ""
     how = f"{100 * abs(c.stiffness - 1):.0f} % {'stiffer' if c.stiffness > 1 else 'softer'}"
+    if c.stiffness > 2:
+        how = f"{c.stiffness:.1f} times as stiff"
     if c.modulus != 1:
         how = f"with {c.modulus:.2f} times the modulus; these data show hardly more than their ratio, that of a body {how}"
         return f" ({c.area_factor:.2f} instead of {c.given:.2f}, {how})"

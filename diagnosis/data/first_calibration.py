@@ -14,6 +14,7 @@ weight more, at the tip or all along, leaves as little, nothing is: the diagnosi
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Collection
 from dataclasses import asdict, dataclass, replace
 
@@ -53,8 +54,12 @@ ORIGIN, STEP = 5, 1.5e-8
 MOST_STATES = 60
 """That the fit looks at; the others lie between them."""
 FEWEST_STATES = 6
+DIRECT = replace(FINE, follow=False)
+"""A rod so soft that it has to be loaded in steps, at a thousand times the cost, counts as one that does not stand."""
 CALIBRATED_FIRST = "calibrated first"
 """How what a person has to know of it begins."""
+STIFFER = (3.0, 9.0)
+"""Times the modulus, with the area factor as it is or as many times larger, where the wide fit may begin."""
 QUARTERS = (0.0, np.pi / 2, -np.pi / 2, np.pi)
 """Azimuths by which chambers may be counted from another one."""
 
@@ -141,7 +146,7 @@ def calibrate_first(robot: Robot, states: States, effects: Collection[str] = ())
     own = own.take(seen)
     # one area factor, as the diagnosis has it
     told, robot = robot, robot.with_area_factor(float(np.mean(robot.area_factor_at(own.spine_length))))
-    near = _fitted(robot, own, FIRST_USUAL, 0.0)
+    near = _fitted(robot, own, FIRST_USUAL, _begin(0.0))
     if near is None:
         return FirstCalibration(told, states)
     missed = _rms(robot, own, near)
@@ -152,7 +157,7 @@ def calibrate_first(robot: Robot, states: States, effects: Collection[str] = ())
         if least < FIRST_CONVERGED * robot.length:
             break
         there = _sensed(robot, gravity, counting)
-        found = _fitted(there, own, FIRST_WIDEST, turn)
+        found = _fitted(there, own, FIRST_WIDEST, _standing(there, own, turn))
         left = np.inf if found is None else _rms(there, own, found)
         if left < (least if min(gravity, counting) > 0 else UPSIDE_DOWN_GAIN * least):
             far, senses, least = found, (gravity, counting), left
@@ -185,7 +190,7 @@ def _loaded(robot: Robot, own: States, most: float) -> bool:
     robust rms."""
     ways = [(robot, _with_payload(robot, own, share * body_mass(robot))) for share in FIRST_PAYLOADS]
     ways += [(robot.model_copy(update={"gravity": tuple(f * g for g in robot.gravity)}), own) for f in FIRST_WEIGHTS]
-    fits = ((there, seen, _fitted(there, seen, FIRST_USUAL, 0.0)) for there, seen in ways)
+    fits = ((there, seen, _fitted(there, seen, FIRST_USUAL, _begin(0.0))) for there, seen in ways)
     return any(found is not None and _rms(there, seen, found) < most for there, seen, found in fits)
 
 
@@ -209,6 +214,16 @@ def _begin(turn: float) -> Array:
     return theta
 
 
+def _standing(robot: Robot, own: States, turn: float) -> Array:
+    """Where to begin: moduli and area factors a few times larger where that comes nearer, since rods that do not stand show no
+    way."""
+    begins = [_begin(turn)]
+    for factor, area in itertools.product(STIFFER, (False, True)):
+        begins.append(_begin(turn))
+        begins[-1][:2] = np.log(factor) * area, np.log(factor)
+    return min(begins, key=lambda theta: _rms(robot, own, theta))
+
+
 def _sensed(robot: Robot, gravity: float, counting: float) -> Robot:
     """The robot, or it upside down, or with its chambers counted the other way round."""
     x, y, z = (np.array(robot.gravity) * gravity).tolist()
@@ -216,9 +231,9 @@ def _sensed(robot: Robot, gravity: float, counting: float) -> Robot:
     return robot.with_azimuths(azimuths).model_copy(update={"gravity": (x, y, z)})
 
 
-def _fitted(robot: Robot, own: States, most: Array, turn: float) -> Array | None:
-    """(8,) the best parameters within bounds, from an azimuth; None where no rod stands."""
-    begin = _begin(float(np.clip(turn, -0.99 * most[2], 0.99 * most[2])))
+def _fitted(robot: Robot, own: States, most: Array, begin: Array) -> Array | None:
+    """(8,) the best parameters within bounds, from where it begins; None where no rod stands."""
+    begin = np.clip(begin, -0.99 * most, 0.99 * most)
     misfit = _Misfit(robot, own)
     try:
         found = least_squares(
@@ -268,7 +283,7 @@ class _Misfit:
 
 def _missed(robot: Robot, own: States, theta: Array) -> Array:
     """(n, 3) m; a robot length where the rod has no equilibrium."""
-    found = solve(rods_of(_with(robot, theta), own.conditions(robot), full=True), FINE)
+    found = solve(rods_of(_with(robot, theta), own.conditions(robot), full=True), DIRECT)
     tip = own.tip - theta[ORIGIN:] * robot.length
     return np.where(found.converged[:, None], np.nan_to_num(found.tip - tip), robot.length)
 

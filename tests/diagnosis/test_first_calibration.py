@@ -151,6 +151,14 @@ def test_an_origin_elsewhere_is_taken_off_all_positions(case: Measured) -> None:
     assert {a.name for a in first.adjusted} == {"origin of the tip's x", "origin of the tip's z"}
 
 
+@pytest.mark.parametrize("factor", [0.07, 0.2, 6.0])
+def test_a_modulus_of_another_unit_is_found_even_where_no_rod_stands(case: Measured, factor: float) -> None:
+    first = calibrate_first(softer(ROBOT, factor), states(case)[0])
+    (found,) = first.adjusted
+    assert found.name == "youngs_modulus" and not found.at_bound
+    assert first.robot.youngs_modulus == pytest.approx(ROBOT.youngs_modulus, rel=0.15)
+
+
 def test_the_cause_is_found_around_the_calibrated_robot(case: Measured) -> None:
     """Told another modulus, the diagnosis names what it names of the robot as it is."""
     options = replace(quick(), catalogue=ONE)
