@@ -18,21 +18,22 @@ from ..console import Screen, note, out
 from ..files.config import ConfigError, load
 from ..imports.formats import KNOWN, read
 from ..imports.guess import guess_map
-from ..imports.map_file import Source, load_map
+from ..imports.map_file import Map, Source, demand_units
 from ..imports.proposal import Guess, guess_text
 from ..imports.series import Series
-from ..imports.table import NOT_READ, Imported, imported, straight_point
+from ..imports.table import NOT_READ, Imported, imported
 
 MAP, PICTURE = "map.yaml", "states.png"
 
 
 def import_files(inputs: Sequence[Path], map_path: Path, robot_path: Path | None, folder: Path, as_json: bool) -> int:
     """Write CASE/robot.yaml, trials.csv, map.yaml and a picture of what was cut; raises ConfigError."""
-    wanted = load_map(map_path)
+    wanted = load(map_path, Map)
     robot_path = robot_path or map_path.parent / wanted.robot
     robot = load(robot_path, Robot)
+    demand_units(wanted, robot.actuators.words, f"{map_path}: ")
     with Screen("import", quiet=as_json) as screen:
-        made = imported(inputs, wanted, straight_point(robot), screen.progress, robot.markers)
+        made = imported(inputs, wanted, robot, screen.progress)
     found = implausible_values(robot, made.table.rows)
     if found:
         raise ConfigError("\n".join(f"{map_path}: {text}" for text in found))
@@ -102,7 +103,7 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, as_json
     told_of = [f"check: {d}" for d in (*series.notes, *proposed.doubts)]
     made = None
     try:
-        made = imported(inputs, load_map(folder / MAP), straight_point(robot), arcs=robot.markers)
+        made = imported(inputs, load(folder / MAP, Map), robot)
         found = (*implausible_values(robot, made.table.rows), *doubtful_directions(robot, made.table.rows))
         told_of += [f"check: {text}" for text in (*found, *(n for n in made.notes if n.startswith(NOT_READ)))]
         from ..pages.import_figure import draw

@@ -14,8 +14,8 @@ from test_import_tables import ROBOT, guessed
 from benchmarks.faults.foreign_tables import PLATEAUS, STATES, sweep, text
 from lab.cli import main
 from lab.files.config import ConfigError, load
-from lab.imports.map_file import load_map
-from lab.imports.table import Imported, imported, straight_point
+from lab.imports.map_file import Map, demand_units
+from lab.imports.table import Imported, imported
 from model.robot import Robot
 
 FEW, MANY = sweep(), sweep(40)
@@ -46,7 +46,9 @@ def read_all(folder: Path, contents: Mapping[str, str], order: Sequence[str] | N
     values = {"columns": {n: {"column": c} for n, c in COLUMNS.items()}, "trials": {"begin": "rest"}} | more
     (folder / "map.yaml").write_text(yaml.safe_dump(values))
     files = [folder / name for name in order or contents]
-    return imported(files, load_map(folder / "map.yaml"), straight_point(load(ROBOT, Robot)))
+    wanted, robot = load(folder / "map.yaml", Map), load(ROBOT, Robot)
+    demand_units(wanted, robot.actuators.words)
+    return imported(files, wanted, robot)
 
 
 def tips(made: Imported) -> np.ndarray:
@@ -134,12 +136,12 @@ def test_the_tip_of_some_files_may_be_given_by_them_alone(tmp_path: Path) -> Non
     tip = {a: {"column": f"Tip {a.upper()} [mm]"} for a in "xyz"}
     place = tmp_path / "map.yaml"
     place.write_text(yaml.safe_dump({"columns": columns, "files": {"*": {"columns": tip}}}))
-    assert len(imported([tmp_path / "a.csv"], load_map(place), np.array([0, 0, 0.15])).table) == STATES
+    assert len(imported([tmp_path / "a.csv"], load(place, Map), load(ROBOT, Robot)).table) == STATES
     place.write_text(yaml.safe_dump({"columns": columns, "files": {"*": {"columns": {"x": tip["x"]}}}}))
     with pytest.raises(
         ConfigError, match=r"a.csv: the map of this file \(files\): columns: give the tip by x, y and z"
     ):
-        imported([tmp_path / "a.csv"], load_map(place), np.array([0, 0, 0.15]))
+        imported([tmp_path / "a.csv"], load(place, Map), load(ROBOT, Robot))
 
 
 @pytest.mark.parametrize(
@@ -210,7 +212,7 @@ def test_a_unit_that_is_none_of_the_quantity_is_asked_about(tmp_path: Path) -> N
 def test_a_unit_of_the_map_against_that_of_the_file_is_noted(tmp_path: Path) -> None:
     columns = {n: {"column": c} for n, c in COLUMNS.items()} | {"p3": {"column": "p3 [kPa]", "unit": "bar"}}
     made = read_all(tmp_path, {"a.csv": text(FEW, headings=NAMES, change=with_middle)}, columns=columns)
-    assert any("'p3 [kPa]': the file says kPa, columns.p3.unit says bar, which is taken" in n for n in made.notes)
+    assert any("'p3 [kPa]' (columns.p3): the file says kPa, the map bar, which is taken" in n for n in made.notes)
 
 
 def test_each_column_has_its_own_unit(tmp_path: Path) -> None:
@@ -220,7 +222,7 @@ def test_each_column_has_its_own_unit(tmp_path: Path) -> None:
     names = ("Time [s]", "P1 [bar]", "P2 [kPa]", "P3 [kPa]", "Tip X [mm]", "Tip Y [mm]", "Tip Z (in)")
     (tmp_path / "a.csv").write_text(text(FEW, headings=names, change=change))
     _, place = guessed(tmp_path / "a.csv")
-    made = imported([tmp_path / "a.csv"], load_map(place), straight_point(load(ROBOT, Robot)))
+    made = imported([tmp_path / "a.csv"], load(place, Map), load(ROBOT, Robot))
     assert tips(made) == pytest.approx(np.array(FEW)[:, 4:], abs=2e-3)
     assert np.column_stack([made.table[f"p{i}"] for i in (1, 2, 3)]) / 1e3 == pytest.approx(
         np.array(FEW)[:, 1:4], abs=2e-3

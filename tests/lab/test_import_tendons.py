@@ -73,7 +73,7 @@ def test_a_map_of_tensions_is_guessed_and_the_tip_goes_to_where_they_pull(
     said = " ".join(capsys.readouterr().out.split())
     proposed = yaml.safe_load((tmp_path / "map/map.yaml").read_text())
     assert [proposed["columns"][f"p{k}"] for k in (1, 2, 3)] == [
-        {"column": f"{word}{k} [N]", "unit": "N/cm^2"} for k in (1, 2, 3)
+        {"column": f"{word}{k} [N]", "unit": "N"} for k in (1, 2, 3)
     ]
     assert proposed["frame"] == {"x": "x", "y": "z", "z": "-y"} and "towards the tendons pulled" in said
     assert main(["import", table, "--map", str(tmp_path / "map/map.yaml"), "--out", str(tmp_path / "case")]) == 0
@@ -99,7 +99,7 @@ def test_a_robot_with_tendons_takes_no_column_of_pressures_for_one(
 @pytest.mark.parametrize("straight", ["first state", "first row"])
 def test_markers_too_are_taken_from_the_straight_robot(straight: str, tmp_path: Path) -> None:
     lab = trunk(tmp_path / "lab", "Seil_")
-    columns = {f"p{k}": {"column": f"Seil_{k} [N]", "unit": "N/cm^2"} for k in (1, 2, 3)}
+    columns = {f"p{k}": {"column": f"Seil_{k} [N]", "unit": "N"} for k in (1, 2, 3)}
     columns |= {"t": {"column": "Zeit [s]"}} | {a: {"column": f"Spitze_{a} [mm]"} for a in "xyz"}
     values = {
         "robot": "robot.yaml", "columns": columns, "frame": {"x": "x", "y": "z", "z": "-y"}, "straight": straight,
@@ -117,7 +117,7 @@ def test_markers_too_are_taken_from_the_straight_robot(straight: str, tmp_path: 
 def imported(folder: Path) -> Path:
     """The case of a trunk, its map written by hand."""
     lab = trunk(folder / "lab", "Seil_")
-    columns = {f"p{k}": {"column": f"Seil_{k} [N]", "unit": "N/cm^2"} for k in (1, 2, 3)}
+    columns = {f"p{k}": {"column": f"Seil_{k} [N]", "unit": "N"} for k in (1, 2, 3)}
     columns |= {"t": {"column": "Zeit [s]"}} | {a: {"column": f"Spitze_{a} [mm]"} for a in "xyz"}
     values = {
         "robot": "robot.yaml", "columns": columns, "frame": {"x": "x", "y": "z", "z": "-y"}, "straight": "first state",
@@ -184,9 +184,9 @@ def test_predict_takes_tensions_in_newtons_and_asks_about_small_pressures(
 @pytest.mark.parametrize(
     ("heading", "unit", "says"),
     [
-        ("Seil_1 [N]", "kPa", "column 'Seil_1 [N]': the file says N, columns.p1.unit says kPa"),
-        ("Seil_1 [V]", "N/cm^2", "column 'Seil_1 [V]': the file says V, columns.p1.unit says N/cm^2"),
-        ("Seil_1 [bar]", "kPa", "column 'Seil_1 [bar]': the file says bar, columns.p1.unit says kPa"),
+        ("Seil_1 [N]", "kPa", "column 'Seil_1 [N]' (columns.p1): the file says N, the map kPa"),
+        ("Seil_1 [V]", "N/cm^2", "column 'Seil_1 [V]' (columns.p1): the file says V, the map N/cm^2"),
+        ("Seil_1 [bar]", "kPa", "column 'Seil_1 [bar]' (columns.p1): the file says bar, the map kPa"),
         ("Seil_1 [N]", "N/cm^2", ""),
     ],
 )
