@@ -7,15 +7,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from diagnosis.data.doubtful import doubtful
 from diagnosis.data.plausible import implausible_values
-from diagnosis.data.plausible_directions import doubtful_directions
-from diagnosis.data.plausible_robot import doubtful_numbers
 from model.robot import Robot
 from recordings.own_files import copied, replaced
 from recordings.table_file import write_csv
 
 from ..console import Screen, note, out
 from ..files.config import ConfigError, load
+from ..files.inputs import Case
 from ..imports.formats import KNOWN, read
 from ..imports.guess import guess_map
 from ..imports.map_file import Map, Source, demand_units
@@ -37,8 +37,7 @@ def import_files(inputs: Sequence[Path], map_path: Path, robot_path: Path | None
     found = implausible_values(robot, made.table.rows)
     if found:
         raise ConfigError("\n".join(f"{map_path}: {text}" for text in found))
-    doubts = (f"{robot_path}: {text}" for text in doubtful_numbers(robot))
-    made = replace(made, notes=(*made.notes, *doubtful_directions(robot, made.table.rows), *doubts))
+    made = replace(made, notes=(*made.notes, *doubtful(Case(robot, made.table), str(robot_path))))
     write_case(made, robot, robot_path, map_path, folder)
     told(made, robot, folder, as_json)
     return 0
@@ -58,14 +57,15 @@ def write_case(made: Imported, robot: Robot, robot_path: Path, map_path: Path, f
 def told(made: Imported, robot: Robot, folder: Path, as_json: bool) -> None:
     """What was made, and of what."""
     trials = len({r.trial for r in made.table})
+    written = [str(folder / name) for name in ("robot.yaml", "trials.csv", MAP, PICTURE)]
     if as_json:
-        names = ("robot.yaml", "trials.csv", MAP, PICTURE)
-        files = {"files": [str(folder / n) for n in names], "read": [str(q.path) for _, q, _ in made.files]}
+        files = {"files": written, "read": [str(q.path) for _, q, _ in made.files]}
         about = {"states": len(made.table), "trials": trials, "columns": made.table.columns, "notes": made.notes}
         print(json.dumps(files | about, indent=1))
         return
     note(made.notes)
-    out.print(f"{len(made.table)} states in {trials} trials, in {folder}")
+    out.print(f"{len(made.table)} states in {trials} trials")
+    out.print(f"written: {', '.join(written)}")
     out.print(f"look at {folder / PICTURE}, then: lab diagnose {folder}")
 
 
@@ -104,7 +104,7 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, as_json
     made = None
     try:
         made = imported(inputs, load(folder / MAP, Map), robot)
-        found = (*implausible_values(robot, made.table.rows), *doubtful_directions(robot, made.table.rows))
+        found = (*implausible_values(robot, made.table.rows), *doubtful(Case(robot, made.table), str(robot_path)))
         told_of += [f"check: {text}" for text in (*found, *(n for n in made.notes if n.startswith(NOT_READ)))]
         from ..pages.import_figure import draw
 
