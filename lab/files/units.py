@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 KINDS: dict[str, dict[str, float]] = {
     "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254},
@@ -97,6 +97,25 @@ def shown(value: float, unit: str) -> str:
     """Return an SI value as people read it at a rig: `250 kPa`."""
     factor, name = (1e-3, "mm") if unit == "m" and 0 < abs(value) < 0.01 else usual(unit)
     return f"{value / factor:.4g}{unit_text(name)}"
+
+
+def sized(value: float, unit: str) -> str:
+    """Return an SI value in the largest of its unit, k, M and G that leaves 1 or more.
+
+    >>> sized(1e3, "Pa"), sized(1e11, "Pa"), sized(0.5, "m"), sized(5.0, "")
+    ('1 kPa', '100 GPa', '0.5 m', '5')
+    """
+    multiples = {f"{prefix}{unit}" for prefix in "kMG"} & set(KINDS.get(unit, ()))
+    size, name = max(
+        [(1.0, unit), *((f, n) for n, f in KINDS.get(unit, {}).items() if n in multiples and f <= abs(value))]
+    )
+    return f"{value / size:g}{unit_text(name)}"
+
+
+def meant(value: float, unit: str, fits: Callable[[float], bool]) -> list[str]:
+    """Return the number with each other unit in which it `fits`, such as `505 kPa` for 505 Pa."""
+    metric = {f"{prefix}{unit}" for prefix in "cmkMG"} | {unit.removeprefix("k")}
+    return [f"{value:g} {n}" for n, f in KINDS.get(unit, {}).items() if n in metric - {unit} and fits(value * f)]
 
 
 def written(values: Sequence[float], unit: str) -> list[str]:
