@@ -9,15 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from diagnosis.data.doubtful import doubtful
 from diagnosis.data.plausible import implausible_values, require_plausible
 from diagnosis.data.plausible_directions import doubtful_directions
 from diagnosis.errors import BadCase
+from lab.files.inputs import Case
 from model.condition import conditions
 from model.robot import Robot, load_robot
 from model.rods import FINE, solve
 from model.section import rods_of
 from model.stated import Stated
-from recordings.trials import TrialRow
+from recordings.trials import Table, TrialRow
 
 ROBOT = load_robot(Path(__file__).parents[2] / "examples/paper/robot.yaml")
 LEVELS = (0.0, 60e3, 120e3, 180e3, 240e3)
@@ -80,6 +82,7 @@ def w_last(r: TrialRow) -> TrialRow:
         (pressures(1 / 6894.76), ["column p", "looks like", "psi", "multiply by 6895"]),
         (pressures(1e-2), ["column p", "looks like mbar", "multiply by 100"]),
         (pressures(1e-5), ["column p", "looks like bar", "multiply by 100000"]),
+        (pressures(1e3), ["column p", "Pa gauge, at most 2e+06 Pa", "looks like Pa read as kPa (divide by 1000)"]),
         (pressures(1.0, 101_325.0), ["columns p1..p9", "101", "absolute", "subtract ambient pressure"]),
         (pressures(1.0, 84_000.0), ["columns p1..p9", "83", "absolute", "subtract ambient pressure"]),
         (pressures(1e-3, 101_325.0), ["looks like kPa", "absolute pressure"]),
@@ -230,3 +233,16 @@ def test_a_push_in_another_unit_is_named(rows: list[TrialRow], words: list[str])
 @pytest.mark.parametrize("modulus", [0.1, 0.5, 3.0, 10.0])
 def test_a_modulus_that_is_to_be_found_is_no_other_unit_of_force(modulus: float) -> None:
     assert implausible_values(ROBOT, pushes(modulus=modulus)) == ()
+
+
+def test_states_that_fit_gravity_reversed_clearly_better_are_asked_about() -> None:
+    hung = [replace(r, tip_mass=mass) for mass in (0.0, 0.2) for r in sweep(spines=(0.0,))]
+    states = conditions(ROBOT, 0.0, np.array([r.pressures for r in hung]), [r.tip_mass for r in hung])
+    tips = solve(rods_of(ROBOT, states), FINE).tip.tolist()
+    rows = Table(tuple(replace(r, tip=tuple(tip)) for r, tip in zip(hung, tips, strict=True)))
+    assert doubtful(Case(ROBOT, rows), "robot.yaml") == ()
+    reversed_ = ROBOT.model_copy(update={"gravity": (0.0, 0.0, -9.81)})
+    (said,) = doubtful(Case(reversed_, rows), "robot.yaml")
+    assert said.startswith("robot.yaml: gravity [0, 0, -9.81] m/s^2: the tips fit gravity reversed clearly better")
+    stiffer = ROBOT.with_modulus(1.5)
+    assert doubtful(Case(stiffer, rows), "robot.yaml") == ()

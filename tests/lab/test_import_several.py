@@ -175,6 +175,33 @@ def test_files_are_read_in_the_order_of_their_times_or_as_people_count(tmp_path:
     assert [s.path.name for s, _, _ in made.files] == ["run1.csv", "run2.csv", "run10.csv"]
 
 
+def on_the_clock(start: int) -> str:
+    def change(k: int, cells: list[str]) -> list[str]:
+        s = (start + int(FEW[k][0])) % 86_400
+        return with_middle(k, [f"{s // 3600:02d}:{s // 60 % 60:02d}:{s % 60:02d}", *cells[1:]])
+
+    return text(FEW, headings=["Uhrzeit", *NAMES[1:]], change=change)
+
+
+@pytest.mark.parametrize(
+    ("starts", "order", "says"),
+    [
+        ((34_000, 30_000), ["b.csv", "a.csv"], "in the order of their times: b.csv, a.csv"),
+        ((30_000, 34_000), ["a.csv", "b.csv"], ""),
+        ((86_000, 500), ["a.csv", "b.csv"], "in the order of their names; by their times, unless over midnight"),
+    ],
+)
+def test_files_are_read_in_the_order_of_the_clock(
+    starts: tuple[int, int], order: list[str], says: str, tmp_path: Path
+) -> None:
+    columns = COLUMNS | {"t": "Uhrzeit"}
+    contents = {name: on_the_clock(start) for name, start in zip(("a.csv", "b.csv"), starts, strict=True)}
+    made = read_all(tmp_path, contents, columns={n: {"column": c} for n, c in columns.items()})
+    assert [s.path.name for s, _, _ in made.files] == order
+    assert says in " ".join(made.notes) and bool(made.notes) == bool(says)
+    assert (np.diff(made.table["t"]) > 0).all()
+
+
 # ------------------------------------------------------------------ times
 def test_a_file_written_backwards_is_read_forwards(tmp_path: Path) -> None:
     made = read_all(tmp_path, {"a.csv": text(FEW[::-1], headings=NAMES, change=with_middle)})
@@ -213,6 +240,15 @@ def test_a_unit_of_the_map_against_that_of_the_file_is_noted(tmp_path: Path) -> 
     columns = {n: {"column": c} for n, c in COLUMNS.items()} | {"p3": {"column": "p3 [kPa]", "unit": "bar"}}
     made = read_all(tmp_path, {"a.csv": text(FEW, headings=NAMES, change=with_middle)}, columns=columns)
     assert any("'p3 [kPa]' (columns.p3): the file says kPa, the map bar, which is taken" in n for n in made.notes)
+
+
+def test_columns_and_files_of_which_the_same_is_said_share_a_note(tmp_path: Path) -> None:
+    columns = {n: {"column": c, **({"unit": "cm"} if c.endswith("[mm]") else {})} for n, c in COLUMNS.items()}
+    contents = {name: text(FEW, headings=NAMES, change=with_middle) for name in ("a.csv", "b.csv")}
+    made = read_all(tmp_path, contents, columns=columns)
+    (said,) = [n for n in made.notes if "the file says" in n]
+    assert said.startswith("a.csv, b.csv: columns 'tip x [mm]', 'tip y [mm]'") and "the map cm" in said
+    assert all(f"'{c}'" in said and f"columns.{n}" in said for n, c in COLUMNS.items() if c.endswith("[mm]"))
 
 
 def test_each_column_has_its_own_unit(tmp_path: Path) -> None:
