@@ -129,10 +129,16 @@ def calibrate_first(robot: Robot, states: States, effects: Collection[str] = ())
     `effects`: those that are weighed afterwards. Where the one that exchanges chambers is among them and they were inflated
     on several sides, a pattern turned or counted so that it is another order is taken for that, as an effect of the robot.
     """
-    own = _looked_at(robot, states)
-    if own is None:
+    kept = ~states.pushed
+    if robot.effects or robot.tolerances or kept.sum() < FEWEST_STATES:
         return FirstCalibration(robot, states)
-    told, robot = robot, _with_one_area_factor(robot, own)
+    own = states.take(kept)
+    picked = np.unique(np.linspace(0, len(own) - 1, min(MOST_STATES, len(own))).astype(int))
+    seen = np.zeros(len(own), bool)
+    seen[picked] = True
+    own = own.take(seen)
+    # one area factor, as the diagnosis has it
+    told, robot = robot, robot.with_area_factor(float(np.mean(robot.area_factor_at(own.spine_length))))
     near = _fitted(robot, own, FIRST_USUAL, 0.0)
     if near is None:
         return FirstCalibration(told, states)
@@ -170,36 +176,6 @@ def calibrate_first(robot: Robot, states: States, effects: Collection[str] = ())
     order = "" if place is None else order_told(told, place)
     made = made if place is None else with_order(made, place)
     return FirstCalibration(made, moved, adjusted, (x, y, z), before, after, order)
-
-
-def upside_down(robot: Robot, states: States) -> tuple[float, float] | None:
-    """m, robust rms of the tip with gravity as given and reversed, as far as the diagnosis follows by itself; None unless the
-    latter is clearly smaller."""
-    own = _looked_at(robot, states)
-    if own is None or not any(robot.gravity):
-        return None
-    robot = _with_one_area_factor(robot, own)
-    ways = [_sensed(robot, sense, 1.0) for sense in (1.0, -1.0)]
-    fits = [_fitted(way, own, FIRST_USUAL, 0.0) for way in ways]
-    given, reversed_ = (np.inf if fit is None else _rms(way, own, fit) for way, fit in zip(ways, fits, strict=True))
-    told = FIRST_CONVERGED * robot.length < given < np.inf
-    return (given, reversed_) if told and reversed_ < UPSIDE_DOWN_GAIN * given else None
-
-
-def _looked_at(robot: Robot, states: States) -> States | None:
-    """The states that a fit looks at; None where it cannot be made."""
-    kept = ~states.pushed
-    if robot.effects or robot.tolerances or kept.sum() < FEWEST_STATES:
-        return None
-    own = states.take(kept)
-    seen = np.zeros(len(own), bool)
-    seen[np.linspace(0, len(own) - 1, min(MOST_STATES, len(own))).astype(int)] = True
-    return own.take(seen)
-
-
-def _with_one_area_factor(robot: Robot, own: States) -> Robot:
-    """The robot with one area factor, as the diagnosis has it."""
-    return robot.with_area_factor(float(np.mean(robot.area_factor_at(own.spine_length))))
 
 
 def _loaded(robot: Robot, own: States, most: float) -> bool:

@@ -100,8 +100,8 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
         rows += [replace(r, trial=r.trial + first) for r in table]
     doubts = tuple(f"{file}: {doubt}" for file, table in parts for doubt in table.warnings)
     units = {column: unit for _, table in parts for column, unit in table.sensor_units.items()}
-    made = Case(robot, Table(tuple(rows), warnings=doubts, sensor_units=units), source.text.decode())
-    return replace(made, table=replace(made.table, warnings=(*doubts, *doubtful(made, source.name))))
+    doubts += doubtful(robot, rows, source.name)
+    return Case(robot, Table(tuple(rows), warnings=doubts, sensor_units=units), source.text.decode())
 
 
 def without_torn(paths: Sequence[Path]) -> list[Path]:

@@ -63,7 +63,7 @@ class Column(Part):
     column: Name
     """Its heading, or its number from 1."""
     unit: str = ""
-    """Of the file's numbers; unless given, as heading or file say, or the SI unit."""
+    """Of the file's numbers; unless given, as heading or file say, or the SI unit. Of tendons also N, of their rate N/s."""
     scale: FiniteFloat = 1.0
     """A factor of the sensor's own."""
     zero: Literal["none", "first", "absolute"] = "none"
@@ -103,7 +103,7 @@ class Orientation(Part):
 
 
 class Frame(Part):
-    """Which recorded axis each axis of the robot is: z from base to tip."""
+    """Axes of the robot's base (x, y, z; z points from base to tip) and, for each, the axis of the file that points there."""
 
     x: str = "x"
     y: str = "y"
@@ -243,7 +243,7 @@ class Map(Part):
     orientation: Orientation | None = None
     """How the tip is turned."""
     frame: Frame = Frame()
-    """Which recorded axis each axis of the robot is."""
+    """Which axis of the file each axis of the robot's base is."""
     sensor: tuple[FiniteFloat, FiniteFloat, FiniteFloat] = Field(
         default=(0.0, 0.0, 0.0), json_schema_extra={"unit": "m"}
     )

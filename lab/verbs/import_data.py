@@ -15,7 +15,6 @@ from recordings.table_file import write_csv
 
 from ..console import Screen, note, out
 from ..files.config import ConfigError, load
-from ..files.inputs import Case
 from ..imports.formats import KNOWN, read
 from ..imports.guess import guess_map
 from ..imports.map_file import Map, Source, demand_units
@@ -37,7 +36,7 @@ def import_files(inputs: Sequence[Path], map_path: Path, robot_path: Path | None
     found = implausible_values(robot, made.table.rows)
     if found:
         raise ConfigError("\n".join(f"{map_path}: {text}" for text in found))
-    made = replace(made, notes=(*made.notes, *doubtful(Case(robot, made.table), str(robot_path))))
+    made = replace(made, notes=(*made.notes, *doubtful(robot, made.table.rows, str(robot_path))))
     write_case(made, robot, robot_path, map_path, folder)
     told(made, robot, folder, as_json)
     return 0
@@ -104,7 +103,7 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, as_json
     made = None
     try:
         made = imported(inputs, load(folder / MAP, Map), robot)
-        found = (*implausible_values(robot, made.table.rows), *doubtful(Case(robot, made.table), str(robot_path)))
+        found = (*implausible_values(robot, made.table.rows), *doubtful(robot, made.table.rows, str(robot_path)))
         told_of += [f"check: {text}" for text in (*found, *(n for n in made.notes if n.startswith(NOT_READ)))]
         from ..pages.import_figure import draw
 

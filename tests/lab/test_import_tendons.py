@@ -413,6 +413,11 @@ def test_axes_that_the_data_do_not_force_are_marked(azimuth: int, tmp_path: Path
     assert "# axis of the robot's base (z from base to tip): axis of the file" in proposed
 
 
+def with_rate(lab: Path) -> str:
+    head, *lines = (lab / "table.csv").read_text().splitlines()
+    return "\n".join([f"{head};Rate", *(f"{line};500,0" for line in lines)]) + "\n"
+
+
 @pytest.mark.parametrize(
     ("robot", "refused"),
     [(ROBOT, ""), (ROBOT.replace("tendons:", "chambers:\n  radius: 3 mm"), "the robot has chambers")],
@@ -426,7 +431,8 @@ def test_a_map_takes_newtons_of_tendons_alone(
     values = yaml.safe_load((lab / "map.yaml").read_text())
     values["columns"]["p1"]["unit"], values["columns"]["p2"]["unit"] = "N", "N/cm^2"
     del values["columns"]["p3"]["unit"]
-    values["columns"]["rate"] = {"column": "Seil_1 [N]", "unit": "N/s"}
+    (lab / "table.csv").write_text(with_rate(lab))
+    values["columns"]["rate"] = {"column": "Rate", "unit": "mN/s"}
     (lab / "map.yaml").write_text(yaml.safe_dump(values))
     command = ["import", str(lab / "table.csv"), "--map", str(lab / "map.yaml"), "--out", str(tmp_path / "again")]
     capsys.readouterr()
@@ -438,7 +444,7 @@ def test_a_map_takes_newtons_of_tendons_alone(
     assert not said.err and all(str(tmp_path / "again" / name) in said.out for name in ("robot.yaml", "trials.csv"))
     found = read_case([tmp_path / "again"]).table
     assert np.array_equal(found["p1"], before["p1"]) and np.array_equal(found["p3"], before["p3"])
-    assert np.array_equal(found["rate"], found["p1"]) and found["p1"].max() == pytest.approx(4e4)
+    assert found["p1"].max() == pytest.approx(4e4) and set(found["rate"]) == {5e3}
     values["columns"].pop("p3")
     values["constants"]["p3"] = "500 mN"
     (lab / "map.yaml").write_text(yaml.safe_dump(values))
@@ -488,4 +494,4 @@ def test_gravity_that_points_up_is_asked_about_at_import_and_by_compare(
     for command in (["import", str(tmp_path / "table.csv"), "--map", str(tmp_path / "map.yaml"), "--out"], ["compare"]):
         assert main([*command, str(tmp_path / "case")]) == 0
         said.append(" ".join(capsys.readouterr().err.split()))
-    assert all(("the tips fit gravity reversed clearly better" in text) == ("[0, 9.81" in gravity) for text in said)
+    assert all(("with gravity reversed" in text) == ("[0, 9.81" in gravity) for text in said)
