@@ -103,7 +103,7 @@ def diagnose(
         written = write_protocols(answer.next_experiment, outputs.protocols, case.robot)
     show(answer, outputs.protocols)
     if written:
-        out.print(f"written: {', '.join(map(str, written))}")
+        out.print(f"written: {', '.join(map(str, written))}", soft_wrap=True)
     if outputs.report is not None:
         from ..pages.diagnosis_report import write  # what draws takes a third of the start, and only a page needs it
 

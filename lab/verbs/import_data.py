@@ -64,7 +64,7 @@ def told(made: Imported, robot: Robot, folder: Path, as_json: bool) -> None:
         return
     note(made.notes)
     out.print(f"{len(made.table)} states in {trials} trials")
-    out.print(f"written: {', '.join(written)}")
+    out.print(f"written: {', '.join(written)}", soft_wrap=True)
     out.print(f"look at {folder / PICTURE}, then: lab diagnose {folder}")
 
 
