@@ -81,7 +81,7 @@ def w_last(r: TrialRow) -> TrialRow:
         (pressures(1 / 6894.76), ["column p", "looks like", "psi", "multiply by 6895"]),
         (pressures(1e-2), ["column p", "looks like mbar", "multiply by 100"]),
         (pressures(1e-5), ["column p", "looks like bar", "multiply by 100000"]),
-        (pressures(1e3), ["column p", "Pa gauge, at most 2e+06 Pa", "looks like Pa read as kPa (divide by 1000)"]),
+        (pressures(1e3), ["column p", "must be at most 2e+06 Pa", "Pa read as kPa (divide by 1000)"]),
         (pressures(1.0, 101_325.0), ["columns p1..p9", "101", "absolute", "subtract ambient pressure"]),
         (pressures(1.0, 84_000.0), ["columns p1..p9", "83", "absolute", "subtract ambient pressure"]),
         (pressures(1e-3, 101_325.0), ["looks like kPa", "absolute pressure"]),
