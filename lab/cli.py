@@ -155,13 +155,17 @@ def _fit(a: argparse.Namespace) -> int:
 
 
 def _predict(a: argparse.Namespace) -> int:
+    from model.robot import Robot
+
+    from .files.config import load
     from .verbs.predict import Outputs, Wanted, invert, predict, protocol_states, table_states
 
-    outputs = Outputs(a.json, a.out, a.figure)
+    outputs, robot = Outputs(a.json, a.out, a.figure), load(a.robot, Robot)
     if a.inverse is not None:
-        return invert(a.robot, a.inverse, Wanted(a.spine_length, a.groups, a.max_pressure), outputs, a.effects)
-    states = table_states(a.table, a.robot) if a.table is not None else protocol_states(a.protocol, a.set, a.robot)
-    return predict(a.robot, states, outputs, a.effects)
+        return invert(robot, a.inverse, Wanted(a.spine_length, a.groups, a.max_pressure), outputs, a.effects)
+    by_table = a.table is not None
+    states = table_states(a.table, robot.actuators.words) if by_table else protocol_states(a.protocol, a.set, robot)
+    return predict(robot, states, outputs, a.effects)
 
 
 def _compare(a: argparse.Namespace) -> int:

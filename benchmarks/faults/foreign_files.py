@@ -16,9 +16,9 @@ from diagnosis.data.plausible import implausible_values
 from lab.files.config import ConfigError, load
 from lab.imports.formats import read
 from lab.imports.guess import guess_map
-from lab.imports.map_file import Source, load_map
+from lab.imports.map_file import Map, Source
 from lab.imports.proposal import guess_text
-from lab.imports.table import imported, straight_point
+from lab.imports.table import imported
 from model.robot import Robot
 
 from .foreign_tables import BARE, HEADINGS, UNITS, comma, sweep, text
@@ -119,16 +119,16 @@ def foreign_tables(folder: Path) -> Callable[[random.Random], Callable[[], objec
         place = folder / f"{name}.yaml"
         place.write_text(guess_text(guess_map(series, robot), ROBOT, [folder / name], series.form), encoding="utf-8")
         with suppress(ConfigError):  # of a file without pressures
-            maps[name] = load_map(place)
+            maps[name] = load(place, Map)
 
     def every_way(place: Path) -> None:
         if place.name in maps:
             with suppress(ConfigError):
-                implausible_values(robot, imported([place], maps[place.name], straight_point(robot)).table.rows)
+                implausible_values(robot, imported([place], maps[place.name], robot).table.rows)
         series = read(place, Source())
         proposed = folder / "proposed.yaml"
         proposed.write_text(guess_text(guess_map(series, robot), ROBOT, [place], series.form), encoding="utf-8")
-        imported([place], load_map(proposed), straight_point(robot))
+        imported([place], load(proposed, Map), robot)
 
     def go(rng: random.Random) -> Callable[[], object]:
         name = rng.choice(sorted(sound))

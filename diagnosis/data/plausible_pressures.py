@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.body import body_of
+from model.condition import HIGHEST_PRESSURE
 from model.robot import Robot
 from model.section import body_area, body_mass, combined_modulus
 from recordings.trials import TrialRow
 
-from .plausible_units import PRESSURE_UNITS, units_within
+from .plausible_units import PRESSURE_UNITS, Unit, units_within
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -32,6 +33,8 @@ LEAST_DISPLACEMENT = 0.015
 """Robot lengths; smaller displacements of the tip are not evaluated."""
 LARGEST_OTHER_UNIT = 20e3
 """Numbers above are no soft robot's pressures in mbar or any larger unit."""
+USUAL_PRESSURE = 60e3
+"""Pa, which the highest pressure of a soft robot is like."""
 SHARE_AT_REST, AT_REST = 0.03, 500.0
 """Of the highest pressure, and Pa, within which a state counts as without pressure."""
 AMBIENT = (75e3, 107e3)
@@ -75,8 +78,15 @@ class Pressures:
         expected = expected_displacement(robot, rows, pressure - pressure[low])
         ratio = _ratio(robot, displacement, expected)
         implausible = ratio > IMPLAUSIBLE_RATIO and np.abs(pressure).max() < LARGEST_OTHER_UNIT
-        unit = 1 / units_within(1 / ratio, PRESSURE_UNITS, 1.0)[0].per_si if implausible else 1.0
+        unit = 1 / units_within(1 / ratio, _units(robot), 1.0)[0].per_si if implausible else 1.0
         return cls(tuple(rows), pressure, displacement, expected, unit, ratio, _resting(pressure * unit))
+
+
+def _units(robot: Robot) -> tuple[Unit, ...]:
+    """In which a table may hold what drives the robot."""
+    words = robot.actuators.words
+    own = Unit(words.unit, 1 / words.pascal)
+    return PRESSURE_UNITS if own.name in {u.name for u in PRESSURE_UNITS} else (own,)
 
 
 def settings(robot: Robot, rows: list[TrialRow]) -> Ints:
@@ -146,15 +156,23 @@ def implausible_pressures(robot: Robot, s: Pressures) -> Iterator[str]:
     row, chamber = np.unravel_index(int(np.argmax(np.abs(s.pressure))), s.pressure.shape)
     highest = float(s.pressure[row, chamber])
     place = f"trial {s.rows[row].trial} step {s.rows[row].step}, column p{chamber + 1}"
+    # Models miss by a factor of three, so two units may come into question.
+    if abs(highest) > HIGHEST_PRESSURE:
+        ratio = s.ratio if s.ratio != 1.0 else USUAL_PRESSURE / abs(highest)
+        units = units_within(ratio, _units(robot), 3.0)
+        looks = " or ".join(f"{unit.name} (divide by {1 / unit.per_si:.4g})" for unit in units)
+        yield (
+            f"{place}: {highest:g} Pa gauge, must be at most {HIGHEST_PRESSURE:g} Pa: check its unit, "
+            f"it looks like Pa read as {looks}"
+        )
     if s.unit != 1.0:
-        # Models miss by a factor of three, so two units may come into question.
-        units = units_within(1 / s.ratio, PRESSURE_UNITS, 3.0)
+        units = units_within(1 / s.ratio, _units(robot), 3.0)
         moved = np.linalg.norm(s.displacement, axis=1).max()
         looks = " or ".join(unit.name for unit in units)
         remedy = ", ".join(f"{unit.remedy}{f' ({unit.name})' if len(units) > 1 else ''}" for unit in units)
         yield (
             f"{place}: largest value {highest:g} in a sweep that moves the tip by {moved * 1e3:.3g} mm: looks like {looks}; "
-            f"pressures are in Pa gauge: {remedy}"
+            f"{robot.actuators.words.say('pressures')} are in Pa gauge: {remedy}"
         )
     least = (s.pressure * s.unit).min(axis=0)
     if _like_ambient(least) and _at_its_length(robot, s):

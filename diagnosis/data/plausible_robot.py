@@ -27,10 +27,15 @@ def doubtful_numbers(robot: Robot) -> Iterator[str]:
     by_material = robot.bending_stiffness is None
     if by_material and not LEAST_POISSON <= poisson <= 1.02 * MOST_POISSON:
         yield (
-            f"shear_modulus {robot.shear_modulus / 1e3:.4g} kPa with youngs_modulus {robot.youngs_modulus / 1e3:.4g} kPa means a "
+            f"shear_modulus {_modulus(robot.shear_modulus)} with youngs_modulus {_modulus(robot.youngs_modulus)} means a "
             f"Poisson's ratio of {poisson:.2g}, outside 0 to 0.5: rubber has a third of its youngs_modulus, "
-            f"{robot.youngs_modulus / 3e3:.4g} kPa"
+            f"{_modulus(robot.youngs_modulus / 3)}"
         )
+
+
+def _modulus(pascal: float) -> str:
+    size, unit = next((one for one in ((1e9, "GPa"), (1e6, "MPa")) if pascal >= one[0]), (1e3, "kPa"))
+    return f"{pascal / size:.4g} {unit}"
 
 
 def doubtful_area_factor(ratio: float) -> Iterator[str]:

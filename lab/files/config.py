@@ -7,6 +7,7 @@ Each problem names the file and line, the key, the value with its unit, the limi
 from __future__ import annotations
 
 import difflib
+import operator
 import re
 import sys
 import types
@@ -23,13 +24,15 @@ from pydantic_core import ErrorDetails
 from model.plain_yaml import MOST_CHARACTERS, BadYaml, parse
 from recordings.bounded import read_bounded
 
-from .units import UnitError, to_si, unit_text, written
+from .units import UnitError, meant, sized, to_si, unit_text, written
 
 M = TypeVar("M", bound=BaseModel)
 Loc = tuple[str | int, ...]
 Lines = Mapping[Loc, int]
 SMALLEST = sys.float_info.min
 """Magnitude of a number other than zero: smaller ones lose their digits, and dividing by them overflows."""
+LIMITS = {"gt": operator.gt, "ge": operator.ge, "lt": operator.lt, "le": operator.le}
+"""Of a field's number."""
 MOST_PROBLEMS = 50
 """Of one file that are spelled out."""
 
@@ -310,7 +313,9 @@ def _describe(error: ErrorDetails, loc: Loc, data: object, model: type[BaseModel
               "less_than": ("lt", "below"), "less_than_equal": ("le", "at most")}  # fmt: skip
     if kind in limits:
         name, word = limits[kind]
-        return f"{key} = {number}: must be {word} {context[name]:g} {unit}".rstrip()
+        value, others = float(error["input"]), meant(float(error["input"]), unit, lambda v: _within(field, v))
+        hint = f"; did you mean {' or '.join(others)}?" if others else ""
+        return f"{key} = {sized(value, unit)}: must be {word} {sized(context[name], unit)}{hint}"
     if kind in ("union_tag_invalid", "literal_error"):
         allowed = str(context.get("expected_tags") or context.get("expected", ""))
         tag = context.get("tag", error["input"])
@@ -330,6 +335,15 @@ def _describe(error: ErrorDetails, loc: Loc, data: object, model: type[BaseModel
         if key and not isinstance(error["input"], dict)
         else f"{key or 'the file'}: {message}"
     )
+
+
+def _within(field: FieldInfo | None, value: float) -> bool:
+    """Whether a number keeps the limits of a field, or of the items of its list."""
+    if field is None:
+        return False
+    inner = [leaf for leaf in _leaves(field.annotation) if isinstance(leaf, FieldInfo)]
+    told = [(name, getattr(one, name, None)) for of in (field, *inner) for one in of.metadata for name in LIMITS]
+    return all(LIMITS[name](value, limit) for name, limit in told if limit is not None)
 
 
 def field_at(loc: Loc, data: object, model: type[BaseModel]) -> tuple[FieldInfo | None, list[str]]:

@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.data.doubtful import doubtful
 from diagnosis.data.plausible import require_plausible
-from diagnosis.data.plausible_directions import doubtful_directions
-from diagnosis.data.plausible_robot import doubtful_numbers
 from diagnosis.errors import DiagnosisError
 from model.condition import Condition, conditions
 from model.robot import Robot
@@ -100,8 +99,8 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
         first = max((r.trial for r in rows), default=0)
         rows += [replace(r, trial=r.trial + first) for r in table]
     doubts = tuple(f"{file}: {doubt}" for file, table in parts for doubt in table.warnings)
-    doubts += tuple(f"{source.name}: {doubt}" for doubt in doubtful_numbers(robot)) + doubtful_directions(robot, rows)
     units = {column: unit for _, table in parts for column, unit in table.sensor_units.items()}
+    doubts += doubtful(robot, rows, source.name)
     return Case(robot, Table(tuple(rows), warnings=doubts, sensor_units=units), source.text.decode())
 
 

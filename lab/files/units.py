@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 KINDS: dict[str, dict[str, float]] = {
     "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254},
@@ -15,6 +15,7 @@ KINDS: dict[str, dict[str, float]] = {
         "kPa": 1e3,
         "bar": 1e5,
         "MPa": 1e6,
+        "GPa": 1e9,
         "psi": 6894.757293168,
         "atm": 101_325.0,
         "mmHg": 133.322387415,
@@ -25,6 +26,7 @@ KINDS: dict[str, dict[str, float]] = {
     "Pa/s": {"Pa/s": 1.0, "kPa/s": 1e3, "bar/s": 1e5},
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
     "N": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
+    "N/s": {"N/s": 1.0, "mN/s": 1e-3},
     "N m": {"N m": 1.0, "Nm": 1.0, "mNm": 1e-3},
     "N m^2": {"N m^2": 1.0, "Nm^2": 1.0, "N mm^2": 1e-6},
     "kg": {"kg": 1.0, "g": 1e-3},
@@ -48,10 +50,10 @@ class UnitError(ValueError):
     """A quantity that cannot be turned into the unit asked for."""
 
 
-def to_si(text: str, unit: str) -> float:
+def to_si(text: str, unit: str, known: Mapping[str, float] | None = None) -> float:
     """The number in `text` ("250 kPa", "3e5") in `unit`; a bare number is taken to be in `unit` already.
 
-    Raises UnitError naming the units that would do.
+    `known`: the units that will do, and their size; all of this SI unit unless given. Raises UnitError naming them.
     """
     match = _QUANTITY.fullmatch(text) if len(text) <= LONGEST else None
     if match is None:
@@ -59,7 +61,7 @@ def to_si(text: str, unit: str) -> float:
     value, name = float(match[1]), match[2]
     if name is None:
         return value
-    factors = KINDS.get(unit, {unit: 1.0})
+    factors = KINDS.get(unit, {unit: 1.0}) if known is None else known
     if name not in factors:
         raise UnitError(
             f"{text!r} has the unit {name!r}, but a value in {unit} is needed; use one of {', '.join(factors)}"
@@ -95,6 +97,25 @@ def shown(value: float, unit: str) -> str:
     """Return an SI value as people read it at a rig: `250 kPa`."""
     factor, name = (1e-3, "mm") if unit == "m" and 0 < abs(value) < 0.01 else usual(unit)
     return f"{value / factor:.4g}{unit_text(name)}"
+
+
+def sized(value: float, unit: str) -> str:
+    """Return an SI value in the largest of its unit, k, M and G that leaves 1 or more.
+
+    >>> sized(1e3, "Pa"), sized(1e11, "Pa"), sized(0.5, "m"), sized(5.0, "")
+    ('1 kPa', '100 GPa', '0.5 m', '5')
+    """
+    multiples = {f"{prefix}{unit}" for prefix in "kMG"} & set(KINDS.get(unit, ()))
+    size, name = max(
+        [(1.0, unit), *((f, n) for n, f in KINDS.get(unit, {}).items() if n in multiples and f <= abs(value))]
+    )
+    return f"{value / size:g}{unit_text(name)}"
+
+
+def meant(value: float, unit: str, fits: Callable[[float], bool]) -> list[str]:
+    """Return the number with each other unit in which it `fits`, such as `505 kPa` for 505 Pa."""
+    metric = {f"{prefix}{unit}" for prefix in "cmkMG"} | {unit.removeprefix("k")}
+    return [f"{value:g} {n}" for n, f in KINDS.get(unit, {}).items() if n in metric - {unit} and fits(value * f)]
 
 
 def written(values: Sequence[float], unit: str) -> list[str]:

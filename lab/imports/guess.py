@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -31,7 +31,7 @@ from .headings import (
     tendon,
     turning,
 )
-from .map_file import Map, quantities
+from .map_file import Map
 from .proposal import Guess
 from .quantities import ATMOSPHERE, quantities_of
 from .reading import EPOCH, texts
@@ -71,9 +71,9 @@ def guess_map(series: Series, robot: Robot) -> Guess:
     guess_quaternion(g, series, turns, tip.columns)
     guess_angles(g, series, angles, tip)
     used |= set(tip.mentioned)
-    _others(g, series, [h for h in headings if h.name not in used])
-    _states(g, series, pressures)
-    _trials(g, series, counting, pressures)
+    _others(g, series, [h for h in headings if h.name not in used], robot)
+    _states(g, series, pressures, robot)
+    _trials(g, series, counting, pressures, robot)
     _missing(g, series)
     return g
 
@@ -129,20 +129,18 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
             f"{series.path}: no heading names {wants}; there are "
             f"{', '.join(map(repr, series.names[:12]))}. Write map.yaml by hand (docs: data from elsewhere)"
         )
-    if robot.tendons is None:
-        units = _pressure_units(series, [by[n] for n in names])
-    else:
-        told = "a tension T in N stands as the pressure T / 1 cm^2"
-        units = dict.fromkeys(names, ("N/cm^2", told, False))
+    units = (_pressure_units if robot.tendons is None else _tension_units)(series, [by[n] for n in names])
+    if guessed := [n for n in names if units[n].guessed]:
+        g.doubts.append(f"columns.p1 ..: the file says no unit of {', '.join(guessed)}: {units[guessed[0]].why}")
     electric = sorted({by[n].stated for n in names if by[n].stated.casefold() in ELECTRIC})
     for k in range(wanted):
         # fewer regulators than chambers: groups of neighbours
         own = names[k * len(names) // wanted] if len(names) <= wanted else names[k]
-        unit, why, absolute = units[own]
-        entry: dict[str, Any] = {"column": own, "unit": unit}
-        if absolute:
+        unit = units[own]
+        entry: dict[str, Any] = {"column": own, "unit": unit.name}
+        if unit.absolute:
             entry["zero"] = "absolute"
-        g.say(f"columns.p{k + 1}", entry, f"{why}{'; starts at the atmosphere' if absolute else ''}")
+        g.say(f"columns.p{k + 1}", entry, f"{unit.why}{'; starts at the atmosphere' if unit.absolute else ''}")
     if electric:
         g.doubts.append(
             f"columns.p1 .. are read in {electric[0]}: write the sensor's scale (kPa per {electric[0]}), columns.p1.scale"
@@ -165,9 +163,31 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
     return names
 
 
-def _pressure_units(series: Series, headings: Sequence[Heading]) -> dict[str, tuple[str, str, bool]]:
-    """By column: unit, why, and whether it is absolute; columns of which the file says none are judged together."""
-    silent = [h for h in headings if not (h.kind == "Pa" or series.unit_of(h.name, "Pa"))]
+@dataclass(frozen=True)
+class _Unit:
+    """What the numbers of a column are in."""
+
+    name: str
+    why: str
+    absolute: bool = False
+    guessed: bool = False
+    """By what is usual."""
+
+
+def _tension_units(series: Series, headings: Sequence[Heading]) -> dict[str, _Unit]:
+    """By column the unit of a tension."""
+    said = {h.name: h.unit if h.kind == "N" else series.unit_of(h.name, KINDS["N"]) for h in headings}
+    return {
+        name: _Unit(unit, f"the file says {unit} of {name!r}")
+        if unit
+        else _Unit("N", "usual for tensions", guessed=True)
+        for name, unit in said.items()
+    }
+
+
+def _pressure_units(series: Series, headings: Sequence[Heading]) -> dict[str, _Unit]:
+    """By column the unit of a pressure; columns of which the file says none are judged together."""
+    silent = [h for h in headings if not (h.kind == "Pa" or series.unit_of(h.name, KINDS["Pa"]))]
     told = {h.name: _pressure_unit(series.numbers[h.name], h, series) for h in headings if h not in silent}
     if silent:
         values = np.column_stack([series.numbers[h.name] for h in silent])
@@ -175,25 +195,25 @@ def _pressure_units(series: Series, headings: Sequence[Heading]) -> dict[str, tu
     return told
 
 
-def _pressure_unit(values: Array, h: Heading, series: Series) -> tuple[str, str, bool]:
+def _pressure_unit(values: Array, h: Heading, series: Series) -> _Unit:
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
 
     def absolute(unit: str) -> bool:
         return abs(low * KINDS["Pa"][unit] - ATMOSPHERE) < AT_AMBIENT * ATMOSPHERE
 
-    if said := h.unit if h.kind == "Pa" else series.unit_of(h.name, "Pa"):
-        return said, f"the file says {said} of {h.name!r}", absolute(said)
+    if said := h.unit if h.kind == "Pa" else series.unit_of(h.name, KINDS["Pa"]):
+        return _Unit(said, f"the file says {said} of {h.name!r}", absolute(said))
     for unit in ("kPa", "bar", "mbar", "psi", "Pa"):
         if absolute(unit) and high > 1.02 * low:
-            return unit, f"the lowest reading, {low:.4g}, is the atmosphere in {unit}", True
+            return _Unit(unit, f"the lowest reading, {low:.4g}, is the atmosphere in {unit}", absolute=True)
     for unit, (least, most) in USUAL_PRESSURES.items():
         if least <= high <= most:
-            return unit, f"up to {high:.4g}: usual for soft robots in {unit}", False
-    return "Pa", f"up to {high:.4g}: no usual unit", False
+            return _Unit(unit, f"up to {high:.4g}: usual for soft robots in {unit}", guessed=True)
+    return _Unit("Pa", f"up to {high:.4g}: no usual unit", guessed=True)
 
 
 # ------------------------------------------------------------------ the rest
-def _others(g: Guess, series: Series, headings: Sequence[Heading]) -> None:
+def _others(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot) -> None:
     ignored = []
     for h in headings:
         column = quantity(h)
@@ -208,7 +228,8 @@ def _others(g: Guess, series: Series, headings: Sequence[Heading]) -> None:
             continue
         entry: dict[str, Any] = {"column": h.name}
         why = f"the heading {h.name!r}"
-        if said := h.unit if h.unit in KINDS.get(unit_of(column), ()) else series.unit_of(h.name, unit_of(column)):
+        units = KINDS.get(unit_of(column), ())
+        if said := h.unit if h.unit in units else series.unit_of(h.name, units):
             entry["unit"], why = said, f"the file says {said} of {h.name!r}"
         elif column == "t" and h.name in series.numbers:
             times = series.numbers[h.name]
@@ -220,7 +241,9 @@ def _others(g: Guess, series: Series, headings: Sequence[Heading]) -> None:
                 g.doubts.append(f"columns.t: the file says no unit; steps of {step:g} are taken as {entry['unit']}")
         elif column in ("tip_mass", "spine_length") and float(np.nanmax(series.numbers[h.name])) > 3:
             entry["unit"] = {"tip_mass": "g", "spine_length": "mm"}[column]
-            why = f"{why}, and values up to {float(np.nanmax(series.numbers[h.name])):g}"
+            highest = f"values up to {float(np.nanmax(series.numbers[h.name])):g}"
+            why = f"{why}, and {highest}"
+            g.doubts.append(f"columns.{column}: the file says no unit; {highest} are taken as {entry['unit']}")
         if column == "branch":
             values = _branches(series, h.name)
             if values is None:
@@ -230,6 +253,8 @@ def _others(g: Guess, series: Series, headings: Sequence[Heading]) -> None:
         g.say(f"columns.{column}", entry, why)
     if "columns.spine_length" not in g.reasons:
         g.say("constants.spine_length", "0 mm", "no column names the spine")
+        if robot.spine is not None:
+            g.doubts.append("constants.spine_length: no column names the spine of robot.yaml: was it 0 mm in all rows?")
     if ignored:
         g.doubts.append(f"not used: {', '.join(ignored[:20])}")
 
@@ -252,10 +277,10 @@ def _branches(series: Series, name: str) -> dict[str, str] | None:
     return {w: b for w, b in said.items() if b} if all(said.values()) else None
 
 
-def _states(g: Guess, series: Series, pressures: Sequence[str]) -> None:
+def _states(g: Guess, series: Series, pressures: Sequence[str], robot: Robot) -> None:
     if not pressures:
         return
-    values = proposed_pressures(g, series)
+    values = proposed_pressures(g, series, robot)
     values = values[np.isfinite(values).all(axis=1)]
     span = float(np.ptp(values)) if len(values) else 0.0
     stays = np.abs(np.diff(values, axis=0)).max(axis=1) < STEADY * span if len(values) > 1 else np.zeros(0, bool)
@@ -284,7 +309,7 @@ def _counts(h: Heading, series: Series) -> bool:
     return bool(known) and (quantity(h) == "trial" or sum(a != b for a, b in pairwise(known)) < len(cells) / 2)
 
 
-def _trials(g: Guess, series: Series, counting: Sequence[Heading], pressures: Sequence[str]) -> None:
+def _trials(g: Guess, series: Series, counting: Sequence[Heading], pressures: Sequence[str], robot: Robot) -> None:
     """Where trials begin: with each value of a column that counts them, or at each return to rest and each change of others."""
     stages: Stages | None = None
     every, change = [], []
@@ -292,7 +317,7 @@ def _trials(g: Guess, series: Series, counting: Sequence[Heading], pressures: Se
         values = g.values | {"trials": {"change": [h.name for h in counting]}}
         tried = check(Proposed(series.path.name, values, {}), Map)
         named = {n: s for n, s in series.strange.items() if n in tried.trials.change}
-        q = quantities_of(replace(series, strange=named), tried, quantities(tried.constants, "constants"))
+        q = quantities_of(replace(series, strange=named), tried, robot.actuators.words)
         stages = Stages.of(q, tried.states, tried.trials.below)
         every = changes(q, stages)
     for h in counting:

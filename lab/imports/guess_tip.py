@@ -16,7 +16,7 @@ from model.section import rods_of
 from ..files.config import ConfigError
 from ..files.units import KINDS
 from .headings import BASE_WORDS, TIP_WORDS, Heading, Triple, heading, triples
-from .map_file import Frame, Orientation
+from .map_file import Frame, Orientation, units_for
 from .proposal import Guess
 from .quantities import clearly_worse, misfits
 from .reading import at_rest, unit_in, unseen
@@ -34,8 +34,13 @@ STILL = 0.02
 """Share of the tip's movement within which a marker stands still."""
 SAG_KNOWN = 1.5
 """Times the sag that robot.yaml's weight and stiffness give, within which a tip rests where the robot may bring it."""
-AGREED = 0.5
+AGREED = 0.9
 """Cosine between pressures and displacements below which the frame remains in doubt."""
+FITS = 1.5
+"""Factor between the distance of the resting tip and the robot's length below which a unit of length is told by it."""
+
+
+AXES_OF_BASE = "axis of the robot's base (z from base to tip): axis of the file"
 
 
 @dataclass(frozen=True)
@@ -61,9 +66,13 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
             f"{', '.join(map(repr, series.names[:12]))}. Write map.yaml by hand (docs: data from elsewhere)"
         )
     tips, bases = (_whole([t for t in found if t.words & words]) for words in (TIP_WORDS, BASE_WORDS))
-    tips = tips or [max(_whole([t for t in found if t not in bases]) or found, key=lambda t: _spread(series, t))]
+    if not tips:
+        left = _whole([t for t in found if t not in bases]) or found
+        tips = [max(left, key=lambda t: _spread(series, t))]
+        if len(left) > 1:
+            g.doubts.append(f"columns.x ..: no heading names a tip; {' / '.join(tips[0].columns)} move most")
     bases = [t for t in bases if t not in tips] or _still(g, series, [t for t in found if t not in tips], tips[0])
-    rest = _at_rest(g, series)
+    rest = _at_rest(g, series, robot)
     said = {c: _said(series, c) for t in (*tips, *bases) for c in t.columns}
     common = said[tips[0].columns[0]]
     tip = np.mean([_xyz(series, t, rest, common) for t in tips], axis=0)
@@ -76,13 +85,13 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
             "from elsewhere)"
         )
     rests = bool((rest & known).any())
-    rest = rest & known if rests else _lowest(g, series, known)
+    rest = rest & known if rests else _lowest(g, series, known, robot)
     if not rests:
         g.doubts.append(
             "frame: in no row with a tip is the robot at rest; its axes and unit follow from the rows with the lowest "
             f"{robot.actuators.words.say('pressures')}, and where the straight robot is stays open (straight)"
         )
-    unit, why = _length_unit(common, tips[0], between[rest], robot.length)
+    unit, why = _length_unit(g, common, tips[0], between[rest], robot.length)
     names = [c for t in tips for c in t.columns]
     if bases or len(tips) > 1:
         g.say(
@@ -126,9 +135,9 @@ def _still(g: Guess, series: Series, others: Sequence[Triple], tip: Triple) -> l
     return still
 
 
-def _lowest(g: Guess, series: Series, known: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _lowest(g: Guess, series: Series, known: NDArray[np.bool_], robot: Robot) -> NDArray[np.bool_]:
     """(n,) of the rows with a place those with the lowest pressures in sum."""
-    total = proposed_pressures(g, series).sum(axis=1)
+    total = proposed_pressures(g, series, robot).sum(axis=1)
     total = np.where(known & np.isfinite(total), total, np.inf)
     return known & (total <= total.min())
 
@@ -140,7 +149,7 @@ def _whole(found: Sequence[Triple]) -> list[Triple]:
 
 def _said(series: Series, column: str) -> str:
     """The unit of length that the file states of a column; empty where it states none."""
-    return unit_in(series, column, "m")
+    return unit_in(series, column, KINDS["m"])
 
 
 def _xyz(series: Series, t: Triple, rest: NDArray[np.bool_] | None = None, unit: str = "") -> Array:
@@ -157,25 +166,30 @@ def _spread(series: Series, t: Triple) -> float:
     return float(seen.std(axis=0).sum()) if len(seen) else 0.0
 
 
-def proposed_pressures(g: Guess, series: Series) -> Array:
+def proposed_pressures(g: Guess, series: Series, robot: Robot) -> Array:
     """(n, chambers) Pa of the columns proposed for the chambers."""
     columns = [c for k, c in g.values.get("columns", {}).items() if k.startswith("p") and "column" in c]
-    every = [series.numbers[c["column"]] * KINDS["Pa"][c["unit"]] for c in columns]
+    units = units_for("p1", robot.actuators.words)
+    every = [series.numbers[c["column"]] * units[c["unit"]] for c in columns]
     return np.column_stack(every) if every else np.zeros((len(series), 0))
 
 
-def _at_rest(g: Guess, series: Series) -> NDArray[np.bool_]:
+def _at_rest(g: Guess, series: Series, robot: Robot) -> NDArray[np.bool_]:
     """(n,) rows with the lowest pressures."""
-    pressures = proposed_pressures(g, series)
+    pressures = proposed_pressures(g, series, robot)
     return at_rest(pressures) if pressures.shape[1] else np.ones(len(series), bool)
 
 
-def _length_unit(said: str, t: Triple, rest: Array, length: float) -> tuple[str, str]:
+def _length_unit(g: Guess, said: str, t: Triple, rest: Array, length: float) -> tuple[str, str]:
     if said:
         return said, f"the file says {said} of {t.columns[0]!r}"
     far = float(np.nanmedian(np.linalg.norm(rest, axis=1)))
-    best = min(("m", "cm", "mm"), key=lambda u: abs(np.log(max(far, 1e-9) * KINDS["m"][u] / length)))
-    return best, f"at rest the tip is {far:.4g} from the origin, the robot is {length:g} m long"
+    times = {unit: max(far, 1e-9) * KINDS["m"][unit] / length for unit in ("m", "cm", "mm")}
+    best = min(times, key=lambda unit: abs(np.log(times[unit])))
+    why = f"at rest the tip is {far:.4g} from the origin, the robot is {length:g} m long"
+    if not 1 / FITS < times[best] < FITS:
+        g.doubts.append(f"columns.x ..: the file says no unit; {best} is a guess: {why}")
+    return best, why
 
 
 def _frame(g: Guess, series: Series, tip: Array, rest: NDArray[np.bool_], robot: Robot, rests: bool) -> None:
@@ -196,23 +210,22 @@ def _frame(g: Guess, series: Series, tip: Array, rest: NDArray[np.bool_], robot:
     ]
     agreement = [_agreement(g, series, tip - at_rest, frame, robot) for frame in frames]
     best = int(np.argmax(agreement))
-    if agreement[best] < AGREED:
-        best = 0
-        g.doubts.append(f"frame: no turn about z lets the tip bend {_sense(robot)} (best: {max(agreement):.2f} of 1)")
     found = frames[best]
+    bends = f"the tip bends {_sense(robot)} ({agreement[best]:.2f} of 1)"
+    if agreement[best] < AGREED:
+        g.doubts.append(
+            f"frame.x, frame.y: with the base's x along the file's {found.x} and its y along the file's {found.y} {bends}: "
+            "the best turn about the base's z, but not forced by these data"
+        )
     if not told:
         others = [x for x, frame in zip(agreement, frames, strict=True) if frame.z != found.z]
         g.doubts.append(
-            f"frame: where the tip rests does not tell which axis points from base to tip; taken as {found.z}, as the actuators "
-            f"bend it ({agreement[best]:.2f} of 1, with another axis up to {max(others):.2f})"
+            f"frame.z: where the tip rests does not tell which axis of the file is the base's z, from base to tip; taken as the "
+            f"file's {found.z}, as the actuators bend it ({agreement[best]:.2f} of 1, with another axis up to {max(others):.2f})"
         )
     if (found.x, found.y, found.z) != ("x", "y", "z"):
-        why = (
-            f"at rest the tip lies along {found.z} of the file"
-            if told
-            else f"the tip bends across {found.z} of the file"
-        )
-        why += f"; with these x and y it bends {_sense(robot)} ({agreement[best]:.2f} of 1)"
+        lies = "the tip rests along" if told else "the tip bends across"
+        why = f"{AXES_OF_BASE}: {lies} the file's {found.z}, the base's z; with these x and y {bends}"
         g.say("frame", {"x": found.x, "y": found.y, "z": found.z}, why)
     if elsewhere:
         text = f"at rest the tip is {away * 1e3:.1f} mm from the origin and {aside * 1e3:.1f} mm off the axis"
@@ -243,9 +256,9 @@ def _turned(z: str) -> list[tuple[str, str]]:
 def _agreement(g: Guess, series: Series, moved: Array, frame: Frame, robot: Robot) -> float:
     """Cosine between where the tip moves across and where chambers push or tendons pull it, over all rows."""
     towards = robot.bending_directions
-    pressure = proposed_pressures(g, series)
+    pressure = proposed_pressures(g, series, robot)
     if pressure.shape[1] != len(towards):
-        return 1.0
+        return 0.0
     pressure = pressure - np.nanmin(pressure, axis=0)  # columns hold a number each
     pushed = pressure @ np.column_stack([towards.real, towards.imag])
     across = (moved @ frame.matrix.T)[:, :2]
@@ -279,7 +292,7 @@ def guess_angles(g: Guess, series: Series, found: Sequence[Triple], tip: Tip) ->
         return
     three = there[0]
     largest = float(np.nanmax(np.abs([series.numbers[c] for c in three.columns])))
-    unit = three.unit or series.unit_of(three.columns[0], "deg") or ("deg" if largest > 2 * np.pi else "rad")
+    unit = three.unit or series.unit_of(three.columns[0], KINDS["deg"]) or ("deg" if largest > 2 * np.pi else "rad")
     given = Orientation.model_validate({"columns": three.columns, "order": "rotation vector", "unit": unit})
     frame = Frame(**g.values.get("frame", {})).matrix
     off = misfits(series, given, frame, tip.places @ frame.T, tip.resting)

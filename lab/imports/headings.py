@@ -20,13 +20,22 @@ WORDS = {
     "force": "force kraft",
 }
 """Words of a heading by column of trials.csv."""
+TENDON_WORDS = """
+tendon tendons tension tensions cable cables wire wires rope ropes pull pulls
+zug züge seil seile sehne sehnen zugkraft zugkräfte seilkraft seilkräfte sehnenkraft sehnenkräfte draht drähte bowdenzug
+câble câbles fil fils corde cordes tirant tirants
+tendón tendones tensión tensiones hilo hilos cuerda cuerdas cordón cordones tirante tirantes cordon
+cavo cavi filo fili fune funi tendine tendini tensione tensioni tiranti
+"""
+TENDON = frozenset(TENDON_WORDS.split())
+"""Words of a heading for a tendon or its tension."""
 INFLATED_WORDS = """
-chamber chambers kammer kammern tendon tendons sehne sehnen actuator actuators aktor aktoren muscle muscles muskel muskeln
+chamber chambers kammer kammern actuator actuators aktor aktoren muscle muscles muskel muskeln
 bladder bladders pouch pouches valve valves ventil ventile channel channels kanal kanäle inflated active aktiv group gruppe side
 seite direction richtung pattern muster combination kombination
 """
-INFLATED = frozenset(INFLATED_WORDS.split())
-"""Words of a heading under which stands what is inflated, as a number or a word."""
+INFLATED = frozenset(INFLATED_WORDS.split()) | TENDON
+"""Words of a heading under which stands what is inflated or pulled, as a number or a word."""
 PRESSURE = re.compile(r"(?<![^\W\d_])(?:p|pressures?|druck|chamber|kammer|press|pr|ch|sp|pv)(\d+)")
 PRESSURE_WORDS = frozenset(
     [
@@ -69,7 +78,9 @@ WORDS_OF_BRANCH = {
     "load": "load up loading inflate inflating inflation rise rising increase auf hin forward",
     "unload": "unload down unloading deflate deflating deflation fall falling decrease ab zurueck backward",
 }
-UNITS = {unit.casefold(): (kind, unit) for kind in ("m", "Pa", "s", "kg", "N", "deg") for unit in KINDS[kind]}
+UNITS = {
+    unit.casefold(): (kind, unit) for kind in ("m", "Pa", "Pa/s", "s", "kg", "N", "N/s", "deg") for unit in KINDS[kind]
+}
 UNIT_WORDS = {
     "m": "meter meters metre metres mètres metros", "mm": "millimeter millimeters millimetre millimetres millimètres milímetros",
     "cm": "centimeter centimeters centimetre centimetres zentimeter", "um": "µm μm micrometer micrometers",
@@ -77,14 +88,14 @@ UNIT_WORDS = {
     "us": "µs μs usec microsecond microseconds", "ns": "nanosecond nanoseconds", "deg": "° degree degrees grad degrés grados",
     "rad": "radian radians", "Pa": "pascal", "kPa": "kilopascal kpag kpa(g)", "bar": "barg bar(g)", "psi": "psig",
     "g": "gram grams gramm", "kg": "kilogram kilograms", "N": "newton newtons", "mbar": "millibar", "hPa": "hektopascal",
-    "in": "inch inches", "MPa": "megapascal",
+    "in": "inch inches", "MPa": "megapascal", "GPa": "gigapascal",
 }  # fmt: skip
 """Other ways in which units are written."""
 UNITS |= {word: UNITS[unit.casefold()] for unit, words in UNIT_WORDS.items() for word in words.split()}
 OTHER_UNIT_WORDS = """
 v mv uv ma a hz khz °c c k % 1 - -- – a.u. au n/a none n.u. frame frames sample samples # nm n·m n*m m/s mm/s rad/s deg/s °/s m/s²
 m/s^2 in/s ft inhg inh2o kgf lbf gf lb oz at kgf/cm² kgf/cm^2 kg/cm² kg/cm^2 °f °k g/s l/min ml/min sccm
-v/v bool boolean unitless px counts lsb s^-1 pa/s kpa/s bar/s ohm kohm nt ut mt gauss date iso8601
+v/v bool boolean unitless px counts lsb s^-1 ohm kohm nt ut mt gauss date iso8601
 hh:mm:ss hh:mm:ss.000 date/time
 """
 OTHER_UNITS = frozenset(OTHER_UNIT_WORDS.split()) | {""}
@@ -182,16 +193,17 @@ def chamber(h: Heading) -> int | None:
 
 
 TENSION = re.compile(
-    r"(?<![^\W\d_])(tendons?|tensions?|cables?|wires?|ropes?|pull|zug|seil|sehne|zugkraft|seilkraft|kraft|force|load|c[aâ]ble|"
-    r"tir|hilo|filo|f|t)\s?(\d+)(?!\d)"
+    rf"(?<![^\W\d_])({'|'.join(sorted(TENDON, key=len, reverse=True))}|kraft|force|fuerza|forza|load|f|t)\s?(\d+)(?!\d)"
 )
 
 
 def tendon(h: Heading) -> int | None:
     """The number of a tendon whose tension a heading names, from 0 or 1 as its writer counts."""
     found = TENSION.search(" ".join(h.words))
-    if not found or (h.stated and h.kind != "N"):
+    if h.stated and h.kind != "N":
         return None
+    if not found:
+        return 1 if set(h.words) & TENDON and set(h.words) <= TENDON | ASKED_FOR | READ else None
     return int(found[2]) if h.kind == "N" or found[1] not in ("f", "t") else None
 
 

@@ -8,16 +8,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
+from model.actuators import Words
 from recordings.trials import TEXTS, column_order, unit_of
 
-from ..files.config import ConfigError, load
+from ..files.config import ConfigError
 from ..files.units import KINDS, UnitError, to_si
 
 Array = NDArray[np.float64]
@@ -63,7 +63,7 @@ class Column(Part):
     column: Name
     """Its heading, or its number from 1."""
     unit: str = ""
-    """Of the file's numbers; unless given, as heading or file say, or the SI unit."""
+    """Of the file's numbers; unless given, as heading or file say, or the SI unit. Of tendons also N, of their rate N/s."""
     scale: FiniteFloat = 1.0
     """A factor of the sensor's own."""
     zero: Literal["none", "first", "absolute"] = "none"
@@ -103,7 +103,7 @@ class Orientation(Part):
 
 
 class Frame(Part):
-    """Which recorded axis each axis of the robot is: z from base to tip."""
+    """Axes of the robot's base (x, y, z; z points from base to tip) and, for each, the axis of the file that points there."""
 
     x: str = "x"
     y: str = "y"
@@ -243,7 +243,7 @@ class Map(Part):
     orientation: Orientation | None = None
     """How the tip is turned."""
     frame: Frame = Frame()
-    """Which recorded axis each axis of the robot is."""
+    """Which axis of the file each axis of the robot's base is."""
     sensor: tuple[FiniteFloat, FiniteFloat, FiniteFloat] = Field(
         default=(0.0, 0.0, 0.0), json_schema_extra={"unit": "m"}
     )
@@ -312,20 +312,19 @@ class Map(Part):
         return made
 
 
-def load_map(path: Path) -> Map:
-    """Read a map.yaml and judge its units; raises ConfigError."""
-    made = load(path, Map)
+def demand_units(made: Map, words: Words, before: str = "") -> None:
+    """Raise ConfigError where a unit of a map.yaml is none of its column, for a robot driven as `words` say; `before` begins
+    the message."""
     places: list[tuple[str, Map | Own]] = [
         ("", made),
         *((f"files.{pattern}.", own) for pattern, own in made.files.items()),
     ]
     for place, own in places:
         for name, column in own.columns.items():
-            factor(column.unit, name, f"{path}: {place}columns.{name}.unit")
+            factor(column.unit, name, words, f"{before}{place}columns.{name}.unit")
         for name, points in own.points.items():
-            factor(points.unit, "x", f"{path}: {place}points.{name}.unit")
-        quantities(own.constants, f"{path}: {place.rstrip('.') or 'constants'}")
-    return made
+            factor(points.unit, "x", words, f"{before}{place}points.{name}.unit")
+        quantities(own.constants, words, f"{before}{place.rstrip('.') or 'constants'}")
 
 
 def named(wanted: Map) -> frozenset[str] | None:
@@ -339,18 +338,33 @@ def named(wanted: Map) -> frozenset[str] | None:
     return None if any(isinstance(name, int) for name in found) else frozenset(map(str, found))
 
 
-def factor(unit: str, name: str, place: str) -> float:
-    """How many SI units one of `unit` is, for a column of trials.csv; raises ConfigError."""
+def units_for(name: str, words: Words) -> Mapping[str, float]:
+    """Units of a column of trials.csv, and their size in its SI unit: of what drives the robot also that of `words`."""
     needed = unit_of(name)
     known = KINDS.get(needed, {needed: 1.0})
-    if unit in ("", needed):
+    if not _drives(name):
+        return known
+    own = KINDS.get(words.unit + needed.removeprefix("Pa"), {})
+    return known | {unit: size * words.pascal for unit, size in own.items()}
+
+
+def _drives(name: str) -> bool:
+    """Whether a column holds what drives the robot, or its rate."""
+    return name == "rate" or re.fullmatch(r"(sd_)?p\d+", name) is not None
+
+
+def factor(unit: str, name: str, words: Words, place: str) -> float:
+    """How many SI units one of `unit` is, for a column of trials.csv; raises ConfigError."""
+    known = units_for(name, words)
+    if unit in ("", unit_of(name)):
         return 1.0
     if unit not in known:
-        raise ConfigError(f"{place} = {unit[:40]!r}: {name} needs one of {', '.join(known)}")
+        whose = f"; the robot has {words.kind}" if _drives(name) else ""
+        raise ConfigError(f"{place} = {unit[:40]!r}: {name} needs one of {', '.join(known)}{whose}")
     return known[unit]
 
 
-def quantities(given: Mapping[str, float | str], place: str) -> dict[str, Any]:
+def quantities(given: Mapping[str, float | str], words: Words, place: str = "constants") -> dict[str, Any]:
     """Constants in SI, texts as they are; raises ConfigError."""
     out: dict[str, Any] = {}
     for name, value in given.items():
@@ -358,7 +372,7 @@ def quantities(given: Mapping[str, float | str], place: str) -> dict[str, Any]:
             out[name] = value
             continue
         try:
-            out[name] = to_si(value, unit_of(name))
+            out[name] = to_si(value, unit_of(name), units_for(name, words))
         except UnitError as e:
             raise ConfigError(f"{place}.{name}: {e}") from e
     return out

@@ -11,16 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from model.actuators import Words
 from recordings.states.rules import BRANCHES
-from recordings.trials import TEXTS, unit_of
+from recordings.trials import TEXTS
 
 from ..files.config import ConfigError
+from ..files.units import KINDS
 from .columns import is_missing
 from .headings import heading
-from .map_file import Column, Map, Name, Orientation, Point, Points, factor
+from .map_file import Column, Map, Name, Orientation, Point, Points, factor, quantities, units_for
 from .places import turn_misfit
 from .reading import at_rest, axes_of, name_of, numbers, seconds, texts, unit_in, unseen
-from .series import Series
+from .series import Series, listed
 
 Array = NDArray[np.float64]
 
@@ -86,8 +88,13 @@ class _File:
     """One file while its map is applied."""
 
     series: Series
-    resting: NDArray[np.bool_]
-    notes: list[str]
+    drive: Words
+    """Of what drives the robot."""
+    notes: list[str] = field(default_factory=list)
+    contradicted: dict[str, dict[str, str]] = field(default_factory=dict)
+    """Note on a unit -> column whose unit it is -> key of the map."""
+    resting: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
+    """(n,) rows at rest, once pressures are known."""
 
     def places(self, xyz: Array, name: str) -> Array:
         """(n, 3) without rows in which nothing was seen."""
@@ -101,17 +108,18 @@ class _File:
         return np.where(gone[:, None], np.nan, xyz)
 
 
-def quantities_of(series: Series, wanted: Map, constants: Mapping[str, Any]) -> Quantities:
-    """Read a file by its map; raises ConfigError naming the column that is missing."""
-    notes: list[str] = []
-    values = {n: _number(series, n, c, notes) for n, c in wanted.columns.items() if n not in TEXTS}
+def quantities_of(series: Series, wanted: Map, drive: Words) -> Quantities:
+    """Read a file by its map, of a robot driven as `drive` says; raises ConfigError naming the column that is missing."""
+    file, constants = _File(series, drive), quantities(wanted.constants, drive)
+    notes = file.notes
+    values = {n: _number(file, n, c) for n, c in wanted.columns.items() if n not in TEXTS}
     words = {n: _words(series, n, c, wanted.source.missing) for n, c in wanted.columns.items() if n in TEXTS}
     frame = wanted.frame.matrix
     n = len(series)
     chambers = _chambers(values, constants)
-    notes += _mixed_units(series, wanted, ("x", "y", "z"), chambers)
+    notes += _mixed_units(file, wanted, ("x", "y", "z"), chambers)
     pressures = np.column_stack([values.pop(p) if p in values else np.full(n, constants[p]) for p in chambers])
-    file = _File(series, at_rest(pressures), notes)
+    file.resting = at_rest(pressures)
     if "tip" in wanted.points:
         tip = _place(file, "tip", wanted.points["tip"]) @ frame.T
     else:
@@ -134,7 +142,10 @@ def quantities_of(series: Series, wanted: Map, constants: Mapping[str, Any]) -> 
             notes.append(f"{int(gone.sum())} of {n} rows have no {what} (first {first}): no state is made of them")
     if stated is not None:
         made = _in_order(_without_gaps(made, file), file)
-    return replace(made, notes=tuple(dict.fromkeys(file.notes)))
+    for text, columns in file.contradicted.items():
+        several = "s" * (len(columns) > 1)
+        notes.append(f"column{several} {listed(columns)} ({', '.join(columns.values())}): {text}")
+    return replace(made, notes=tuple(dict.fromkeys(notes)))
 
 
 def _without_gaps(q: Quantities, file: _File) -> Quantities:
@@ -192,13 +203,13 @@ def _time(series: Series, wanted: Map) -> Array:
     return np.arange(len(series), dtype=np.float64)
 
 
-def _number(series: Series, name: str, column: Column, notes: list[str]) -> Array:
-    place = f"columns.{name}"
+def _number(file: _File, name: str, column: Column) -> Array:
+    place, series, units = f"columns.{name}", file.series, units_for(name, file.drive)
     found = numbers(series, column.column, place)
     own = name_of(series, column.column, place)
-    unit = column.unit or unit_in(series, own, unit_of(name), place)
-    notes += _contradicted(series, own, name, unit, f"{place}.unit", column.scale)
-    one = factor(unit, name, f"{place}.unit")
+    unit = column.unit or unit_in(series, own, units, place)
+    one = factor(unit, name, file.drive, f"{place}.unit")
+    _contradict(file, own, name, unit, place, column.scale)
     if name == "t":
         return seconds(found * column.scale, unit, one)
     if column.zero == "first":
@@ -210,26 +221,30 @@ def _number(series: Series, name: str, column: Column, notes: list[str]) -> Arra
     return found - ATMOSPHERE if column.zero == "absolute" else found
 
 
-def _contradicted(series: Series, own: str, name: str, unit: str, place: str, scale: float = 1.0) -> Iterator[str]:
-    """About a column of which the file says another unit than the map does, which translates it by no `scale`."""
-    if said := unit_in(series, own, unit_of(name)):
-        if said != unit:
-            yield f"column {own!r}: the file says {said}, {place} says {unit}, which is taken"
+def _contradict(file: _File, own: str, name: str, unit: str, place: str, scale: float = 1.0) -> None:
+    """Note a column of which the file says another unit than the map does, which translates it by no `scale`."""
+    units = units_for(name, file.drive)
+    said = unit_in(file.series, own, units)
+    if said and units[said] != units.get(unit, 1.0):
+        text = f"the file says {said}, the map {unit}, which is taken"
+    elif not said and name != "t" and scale == 1.0:
+        of_file = heading(own, file.series.units.get(own, ""))
+        said = of_file.unit or of_file.stated[:40]
+        text = f"the file says {said}, the map {unit or 'nothing'}, which is taken: is it this quantity, and its unit right?"
+    else:
         return
-    of_file = heading(own, series.units.get(own, ""))
-    said = of_file.unit or of_file.stated[:40]
-    if said and said != unit.removesuffix("/cm^2") and name != "t" and scale == 1.0:
-        yield (
-            f"column {own!r}: the file says {said}, {place} says {unit or 'nothing'}, which is taken: is it this quantity, and "
-            "its unit right?"
-        )
+    if said:
+        file.contradicted.setdefault(text, {})[own] = place
 
 
-def _mixed_units(series: Series, wanted: Map, *groups: Sequence[str]) -> Iterator[str]:
+def _mixed_units(file: _File, wanted: Map, *groups: Sequence[str]) -> Iterator[str]:
     """About columns of one kind that the map reads in several units, where the file does not say so."""
     for names in groups:
         given = {n: wanted.columns[n] for n in names if n in wanted.columns}
-        stated = {n: unit_in(series, name_of(series, c.column, n), unit_of(n)) for n, c in given.items()}
+        stated = {
+            n: unit_in(file.series, name_of(file.series, c.column, n), units_for(n, file.drive))
+            for n, c in given.items()
+        }
         units = [c.unit or stated[n] for n, c in given.items()]
         if len(set(units)) > 1 and not all(stated.values()):
             yield f"columns {', '.join(given)} are read in {', '.join(u or 'SI' for u in units)}, and the file does not say so"
@@ -278,9 +293,9 @@ def _xyz(file: _File, point: Point, unit: str, place: str) -> Array:
     columns = []
     for name in names:
         own = name_of(file.series, name, place)
-        said = unit or unit_in(file.series, own, "m", place)
-        file.notes.extend(_contradicted(file.series, own, "x", said, f"{place}.unit"))
-        columns.append(numbers(file.series, name, place) * factor(said, "x", f"{place}.unit"))
+        said = unit or unit_in(file.series, own, KINDS["m"], place)
+        columns.append(numbers(file.series, name, place) * factor(said, "x", file.drive, f"{place}.unit"))
+        _contradict(file, own, "x", said, place)
     return file.places(np.column_stack(columns), f"marker {shown} ({place})")
 
 
@@ -361,7 +376,9 @@ def stated(series: Series, given: Orientation) -> tuple[Rotation, NDArray[np.boo
         kept = np.where(there[:, None], values, [1.0, 0, 0, 0] if given.order == "wxyz" else [0, 0, 0, 1.0])
         return Rotation.from_quat(kept, scalar_first=given.order == "wxyz"), there
     kept = np.where(there[:, None], values, 0.0)
-    unit = given.unit or unit_in(series, name_of(series, given.columns[0], "orientation.columns"), "deg") or "rad"
+    unit = (
+        given.unit or unit_in(series, name_of(series, given.columns[0], "orientation.columns"), KINDS["deg"]) or "rad"
+    )
     if given.unit is None and unit == "rad" and (largest := float(np.abs(kept).max(initial=0.0))) > MOST_TURN:
         raise ConfigError(
             f"{series.path}: orientation: angles up to {largest:.4g} rad; write unit: deg, or unit: rad if they are"

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..files.config import ConfigError
-from ..files.units import KINDS
 from .columns import is_missing
 from .headings import heading
 from .map_file import Name
@@ -103,17 +102,17 @@ def texts(series: Series, name: Name, place: str, missing: Sequence[str | float]
     return np.array([said[w] for w in found.tolist()], np.str_)
 
 
-def unit_in(series: Series, name: str, si: str, place: str = "") -> str:
-    """The unit of a column as its heading or the file says it; empty where neither names one of this SI unit's.
+def unit_in(series: Series, name: str, units: Collection[str], place: str = "") -> str:
+    """The unit of a column as its heading or the file says it; empty where neither names one of `units`.
 
     With a `place` in the map, raises ConfigError where they name another kind of unit, which `place` must then translate.
     """
     said = heading(name, series.units.get(name, ""))
-    unit = said.unit if said.kind == si else series.unit_of(name, si)
-    if place and not unit and said.stated and si in KINDS:
+    unit = said.unit if said.unit in units else series.unit_of(name, units)
+    if place and not unit and said.stated and len(units) > 1:
         raise ConfigError(
             f"{series.path}: column {name!r} ({place}): the file says {said.stated[:40]!r} of it, which is none of "
-            f"{', '.join(KINDS[si])}; write {place}.unit, and {place}.scale where the numbers need a factor"
+            f"{', '.join(units)}; write {place}.unit, and {place}.scale where the numbers need a factor"
         )
     return unit
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import import_module
@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..files.config import ConfigError
-from ..files.units import KINDS
 from .columns import Judged, Strange, without_fillers
 from .headings import unit_named
 
@@ -69,11 +68,11 @@ class Series:
         """Where a row stands in the file."""
         return f"row {row + 1}" if self.lines is None else f"line {int(self.lines[row])}"
 
-    def unit_of(self, name: str, si: str) -> str:
-        """The unit the file states for a column outside of its heading, where it is one of an SI unit's; else empty."""
+    def unit_of(self, name: str, units: Container[str]) -> str:
+        """The unit the file states for a column outside of its heading, where it is one of `units`; else empty."""
         own = unit_named(self.units.get(name, ""))
-        unit = own[1] if own else self.common_units.get(si, "")
-        return unit if unit in KINDS.get(si, ()) else ""
+        stated = [own[1]] if own else self.common_units.values()
+        return next((unit for unit in stated if unit in units), "")
 
 
 def of_judged(path: Path, judged: Mapping[str, Judged], form: str) -> Series:

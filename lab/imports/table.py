@@ -16,14 +16,16 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from diagnosis.data.levels import SPINE_GAP, levels, pressure_gap
+from model.actuators import Words
 from model.robot import Robot
 from recordings.errors import RecordingError
 from recordings.states.rules import BRANCHES
 from recordings.trials import HEAD, TAIL, Table, TrialRow
 
 from ..files.config import ConfigError
+from .columns import DAY
 from .formats import KNOWN, RECORDING, read
-from .map_file import AXES, Map, Name, named, quantities
+from .map_file import AXES, Map, Name, named
 from .places import Jump, beside_at_rest, jumps, length_at_rest, lever_off, marker_ahead, moves_within, strays, turn_off
 from .plateaus import Cut, cuts
 from .quantities import BETWEEN_RUNS, Quantities, quantities_of
@@ -114,9 +116,9 @@ def _recordings(files: Sequence[tuple[Path, Map]]) -> list[tuple[tuple[Path, ...
 
 
 def _read(
-    given: Sequence[Path], wanted: Map, progress: Callable[[float, float], None]
+    given: Sequence[Path], wanted: Map, drive: Words, progress: Callable[[float, float], None]
 ) -> tuple[list[tuple[Series, Quantities, Map]], list[str]]:
-    """Every file, in the order of time where all files tell the time since 1970, and notes."""
+    """Every file, in the order of their times where these tell it, and notes."""
     files, made = _recordings(files_of(given, wanted)), []
     unread: list[ConfigError] = []
     for number, (parts, own) in enumerate(files):
@@ -128,32 +130,38 @@ def _read(
                 raise
             unread.append(e)
             continue
-        made.append((series, quantities_of(series, own, quantities(own.constants, "constants")), own))
+        made.append((series, quantities_of(series, own, drive), own))
     if not made:
         raise unread[0]
-    notes = [f"{NOT_READ}{e}" for e in unread] + [
-        f"{s.path.name}: {text}" for s, q, _ in made for text in (*s.notes, *q.notes)
-    ]
-    starts = [float(q.t[0]) for _, q, _ in made]
-    if min(starts) >= EPOCH[0] and starts != sorted(starts):
-        made.sort(key=lambda one: float(one[1].t[0]))
-        notes.append(f"files are read in the order of their times: {', '.join(s.path.name for s, _, _ in made)}")
+    said: dict[str, list[str]] = {}
+    for series, q, _ in made:
+        for text in (*series.notes, *q.notes):
+            said.setdefault(text, []).append(series.path.name)
+    notes = [f"{NOT_READ}{e}" for e in unread] + [f"{', '.join(names)}: {text}" for text, names in said.items()]
+    ordered = sorted(made, key=lambda one: float(one[1].t[0]))
+    if [s.path for s, _, _ in ordered] != [s.path for s, _, _ in made]:
+        first, last = float(ordered[0][1].t[0]), float(ordered[-1][1].t[0])
+        apart = all(float(np.nanmax(a.t)) < float(b.t[0]) for (_, a, _), (_, b, _) in pairwise(ordered))
+        names = ", ".join(s.path.name for s, _, _ in ordered)
+        if first >= EPOCH[0] or (apart and last - first < DAY / 2):
+            made = ordered
+            notes.append(f"files are read in the order of their times: {names}")
+        elif apart:
+            notes.append(
+                f"files are read in the order of their names; by their times, unless over midnight, it is: {names}"
+            )
     return made, notes
 
 
 def imported(
     given: Sequence[Path],
     wanted: Map,
-    straight: Array,
+    robot: Robot,
     progress: Callable[[float, float], None] = lambda done, of: None,
-    arcs: Sequence[float] = (),
 ) -> Imported:
-    """Read, cut and put into the robot's frame; `straight` (3,) m: the tracked point of the straight robot, `arcs` m: the arc
-    lengths of its markers.
-
-    Raises ConfigError.
-    """
-    every, notes = _read(given, wanted, progress)
+    """Read, cut and put into the robot's frame; raises ConfigError."""
+    straight, arcs = _straight_point(robot), robot.markers
+    every, notes = _read(given, wanted, robot.actuators.words, progress)
     read_files, states = [], []
     group, start, origin = 0, 0.0, 0.0
     for number, (series, q, own_map) in enumerate(every):
@@ -201,7 +209,7 @@ def imported(
             f"at rest the tip is {aside:.0f} mm off the axis and {away:.0f} mm from the origin, the robot is "
             f"{1e3 * straight[2]:.0f} mm long: add `straight: first state` to the map, or check the frame and the unit"
         )
-    notes += _jump_notes(list(jumps(rows, float(straight[2]))), states, every)
+    notes += _jump_notes(list(jumps(rows, float(straight[2]))), states, every, robot.actuators.words)
     _demand_mounted(rows)
     if wanted.stiffness is not None:
         rows += _pushes(rows, read_files, wanted)
@@ -297,7 +305,7 @@ def _without_strays(
 
 
 def _jump_notes(
-    found: Sequence[Jump], states: Sequence[_State], files: Sequence[tuple[Series, Quantities, Map]]
+    found: Sequence[Jump], states: Sequence[_State], files: Sequence[tuple[Series, Quantities, Map]], words: Words
 ) -> Iterator[str]:
     """What to ask about places that moved farther than the body can."""
     exchanged = {(j.state, *sorted((j.body, j.exchanged))) for j in found if j.exchanged is not None}
@@ -306,8 +314,9 @@ def _jump_notes(
         series, q, _ = files[states[jump.state].file]
         body = ["the tip", *(f"marker {k}" for k in range(1, 100))]
         what = (
-            f"{body[jump.body]} moves by {1e3 * jump.distance:.1f} mm while no pressure changes by more than "
-            f"{jump.pressure / 1e3:.3g} kPa, farther than the body can: was it taken for another marker, or was something moved?"
+            f"{body[jump.body]} moves by {1e3 * jump.distance:.1f} mm while no {words.say('pressure')} changes by more than "
+            f"{jump.pressure / words.pascal:.3g} {words.unit}, farther than the body can: was it another marker, or was "
+            "something moved?"
             if jump.exchanged is None
             else f"{body[jump.body]} and {body[jump.exchanged]} change places: were they exchanged?"
         )
@@ -329,7 +338,7 @@ def _lever_note(sensor: float, off: float, without: float, best: float) -> str:
 
 
 # ------------------------------------------------------------------ frames
-def straight_point(robot: Robot) -> Array:
+def _straight_point(robot: Robot) -> Array:
     """(3,) m: the end of the straight body, or the point beside it that robot.yaml states as tracked (marker_offset)."""
     stated = robot.effects.get("marker_offset", {})
     return np.array([stated[a].value if a in stated else 0.0 for a in "xyz"]) + [0.0, 0.0, robot.length]

@@ -98,9 +98,12 @@ def diagnose(
         answer = replace(answer, concerns=(*guesses, *answer.concerns))
     if outputs.json is not None:
         outputs.json.write_text(answer.to_json() + "\n", encoding="utf-8")
+    written = []
     if outputs.protocols is not None:
-        write_protocols(answer.next_experiment, outputs.protocols, case.robot)
+        written = write_protocols(answer.next_experiment, outputs.protocols, case.robot)
     show(answer, outputs.protocols)
+    if written:
+        out.print(f"written: {', '.join(map(str, written))}", soft_wrap=True)
     if outputs.report is not None:
         from ..pages.diagnosis_report import write  # what draws takes a third of the start, and only a page needs it
 

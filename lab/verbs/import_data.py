@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from diagnosis.data.doubtful import doubtful
 from diagnosis.data.plausible import implausible_values
-from diagnosis.data.plausible_directions import doubtful_directions
-from diagnosis.data.plausible_robot import doubtful_numbers
 from model.robot import Robot
 from recordings.own_files import copied, replaced
 from recordings.table_file import write_csv
@@ -18,26 +17,26 @@ from ..console import Screen, note, out
 from ..files.config import ConfigError, load
 from ..imports.formats import KNOWN, read
 from ..imports.guess import guess_map
-from ..imports.map_file import Source, load_map
+from ..imports.map_file import Map, Source, demand_units
 from ..imports.proposal import Guess, guess_text
 from ..imports.series import Series
-from ..imports.table import NOT_READ, Imported, imported, straight_point
+from ..imports.table import NOT_READ, Imported, imported
 
 MAP, PICTURE = "map.yaml", "states.png"
 
 
 def import_files(inputs: Sequence[Path], map_path: Path, robot_path: Path | None, folder: Path, as_json: bool) -> int:
     """Write CASE/robot.yaml, trials.csv, map.yaml and a picture of what was cut; raises ConfigError."""
-    wanted = load_map(map_path)
+    wanted = load(map_path, Map)
     robot_path = robot_path or map_path.parent / wanted.robot
     robot = load(robot_path, Robot)
+    demand_units(wanted, robot.actuators.words, f"{map_path}: ")
     with Screen("import", quiet=as_json) as screen:
-        made = imported(inputs, wanted, straight_point(robot), screen.progress, robot.markers)
+        made = imported(inputs, wanted, robot, screen.progress)
     found = implausible_values(robot, made.table.rows)
     if found:
         raise ConfigError("\n".join(f"{map_path}: {text}" for text in found))
-    doubts = (f"{robot_path}: {text}" for text in doubtful_numbers(robot))
-    made = replace(made, notes=(*made.notes, *doubtful_directions(robot, made.table.rows), *doubts))
+    made = replace(made, notes=(*made.notes, *doubtful(robot, made.table.rows, str(robot_path))))
     write_case(made, robot, robot_path, map_path, folder)
     told(made, robot, folder, as_json)
     return 0
@@ -57,14 +56,15 @@ def write_case(made: Imported, robot: Robot, robot_path: Path, map_path: Path, f
 def told(made: Imported, robot: Robot, folder: Path, as_json: bool) -> None:
     """What was made, and of what."""
     trials = len({r.trial for r in made.table})
+    written = [str(folder / name) for name in ("robot.yaml", "trials.csv", MAP, PICTURE)]
     if as_json:
-        names = ("robot.yaml", "trials.csv", MAP, PICTURE)
-        files = {"files": [str(folder / n) for n in names], "read": [str(q.path) for _, q, _ in made.files]}
+        files = {"files": written, "read": [str(q.path) for _, q, _ in made.files]}
         about = {"states": len(made.table), "trials": trials, "columns": made.table.columns, "notes": made.notes}
         print(json.dumps(files | about, indent=1))
         return
     note(made.notes)
-    out.print(f"{len(made.table)} states in {trials} trials, in {folder}")
+    out.print(f"{len(made.table)} states in {trials} trials")
+    out.print(f"written: {', '.join(written)}", soft_wrap=True)
     out.print(f"look at {folder / PICTURE}, then: lab diagnose {folder}")
 
 
@@ -102,8 +102,8 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, as_json
     told_of = [f"check: {d}" for d in (*series.notes, *proposed.doubts)]
     made = None
     try:
-        made = imported(inputs, load_map(folder / MAP), straight_point(robot), arcs=robot.markers)
-        found = (*implausible_values(robot, made.table.rows), *doubtful_directions(robot, made.table.rows))
+        made = imported(inputs, load(folder / MAP, Map), robot)
+        found = (*implausible_values(robot, made.table.rows), *doubtful(robot, made.table.rows, str(robot_path)))
         told_of += [f"check: {text}" for text in (*found, *(n for n in made.notes if n.startswith(NOT_READ)))]
         from ..pages.import_figure import draw
 

@@ -28,7 +28,7 @@ from protocols.parameters import RobotFacts
 from protocols.planned import planned_rows
 
 from ..console import Screen, note, out
-from ..files.config import ConfigError, demand_writable, load
+from ..files.config import ConfigError, demand_writable
 from ..files.number_table import Columns, read_numbers
 from ..files.own_effects import stated_by
 from .run import protocol_plan
@@ -78,9 +78,8 @@ class Wanted:
     max_pressure: float | None = None
 
 
-def predict(robot_path: Path, states: Columns, outputs: Outputs, effects: Path | None = None) -> int:
+def predict(robot: Robot, states: Columns, outputs: Outputs, effects: Path | None = None) -> int:
     """Predict states, those of a trial in their order. Raises ConfigError, ModelError."""
-    robot = _robot(robot_path)
     _writable(outputs)
     catalogue = stated_by(robot, effects)
     _demand_columns(robot, states)
@@ -126,9 +125,8 @@ def _predicted(robot: Robot, states: Columns, catalogue: Mapping[str, EffectSpec
     return predict_campaign(robot, {"trial": number, **states}, catalogue, intervals=True)
 
 
-def invert(robot_path: Path, targets_path: Path, wanted: Wanted, outputs: Outputs, effects: Path | None = None) -> int:
+def invert(robot: Robot, targets_path: Path, wanted: Wanted, outputs: Outputs, effects: Path | None = None) -> int:
     """Pressures and spine lengths for wanted tips. Raises ConfigError, ModelError."""
-    robot = _robot(robot_path)
     _writable(outputs)
     table = read_numbers(targets_path, ("x", "y", "z", "wx", "wy", "wz"), "", "x, y, z (m)", empty=True)
     place, weight = _coordinates(targets_path, table)
@@ -164,12 +162,11 @@ def invert(robot_path: Path, targets_path: Path, wanted: Wanted, outputs: Output
     return 0
 
 
-def table_states(path: Path, robot_path: Path) -> Columns:
+def table_states(path: Path, words: Words) -> Columns:
     """What a table says was or will be done to the robot: trials.csv, or a table with p1 .. and spine_length alone.
 
     p1 .. are in Pa, `p1 [kPa]` or of tendons `p1 [N]` in that unit.
     """
-    words = _robot(robot_path).actuators.words
     own = f"p1 [{words.unit}]"
     found = read_numbers(
         path, ASKED, rf"p\d+( ?\[{words.unit}\])?", f"p1 .. (Pa) or {own} .., and spine_length (m)", empty=True
@@ -213,9 +210,8 @@ def _with_known_intervals(robot: Robot, found: Prediction) -> Prediction:
     return replace(found, **unknown)
 
 
-def protocol_states(protocol: str, settings: list[str], robot_path: Path) -> Columns:
+def protocol_states(protocol: str, settings: list[str], robot: Robot) -> Columns:
     """The states that a protocol will read, as its plan has them; raises ConfigError for one that inflates nothing."""
-    robot = _robot(robot_path)
     count = len(robot.actuators.azimuths_deg)
     facts = RobotFacts(count, tuple((c,) for c in range(1, count + 1)), robot.tip_mass, robot.spine is not None)
     _, parameters, plan = protocol_plan(protocol, settings, facts)
@@ -269,10 +265,6 @@ def _cell(value: Any) -> Any:
     if isinstance(value, (np.floating, float)):
         return float(value) if np.isfinite(value) else None
     return value.item() if isinstance(value, np.generic) else value
-
-
-def _robot(path: Path) -> Robot:
-    return load(path, Robot)
 
 
 def _demand_columns(robot: Robot, states: Columns) -> None:

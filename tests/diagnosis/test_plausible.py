@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from diagnosis.data.doubtful import doubtful
 from diagnosis.data.plausible import implausible_values, require_plausible
 from diagnosis.data.plausible_directions import doubtful_directions
 from diagnosis.errors import BadCase
@@ -80,6 +81,7 @@ def w_last(r: TrialRow) -> TrialRow:
         (pressures(1 / 6894.76), ["column p", "looks like", "psi", "multiply by 6895"]),
         (pressures(1e-2), ["column p", "looks like mbar", "multiply by 100"]),
         (pressures(1e-5), ["column p", "looks like bar", "multiply by 100000"]),
+        (pressures(1e3), ["column p", "must be at most 2e+06 Pa", "Pa read as kPa (divide by 1000)"]),
         (pressures(1.0, 101_325.0), ["columns p1..p9", "101", "absolute", "subtract ambient pressure"]),
         (pressures(1.0, 84_000.0), ["columns p1..p9", "83", "absolute", "subtract ambient pressure"]),
         (pressures(1e-3, 101_325.0), ["looks like kPa", "absolute pressure"]),
@@ -230,3 +232,13 @@ def test_a_push_in_another_unit_is_named(rows: list[TrialRow], words: list[str])
 @pytest.mark.parametrize("modulus", [0.1, 0.5, 3.0, 10.0])
 def test_a_modulus_that_is_to_be_found_is_no_other_unit_of_force(modulus: float) -> None:
     assert implausible_values(ROBOT, pushes(modulus=modulus)) == ()
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.0, 1.5])
+def test_a_body_that_sags_upwards_is_asked_about(factor: float) -> None:
+    level = ROBOT.model_copy(update={"gravity": (-9.81, 0.0, 0.0)})
+    rows = sweep(level, spines=(0.0,), levels=(0.0, 10e3, 20e3))
+    told = level.with_modulus(factor)
+    assert doubtful(told, rows, "robot.yaml") == ()
+    (said,) = doubtful(told.model_copy(update={"gravity": (9.81, 0.0, 0.0)}), rows, "robot.yaml")
+    assert said.startswith("robot.yaml: gravity [9.81, 0, 0] m/s^2: at rest the tip is") and "gravity reversed" in said

@@ -69,8 +69,8 @@ def test_all_problems_of_a_file_come_at_once_with_their_lines(tmp_path: Path) ->
     )
     assert len(found) == 4
     assert "file.yaml:2: lenght: unknown key; did you mean 'length'?" in found[0]
-    assert "file.yaml:3: levels[1] = 250 Pa: must be at least 1000 Pa" in found[1]
-    assert "file.yaml:6: device.max_pressure = 2e+06 Pa: must be at most 1e+06 Pa" in found[2]
+    assert "file.yaml:3: levels[1] = 250 Pa: must be at least 1 kPa; did you mean 250 kPa?" in found[1]
+    assert "file.yaml:6: device.max_pressure = 2 MPa: must be at most 1 MPa" in found[2]
     assert "length: is missing; give it in m" in found[3]
 
 

@@ -374,4 +374,7 @@ def test_which_way_cameras_look_follows_from_how_chambers_bend(
     file.write_text("\n".join(lines))
     assert main(["import", str(file), "--guess", "--robot", str(ROBOT), "--out", str(out)]) == 0
     assert yaml.safe_load((out / "map.yaml").read_text())["frame"] == {"x": "x", "y": "-z", "z": "y"}
-    assert "does not tell which axis points from base to tip; taken as y" in " ".join(capsys.readouterr().err.split())
+    assert (
+        "where the tip rests does not tell which axis of the file is the base's z, from base to tip; taken as the file's y"
+        in " ".join(capsys.readouterr().err.split())
+    )

@@ -16,8 +16,8 @@ from test_import_tables import ROBOT, guessed
 from benchmarks.faults.foreign_tables import HEADINGS, STATES, sweep
 from lab.files.config import ConfigError, load
 from lab.imports.formats import read
-from lab.imports.map_file import Source, load_map
-from lab.imports.table import Imported, imported, straight_point
+from lab.imports.map_file import Map, Source
+from lab.imports.table import Imported, imported
 from model.robot import Robot
 
 ROWS = np.array(sweep())
@@ -27,7 +27,7 @@ BRANCHES = np.array([["up", "up", "up", "down", "down"][k % 5] for k in range(ST
 
 def through(file: Path) -> Imported:
     _, place = guessed(file)
-    return imported([file], load_map(place), straight_point(load(ROBOT, Robot)))
+    return imported([file], load(place, Map), load(ROBOT, Robot))
 
 
 def check(made: Imported) -> None:

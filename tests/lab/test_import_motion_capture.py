@@ -15,8 +15,8 @@ from benchmarks.faults.foreign_tables import PLATEAUS, sweep
 from lab.cli import main
 from lab.files.config import ConfigError, load
 from lab.imports.formats import read
-from lab.imports.map_file import Source, load_map
-from lab.imports.table import Imported, imported, straight_point
+from lab.imports.map_file import Map, Source
+from lab.imports.table import Imported, imported
 from model.robot import Robot
 
 ROWS = np.array(sweep(40, 0.02))
@@ -94,7 +94,7 @@ def test_what_motive_exports_is_recognised(
     assert "constants.p1: '?' is not a number with a unit; write for example '50 kPa'" in told
     place = tmp_path / "g" / "map.yaml"
     place.write_text(place.read_text().replace("'?'", "0 kPa"))
-    wanted = load_map(place)
+    wanted = load(place, Map)
     tip, base = [f"Finger tip Position {a}" for a in "XYZ"], [f"Base plate Position {a}" for a in "XYZ"]
     assert wanted.points["tip"].of == (tuple(tip),) and wanted.points["tip"].against == (tuple(base),)
     assert wanted.points["tip"].unit == {"Millimeters": "mm", "Meters": "m"}[unit]
@@ -124,7 +124,7 @@ def write_c3d(path: Path, unit: str = "kPa", factor: float = 1.0) -> Path:
 
 def through(file: Path) -> Imported:
     _, place = guessed(file)
-    return imported([file], load_map(place), straight_point(load(ROBOT, Robot)))
+    return imported([file], load(place, Map), load(ROBOT, Robot))
 
 
 def test_c3d_with_analog_pressures_is_recognised(tmp_path: Path) -> None:

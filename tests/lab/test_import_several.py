@@ -14,8 +14,8 @@ from test_import_tables import ROBOT, guessed
 from benchmarks.faults.foreign_tables import PLATEAUS, STATES, sweep, text
 from lab.cli import main
 from lab.files.config import ConfigError, load
-from lab.imports.map_file import load_map
-from lab.imports.table import Imported, imported, straight_point
+from lab.imports.map_file import Map, demand_units
+from lab.imports.table import Imported, imported
 from model.robot import Robot
 
 FEW, MANY = sweep(), sweep(40)
@@ -46,7 +46,9 @@ def read_all(folder: Path, contents: Mapping[str, str], order: Sequence[str] | N
     values = {"columns": {n: {"column": c} for n, c in COLUMNS.items()}, "trials": {"begin": "rest"}} | more
     (folder / "map.yaml").write_text(yaml.safe_dump(values))
     files = [folder / name for name in order or contents]
-    return imported(files, load_map(folder / "map.yaml"), straight_point(load(ROBOT, Robot)))
+    wanted, robot = load(folder / "map.yaml", Map), load(ROBOT, Robot)
+    demand_units(wanted, robot.actuators.words)
+    return imported(files, wanted, robot)
 
 
 def tips(made: Imported) -> np.ndarray:
@@ -134,12 +136,12 @@ def test_the_tip_of_some_files_may_be_given_by_them_alone(tmp_path: Path) -> Non
     tip = {a: {"column": f"Tip {a.upper()} [mm]"} for a in "xyz"}
     place = tmp_path / "map.yaml"
     place.write_text(yaml.safe_dump({"columns": columns, "files": {"*": {"columns": tip}}}))
-    assert len(imported([tmp_path / "a.csv"], load_map(place), np.array([0, 0, 0.15])).table) == STATES
+    assert len(imported([tmp_path / "a.csv"], load(place, Map), load(ROBOT, Robot)).table) == STATES
     place.write_text(yaml.safe_dump({"columns": columns, "files": {"*": {"columns": {"x": tip["x"]}}}}))
     with pytest.raises(
         ConfigError, match=r"a.csv: the map of this file \(files\): columns: give the tip by x, y and z"
     ):
-        imported([tmp_path / "a.csv"], load_map(place), np.array([0, 0, 0.15]))
+        imported([tmp_path / "a.csv"], load(place, Map), load(ROBOT, Robot))
 
 
 @pytest.mark.parametrize(
@@ -171,6 +173,33 @@ def test_files_are_read_in_the_order_of_their_times_or_as_people_count(tmp_path:
         (runs / f"run{n}.csv").write_text(plain)
     made = read_all(tmp_path, {}, order=["runs"])
     assert [s.path.name for s, _, _ in made.files] == ["run1.csv", "run2.csv", "run10.csv"]
+
+
+def on_the_clock(start: int) -> str:
+    def change(k: int, cells: list[str]) -> list[str]:
+        s = (start + int(FEW[k][0])) % 86_400
+        return with_middle(k, [f"{s // 3600:02d}:{s // 60 % 60:02d}:{s % 60:02d}", *cells[1:]])
+
+    return text(FEW, headings=["Uhrzeit", *NAMES[1:]], change=change)
+
+
+@pytest.mark.parametrize(
+    ("starts", "order", "says"),
+    [
+        ((34_000, 30_000), ["b.csv", "a.csv"], "in the order of their times: b.csv, a.csv"),
+        ((30_000, 34_000), ["a.csv", "b.csv"], ""),
+        ((86_000, 500), ["a.csv", "b.csv"], "in the order of their names; by their times, unless over midnight"),
+    ],
+)
+def test_files_are_read_in_the_order_of_the_clock(
+    starts: tuple[int, int], order: list[str], says: str, tmp_path: Path
+) -> None:
+    columns = COLUMNS | {"t": "Uhrzeit"}
+    contents = {name: on_the_clock(start) for name, start in zip(("a.csv", "b.csv"), starts, strict=True)}
+    made = read_all(tmp_path, contents, columns={n: {"column": c} for n, c in columns.items()})
+    assert [s.path.name for s, _, _ in made.files] == order
+    assert says in " ".join(made.notes) and bool(made.notes) == bool(says)
+    assert (np.diff(made.table["t"]) > 0).all()
 
 
 # ------------------------------------------------------------------ times
@@ -210,7 +239,16 @@ def test_a_unit_that_is_none_of_the_quantity_is_asked_about(tmp_path: Path) -> N
 def test_a_unit_of_the_map_against_that_of_the_file_is_noted(tmp_path: Path) -> None:
     columns = {n: {"column": c} for n, c in COLUMNS.items()} | {"p3": {"column": "p3 [kPa]", "unit": "bar"}}
     made = read_all(tmp_path, {"a.csv": text(FEW, headings=NAMES, change=with_middle)}, columns=columns)
-    assert any("'p3 [kPa]': the file says kPa, columns.p3.unit says bar, which is taken" in n for n in made.notes)
+    assert any("'p3 [kPa]' (columns.p3): the file says kPa, the map bar, which is taken" in n for n in made.notes)
+
+
+def test_columns_and_files_of_which_the_same_is_said_share_a_note(tmp_path: Path) -> None:
+    columns = {n: {"column": c, **({"unit": "cm"} if c.endswith("[mm]") else {})} for n, c in COLUMNS.items()}
+    contents = {name: text(FEW, headings=NAMES, change=with_middle) for name in ("a.csv", "b.csv")}
+    made = read_all(tmp_path, contents, columns=columns)
+    (said,) = [n for n in made.notes if "the file says" in n]
+    assert said.startswith("a.csv, b.csv: columns '") and "the map cm" in said
+    assert all(f"'{c}'" in said and f"columns.{n}" in said for n, c in COLUMNS.items() if c.endswith("[mm]"))
 
 
 def test_each_column_has_its_own_unit(tmp_path: Path) -> None:
@@ -220,7 +258,7 @@ def test_each_column_has_its_own_unit(tmp_path: Path) -> None:
     names = ("Time [s]", "P1 [bar]", "P2 [kPa]", "P3 [kPa]", "Tip X [mm]", "Tip Y [mm]", "Tip Z (in)")
     (tmp_path / "a.csv").write_text(text(FEW, headings=names, change=change))
     _, place = guessed(tmp_path / "a.csv")
-    made = imported([tmp_path / "a.csv"], load_map(place), straight_point(load(ROBOT, Robot)))
+    made = imported([tmp_path / "a.csv"], load(place, Map), load(ROBOT, Robot))
     assert tips(made) == pytest.approx(np.array(FEW)[:, 4:], abs=2e-3)
     assert np.column_stack([made.table[f"p{i}"] for i in (1, 2, 3)]) / 1e3 == pytest.approx(
         np.array(FEW)[:, 1:4], abs=2e-3

@@ -14,9 +14,9 @@ from lab.imports.columns import judge, number
 from lab.imports.formats import read
 from lab.imports.guess import guess_map
 from lab.imports.headings import chamber, heading
-from lab.imports.map_file import Source, load_map
+from lab.imports.map_file import Map, Source
 from lab.imports.proposal import Guess, guess_text
-from lab.imports.table import Imported, imported, straight_point
+from lab.imports.table import Imported, imported
 from model.robot import Robot
 
 ROBOT = Path(__file__).parent.parent.parent / "examples" / "three_chambers" / "robot.yaml"
@@ -37,7 +37,7 @@ def through(file: Path, content: str | bytes) -> tuple[Guess, Imported]:
     """A file with this content, by the map that is proposed for it."""
     file.write_bytes(content if isinstance(content, bytes) else content.encode())
     made, place = guessed(file)
-    return made, imported([file], load_map(place), straight_point(load(ROBOT, Robot)))
+    return made, imported([file], load(place, Map), load(ROBOT, Robot))
 
 
 def words(k: int, cells: list[str], word: str) -> list[str]:
@@ -130,7 +130,7 @@ def test_words_that_nobody_knows_are_asked_about_and_can_be_declared(tmp_path: P
     with pytest.raises(
         ConfigError, match=r"table.csv, line 5, column 'Tip X \[mm\]' \(columns.x\): 'OOR' .*missing: \['OOR'\]"
     ):
-        imported([tmp_path / "table.csv"], load_map(place), np.array([0, 0, 0.15]))
+        imported([tmp_path / "table.csv"], load(place, Map), load(ROBOT, Robot))
 
 
 @pytest.mark.parametrize("columns", [slice(4, 7), slice(1, 4)])
@@ -314,4 +314,4 @@ def test_a_turn_of_the_mount_does_not_change_within_a_trial(tmp_path: Path) -> N
     with pytest.raises(
         ConfigError, match=r"columns.roll_deg: from 90 to 102 deg within trial 1, .* write it under orientation"
     ):
-        imported([tmp_path / "table.csv"], load_map(place), np.array([0, 0, 0.15]))
+        imported([tmp_path / "table.csv"], load(place, Map), load(ROBOT, Robot))

@@ -16,6 +16,7 @@ from diagnosis.diagnose import Options, diagnose
 from lab.cli import main
 from lab.files.inputs import read_case
 from lab.imports.columns import judge
+from lab.imports.headings import heading, tendon
 from lab.pages.diagnosis_figures import Group
 from lab.pages.diagnosis_report import write
 from lab.verbs.diagnose import show, write_protocols
@@ -73,7 +74,7 @@ def test_a_map_of_tensions_is_guessed_and_the_tip_goes_to_where_they_pull(
     said = " ".join(capsys.readouterr().out.split())
     proposed = yaml.safe_load((tmp_path / "map/map.yaml").read_text())
     assert [proposed["columns"][f"p{k}"] for k in (1, 2, 3)] == [
-        {"column": f"{word}{k} [N]", "unit": "N/cm^2"} for k in (1, 2, 3)
+        {"column": f"{word}{k} [N]", "unit": "N"} for k in (1, 2, 3)
     ]
     assert proposed["frame"] == {"x": "x", "y": "z", "z": "-y"} and "towards the tendons pulled" in said
     assert main(["import", table, "--map", str(tmp_path / "map/map.yaml"), "--out", str(tmp_path / "case")]) == 0
@@ -99,7 +100,7 @@ def test_a_robot_with_tendons_takes_no_column_of_pressures_for_one(
 @pytest.mark.parametrize("straight", ["first state", "first row"])
 def test_markers_too_are_taken_from_the_straight_robot(straight: str, tmp_path: Path) -> None:
     lab = trunk(tmp_path / "lab", "Seil_")
-    columns = {f"p{k}": {"column": f"Seil_{k} [N]", "unit": "N/cm^2"} for k in (1, 2, 3)}
+    columns = {f"p{k}": {"column": f"Seil_{k} [N]", "unit": "N"} for k in (1, 2, 3)}
     columns |= {"t": {"column": "Zeit [s]"}} | {a: {"column": f"Spitze_{a} [mm]"} for a in "xyz"}
     values = {
         "robot": "robot.yaml", "columns": columns, "frame": {"x": "x", "y": "z", "z": "-y"}, "straight": straight,
@@ -117,7 +118,7 @@ def test_markers_too_are_taken_from_the_straight_robot(straight: str, tmp_path: 
 def imported(folder: Path) -> Path:
     """The case of a trunk, its map written by hand."""
     lab = trunk(folder / "lab", "Seil_")
-    columns = {f"p{k}": {"column": f"Seil_{k} [N]", "unit": "N/cm^2"} for k in (1, 2, 3)}
+    columns = {f"p{k}": {"column": f"Seil_{k} [N]", "unit": "N"} for k in (1, 2, 3)}
     columns |= {"t": {"column": "Zeit [s]"}} | {a: {"column": f"Spitze_{a} [mm]"} for a in "xyz"}
     values = {
         "robot": "robot.yaml", "columns": columns, "frame": {"x": "x", "y": "z", "z": "-y"}, "straight": "first state",
@@ -186,9 +187,9 @@ def test_predict_takes_tensions_in_newtons_and_asks_about_small_pressures(
 @pytest.mark.parametrize(
     ("heading", "unit", "says"),
     [
-        ("Seil_1 [N]", "kPa", "column 'Seil_1 [N]': the file says N, columns.p1.unit says kPa"),
-        ("Seil_1 [V]", "N/cm^2", "column 'Seil_1 [V]': the file says V, columns.p1.unit says N/cm^2"),
-        ("Seil_1 [bar]", "kPa", "column 'Seil_1 [bar]': the file says bar, columns.p1.unit says kPa"),
+        ("Seil_1 [N]", "kPa", "column 'Seil_1 [N]' (columns.p1): the file says N, the map kPa"),
+        ("Seil_1 [V]", "N/cm^2", "column 'Seil_1 [V]' (columns.p1): the file says V, the map N/cm^2"),
+        ("Seil_1 [bar]", "kPa", "column 'Seil_1 [bar]' (columns.p1): the file says bar, the map kPa"),
         ("Seil_1 [N]", "N/cm^2", ""),
     ],
 )
@@ -400,3 +401,99 @@ def test_an_arm_across_gravity_that_sags_as_its_robot_yaml_says_needs_no_straigh
     asked = ["import", str(tmp_path / "table.csv"), "--guess", "--robot", str(tmp_path / "robot.yaml")]
     assert main([*asked, "--out", str(tmp_path / "map")]) == 0
     assert "straight" not in yaml.safe_load((tmp_path / "map/map.yaml").read_text())
+
+
+@pytest.mark.parametrize("azimuth", [0, 45])
+def test_axes_that_the_data_do_not_force_are_marked(azimuth: int, tmp_path: Path) -> None:
+    lab = trunk(tmp_path / "lab", "Seil_")
+    turned = f"[{azimuth}, {120 + azimuth}, {240 + azimuth}]"
+    (lab / "robot.yaml").write_text(ROBOT.replace("[0, 120, 240]", turned))
+    asked = ["import", str(lab / "table.csv"), "--guess", "--robot", str(lab / "robot.yaml")]
+    assert main([*asked, "--out", str(tmp_path / "map")]) == 0
+    proposed = (tmp_path / "map/map.yaml").read_text()
+    assert ("# CHECK: frame.x, frame.y: with the base's x along the file's x" in proposed) == bool(azimuth)
+    assert "# axis of the robot's base (z from base to tip): axis of the file" in proposed
+
+
+def with_rate(lab: Path) -> str:
+    head, *lines = (lab / "table.csv").read_text().splitlines()
+    return "\n".join([f"{head};Rate", *(f"{line};500,0" for line in lines)]) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("robot", "refused"),
+    [(ROBOT, ""), (ROBOT.replace("tendons:", "chambers:\n  radius: 3 mm"), "the robot has chambers")],
+)
+def test_a_map_takes_newtons_of_tendons_alone(
+    robot: str, refused: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = read_case([imported(tmp_path)]).table
+    lab = tmp_path / "lab"
+    (lab / "robot.yaml").write_text(robot)
+    values = yaml.safe_load((lab / "map.yaml").read_text())
+    values["columns"]["p1"]["unit"], values["columns"]["p2"]["unit"] = "N", "N/cm^2"
+    del values["columns"]["p3"]["unit"]
+    (lab / "table.csv").write_text(with_rate(lab))
+    values["columns"]["rate"] = {"column": "Rate", "unit": "mN/s"}
+    (lab / "map.yaml").write_text(yaml.safe_dump(values))
+    command = ["import", str(lab / "table.csv"), "--map", str(lab / "map.yaml"), "--out", str(tmp_path / "again")]
+    capsys.readouterr()
+    assert main(command) == (2 if refused else 0)
+    said = capsys.readouterr()
+    if refused:
+        assert f"{lab / 'map.yaml'}: columns.p1.unit = 'N': p1 needs one of Pa" in said.err and refused in said.err
+        return
+    assert not said.err and all(str(tmp_path / "again" / name) in said.out for name in ("robot.yaml", "trials.csv"))
+    found = read_case([tmp_path / "again"]).table
+    assert np.array_equal(found["p1"], before["p1"]) and np.array_equal(found["p3"], before["p3"])
+    assert found["p1"].max() == pytest.approx(4e4) and set(found["rate"]) == {5e3}
+    values["columns"].pop("p3")
+    values["constants"]["p3"] = "500 mN"
+    (lab / "map.yaml").write_text(yaml.safe_dump(values))
+    assert main(command) == 0
+    assert set(read_case([tmp_path / "again"]).table["p3"]) == {5e3}
+
+
+@pytest.mark.parametrize(
+    ("heading_", "number"),
+    [
+        ("Seil 2 [N]", 2), ("Seile_3", 3), ("Zug2 [N]", 2), ("Sehne 1 Ist [N]", 1), ("Sehnenkraft 4 [N]", 4), ("câble 2 [N]", 2),
+        ("Tirant 3", 3), ("corde1 [N]", 1), ("tendón 2 [N]", 2), ("Cuerda_3 [N]", 3), ("Zug [N]", 1), ("Seil Soll", 1),
+        ("cable length 2 [mm]", None), ("F2", None), ("F2 [N]", 2), ("Zugfeder", None),
+    ],
+)  # fmt: skip
+def test_words_for_a_tendon_in_several_languages(heading_: str, number: int | None) -> None:
+    assert tendon(heading(heading_)) == number
+
+
+def test_a_column_of_tendons_pulled_begins_trials(tmp_path: Path) -> None:
+    lab = trunk(tmp_path / "lab", "Zug_")
+    head, *lines = (lab / "table.csv").read_text().splitlines()
+    pulled = [f"{line};{1 + k // 7 % 3}" for k, line in enumerate(lines)]
+    (lab / "table.csv").write_text("\n".join([f"{head};Seile", *pulled]) + "\n")
+    asked = ["import", str(lab / "table.csv"), "--guess", "--robot", str(lab / "robot.yaml")]
+    assert main([*asked, "--out", str(tmp_path / "map")]) == 0
+    assert yaml.safe_load((tmp_path / "map/map.yaml").read_text())["trials"] == {"begin": "rest", "change": ["Seile"]}
+
+
+@pytest.mark.parametrize("gravity", ["[0, -9.81, 0]", "[0, 9.81, 0]"])
+def test_gravity_that_points_up_is_asked_about_at_import_and_by_compare(
+    gravity: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arm = ROBOT.replace("[90 mm]", "[]").replace("320 kPa", "900 kPa").replace("107 kPa", "300 kPa")
+    place = tmp_path / "robot.yaml"
+    place.write_text(arm.replace("[0, 0, 9.81]", "[0, -9.81, 0]"))
+    pulls = [[pull * (k == j) for j in range(3)] for k in range(3) for pull in (0.0, 1.0, 2.0, 0.0)]
+    tips = lab.predict(lab.load_robot(place), np.multiply(pulls, 1e4)) * 1e3
+    lines = ["t [s],F1 [N],F2 [N],F3 [N],x [mm],y [mm],z [mm]"]
+    lines += [",".join(map(str, (3.0 * i, *f, *tip))) for i, (f, tip) in enumerate(zip(pulls, tips, strict=True))]
+    (tmp_path / "table.csv").write_text("\n".join(lines) + "\n")
+    place.write_text(arm.replace("[0, 0, 9.81]", gravity))
+    columns = {"t": "t [s]"} | {f"p{k}": f"F{k} [N]" for k in (1, 2, 3)} | {a: f"{a} [mm]" for a in "xyz"}
+    values = {"columns": {n: {"column": c} for n, c in columns.items()}, "trials": {"begin": "rest"}}
+    (tmp_path / "map.yaml").write_text(yaml.safe_dump(values))
+    said = []
+    for command in (["import", str(tmp_path / "table.csv"), "--map", str(tmp_path / "map.yaml"), "--out"], ["compare"]):
+        assert main([*command, str(tmp_path / "case")]) == 0
+        said.append(" ".join(capsys.readouterr().err.split()))
+    assert all(("with gravity reversed" in text) == ("[0, 9.81" in gravity) for text in said)

@@ -14,8 +14,8 @@ from test_import_tables import ROBOT, guessed
 
 from lab.cli import main
 from lab.files.config import ConfigError, load
-from lab.imports.map_file import load_map
-from lab.imports.table import Imported, imported, straight_point
+from lab.imports.map_file import Map
+from lab.imports.table import Imported, imported
 from model.robot import Robot
 from recordings.table_file import read_csv
 
@@ -75,7 +75,7 @@ def through(folder: Path, content: str) -> tuple[dict[str, Any], list[str], Impo
     (folder / "versuche.csv").write_text(content)
     made, place = guessed(folder / "versuche.csv")
     robot = load(ROBOT, Robot)
-    return made.values, made.doubts, imported([folder / "versuche.csv"], load_map(place), straight_point(robot))
+    return made.values, made.doubts, imported([folder / "versuche.csv"], load(place, Map), robot)
 
 
 def by_map(folder: Path, content: str, **more: Any) -> Imported:
@@ -83,7 +83,7 @@ def by_map(folder: Path, content: str, **more: Any) -> Imported:
     names = dict(zip(("t", "p1", "p2", "p3", "x", "y", "z"), HEADINGS, strict=True))
     columns = {n: {"column": c} for n, c in names.items()} | more.pop("columns", {})
     (folder / "map.yaml").write_text(yaml.safe_dump({"columns": columns, **more}))
-    return imported([folder / "versuche.csv"], load_map(folder / "map.yaml"), straight_point(load(ROBOT, Robot)))
+    return imported([folder / "versuche.csv"], load(folder / "map.yaml", Map), load(ROBOT, Robot))
 
 
 def lengths(made: Imported) -> list[int]:

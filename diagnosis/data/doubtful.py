@@ -1,0 +1,73 @@
+"""What to ask about a robot.yaml and a table of trials that may be right: nothing is refused here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from model.condition import conditions
+from model.errors import ModelError
+from model.robot import Robot
+from model.rods import FINE, solve
+from model.section import rods_of
+from recordings.trials import TrialRow
+
+from ..judgement import UPSIDE_DOWN_GAIN
+from .plausible_directions import ASIDE, doubtful_directions
+from .plausible_pressures import Pressures
+from .plausible_robot import doubtful_numbers
+
+MOST_STATES = 60
+"""Of those at rest that are solved for."""
+
+
+def doubtful(robot: Robot, rows: Sequence[TrialRow], robot_name: str) -> tuple[str, ...]:
+    """One message for each doubt; `robot_name`: where the robot was read."""
+    of_robot = (*doubtful_numbers(robot), *_gravity(robot, rows))
+    return (*(f"{robot_name}: {text}" for text in of_robot), *doubtful_directions(robot, rows))
+
+
+def _gravity(robot: Robot, rows: Sequence[TrialRow]) -> Iterator[str]:
+    """About a tip at rest that sags to where reversed gravity would bring it.
+
+    A wrong modulus changes how far it sags, by a factor, but not the side; along the axis nothing sags, and nothing is asked.
+    """
+    tips = [
+        r
+        for r in rows
+        if r.protocol != "stiffness" and r.tip is not None and np.isfinite((*r.tip, r.spine_length, *r.pressures)).all()
+    ]
+    if robot.effects or not tips or {len(r.pressures) for r in tips} != {len(robot.bending_directions)}:
+        return
+    resting = [r for r, rests in zip(tips, Pressures.of(robot, tips).resting, strict=True) if rests][:MOST_STATES]
+    if not resting:
+        return
+    try:
+        asked = conditions(
+            robot,
+            np.clip([r.spine_length for r in resting], 0.0, None),
+            np.zeros((len(resting), len(robot.bending_directions))),
+            [robot.tip_mass if r.tip_mass is None else r.tip_mass for r in resting],
+            np.radians([r.roll_deg or 0.0 for r in resting]),
+            [r.tip_force for r in resting],
+        )
+        found = [solve(rods_of(_with_gravity(robot, sign), asked), FINE) for sign in (1.0, -1.0)]
+    except ModelError:  # the states do not fit this robot, which is said elsewhere
+        return
+    stands = found[0].converged & found[1].converged
+    if not stands.any():
+        return
+    seen = np.array([r.tip for r in resting])[stands]
+    given, reversed_ = (float(np.sqrt(((f.tip[stands] - seen) ** 2).sum(axis=1).mean())) for f in found)
+    if given > ASIDE * robot.length and reversed_ < UPSIDE_DOWN_GAIN * given:
+        yield (
+            f"gravity [{', '.join(f'{g:g}' for g in robot.gravity)}] m/s^2: at rest the tip is {1e3 * given:.3g} mm from where "
+            f"the model has it, and {1e3 * reversed_:.3g} mm with gravity reversed: does gravity point down in the base frame, "
+            "and is the frame the right way round?"
+        )
+
+
+def _with_gravity(robot: Robot, factor: float) -> Robot:
+    x, y, z = (factor * g for g in robot.gravity)
+    return robot.model_copy(update={"gravity": (x, y, z)})
