@@ -333,7 +333,12 @@ def python() -> Iterator[str]:
 
 
 def _signature(found: Any) -> str:
-    return str(inspect.signature(found)).replace("'", "").replace("(self, ", "(").replace("(self)", "()")
+    """Names, defaults and what is returned; types and units are in the code and the text."""
+    whole = inspect.signature(found)
+    bare = [p.replace(annotation=p.empty) for name, p in whole.parameters.items() if name != "self"]
+    text = str(whole.replace(parameters=bare, return_annotation=whole.empty))
+    returned = str(whole.return_annotation)
+    return text if returned in ("None", str(whole.empty)) else f"{text} -> {returned}"
 
 
 def _tables(model: type[BaseModel], leave_out: Sequence[str] = ()) -> Iterator[tuple[str, list[str], list[Row]]]:

@@ -45,12 +45,12 @@ def test_what_a_driver_and_its_fake_are_built_of_is_there(reference: dict[str, s
         sum(line.startswith("- `latest() ->") for line in text.splitlines()) == 3
     )  # of force, mocap and sensor, each once
     for made in (
-        "SerialLine(name: str, port: str",
-        "ask(request: bytes",
-        "Retries(line:",
+        "SerialLine(name, port,",
+        "ask(request,",
+        "Retries(line)",
         "twice(",
         "PtyFake(",
-        "feed() ->",
+        "feed()",
     ):
         assert f"\n- `{made}" in text
 
