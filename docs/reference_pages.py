@@ -55,9 +55,7 @@ OFFERS: Mapping[str, type] = {
 MADE = "This page is made from the code."
 WIDTH = 120
 """Of a line."""
-VALUES = (
-    "`key` = default unit, limits: meaning. (0, 1] is above 0 and at most 1. A number may carry its unit: `250 kPa`."
-)
+VALUES = "`key`: default unit, limits. Meaning. (0, 1] is above 0, at most 1. A number may carry its unit: `250 kPa`."
 
 
 def write_all(folder: Path) -> None:
@@ -293,7 +291,7 @@ def effects() -> Iterator[str]:
 
 def _parameter(p: Parameter) -> str:
     unit = "" if p.unit == "1" else f" {p.unit}"
-    return f"{'Shape ' if p.role == 'shape' else ''}`{p.name}` = {p.scale:.4g}{unit}, [{p.low:.4g}, {p.high:.4g}]"
+    return f"{'Shape ' if p.role == 'shape' else ''}`{p.name}` {p.scale:.4g}{unit}, [{p.low:.4g}, {p.high:.4g}]"
 
 
 def streams() -> Iterator[str]:
@@ -382,7 +380,7 @@ def _form(field: Mapping[str, Any], names: Mapping[str, str], needed: bool = Fal
     kind, limits = _kind(field, names)
     unit = "" if field.get("unit") in (None, "1") else str(field["unit"])
     default = "" if needed else _default(field)
-    first = f"= {default} {unit}".strip() if default else ", ".join(p for p in ("required" * needed, unit) if p)
+    first = f"{default} {unit}".strip() if default else ", ".join(p for p in ("required" * needed, unit) if p)
     return ", ".join(p for p in (first, "" if default and kind == "text" else kind, limits) if p)
 
 
@@ -417,7 +415,7 @@ def _limits(field: Mapping[str, Any]) -> str:
     if low is None and high is None:
         return ""
     if high is None:
-        return f"{'>' if least is None else '>='} {low:g}"
+        return f"{'>' if least is None else '>='}{low:g}"
     start = "(-inf" if low is None else f"{'(' if least is None else '['}{low:g}"
     return f"{start}, {high:g}{')' if most is None else ']'}"
 
@@ -499,9 +497,8 @@ def _but(rows: Sequence[Row], several: Sequence[Row]) -> Iterator[str]:
 
 def _list(rows: Iterable[Row]) -> Iterator[str]:
     for name, form, meaning in rows:
-        value = f" {form}" if form.startswith("=") else f", {form}" if form else ""
         text = " ".join(meaning.split())
-        yield from _wrapped(f"- {name}{value}{f': {text}' if text else ''}", "  ")
+        yield from _wrapped(": ".join(p for p in (f"- {name}", ". ".join(q for q in (form, text) if q)) if p), "  ")
     yield ""
 
 
