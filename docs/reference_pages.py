@@ -188,11 +188,11 @@ def protocol_calls() -> Iterator[str]:
     """What a protocol of one's own calls."""
     yield from ("# Calls of a protocol", "", MADE)
     yield from ("How they fit together: [a protocol of your own](../howto/protocol.md).", "")
-    yield from (
-        "All values are in SI units, times are rig time in s. `Settle`, `Jam` and `SpineMotion` have the keys of",
-        "",
+    yield from _wrapped(
+        "All values are in SI units, times are rig time in s. `Settle`, `Jam` and `SpineMotion` have the keys of "
+        "[`settle`, `jam` and `spine`](protocols.md) as fields."
     )
-    yield from ("[`settle`, `jam` and `spine`](protocols.md) as fields.", "")
+    yield ""
     for kind in (Visit, Sweep, Walk, Trials, Bench, Setup, Plan, Step, Ask, Reading, Settled, Window, Crossing):
         yield from _class(kind, kind.__name__)
     for module in (visits, actions, suspension):
@@ -208,10 +208,7 @@ def quantities() -> Iterator[str]:
     """What laws of effects may change, with shapes."""
     yield from ("# Quantities that effects change", "", MADE)
     yield from ("How a law is written: [an effect of your own](../howto/effect.md).", "")
-    yield from (
-        "v: variants, n: states, either may be 1. An array of chambers has one axis more, so that a law writes",
-        "",
-    )
+    yield from ("v: variants, n: states. An array of chambers has one axis more, so that a law writes", "")
     yield from ("```python", 'q.pressure = q.pressure * (1 - v["share"][..., None])', "```", "")
     for kind, part in ((Quantities, "before"), (History, "path"), (Readings, "after")):
         yield from _class(kind, f"{kind.__name__}: `{part}`")
@@ -275,12 +272,13 @@ def _calls(interface: type) -> list[Row]:
 
 def effects() -> Iterator[str]:
     """The catalogue of effects, stage by stage."""
-    yield from ("# Effects", "", MADE, "`lab effects` draws what each does; [why they are as they are]")
-    yield from (
-        "(../explanations/effects.md). Of each parameter: a size that is plausible on a robot like the paper's",
-        "",
+    yield from ("# Effects", "", MADE, "`lab effects` draws what each does.")
+    yield from ("[Why they are as they are](../explanations/effects.md).", "")
+    yield from _wrapped(
+        "Of each parameter: a plausible size on a robot like the paper's (standard deviation of the prior), and its "
+        "bounds. A *shape* changes how a law acts, not whether."
     )
-    yield from ("(standard deviation of the prior), and its bounds. A *shape* changes how a law acts, not whether.", "")
+    yield ""
     for stage in STAGES:
         yield from (f"## {stage}", "")
         for e in (e for e in CATALOGUE.values() if e.stage == stage):
@@ -291,7 +289,7 @@ def effects() -> Iterator[str]:
 
 def _parameter(p: Parameter) -> str:
     unit = "" if p.unit == "1" else f" {p.unit}"
-    return f"{'Shape ' if p.role == 'shape' else ''}`{p.name}` {p.scale:.4g}{unit}, [{p.low:.4g}, {p.high:.4g}]"
+    return f"{'shape ' if p.role == 'shape' else ''}`{p.name}` {p.scale:.4g}{unit}, [{p.low:.4g}, {p.high:.4g}]"
 
 
 def streams() -> Iterator[str]:
