@@ -1,15 +1,15 @@
 """What each kind of instrument offers, whatever its maker.
 
 Conventions for every driver
-- Units are SI. Pressures are gauge (above ambient) except where a name says absolute.
-- `open()` connects, checks the identity, and returns it; it raises `Unreachable` or `WrongDevice`.
-- `close()` always lands safe (vented, stopped), may be called twice and from any state, and never raises.
+- Units are SI; pressures are gauge unless a name says absolute.
+- `open()` returns the identity, or raises `Unreachable` or `WrongDevice`.
+- `close()` lands safe (vented, stopped), from any state, and never raises.
 - Every public call returns within the wire time-out: a long motion is started, then watched by `read()`.
 - `t` of a sample is the clock's time (s) when the reading arrived. Wire time-outs and ages are host monotonic time.
 - A command returns what was sent, after clipping to the limits.
 - Public commands are idempotent and confirmed by read-back.
 
-Two optional methods, of any driver
+Two optional methods
 - `confirm_settings() -> None` reads again the settings on which safety rests and which may change at a panel, by another
   program or by a loss of power. It may write a setting that has one right value. It raises `WrongDevice` (setting, register,
   value found, value needed, remedy) or `NoReply`. The guard calls it before the first pressure after a vent and when a pressure
@@ -141,7 +141,7 @@ class Instrument(Protocol):
     name: str
 
     def open(self) -> Identity:
-        """Connect, check who answers, start the stream if there is one."""
+        """Connect, check the identity, start a stream."""
 
     def close(self) -> None:
         """Land safe and disconnect."""

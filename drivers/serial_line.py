@@ -66,7 +66,7 @@ class PortWatch:
 
 
 class SerialLine:
-    """A serial port, 8 data bits, with deadlines instead of blocking reads."""
+    """A serial port, 8 data bits, with deadlines."""
 
     def __init__(
         self,

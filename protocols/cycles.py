@@ -27,15 +27,15 @@ class Cycles(Parameters):
     cycles: int = Field(3, ge=1, le=1000)
     """Number of cycles of each group."""
     rate: float = Field(25e3, gt=0, le=200e3, json_schema_extra={"unit": "Pa/s"})
-    """Rate at which the pressure rises and falls."""
+    """Of the pressure."""
     hold: float = Field(2.0, ge=0, le=600, json_schema_extra={"unit": "s"})
-    """Pause at the highest pressure, and again when vented."""
+    """Pause at the highest pressure and when vented."""
     tip_mass: float = Field(0.053, ge=0, le=1.0, json_schema_extra={"unit": "kg"})
     """Mass at the tip; by default that of robot.yaml."""
     roll_deg: float = Field(0.0, ge=-360, le=360, json_schema_extra={"unit": "deg"})
     """Angle about its axis at which a person mounts the robot."""
     vacuum: float = Field(80e3, ge=0, le=95e3, json_schema_extra={"unit": "Pa"})
-    """Level of the vacuum supply, below ambient; the spine is not jammed."""
+    """Of the supply, below ambient; the spine is not jammed."""
     spine: SpineMotion = SpineMotion()
     jam: Jam = Jam()
 

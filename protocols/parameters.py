@@ -42,7 +42,7 @@ Chamber = Annotated[int, Field(ge=1, le=64)]
 
 
 class Jam(Parameters):
-    """When the spine counts as jammed and as released, judged from the gauge."""
+    """When the gauge shows the spine jammed or released."""
 
     share: float = Field(0.9, gt=0.1, le=1.0, json_schema_extra={"unit": ""})
     """Share of the supply's vacuum at which the spine counts as jammed; below, as soft."""
@@ -55,7 +55,7 @@ class Jam(Parameters):
 
 
 class Settle(Parameters):
-    """When a state counts as settled, and how long it is averaged."""
+    """When a state counts as settled, and its average."""
 
     band: float = Field(1.5e3, gt=0, le=20e3, json_schema_extra={"unit": "Pa"})
     """Largest distance of a chamber from its set-point."""
@@ -64,7 +64,7 @@ class Settle(Parameters):
     still_distance: float = Field(0.6e-3, gt=0, le=0.05, json_schema_extra={"unit": "m"})
     """Largest motion of the smoothed tip over `still`."""
     average: float = Field(1.0, gt=0, le=60, json_schema_extra={"unit": "s"})
-    """Shortest time over which a settled state is averaged."""
+    """Shortest time of the average."""
     min_samples: int = Field(10, ge=1, le=10_000)
     """Fewest samples of each stream in the average."""
     smooth: int = Field(20, ge=1, le=1000)
@@ -85,4 +85,4 @@ class SpineMotion(Parameters):
     tolerance: float = Field(0.5e-3, gt=0, le=0.01, json_schema_extra={"unit": "m"})
     """Distance from its goal at which the spine has arrived."""
     settle: float = Field(0.5, ge=0, le=60, json_schema_extra={"unit": "s"})
-    """Pause between the spine's arrival and jamming."""
+    """Between the spine's arrival and jamming."""

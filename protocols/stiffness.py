@@ -51,9 +51,9 @@ class Stiffness(Probing):
     specimen_radius: float | None = Field(None, gt=0, le=0.2, json_schema_extra={"unit": "m"})
     """From the specimen's axis to its surface; by default 29 mm (spine), 50 mm (body)."""
     dwell: float = Field(0.5, ge=0, le=60, json_schema_extra={"unit": "s"})
-    """Wait at each deflection before the force is read."""
+    """Wait before the force is read."""
     average: float = Field(1.0, gt=0, le=60, json_schema_extra={"unit": "s"})
-    """Shortest time over which the force is averaged."""
+    """Shortest time of the average."""
     vacuum: Vacuum = Field(80e3, json_schema_extra={"unit": "Pa"})
     """Vacuum that jams the spine, below ambient; 0: not jammed."""
     spine: SpineMotion = SpineMotion()

@@ -62,7 +62,7 @@ class Device:
 
 
 class PtyFake(threading.Thread):
-    """Serves one pty: collects bytes, hands complete requests to `feed`, which answers with `send`."""
+    """One pty whose complete requests go to `feed`, which answers with `send`."""
 
     own_faults: ClassVar[Mapping[str, tuple[str, Any]]] = {}
     """Faults of `faults.FAULTS`: name in `faults.extra` and value."""

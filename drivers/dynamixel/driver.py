@@ -1,4 +1,4 @@
-"""Length unit driven by a Dynamixel X servo that winds the spine's cord on a drum, in current-based position mode.
+"""Length unit: a Dynamixel X servo that winds the spine's cord on a drum, in current-based position mode.
 
     length = direction * (counts - zero) / 4096 * metres_per_turn
 
@@ -9,7 +9,6 @@ Faults, each latched until the call that answers it:
 - stall (the motor pushes and does not move): the driver holds; answered by `move_to`, `stop`, `home`.
 - bus watchdog (the host was silent): the servo stopped; answered by `stop` or `home`.
 - hardware error or restart of the servo: torque is off, the zero is lost; answered by `home`, which restarts the servo.
-  A restart is told by what the servo forgot: bus watchdog, torque and profile velocity, all three and read twice.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What rig.yaml says of motion capture, and poses of rigid bodies from Motive's world to the robot's base frame."""
+"""Motion capture by Motive (NatNet)."""
 
 from __future__ import annotations
 

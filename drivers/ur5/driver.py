@@ -1,4 +1,4 @@
-"""Motion of a UR5 through ur_rtde: straight, watched, never blocking.
+"""Motion of a UR5 through ur_rtde.
 
 Every motion runs asynchronously on the controller, within limits and with a deadline computed from its length. The controller's
 watchdog stops the arm when this process dies or hangs.
