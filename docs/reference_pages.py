@@ -55,7 +55,7 @@ OFFERS: Mapping[str, type] = {
 MADE = "This page is made from the code."
 WIDTH = 120
 """Of a line."""
-VALUES = "`key`: default unit, limits. Meaning. (0, 1] is above 0, at most 1. A number may carry its unit: `250 kPa`."
+VALUES = "`key`: default unit, limits. Meaning. (0, 1]: above 0, at most 1. A number may carry its unit: `250 kPa`."
 
 
 def write_all(folder: Path) -> None:
@@ -94,7 +94,7 @@ def glossary() -> Iterator[str]:
 
 def command() -> Iterator[str]:
     """Every verb with its arguments, from the parser itself."""
-    yield from ("# The command", "", MADE, "")
+    yield from ("# The command", "")
     yield from ("Exit code 0: done; 1: failed; 2: wrong usage or configuration; 3: done, but data was lost.", "")
     verbs = {f"lab {name}": (does, [_argument(a) for a in _arguments(verb)]) for name, does, verb in _verbs(parser())}
     several = _several(rows for _, rows in verbs.values())
@@ -134,24 +134,24 @@ def _verbs(top: argparse.ArgumentParser, before: str = "") -> Iterator[tuple[str
 
 def rig_file() -> Iterator[str]:
     """Every table of rig.yaml but those of the instruments."""
-    yield from ("# rig.yaml", "", MADE, "The tables of `instruments` are on [a page of their own](instruments.md).")
+    yield from ("# rig.yaml", "", "The tables of `instruments` are on [a page of their own](instruments.md).")
     yield from _file(RigFile, "rig", leave_out=("instruments",))
 
 
 def robot_file() -> Iterator[str]:
     """Every table of robot.yaml."""
-    yield from ("# robot.yaml", "", MADE, *_file(Robot, "robot"))
+    yield from ("# robot.yaml", "", *_file(Robot, "robot"))
 
 
 def map_file() -> Iterator[str]:
     """Every table of map.yaml."""
-    yield from ("# map.yaml", "", MADE, "What it is for: [data from elsewhere](../howto/other-data.md).")
+    yield from ("# map.yaml", "", "What it is for: [data from elsewhere](../howto/other-data.md).")
     yield from _file(Map, "map")
 
 
 def campaign_file() -> Iterator[str]:
     """Every table of campaign.yaml."""
-    yield from ("# campaign.yaml", "", MADE, "What it is for: [run a campaign](../howto/campaign.md).")
+    yield from ("# campaign.yaml", "", "What it is for: [run a campaign](../howto/campaign.md).")
     yield from _file(CampaignFile, "campaign")
 
 
@@ -163,13 +163,13 @@ def _file(model: type[BaseModel], name: str, leave_out: Sequence[str] = ()) -> I
 
 def trials_file() -> Iterator[str]:
     """The columns of trials.csv, as their module describes them."""
-    yield from ("# trials.csv", "", MADE, "")
+    yield from ("# trials.csv", "")
     yield from _prose(trials)
 
 
 def protocol_files() -> Iterator[str]:
     """The parameters of each protocol."""
-    yield from ("# Protocols", "", MADE, "These are the keys of a protocol file, and of `--set` (`settle.band=2 kPa`).")
+    yield from ("# Protocols", "", "These are the keys of a protocol file, and of `--set` (`settle.band=2 kPa`).")
     yield from (VALUES, "")
     found = found_protocols().usable
     tables = {name: list(_tables(one.parameters)) for name, one in found.items()}
@@ -186,7 +186,7 @@ def protocol_files() -> Iterator[str]:
 
 def protocol_calls() -> Iterator[str]:
     """What a protocol of one's own calls."""
-    yield from ("# Calls of a protocol", "", MADE)
+    yield from ("# Calls of a protocol", "")
     yield from ("How they fit together: [a protocol of your own](../howto/protocol.md).", "")
     yield from _wrapped(
         "All values are in SI units, times are rig time in s. `Settle`, `Jam` and `SpineMotion` have the keys of "
@@ -206,7 +206,7 @@ def protocol_calls() -> Iterator[str]:
 
 def quantities() -> Iterator[str]:
     """What laws of effects may change, with shapes."""
-    yield from ("# Quantities that effects change", "", MADE)
+    yield from ("# Quantities that effects change", "")
     yield from ("How a law is written: [an effect of your own](../howto/effect.md).", "")
     yield from ("v: variants, n: states. An array of chambers has one axis more, so that a law writes", "")
     yield from ("```python", 'q.pressure = q.pressure * (1 - v["share"][..., None])', "```", "")
@@ -239,7 +239,7 @@ def _fields(fields: Sequence[str], notes: Mapping[str, str], more: Sequence[Row]
 
 def instruments() -> Iterator[str]:
     """What a driver of each role offers, and the project's own with the keys of their tables in rig.yaml."""
-    yield from ("# Instruments", "", MADE)
+    yield from ("# Instruments", "")
     yield from ("`driver:` names the driver; a package of yours [adds its own](../howto/driver.md).", VALUES, "")
     yield from ("## What every driver does", "", *_prose(interfaces))
     offers = {role: _calls(OFFERS[role]) for role in ROLES}
@@ -272,7 +272,7 @@ def _calls(interface: type) -> list[Row]:
 
 def effects() -> Iterator[str]:
     """The catalogue of effects, stage by stage."""
-    yield from ("# Effects", "", MADE, "`lab effects` draws what each does.")
+    yield from ("# Effects", "", "`lab effects` draws what each does.")
     yield from ("[Why they are as they are](../explanations/effects.md).", "")
     yield from _wrapped(
         "Of each parameter: a plausible size on a robot like the paper's (standard deviation of the prior), and its "
@@ -289,12 +289,13 @@ def effects() -> Iterator[str]:
 
 def _parameter(p: Parameter) -> str:
     unit = "" if p.unit == "1" else f" {p.unit}"
-    return f"{'shape ' if p.role == 'shape' else ''}`{p.name}` {p.scale:.4g}{unit}, [{p.low:.4g}, {p.high:.4g}]"
+    bounds = f"+-{p.high:.4g}" if p.low == -p.high else f"[{p.low:.4g}, {p.high:.4g}]"
+    return f"{'shape ' if p.role == 'shape' else ''}`{p.name}` {p.scale:.4g}{unit}, {bounds}"
 
 
 def streams() -> Iterator[str]:
     """The streams of a recording, with the fields of their messages."""
-    yield from ("# Streams of a recording", "", MADE, "A field without a type is a double.", "")
+    yield from ("# Streams of a recording", "", "A field without a type is a double.", "")
     several = _several(map(_stream, STREAMS.values()))
     yield from ("Of all streams:", "", *_list(several))
     for topic, message in STREAMS.items():
@@ -317,7 +318,7 @@ def _stream(message: MessageType) -> list[Row]:
 
 def python() -> Iterator[str]:
     """The names of `import lab`."""
-    yield from ("# Python", "", MADE, "")
+    yield from ("# Python", "")
     for name in lab.__all__:
         found = getattr(lab, name)
         yield from (f"## lab.{name}", "", *_wrapped(_code(f"{name}{_signature(found)}")), "", *_prose(found))
@@ -379,7 +380,8 @@ def _form(field: Mapping[str, Any], names: Mapping[str, str], needed: bool = Fal
     unit = "" if field.get("unit") in (None, "1") else str(field["unit"])
     default = "" if needed else _default(field)
     first = f"{default} {unit}".strip() if default else ", ".join(p for p in ("required" * needed, unit) if p)
-    return ", ".join(p for p in (first, "" if default and kind == "text" else kind, limits) if p)
+    shown = kind if not default or " or " in kind or "one of" in kind else ""
+    return ", ".join(p for p in (first, shown, limits) if p)
 
 
 def _kind(field: Mapping[str, Any], names: Mapping[str, str]) -> tuple[str, str]:
@@ -396,7 +398,8 @@ def _kind(field: Mapping[str, Any], names: Mapping[str, str]) -> tuple[str, str]
             return " or ".join(kind or "number" for kind, _ in found), found[0][1]
         return " or ".join(" in ".join(p for p in (kind or "number", limits) if p) for kind, limits in found), ""
     if "enum" in field or "const" in field:
-        return " or ".join(map(str, field.get("enum", (field.get("const"),)))), ""
+        choices = [str(value) for value in field.get("enum", (field.get("const"),))]
+        return " or ".join(choices) if len(choices) < 3 else f"one of {', '.join(choices)}", ""
     if field.get("type") == "array":
         items = field.get("items") or (field.get("prefixItems") or [{}])[0]
         kind, limits = _kind(items, names)
