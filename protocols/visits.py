@@ -96,7 +96,7 @@ def plan_of(protocol: str, visits: Sequence[Visit], sweep: Sweep | None = None) 
 
 
 def go_through(bench: Bench, trials: Trials, visits: Sequence[Visit], sweep: Sweep | None = None) -> None:
-    """Visit all states in each repeat. Raises ProtocolError."""
+    """Visit all states in each repeat."""
     s = sweep or Sweep()
     left = trials.remaining(range(1, s.repeats + 1), 1 + len(visits))
     if not left:
