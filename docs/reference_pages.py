@@ -491,7 +491,9 @@ def _but(rows: Sequence[Row], several: Sequence[Row]) -> Iterator[str]:
     known = {row for row in rows if (row[0], row[1].removeprefix("required"), row[2]) in several}
     yield from _list(row for row in rows if row not in known)
     names = (
-        f"{name}{' (required)' * (form == 'required')}" for name, form, text in rows if (name, form, text) in known
+        f"`{name.strip('`').split()[0]}`{' (required)' * (form == 'required')}"
+        for name, form, text in rows
+        if (name, form, text) in known
     )
     yield from (*_wrapped(f"Also {', '.join(names)}."), "") if known else ()
 
