@@ -479,11 +479,13 @@ Row = tuple[str, str, str]
 
 
 def _several(tables: Iterable[Sequence[Row]]) -> list[Row]:
-    """The rows with a meaning that more than one table has, whether required there or not."""
+    """The rows with a meaning that most of several tables have, one for each name, whether required there or not."""
     counts = Counter(
         (name, form.removeprefix("required"), text) for rows in tables for name, form, text in rows if text
     )
-    return [row for row, count in counts.items() if count > 1]
+    found = [row for row, count in counts.most_common() if count > 1]
+    names = [row[0].strip("`").split()[0] for row in found]
+    return [row for n, row in enumerate(found) if names[n] not in names[:n]]
 
 
 def _but(rows: Sequence[Row], several: Sequence[Row]) -> Iterator[str]:
