@@ -360,7 +360,8 @@ def _inside(model: type[BaseModel], leave_out: Sequence[str] = ()) -> dict[type[
     for key, field in model.model_fields.items():
         for inner in () if key in leave_out else _models(field.annotation):
             found.setdefault(inner, key)
-            found = {**{m: f"{key}.{k}" for m, k in _inside(inner).items()}, **found}
+            for deeper, below in _inside(inner).items():
+                found.setdefault(deeper, f"{key}.{below}")
     return found
 
 

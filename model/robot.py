@@ -111,7 +111,7 @@ class Robot(BaseModel):
     youngs_modulus: FiniteFloat = Field(
         ge=1e3, le=1e11, json_schema_extra={"unit": "Pa", "uncertainty": "youngs_modulus"}
     )
-    """Pa; `505e3 +- 30 %` also states its uncertainty."""
+    """`505e3 +- 30 %` also states its uncertainty."""
     shear_modulus: FiniteFloat = Field(ge=1e2, le=1e11, json_schema_extra={"unit": "Pa"})
     tip_mass: FiniteFloat = Field(ge=0, le=50, json_schema_extra={"unit": "kg"})
     gravity: tuple[
@@ -133,9 +133,10 @@ class Robot(BaseModel):
     tendons: Tendons | None = None
     """In place of chambers."""
     area_factor: NumberOrTable = Field(json_schema_extra={"unit": "1", "key_unit": "m"})
-    """Of tendons: the share of the tension that arrives."""
+    """Effective over drawn area of a chamber, one number or by spine length; of tendons the share of the tension that arrives."""
     spine: Spine | None = None
     markers: tuple[Annotated[FiniteFloat, Field(gt=0, le=5)], ...] = Field(default=(), json_schema_extra={"unit": "m"})
+    """Arc lengths of the markers along the body."""
     base_to_world: Pose | None = None
     max_pressure: FiniteFloat | None = Field(default=None, gt=0, le=2e6, json_schema_extra={"unit": "Pa"})
     """Highest pressure (gauge) of its chambers; nothing is inflated without it."""
