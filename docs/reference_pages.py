@@ -5,12 +5,11 @@ from __future__ import annotations
 import argparse
 import ast
 import inspect
-import os
 import re
 import textwrap
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, get_args
 
 from pydantic import BaseModel
@@ -36,10 +35,9 @@ from model.robot import Robot
 from protocols import actions, suspension, visits
 from protocols.bench import Bench, Setup
 from protocols.experiment import Ask, Plan, Reading, Step, Trials
-from protocols.parameters import Jam, Settle, SpineMotion
 from protocols.visits import Sweep, Visit, Walk
 from recordings import trials
-from recordings.messages import STREAMS
+from recordings.messages import STREAMS, MessageType
 from recordings.states.rules import Crossing, Settled, Window
 from sim_fakes.pty_fake import PtyFake
 
@@ -55,11 +53,13 @@ OFFERS: Mapping[str, type] = {
 }
 """What a driver of each role is."""
 MADE = "This page is made from the code."
+WIDTH = 120
+"""Of a line."""
+VALUES = "`key`: default unit, limits. Meaning. (0, 1]: above 0, at most 1. A number may carry its unit: `250 kPa`."
 
 
 def write_all(folder: Path) -> None:
     """Write every page into `folder`."""
-    os.environ["COLUMNS"] = "100"  # the width of argparse's lines, wherever this is run
     pages = {
         "command": command(),
         "rig": rig_file(),
@@ -78,7 +78,7 @@ def write_all(folder: Path) -> None:
     pages["../glossary"] = glossary()
     folder.mkdir(parents=True, exist_ok=True)
     for name, lines in pages.items():
-        text = "\n".join(lines) + "\n"
+        text = re.sub(r"\n{3,}", "\n\n", "\n".join(lines)).rstrip() + "\n"
         page = folder / f"{name}.md"
         if not page.exists() or page.read_text(encoding="utf-8") != text:
             page.write_text(text, encoding="utf-8")
@@ -86,147 +86,129 @@ def write_all(folder: Path) -> None:
 
 def glossary() -> Iterator[str]:
     """Terms of the reports, as their pages explain them."""
-    yield "# Glossary"
-    yield "The terms that the code, the command line and the reports use. Units are in brackets; symbols are those of"
-    yield "[the rod model](explanations/model.md)."
-    yield from _table(("term", "meaning"), ((term.heading, _cell(term.meaning)) for term in TERMS))
+    yield from ("# Glossary", "", "Look up the terms of code, command line and reports: term [unit]: meaning.")
+    yield from ("Symbols are those of [the rod model](explanations/model.md).", "")
+    yield from _list((f"**{term.heading}**", "", term.meaning) for term in TERMS)
     yield MADE
 
 
 def command() -> Iterator[str]:
     """Every verb with its arguments, from the parser itself."""
-    yield from (
-        "# The command",
-        "",
-        MADE,
-        "",
-        "Exit code 0: done; 1: failed; 2: wrong usage or configuration; 3: done, but data was lost.",
-    )
-    for name, verb in _verbs(parser()):
-        yield from (
-            "",
-            f"## lab {name}",
-            "",
-            f"{_sentence((verb.description or '').replace('%%', '%'))}",
-            "",
-            "```text",
-        )
-        yield from (textwrap.dedent(verb.format_usage()).removeprefix("usage: ").rstrip(), "```")
-        rows = [
-            (_code(", ".join(a.option_strings) or a.metavar or a.dest), _cell(a.help or ""))
-            for a in verb._actions  # noqa: SLF001 - argparse has no other list of them
-            if not isinstance(a, (argparse._HelpAction, argparse._SubParsersAction))  # noqa: SLF001
-        ]
-        yield from _table(("argument", "meaning"), rows)
+    yield from ("# The command", "")
+    yield from ("Exit code 0: done; 1: failed; 2: wrong usage or configuration; 3: done, but data was lost.", "")
+    verbs = {f"lab {name}": (does, [_argument(a) for a in _arguments(verb)]) for name, does, verb in _verbs(parser())}
+    several = _several(rows for _, rows in verbs.values())
+    yield from ("## Options of several verbs", "", *_list(several))
+    for name, (does, rows) in verbs.items():
+        yield from (f"## {name}", "", _sentence(does.replace("%%", "%")), "")
+        yield from _but(rows, several)
 
 
-def _verbs(top: argparse.ArgumentParser, before: str = "") -> Iterator[tuple[str, argparse.ArgumentParser]]:
+def _arguments(verb: argparse.ArgumentParser) -> list[argparse.Action]:
+    left_out = (argparse._HelpAction, argparse._SubParsersAction)  # noqa: SLF001
+    return [a for a in verb._actions if not isinstance(a, left_out)]  # noqa: SLF001 - argparse has no other list
+
+
+def _argument(a: argparse.Action) -> Row:
+    """An argument: how it is typed, whether it must be, what it means."""
+    names = ", ".join(a.option_strings)
+    called = a.metavar if isinstance(a.metavar, str) else " ".join(a.metavar or ()) or _metavar(a)
+    many = {0: "", "?": f"[{called}]", "+": f"{called} ..", "*": f"[{called} ..]"}
+    value = many.get(a.nargs if a.nargs is not None else called, called)
+    needed = "required" if names and a.required else ""
+    return f"`{f'{names} {value}'.strip()}`", needed, (a.help or "").replace("%%", "%")
+
+
+def _metavar(a: argparse.Action) -> str:
+    return "{" + ",".join(map(str, a.choices)) + "}" if a.choices else a.dest.upper() if a.option_strings else a.dest
+
+
+def _verbs(top: argparse.ArgumentParser, before: str = "") -> Iterator[tuple[str, str, argparse.ArgumentParser]]:
     for action in top._actions:  # noqa: SLF001
         if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
             for name, verb in action.choices.items():
-                yield before + name, verb
+                told = next((a.help for a in action._get_subactions() if a.dest == name), "")  # noqa: SLF001
+                yield before + name, verb.description or told or "", verb
                 yield from _verbs(verb, f"{before}{name} ")
 
 
 def rig_file() -> Iterator[str]:
     """Every table of rig.yaml but those of the instruments."""
-    yield from ("# rig.yaml", "", MADE, "The tables of `instruments` are on [a page of their own](instruments.md).")
-    yield from ("A number may carry its unit: `250 kPa`. For an editor: `lab schema rig`.", "")
-    yield from _tables(RigFile, "", leave_out=("instruments",))
+    yield from ("# rig.yaml", "", "The tables of `instruments` are on [a page of their own](instruments.md).")
+    yield from _file(RigFile, "rig", leave_out=("instruments",))
 
 
 def robot_file() -> Iterator[str]:
     """Every table of robot.yaml."""
-    yield from (
-        "# robot.yaml",
-        "",
-        MADE,
-        "A number may carry its unit: `40 cm`. For an editor: `lab schema robot`.",
-        "",
-    )
-    yield from _tables(Robot, "")
+    yield from ("# robot.yaml", "", *_file(Robot, "robot"))
 
 
 def map_file() -> Iterator[str]:
     """Every table of map.yaml."""
-    yield from ("# map.yaml", "", MADE, "What it is for: [data from elsewhere](../howto/other-data.md).")
-    yield from ("A number may carry its unit: `1 kPa`. For an editor: `lab schema map`.", "")
-    yield from _tables(Map, "")
+    yield from ("# map.yaml", "", "What it is for: [data from elsewhere](../howto/other-data.md).")
+    yield from _file(Map, "map")
 
 
 def campaign_file() -> Iterator[str]:
     """Every table of campaign.yaml."""
-    yield from ("# campaign.yaml", "", MADE, "What it is for: [run a campaign](../howto/campaign.md).")
-    yield from ("A number may carry its unit: `1 h`. For an editor: `lab schema campaign`.", "")
-    yield from _tables(CampaignFile, "")
+    yield from ("# campaign.yaml", "", "What it is for: [run a campaign](../howto/campaign.md).")
+    yield from _file(CampaignFile, "campaign")
+
+
+def _file(model: type[BaseModel], name: str, leave_out: Sequence[str] = ()) -> Iterator[str]:
+    yield from (f"For an editor: `lab schema {name}`.", "", VALUES, "", *_prose(model))
+    for key, prose, rows in _tables(model, leave_out):
+        yield from (*((f"## {key}", "", *prose) if key else ()), *_list(rows))
 
 
 def trials_file() -> Iterator[str]:
     """The columns of trials.csv, as their module describes them."""
-    yield from ("# trials.csv", "", MADE, "")
+    yield from ("# trials.csv", "")
     yield from _prose(trials)
 
 
 def protocol_files() -> Iterator[str]:
     """The parameters of each protocol."""
-    yield from ("# Protocols", "", MADE, "These are the keys of a protocol file, and of `--set`.", "")
-    for name, found in found_protocols().usable.items():
-        yield from (
-            f"## {name}",
-            "",
-            *_prose(inspect.getmodule(found.parameters)),
-            f"Needs: {', '.join(found.needs)}.",
-            "",
-        )
-        yield from _tables(found.parameters, "", level=3)
+    yield from ("# Protocols", "", "These are the keys of a protocol file, and of `--set` (`settle.band=2 kPa`).")
+    yield from (VALUES, "")
+    found = found_protocols().usable
+    tables = {name: list(_tables(one.parameters)) for name, one in found.items()}
+    several = _several(rows for each in tables.values() for _, _, rows in each[:1])
+    for name, one in found.items():
+        yield from (f"## {name}", "", *_prose(inspect.getmodule(one.parameters)), f"Needs: {', '.join(one.needs)}.", "")
+        rows = tables[name][0][2]
+        yield from _but(rows, several)
+    yield from ("## Keys of several protocols", "", *_list(several))
+    inner = {key: (prose, rows) for each in tables.values() for key, prose, rows in each[1:]}
+    for key, (prose, rows) in inner.items():
+        yield from (f"### {key}", "", *prose, *_list(rows))
 
 
 def protocol_calls() -> Iterator[str]:
     """What a protocol of one's own calls."""
-    yield from (
-        "# Calls of a protocol",
-        "",
-        MADE,
-        "How they fit together: [a protocol of your own](../howto/protocol.md).",
+    yield from ("# Calls of a protocol", "")
+    yield from ("How they fit together: [a protocol of your own](../howto/protocol.md).", "")
+    yield from _wrapped(
+        "All values are in SI units, times are rig time in s. `Settle`, `Jam` and `SpineMotion` have the keys of "
+        "[`settle`, `jam` and `spine`](protocols.md) as fields."
     )
-    yield from ("All values are in SI units, times are rig time in s.", "")
-    for kind in (
-        Visit,
-        Sweep,
-        Walk,
-        Trials,
-        Bench,
-        Setup,
-        Plan,
-        Step,
-        Ask,
-        Reading,
-        Settled,
-        Window,
-        Crossing,
-        Settle,
-        Jam,
-        SpineMotion,
-    ):
+    yield ""
+    for kind in (Visit, Sweep, Walk, Trials, Bench, Setup, Plan, Step, Ask, Reading, Settled, Window, Crossing):
         yield from _class(kind, kind.__name__)
     for module in (visits, actions, suspension):
         yield from (f"## {module.__name__}", "", *_prose(module))
-        rows = [
-            (_code(f"{name}{_signature(f)}"), _cell(inspect.getdoc(f) or ""))
+        yield from _list(
+            (_code(f"{name}{_signature(f)}"), "", inspect.getdoc(f) or "")
             for name, f in vars(module).items()
             if inspect.isfunction(f) and f.__module__ == module.__name__ and not name.startswith("_")
-        ]
-        yield from _table(("call", "does"), rows)
+        )
 
 
 def quantities() -> Iterator[str]:
     """What laws of effects may change, with shapes."""
-    yield from ("# Quantities that effects change", "", MADE)
+    yield from ("# Quantities that effects change", "")
     yield from ("How a law is written: [an effect of your own](../howto/effect.md).", "")
-    yield from (
-        "v: variants, n: states, either may be 1. An array of chambers has one axis more, so that a law writes",
-        "",
-    )
+    yield from ("v: variants, n: states. An array of chambers has one axis more, so that a law writes", "")
     yield from ("```python", 'q.pressure = q.pressure * (1 - v["share"][..., None])', "```", "")
     for kind, part in ((Quantities, "before"), (History, "path"), (Readings, "after")):
         yield from _class(kind, f"{kind.__name__}: `{part}`")
@@ -235,133 +217,141 @@ def quantities() -> Iterator[str]:
 def _class(kind: type, title: str, made: bool = False) -> Iterator[str]:
     """Fields and methods of a class, with their notes; `made`: how it is made, too."""
     yield from (f"## {title}", "", *_prose(kind))
-    notes = _notes(kind)
-    fields = inspect.get_annotations(kind)
-    rows = [(_code(name), _cell(notes.get(name, ""))) for name in fields if not name.startswith("_")]
+    notes, fields = _notes(kind), [name for name in inspect.get_annotations(kind) if not name.startswith("_")]
     methods = [
         (name, f)
         for name, f in vars(kind).items()
         if inspect.isfunction(f) and (not name.startswith("_") or (made and name == "__init__")) and name not in fields
     ]
     calls = {name: kind.__name__ if name == "__init__" else name for name, _ in methods}
-    rows += [(_code(f"{calls[name]}{_signature(f)}"), _cell(f.__doc__ or "")) for name, f in methods]
-    yield from _table(("name", "meaning"), rows)
+    yield from _fields(
+        fields, notes, [(_code(f"{calls[name]}{_signature(f)}"), "", f.__doc__ or "") for name, f in methods]
+    )
+
+
+def _fields(fields: Sequence[str], notes: Mapping[str, str], more: Sequence[Row] = ()) -> Iterator[str]:
+    """Fields with a note and other rows as a list, the names of the rest in one line."""
+    yield from _list([*((_code(n), "", notes[n]) for n in fields if notes.get(n)), *more])
+    bare = ", ".join(_code(n) for n in fields if not notes.get(n))
+    yield from _wrapped(f"{'Other fields' if len(bare.split()) < len(fields) else 'Fields'}: {bare}.") if bare else ()
+    yield ""
 
 
 def instruments() -> Iterator[str]:
     """What a driver of each role offers, and the project's own with the keys of their tables in rig.yaml."""
-    yield from ("# Instruments", "", MADE)
-    yield from ("`driver:` names the driver; a package of yours [adds its own](../howto/driver.md).", "")
+    yield from ("# Instruments", "")
+    yield from ("`driver:` names the driver; a package of yours [adds its own](../howto/driver.md).", VALUES, "")
     yield from ("## What every driver does", "", *_prose(interfaces))
+    offers = {role: _calls(OFFERS[role]) for role in ROLES}
+    every = [row for row in offers["arm"] if all(row in rows for rows in offers.values())]
+    yield from _list(every)
+    own = {name: d for name, d in drivers().items() if d.config.__module__.startswith("drivers.")}
+    tables = {name: list(_tables(driver.config, leave_out=("driver",))) for name, driver in own.items()}
+    several = _several(each[0][2] for each in tables.values())
+    yield from ("## Keys of several drivers", "", *_list(several))
     for role in ROLES:
-        yield from (
-            f"## {role}",
-            "",
-            f"Interface: `drivers.interfaces.{OFFERS[role].__name__}`.",
-            "",
-            *_prose(OFFERS[role]),
-        )
-        rows = [(_code(f"{name}{_signature(f)}"), _cell(inspect.getdoc(f) or "")) for name, f in _methods(OFFERS[role])]
-        yield from _table(("call", "does"), rows)
-        for name, driver in drivers().items():
-            if driver.role == role and driver.config.__module__.startswith("drivers."):
-                yield from (f"### {name}", "", *_prose(inspect.getmodule(driver.config)))
-                yield from _tables(driver.config, "", level=4, leave_out=("driver",))
+        yield from (f"## {role}", "", f"`drivers.interfaces.{OFFERS[role].__name__}`:", *_prose(OFFERS[role]))
+        yield from _list(row for row in offers[role] if row not in every)
+        for name in (name for name, driver in own.items() if driver.role == role):
+            yield from (f"### {name}", "", *_prose(inspect.getmodule(own[name].config)))
+            (_, _, rows), *inner = tables[name]
+            yield from _but(rows, several)
+            for key, prose, rows in inner:
+                yield from (f"#### {key}", "", *prose, *_list(rows))
     for kind in (SerialLine, Retries, PtyFake):
         yield from _class(kind, f"{kind.__module__}.{kind.__name__}", made=True)
 
 
-def _methods(interface: type) -> Iterable[tuple[str, Any]]:
+def _calls(interface: type) -> list[Row]:
     own = [vars(one) for one in reversed(interface.__mro__) if one.__module__ == interfaces.__name__]
     found = {name: f for members in own for name, f in members.items() if inspect.isfunction(f)}
-    return [(name, f) for name, f in found.items() if not name.startswith("_")]
+    return [
+        (_code(f"{name}{_signature(f)}"), "", inspect.getdoc(f) or "") for name, f in found.items() if name[0] != "_"
+    ]
 
 
 def effects() -> Iterator[str]:
     """The catalogue of effects, stage by stage."""
-    yield from (
-        "# Effects",
-        "",
-        MADE,
-        "Sizes are what is plausible on a robot like the paper's: standard deviations of the prior.",
+    yield from ("# Effects", "", "`lab effects` draws what each does.")
+    yield from ("[Why they are as they are](../explanations/effects.md).", "")
+    yield from _wrapped(
+        "Of each parameter: a plausible size on a robot like the paper's (standard deviation of the prior), and its "
+        "bounds. A *shape* changes how a law acts, not whether."
     )
-    yield from ("`lab effects` draws what each does; [why they are as they are](../explanations/effects.md).", "")
+    yield ""
     for stage in STAGES:
         yield from (f"## {stage}", "")
         for e in (e for e in CATALOGUE.values() if e.stage == stage):
-            yield from (
-                f"### {e.id}",
-                "",
-                _sentence(e.name),
-                "",
-                _code(e.equation),
-                "",
-                f"Seen best in: {e.seen_best_in}. Source: {e.citation}.",
-                "",
-            )
-            rows = [(_code(p.name), p.role, p.unit, f"{p.scale:.4g}", _bounds(p)) for p in e.parameters]
-            yield from _table(("parameter", "role", "unit", "plausible", "bounds"), rows)
+            yield from (f"### {e.id}", "", f"{_sentence(e.name)}", "", *_wrapped(f"`{e.equation}`"), "")
+            yield from _wrapped("; ".join(map(_parameter, e.parameters)) + ".")
+            yield from ("", *_wrapped(f"Seen best in: {e.seen_best_in}. Source: {e.citation}."), "")
 
 
-def _bounds(p: Parameter) -> str:
-    return f"{p.low:.4g} .. {p.high:.4g}"
+def _parameter(p: Parameter) -> str:
+    unit = "" if p.unit == "1" else f" {p.unit}"
+    bounds = f"+-{p.high:.4g}" if p.low == -p.high else f"[{p.low:.4g}, {p.high:.4g}]"
+    return f"{'shape ' if p.role == 'shape' else ''}`{p.name}` {p.scale:.4g}{unit}, {bounds}"
 
 
 def streams() -> Iterator[str]:
     """The streams of a recording, with the fields of their messages."""
-    yield from ("# Streams of a recording", "", MADE, "")
+    yield from ("# Streams of a recording", "", "A field without a type is a double.", "")
+    several = _several(map(_stream, STREAMS.values()))
+    yield from ("Of all streams:", "", *_list(several))
     for topic, message in STREAMS.items():
         yield from (f"## {topic}", "", *([_sentence(message.doc), ""] if message.doc else []))
-        rows = [
-            (_code(f.name), f.kind + (f" {'x'.join(map(str, f.shape))}" if f.shape else ""), f.unit, _cell(f.doc))
-            for f in message.fields
-        ]
-        yield from _table(("field", "type", "unit", "meaning"), rows)
+        yield from _list(row for row in _stream(message) if row not in several)
+
+
+def _stream(message: MessageType) -> list[Row]:
+    """Field, its type and size with its unit, meaning."""
+    rows = []
+    for f in message.fields:
+        parts = (
+            f.kind * (f.kind != "double"),
+            f"[{'x'.join(map(str, f.shape))}]" * bool(f.shape),
+            f.unit.replace("1", ""),
+        )
+        rows.append((_code(f.name), " ".join(part for part in parts if part), f.doc))
+    return rows
 
 
 def python() -> Iterator[str]:
     """The names of `import lab`."""
-    yield from ("# Python", "", MADE, "")
+    yield from ("# Python", "")
     for name in lab.__all__:
         found = getattr(lab, name)
-        yield from (f"## lab.{name}", "", "```text", f"{name}{_signature(found)}", "```", "", *_prose(found))
+        yield from (f"## lab.{name}", "", *_wrapped(_code(f"{name}{_signature(found)}")), "", *_prose(found))
         if inspect.isclass(found):
-            notes = _notes(found)
-            members = (
-                [n for n in found.__annotations__ if not n.startswith("_")] if hasattr(found, "__annotations__") else []
-            )
-            methods = {
-                n: inspect.getdoc(m) or ""
-                for n, m in vars(found).items()
-                if not n.startswith("_") and inspect.getdoc(m)
-            }
-            rows = [(_code(n), _cell(notes.get(n, ""))) for n in members] + [
-                (_code(n), _cell(d)) for n, d in methods.items() if n not in members
-            ]
-            yield from _table(("name", "meaning"), rows)
+            members = [n for n in getattr(found, "__annotations__", ()) if not n.startswith("_")]
+            methods = {n: inspect.getdoc(m) or "" for n, m in vars(found).items() if n[0] != "_" and inspect.getdoc(m)}
+            more = [(_code(n), "", d) for n, d in methods.items() if n not in members]
+            yield from _fields(members, _notes(found), more)
 
 
 def _signature(found: Any) -> str:
-    return str(inspect.signature(found)).replace("'", "").replace("(self, ", "(").replace("(self)", "()")
+    """Names, defaults and what is returned; types and units are in the code and the text."""
+    whole = inspect.signature(found)
+    bare = [p.replace(annotation=p.empty) for name, p in whole.parameters.items() if name != "self"]
+    text = str(whole.replace(parameters=bare, return_annotation=whole.empty))
+    returned = str(whole.return_annotation)
+    return text if returned in ("None", str(whole.empty)) else f"{text} -> {returned}"
 
 
-def _tables(model: type[BaseModel], title: str, level: int = 2, leave_out: Sequence[str] = ()) -> Iterator[str]:
-    """A table of keys for a model, under no heading without a title, and one for each model inside it."""
+def _tables(model: type[BaseModel], leave_out: Sequence[str] = ()) -> Iterator[tuple[str, list[str], list[Row]]]:
+    """Key, prose and rows of a model (its key is empty), and of each model inside it."""
     schema = model.model_json_schema()
     inner = _inside(model, leave_out)
     names = {one.__name__: key for one, key in inner.items()}
-    for one, key in {model: title, **inner}.items():
+    for one, key in {model: "", **inner}.items():
         own = schema if one is model else schema["$defs"][one.__name__]
-        if key:
-            yield from (f"{'#' * level} {key}", "")
-        yield from _prose(one)
         notes, needed = _notes(one), own.get("required", ())
         rows = [
-            (_code(k), _form(field, names), "required" if k in needed else _default(field), _cell(notes.get(k, "")))
+            (_code(k), _form(field, names, k in needed), notes.get(k, ""))
             for k, field in own["properties"].items()
             if one is not model or k not in leave_out
         ]
-        yield from _table(("key", "value", "default", "meaning"), rows)
+        yield key, list(_prose(one)), rows
 
 
 def _inside(model: type[BaseModel], leave_out: Sequence[str] = ()) -> dict[type[BaseModel], str]:
@@ -370,7 +360,8 @@ def _inside(model: type[BaseModel], leave_out: Sequence[str] = ()) -> dict[type[
     for key, field in model.model_fields.items():
         for inner in () if key in leave_out else _models(field.annotation):
             found.setdefault(inner, key)
-            found = {**{m: f"{key}.{k}" for m, k in _inside(inner).items()}, **found}
+            for deeper, below in _inside(inner).items():
+                found.setdefault(deeper, f"{key}.{below}")
     return found
 
 
@@ -381,44 +372,65 @@ def _models(annotation: Any) -> Iterator[type[BaseModel]]:
         yield from _models(inner)
 
 
-WORDS = {
-    "number": "number",
-    "integer": "whole number",
-    "string": "text",
-    "boolean": "true or false",
-    "array": "list",
-    "object": "table",
-}
-BOUNDS = {"minimum": "from", "exclusiveMinimum": "above", "maximum": "to", "exclusiveMaximum": "below"}
+WORDS = {"number": "", "integer": "integer", "string": "text", "boolean": "", "array": "list", "object": "table"}
 
 
-def _form(field: Mapping[str, Any], names: Mapping[str, str] = MappingProxyType({})) -> str:
-    """What may stand in a field, from its schema: kind, unit, limits."""
+def _form(field: Mapping[str, Any], names: Mapping[str, str], needed: bool = False) -> str:
+    """What may stand in a field, from its schema: default with unit, or that it is required, kind, limits."""
+    kind, limits = _kind(field, names)
+    unit = "" if field.get("unit") in (None, "1") else str(field["unit"])
+    default = "" if needed else _default(field)
+    first = f"{default} {unit}".strip() if default else ", ".join(p for p in ("required" * needed, unit) if p)
+    shown = kind if not default or " or " in kind or "one of" in kind else ""
+    return ", ".join(p for p in (first, shown, limits) if p)
+
+
+def _kind(field: Mapping[str, Any], names: Mapping[str, str]) -> tuple[str, str]:
+    """Kind and limits; a number's kind is empty."""
     if "$ref" in field:
         name = field["$ref"].rpartition("/")[2]
-        return f"the table {_code(names.get(name, name))}"
+        return f"table `{names.get(name, name)}`", ""
     kinds = [k for k in (*field.get("anyOf", ()), *field.get("oneOf", ())) if k.get("type") != "null"]
     if kinds:
-        words = " or ".join(dict.fromkeys(_form(k, names) for k in kinds))
-    elif "enum" in field or "const" in field:
-        words = " or ".join(map(str, field.get("enum", (field.get("const"),))))
-    elif field.get("type") == "array":
+        found = list(dict.fromkeys(_kind(k, names) for k in kinds))
+        if len(found) == 1:
+            return found[0]
+        if len({limits for _, limits in found}) == 1:
+            return " or ".join(kind or "number" for kind, _ in found), found[0][1]
+        return " or ".join(" in ".join(p for p in (kind or "number", limits) if p) for kind, limits in found), ""
+    if "enum" in field or "const" in field:
+        choices = [str(value) for value in field.get("enum", (field.get("const"),))]
+        return " or ".join(choices) if len(choices) < 3 else f"one of {', '.join(choices)}", ""
+    if field.get("type") == "array":
         items = field.get("items") or (field.get("prefixItems") or [{}])[0]
+        kind, limits = _kind(items, names)
+        many = re.sub(r"\b(list|number|integer)\b", r"\1s", kind or "number", count=1)
         few = len(field["prefixItems"]) if "prefixItems" in field else 0
-        kind = re.sub(r"\b(list|number)\b", r"\1s", _form(items, names), count=1)
-        words = f"{few} {kind}" if few else f"list of {kind}"
-    else:
-        words = WORDS.get(field.get("type", ""), "any")
-    limits = " ".join(f"{word} {field[key]:g}" for key, word in BOUNDS.items() if key in field)
-    unit = field.get("unit", "")
-    return _cell(", ".join(part for part in (words, limits, "" if unit == "1" else unit) if part))
+        return (f"{few} {many}" if few else f"list of {many}"), limits
+    return WORDS.get(field.get("type", ""), "any"), _limits(field)
+
+
+def _limits(field: Mapping[str, Any]) -> str:
+    """An interval, or the one bound there is."""
+    above, least, below, most = (field.get(k) for k in ("exclusiveMinimum", "minimum", "exclusiveMaximum", "maximum"))
+    low, high = above if least is None else least, below if most is None else most
+    if low is None and high is None:
+        return ""
+    if high is None:
+        return f"{'>' if least is None else '>='}{low:g}"
+    start = "(-inf" if low is None else f"{'(' if least is None else '['}{low:g}"
+    return f"{start}, {high:g}{')' if most is None else ']'}"
 
 
 def _default(field: Mapping[str, Any]) -> str:
     value = field.get("default")
-    if isinstance(value, dict):
-        return ""
-    return "" if value in (None, "", [], {}) else _cell(str(value).lower() if isinstance(value, bool) else f"{value}")
+    return "" if isinstance(value, dict) or value in (None, "", []) else _shown(value)
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(map(_shown, value))}]"
+    return str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _notes(model: type) -> dict[str, str]:
@@ -443,37 +455,70 @@ def _notes(model: type) -> dict[str, str]:
 
 def _prose(of: Any) -> Iterator[str]:
     """A docstring; what is indented in it stays as it stands, and an example up to the next empty line."""
-    quoted = ""
-    for line in (inspect.getdoc(of) or "").splitlines():
+    quoted, paragraph = "", ""
+    for line in (*(inspect.getdoc(of) or "").splitlines(), ""):
         if line.startswith(">>> ") and not quoted:
             inside = "python"
         elif quoted == "python":
             inside = quoted if line else ""
         else:
-            inside = "text" if line.startswith("    ") or (quoted and not line) else ""
+            inside = "text" if line.startswith("    ") else ""
+        if paragraph and (inside or not line or line.startswith("- ")):
+            yield from _wrapped(paragraph, "  " if paragraph.startswith("- ") else "")
+            paragraph = ""
         if inside != quoted:
-            yield from ("```", "") if quoted else (f"```{inside}",)
+            yield from ("```", "") if quoted else ("", f"```{inside}")
             quoted = inside
-        yield line
-    if quoted:
-        yield "```"
+        if quoted or not line:
+            yield line
+        else:
+            paragraph = f"{paragraph} {line.strip()}".strip()
+
+
+Row = tuple[str, str, str]
+"""Name, form of the value, meaning."""
+
+
+def _several(tables: Iterable[Sequence[Row]]) -> list[Row]:
+    """The rows with a meaning that most of several tables have, one for each name, whether required there or not."""
+    counts = Counter(
+        (name, form.removeprefix("required"), text) for rows in tables for name, form, text in rows if text
+    )
+    found = [row for row, count in counts.most_common() if count > 1]
+    names = [row[0].strip("`").split()[0] for row in found]
+    return [row for n, row in enumerate(found) if names[n] not in names[:n]]
+
+
+def _but(rows: Sequence[Row], several: Sequence[Row]) -> Iterator[str]:
+    """The rows of a table, of those that are explained elsewhere on the page the names alone."""
+    known = {row for row in rows if (row[0], row[1].removeprefix("required"), row[2]) in several}
+    yield from _list(row for row in rows if row not in known)
+    names = (
+        f"`{name.strip('`').split()[0]}`{' (required)' * (form == 'required')}"
+        for name, form, text in rows
+        if (name, form, text) in known
+    )
+    yield from (*_wrapped(f"Also {', '.join(names)}."), "") if known else ()
+
+
+def _list(rows: Iterable[Row]) -> Iterator[str]:
+    for name, form, meaning in rows:
+        text = " ".join(meaning.split())
+        yield from _wrapped(": ".join(p for p in (f"- {name}", ". ".join(q for q in (form, text) if q)) if p), "  ")
     yield ""
 
 
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:
-    rows = list(rows)
-    if rows:
-        yield from ("", f"| {' | '.join(head)} |", "|" + "---|" * len(head))
-        yield from (f"| {' | '.join(row)} |" for row in rows)
-    yield ""
+def _wrapped(text: str, indent: str = "") -> list[str]:
+    """Lines of which none begins with what Markdown would take for the start of a list, a quotation or a table."""
+    glued = re.sub(r" (?=([-+*>=|#]+|\d+[.)])( |$))", "\0", text)
+    lines = textwrap.wrap(
+        glued, WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False, drop_whitespace=True
+    )
+    return [line.replace("\0", " ") for line in lines]
 
 
 def _code(text: str) -> str:
-    return f"`{_cell(text)}`"
-
-
-def _cell(text: str) -> str:
-    return " ".join(text.split()).replace("|", "\\|")
+    return f"`{' '.join(text.split())}`"
 
 
 def _sentence(text: str | None) -> str:

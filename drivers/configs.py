@@ -30,7 +30,7 @@ class RegulatorsConfig(InstrumentConfig):
     max_pressure: float = Field(300e3, gt=0, le=1e6, json_schema_extra={"unit": "Pa"})
     max_rate: float = Field(100e3, gt=0, le=1e6, json_schema_extra={"unit": "Pa/s"})
     time_constant: float = Field(1.0, gt=0, le=30, json_schema_extra={"unit": "s"})
-    """Slowest that a chamber follows its set-point, through unit, tube and chamber: 63 % of a step in this time."""
+    """Slowest that a chamber follows its set-point: 63 % of a step in this time."""
     full_scale: float = Field(gt=0, le=2e6, json_schema_extra={"unit": "Pa"})
     """Range of the units."""
 
@@ -61,7 +61,7 @@ class StreamConfig(InstrumentConfig):
     """An instrument that sends by itself."""
 
     max_age: float = Field(0.1, gt=0, le=10, json_schema_extra={"unit": "s"})
-    """Age at which its newest sample is too old, host time."""
+    """Of the newest sample, host time."""
 
 
 class SensorConfig(StreamConfig):
@@ -83,14 +83,14 @@ class MocapConfig(StreamConfig):
     """Motion capture of the tip."""
 
     markers: tuple[str, ...] = ()
-    """Names of the rigid bodies along the robot, in the order of robot.yaml's marker arc lengths."""
+    """Names of the rigid bodies along the robot, in the order of robot.yaml's `markers`."""
 
 
 class ArmConfig(StreamConfig):
     """The arm: motion and streamed state. Lengths in its base frame."""
 
     max_age: float = Field(0.2, gt=0, le=5, json_schema_extra={"unit": "s"})
-    """How old its streamed state may be, host time."""
+    """Of its streamed state, host time."""
     workspace_min: Vector3 = Field((-0.75, -0.75, 0.02), json_schema_extra={"unit": "m"})
     workspace_max: Vector3 = Field((0.75, 0.75, 0.90), json_schema_extra={"unit": "m"})
     """Box in which each target must lie."""

@@ -1,24 +1,21 @@
-"""What each kind of instrument offers, whatever its maker: the seam between protocols and drivers.
+"""What each kind of instrument offers, whatever its maker.
 
 Conventions for every driver
-- Units are SI. Pressures are gauge (above ambient) except where a name says absolute.
-- `open()` connects, checks the identity, and returns it; it raises `Unreachable` or `WrongDevice`.
-- `close()` always lands safe (vented, stopped), may be called twice and from any state, and never raises.
-- Every public call returns within the driver's wire time-out: a long motion is started, then watched by `read()`.
-- `t` of a sample is the clock's time (s) when the reading arrived. Wire time-outs and the age of a reading are real
-  (host monotonic) time; everything physical uses the clock that is passed in.
-- A command returns what was really sent, after clipping to the limits.
+- Units are SI; pressures are gauge unless a name says absolute.
+- `open()` returns the identity, or raises `Unreachable` or `WrongDevice`.
+- `close()` lands safe (vented, stopped), from any state, and never raises.
+- Every public call returns within the wire time-out: a long motion is started, then watched by `read()`.
+- `t` of a sample is the clock's time (s) when the reading arrived. Wire time-outs and ages are host monotonic time.
+- A command returns what was sent, after clipping to the limits.
 - Public commands are idempotent and confirmed by read-back.
 
-Two optional methods, of any driver
-- `confirm_settings() -> None` reads again the settings on which promises of safety rest and which may change while the
-  instrument is open: at its panel, by another program, by a loss of power. It may be called at any time, leaves a right
-  instrument as it is, and may write a setting that has one right value. It raises `WrongDevice` that names setting, register,
-  value found, value needed and remedy, or `NoReply` where it cannot tell. The guard calls it before an instrument is energised
-  for the first time after the regulators were vented, and when a pressure jumps like one whose unit of measure was changed.
-  After any error it lands the rig. `open()` does the same checks, and `read()` raises `WrongDevice` when it meets a change.
-- `take_notices() -> list[str]` returns sentences worth a warning, each once: retries that have become the rule, an adapter
-  that echoes. The guard asks after each reading.
+Two optional methods
+- `confirm_settings() -> None` reads again the settings on which safety rests and which may change at a panel, by another
+  program or by a loss of power. It may write a setting that has one right value. It raises `WrongDevice` (setting, register,
+  value found, value needed, remedy) or `NoReply`. The guard calls it before the first pressure after a vent and when a pressure
+  jumps, and lands the rig after any error. `open()` does the same checks; `read()` raises `WrongDevice` when it meets a change.
+- `take_notices() -> list[str]` returns sentences worth a warning, each once, such as frequent retries. The guard asks after
+  each reading.
 """
 
 from __future__ import annotations
@@ -144,7 +141,7 @@ class Instrument(Protocol):
     name: str
 
     def open(self) -> Identity:
-        """Connect, check who answers, start the stream if there is one."""
+        """Connect, check the identity, start a stream."""
 
     def close(self) -> None:
         """Land safe and disconnect."""
@@ -156,26 +153,23 @@ class PressureRegulators(Instrument, Protocol):
     channels: int
 
     def set(self, pressures: Sequence[float]) -> tuple[float, ...]:
-        """Set all channels (Pa gauge); returns the set-points the instrument confirmed.
-
-        Values are clipped to the configured limits and to the rate limit (Pa/s, since the previous set).
-        """
+        """Set all channels (Pa gauge), clipped to limits and rate (Pa/s); returns the set-points the instrument confirmed."""
 
     def read(self) -> PressureSample:
         """Poll all channels."""
 
     def vent(self) -> None:
-        """All set-points to zero at once, not rate-limited; a channel that fails does not keep the others from venting."""
+        """Set all channels to zero at once, without rate limit; a channel that fails does not delay the others."""
 
 
 class LengthUnit(Instrument, Protocol):
     """The unit that grows and retracts the spine."""
 
     def home(self) -> None:
-        """Start the reference run to length 0; `read().homed` tells when it is done."""
+        """Start the reference run to length 0; `read().homed` is True when it is done."""
 
     def move_to(self, length: float, speed: float) -> float:
-        """Start moving to a length (m) at a speed (m/s); returns the goal after clipping. `NotReady` when not homed."""
+        """Start moving to a length (m) at a speed (m/s); returns the clipped goal. `NotReady` when not homed."""
 
     def stop(self) -> None:
         """Stop now and hold."""
@@ -188,7 +182,7 @@ class JammingValve(Instrument, Protocol):
     """The valve between the spine and the vacuum."""
 
     def set(self, on: bool) -> bool:
-        """Switch, read back, and return the state read back; `DeviceFault` when it differs from the request."""
+        """Switch and return the state read back; `DeviceFault` when it differs from the request."""
 
     def read(self) -> ValveSample:
         """Poll the relay's state."""
@@ -205,55 +199,54 @@ class Arm(Instrument, Protocol):
     """Motion of the robot arm. Never blocking: start a move, then watch `moving()`."""
 
     def move_to(self, pose: Sequence[float], speed: float, acceleration: float) -> None:
-        """Start a straight TCP motion to pose (m, rotation vector rad, base frame) at speed (m/s), acceleration (m/s^2)."""
+        """Start a straight TCP motion to pose (m, rotation vector rad, base frame); m/s, m/s^2."""
 
     def moving(self) -> bool:
-        """True until the last started motion has ended; raises `DeviceFault` after a protective or emergency stop."""
+        """True until the last motion has ended; `DeviceFault` after a protective or emergency stop."""
 
     def stop(self) -> None:
         """Decelerate now."""
 
 
 class ArmDriver(Arm, Protocol):
-    """An arm as its driver offers it: beside what protocols ask, what a landing must know."""
+    """An arm as its driver offers it, with what a landing must know."""
 
     def standing(self) -> bool:
-        """True when the newest state shows the arm standing, whatever else is wrong with it; `NotReady` before `open`."""
+        """True when the newest state shows the arm standing; `NotReady` before `open`."""
 
     def glance(self) -> bool:
-        """The same by one look at the controller that needs no `open` and takes no control: after a stop by the arm's own
-        safety system it cannot be opened before a person has cleared that."""
+        """The same without `open` and without control, for an arm whose own safety system has stopped it."""
 
 
 class Stream(Instrument, Protocol):
-    """An instrument that sends by itself; each sample also goes to the sink given to its constructor."""
+    """An instrument that sends by itself; each sample goes to the constructor's sink."""
 
     lost: int
     """Samples known to be lost (gaps in stamps or counters, damaged frames)."""
 
     def latest(self) -> Any:
-        """The newest sample; raises `StaleReading` when it is older than the maximum age."""
+        """The newest sample; `StaleReading` when it is older than `max_age`."""
 
 
 class ForceSensor(Stream, Protocol):
     """Force-torque sensor."""
 
     def latest(self) -> WrenchSample:
-        """The newest sample; raises `StaleReading` when it is older than the maximum age."""
+        """The newest sample; `StaleReading` when it is older than `max_age`."""
 
     def zero(self, samples: int) -> Vector6:
-        """Average the next `samples` raw readings and subtract them from now on; returns the new zero."""
+        """Average the next `samples` raw readings as the new zero, and return it."""
 
 
 class ArmState(Stream, Protocol):
     """State of the robot arm as it streams it."""
 
     def latest(self) -> ArmSample:
-        """The newest sample; raises `StaleReading` when it is older than the maximum age."""
+        """The newest sample; `StaleReading` when it is older than `max_age`."""
 
 
 class MotionCapture(Stream, Protocol):
     """The tip as motion capture sees it."""
 
     def latest(self) -> BodySample:
-        """The newest sample; raises `StaleReading` when it is older than the maximum age."""
+        """The newest sample; `StaleReading` when it is older than `max_age`."""

@@ -18,7 +18,7 @@ RULE = 10
 
 
 class Retries:
-    """The requests of one line, and what a person should know of the line."""
+    """The requests of one line."""
 
     def __init__(self, line: SerialLine) -> None:
         """`line`: on which they are made."""
@@ -29,7 +29,7 @@ class Retries:
         """Repeated requests since the line was made."""
 
     def twice(self, request: Callable[[], T]) -> T:
-        """Make a request that can be repeated without harm, and repeat it once after a disturbed line."""
+        """Make a harmless request, and repeat it once on a disturbed line."""
         try:
             answer = request()
         except (NoReply, BadReply):

@@ -66,7 +66,7 @@ class PortWatch:
 
 
 class SerialLine:
-    """A serial port, 8 data bits, with deadlines instead of blocking reads."""
+    """A serial port, 8 data bits, with deadlines."""
 
     def __init__(
         self,
@@ -79,10 +79,10 @@ class SerialLine:
         lock: StopFirst | None = None,
         skip_echo: bool = False,
     ) -> None:
-        """`name` is the instrument's name for messages; `timeout` (s, host time) bounds each answer and each write.
+        """`timeout` (s, host time) bounds each answer and each write.
 
-        `lock`: one that several lines of an instrument share. `skip_echo`: no answer of this instrument repeats its request,
-        so that a line which does is the echo of an adapter.
+        `lock`: one that several lines of an instrument share. `skip_echo`: a line that repeats the request is the echo of an
+        adapter.
         """
         self.name = name
         self.port = port
@@ -110,8 +110,7 @@ class SerialLine:
     def open(self) -> None:
         """Open the port for this process alone; raises `Unreachable`.
 
-        Does nothing when the port is open and answers. A silent line gets a new handle, since an adapter that was reset has
-        forgotten its settings, and so does one whose path leads to another device by now.
+        Does nothing when the port is open and answers; a silent line gets a new handle.
         """
         with self.lock:
             if self._serial is not None and not self._silent and not self._leads_elsewhere(self._serial):
@@ -153,25 +152,25 @@ class SerialLine:
                     port.close()
 
     def flush(self) -> None:
-        """Throw away what has arrived and was not read."""
+        """Discard what has arrived."""
         with self._guarded() as port:
             port.reset_input_buffer()
             self._buffer.clear()
 
     def write(self, data: bytes) -> None:
-        """Send bytes as they are. Raises `NoReply` when the line does not take them in time."""
+        """Send bytes; `NoReply` when the line does not take them in time."""
         with self._guarded() as port:
             self._sent = data
             port.write(data)
 
     def read_some(self) -> bytes:
-        """What has arrived, waiting at most one `SLICE` for the first byte; empty on silence."""
+        """What has arrived, after at most one `SLICE`; empty on silence."""
         with self._guarded() as port:
             self._buffer += port.read(max(1, port.in_waiting))
             return self._take(len(self._buffer))
 
     def listen(self, duration: float) -> bytes:
-        """Everything that arrives within `duration` seconds (host time); silence is not an error."""
+        """Everything that arrives within `duration` s, host time."""
         deadline = time.monotonic() + duration
         heard = b""
         while time.monotonic() < deadline:
@@ -179,10 +178,8 @@ class SerialLine:
         return heard
 
     def read_until(self, until: bytes, timeout: float | None = None) -> bytes:
-        """The next answer up to and without its terminator `until`; leading NUL and white space are no part of it.
-
-        Blank lines are skipped, and so is an adapter's echo of the request: then `echoes` is set.
-        Raises `NoReply` on silence, `BadReply` on an unfinished answer.
+        """The next answer without its terminator `until`, leading white space, blank lines and echo. Raises `NoReply` on
+        silence, `BadReply` on an unfinished answer.
         """
         with self._guarded() as port:
             deadline = time.monotonic() + (self.timeout if timeout is None else timeout)
@@ -196,7 +193,7 @@ class SerialLine:
                     return whole[: -len(until)]
 
     def read_exactly(self, count: int, timeout: float | None = None) -> bytes:
-        """`count` bytes. Raises `NoReply` on silence, `BadReply` when fewer arrive."""
+        """`count` bytes; `NoReply` on silence, `BadReply` when fewer arrive."""
         with self._guarded() as port:
             deadline = time.monotonic() + (self.timeout if timeout is None else timeout)
             while len(self._buffer) < count:
@@ -204,9 +201,8 @@ class SerialLine:
             return self._take(count)
 
     def ask(self, request: bytes, until: bytes, timeout: float | None = None) -> bytes:
-        """Flush, send `request`, return the answer without its terminator `until`.
-
-        Raises `NoReply`, `BadReply`, `Unreachable` (the port went away) or `NotReady` (not open).
+        """Flush, send `request`, return the answer as `read_until` does. Also raises `Unreachable` (the port went away),
+        `NotReady` (not open).
         """
         with self.lock:
             self.flush()

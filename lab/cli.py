@@ -300,7 +300,7 @@ def parser() -> argparse.ArgumentParser:
             p.add_argument(
                 "--any-size",
                 action="store_true",
-                help="read recordings that claim to hold more than a file of their size should; only if you trust them",
+                help="read files that claim to unpack to more than their size allows; only if you trust them",
             )
         return p
 
@@ -310,7 +310,7 @@ def parser() -> argparse.ArgumentParser:
         )
 
     def own_labels(p: argparse.ArgumentParser) -> None:
-        p.add_argument("--operator", metavar="NAME", help="who runs it; into the recording, as are the two below")
+        p.add_argument("--operator", metavar="NAME", help="who runs it; recorded, as the two below")
         p.add_argument("--specimen", metavar="NAME", help="which piece is mounted")
         p.add_argument(
             "--tag", action="append", default=[], metavar="KEY=VALUE", help="a label of your own (repeatable)"
@@ -318,11 +318,9 @@ def parser() -> argparse.ArgumentParser:
 
     p = verb("demo", _demo, "record, fit and diagnose on fake instruments, ending in an HTML report")
     p.add_argument("--out", type=Path, default=Path("demo"), help="folder for recordings and report")
-    p.add_argument("--seed", type=int, help="repeat a demo: the seed chooses the withheld effect and the noise")
+    p.add_argument("--seed", type=int, help="choose withheld effect and noise")
     p.add_argument("--speed", type=float, default=20.0, help="how much faster than real the rig runs (default 20)")
-    p.add_argument(
-        "--effect", metavar="ID=SIZE", help="withhold this effect of the virtual robot instead of a drawn one"
-    )
+    p.add_argument("--effect", metavar="ID=SIZE", help="withhold this effect instead of a drawn one")
 
     p = verb("check", _check, "connect to each instrument: identity, rate, age, limits", reads=True)
     p.add_argument("--rig", type=Path, required=True, help="rig.yaml")
@@ -330,9 +328,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--yes", action="store_true", help="with --move: do not ask for confirmation; nobody is within reach"
     )
-    p.add_argument(
-        "--seconds", type=float, default=2.0, help="host seconds over which stream rates and losses are counted"
-    )
+    p.add_argument("--seconds", type=float, default=2.0, help="host seconds over which rates and losses are counted")
 
     for name, handler, text in (("plan", _plan, "steps, duration and limits of a protocol; nothing moves"),
                                 ("run", _run, "run a protocol and record it")):  # fmt: skip
@@ -340,7 +336,7 @@ def parser() -> argparse.ArgumentParser:
         p.add_argument(
             "protocol",
             nargs="?" if name == "run" else None,
-            help="stiffness, bending, elongation, cycles, a protocol of an installed package, or a protocol file (.yaml, .py)",
+            help="stiffness, bending, elongation, cycles, one of a package, or a file (.yaml, .py)",
         )
         p.add_argument("--rig", type=Path, required=name == "run", help="rig.yaml")
         if name == "plan":
@@ -405,24 +401,16 @@ def parser() -> argparse.ArgumentParser:
         "--effect", action="append", default=[], metavar="ID[=SIZE]", help="switch an effect on (repeatable)"
     )
     p.add_argument("--seed", type=int, default=0, help="seed of all noise")
-    p.add_argument(
-        "--regulators", metavar="DRIVER", default="alicat", help="alicat, smc_itv, or a fake of an installed package"
-    )
+    p.add_argument("--regulators", metavar="DRIVER", default="alicat", help="alicat, smc_itv, or a package's fake")
     p.add_argument("--full-scale", metavar="PRESSURE", help="range of the regulators, such as '900 kPa'")
-    p.add_argument(
-        "--firmware", default="10v20.0-R24", help="firmware of an Alicat; before 6v00 it does not report its unit"
-    )
+    p.add_argument("--firmware", default="10v20.0-R24", help="firmware of an Alicat; before 6v00 it reports no unit")
     p.add_argument("--unit", default="kPa", help="unit that an Alicat reads and accepts, such as psi")
-    p.add_argument("--swap", metavar="I,K", help="two channels whose hoses are swapped, for `lab check --move` to find")
-    p.add_argument(
-        "--spine", metavar="DRIVER", default="dynamixel", help="dynamixel, tmcl, or a fake of an installed package"
-    )
+    p.add_argument("--swap", metavar="I,K", help="swap the hoses of two channels")
+    p.add_argument("--spine", metavar="DRIVER", default="dynamixel", help="dynamixel, tmcl, or a package's fake")
     for role, usual, what in (("arm", "ur5", "the arm"), ("force", "ft300s", "the force sensor"),
                               ("valve", "numato", "the jamming valve"), ("gauge", "pfeiffer", "the vacuum gauge"),
                               ("mocap", "natnet", "the motion capture")):  # fmt: skip
-        p.add_argument(
-            f"--{role}", metavar="DRIVER", default=usual, help=f"{what}: {usual}, or a fake of an installed package"
-        )
+        p.add_argument(f"--{role}", metavar="DRIVER", default=usual, help=f"{what}: {usual}, or a package's fake")
     p.add_argument(
         "--sensor", action="append", default=[], metavar="NAME=DRIVER", help="an additional sensor (repeatable)"
     )
@@ -482,12 +470,8 @@ def parser() -> argparse.ArgumentParser:
     form.add_argument("--case", action="store_true", help="robot.yaml + trials.csv, as other tools take it")
     form.add_argument("--parquet", action="store_true", help="Parquet instead of CSV (needs pyarrow)")
     form.add_argument("--mat", action="store_true", help="one MATLAB file for each recording or case instead of CSV")
-    form.add_argument(
-        "--crate", action="store_true", help="everything in one described folder, as a paper's supplement"
-    )
-    form.add_argument(
-        "--arviz", action="store_true", help="posterior and evidence of each case's diagnosis.json as NetCDF for ArviZ"
-    )
+    form.add_argument("--crate", action="store_true", help="one described folder, as a paper's supplement")
+    form.add_argument("--arviz", action="store_true", help="each case's diagnosis.json as NetCDF for ArviZ")
     p.add_argument("--license", metavar="URL", help="of the crate")
     p.add_argument("--name", help="of the crate (default: the folder's name)")
 
@@ -519,12 +503,12 @@ def parser() -> argparse.ArgumentParser:
                 dest="with_effects",
                 type=_names,
                 metavar="EFFECT[,EFFECT..]",
-                help="fit these effects too, and write them into robot.yaml with their uncertainty",
+                help="fit these effects too, and write them into robot.yaml",
             )
             p.add_argument(
                 "--residual",
                 action="store_true",
-                help="learn what the model still misses (with the effects of --with, or with none), for predictions",
+                help="learn what the model still misses, for predictions",
             )
             p.add_argument(
                 "--samples",
@@ -588,13 +572,13 @@ def parser() -> argparse.ArgumentParser:
         "--holdout",
         type=Path,
         metavar="CASE",
-        help="a campaign that is not fitted (case folder or .mcap): test the answer on it",
+        help="a campaign (case folder or .mcap) to test the answer on",
     )
     p.add_argument(
         "--baseline",
         type=Path,
         metavar="PREDICTED.csv",
-        help="what another simulator predicts of these states: diagnose its gap",
+        help="predictions of another simulator: diagnose its gap",
     )
     p.add_argument("--simulator", metavar="NAME|FILE.py", help="the same, asking the simulator itself")
     p.add_argument("--workers", type=int, metavar="N", help="processor cores to use (default: all)")
@@ -624,10 +608,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--budget", type=_minutes, default=60.0, metavar="60min", help="time for experiments (default 60min)"
     )
-    p.add_argument("--experiments", type=int, default=3, metavar="N", help="at most so many (default 3)")
-    p.add_argument(
-        "--without", action="append", default=[], metavar="ID", help="an experiment that is not to be done (repeatable)"
-    )
+    p.add_argument("--experiments", type=int, default=3, metavar="N", help="at most this many (default 3)")
+    p.add_argument("--without", action="append", default=[], metavar="ID", help="leave out an experiment (repeatable)")
     p.add_argument(
         "--set",
         action="append",
@@ -635,7 +617,7 @@ def parser() -> argparse.ArgumentParser:
         metavar="KEY=VALUE",
         help="change a parameter of every experiment (repeatable)",
     )
-    p.add_argument("--no-hands", action="store_true", help="nothing that somebody has to mount, turn or hang on")
+    p.add_argument("--no-hands", action="store_true", help="nothing to mount, turn or hang on")
     p.add_argument("--out", type=Path, default=Path("investigation"), help="folder for recordings, answer and page")
     p.add_argument("--robot", type=Path, help="robot.yaml (default: the one in the input)")
     p.add_argument("--workers", type=int, metavar="N", help="processor cores to use (default: all)")

@@ -64,7 +64,7 @@ class Words:
 
 
 class Chambers(BaseModel):
-    """The pressure chambers: equal round channels that run along the body."""
+    """Pressure chambers: equal round channels along the body."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     words: ClassVar[Words] = Words("chambers", "kPa", 1e3, 0, True)
@@ -76,7 +76,7 @@ class Chambers(BaseModel):
     )
 
     ends: tuple[Annotated[FiniteFloat, Field(gt=0, le=5)], ...] = Field(default=(), json_schema_extra={"unit": "m"})
-    """Arc length at which each ends; at the tip unless given."""
+    """Arc length at which each ends; by default at the tip."""
 
     @property
     def area(self) -> float:
@@ -85,7 +85,7 @@ class Chambers(BaseModel):
 
 
 class Tendons(BaseModel):
-    """Tendons that run along the body in its wall, parallel to its axis, each pulled by a known tension."""
+    """Tendons along the body in its wall, each pulled by a known tension."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     words: ClassVar[Words] = Words(
@@ -103,7 +103,7 @@ class Tendons(BaseModel):
         min_length=1, max_length=64, json_schema_extra={"unit": "deg"}
     )
     ends: tuple[Annotated[FiniteFloat, Field(gt=0, le=5)], ...] = Field(default=(), json_schema_extra={"unit": "m"})
-    """Arc length at which each is fastened; at the tip unless given."""
+    """Arc length at which each is fastened; by default at the tip."""
 
     @property
     def area(self) -> float:

@@ -75,8 +75,7 @@ class Pose(BaseModel):
 
 
 class Uncertainty(BaseModel):
-    """How well numbers of robot.yaml and of the set-up are known: standard deviations. What is not stated has that of a careful
-    laboratory (docs: explanations/diagnosis.md)."""
+    """Standard deviations of numbers of robot.yaml and of the set-up."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -112,7 +111,7 @@ class Robot(BaseModel):
     youngs_modulus: FiniteFloat = Field(
         ge=1e3, le=1e11, json_schema_extra={"unit": "Pa", "uncertainty": "youngs_modulus"}
     )
-    """Pa; `505e3 +- 30 %` also states its uncertainty."""
+    """`505e3 +- 30 %` also states its uncertainty."""
     shear_modulus: FiniteFloat = Field(ge=1e2, le=1e11, json_schema_extra={"unit": "Pa"})
     tip_mass: FiniteFloat = Field(ge=0, le=50, json_schema_extra={"unit": "kg"})
     gravity: tuple[
@@ -121,37 +120,38 @@ class Robot(BaseModel):
         Annotated[FiniteFloat, Field(ge=-30, le=30)],
     ] = Field(json_schema_extra={"unit": "m/s^2"})
     bending_stiffness: Positive | None = Field(default=None, json_schema_extra={"unit": "N m^2"})
-    """EI of the body, where it is known better than E and the radii; what it does not have comes from these."""
+    """EI of the body, in place of that from E and radii."""
     axial_stiffness: Positive | None = Field(default=None, json_schema_extra={"unit": "N"})
     """EA of the body, likewise."""
     torsional_stiffness: Positive | None = Field(default=None, json_schema_extra={"unit": "N m^2"})
     """GJ of the body, likewise; twice EI unless given."""
     mass_per_length: Weight | None = Field(default=None, json_schema_extra={"unit": "kg/m"})
-    """Of the body, likewise; of density and radii unless given."""
+    """Of the body, likewise."""
     sections: tuple[Section, ...] = Field(default=(), max_length=32)
-    """From base to tip, where the body is not the same all along it."""
+    """Parts from base to tip."""
     chambers: Chambers | None = None
     tendons: Tendons | None = None
     """In place of chambers."""
     area_factor: NumberOrTable = Field(json_schema_extra={"unit": "1", "key_unit": "m"})
-    """Of tendons: the share of the tension that arrives."""
+    """Effective over drawn area of a chamber, one number or by spine length; of tendons the share of the tension that arrives."""
     spine: Spine | None = None
     markers: tuple[Annotated[FiniteFloat, Field(gt=0, le=5)], ...] = Field(default=(), json_schema_extra={"unit": "m"})
+    """Arc lengths of the markers along the body."""
     base_to_world: Pose | None = None
     max_pressure: FiniteFloat | None = Field(default=None, gt=0, le=2e6, json_schema_extra={"unit": "Pa"})
-    """Highest pressure (gauge) that its chambers may hold: no part of the model, but nothing is inflated without it."""
+    """Highest pressure (gauge) of its chambers; nothing is inflated without it."""
     uncertainty: Uncertainty = Uncertainty()
-    """How well its numbers are known, where that is not as usual."""
+    """How well its numbers are known."""
     effects: Table = Field(default={})
-    """Causes that are part of this robot: effect -> parameter -> value, sd, unit; `lab fit --with` writes them."""
+    """Causes that are part of this robot: effect -> parameter -> value, sd, unit."""
     tolerances: Table = Field(default={})
-    """How the set-up differed from its drawing when the effects were fitted (tilt, camera frame, length ..)."""
+    """The same for tilt, camera frame, length .. of the set-up."""
     obstacle_azimuth_deg: FiniteFloat | None = Field(default=None, ge=-360, le=360, json_schema_extra={"unit": "deg"})
-    """Where the obstacle of the effect `contact` stands, seen from the base; where the campaign bends to unless given."""
+    """Where the obstacle of `contact` stands, seen from the base; by default where the campaign bends to."""
     posterior: Posterior | None = None
-    """How uncertain area factor, effects and tolerances are together."""
+    """Joint uncertainty of area factor, effects and tolerances."""
     residual: Residual | None = None
-    """What is missed beyond all of these, learnt; part of predictions alone."""
+    """Learnt rest, part of predictions alone."""
 
     @model_validator(mode="after")
     def _fits_together(self) -> Robot:

@@ -17,9 +17,8 @@ Weight = Annotated[FiniteFloat, Field(ge=0, le=20_000)]
 
 
 class Section(BaseModel):
-    """A part of the body, from base to tip; what it does not say is that of the robot.
-
-    A number holds all along it, two numbers are those at its base and at its tip end, linear in between.
+    """A part of the body; keys that it leaves out are the robot's. Two numbers are those at its base and tip end, linear in
+    between.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")

@@ -37,15 +37,15 @@ Correlation = Annotated[FiniteFloat, Field(ge=-1, le=1)]
 
 
 class Stated(BaseModel):
-    """One parameter of an effect: its value, its standard deviation, and the unit of both."""
+    """One parameter of an effect."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     value: FiniteFloat
     sd: FiniteFloat = Field(default=0.0, ge=0)
-    """Standard deviation in the same unit; 0: taken as exact."""
+    """Standard deviation; 0: exact."""
     unit: str = Field(max_length=40)
-    """The unit that the catalogue gives the parameter in (`lab effects --json`), '1' for none."""
+    """That of `lab effects --json`, '1' for none."""
 
 
 Table = dict[Name, dict[Name, Stated]]
@@ -53,28 +53,28 @@ Table = dict[Name, dict[Name, Stated]]
 
 
 class Noise(BaseModel):
-    """By how much repeats of one state differ, and from what: standard deviations."""
+    """Standard deviations between repeats of a state, by their origin."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     floor: FiniteFloat = Field(default=0.0, ge=0, le=1, json_schema_extra={"unit": "m"})
-    """rms distance of a single tip reading from the mean of its repeats, over all states of the campaign."""
+    """rms distance of a tip reading from the mean of its repeats."""
     reading: FiniteFloat = Field(default=0.0, ge=0, le=1, json_schema_extra={"unit": "m"})
-    """Of a reading of the tip along each axis, the robot standing still."""
+    """Of a reading of the tip along each axis, robot at rest."""
     pressure: FiniteFloat = Field(default=0.0, ge=0, le=1e6, json_schema_extra={"unit": "Pa"})
-    """Of the pressure in the chambers from what their regulator reads."""
+    """Of the chambers' pressure from the regulator's reading."""
     spine_length: FiniteFloat = Field(default=0.0, ge=0, le=1, json_schema_extra={"unit": "m"})
     """Of the length to which a spine grows."""
     spine_stiffness: FiniteFloat = Field(default=0.0, ge=0, le=1, json_schema_extra={"unit": "1"})
-    """Of its stiffness from one jamming to the next, as a share."""
+    """Of its stiffness between jammings, as a share."""
     turn: FiniteFloat = Field(default=0.0, ge=0, le=1, json_schema_extra={"unit": "rad"})
-    """Of the base about each axis from one mounting to the next, as repeats of the sweep show it."""
+    """Of the base about each axis between mountings."""
     shift: FiniteFloat = Field(default=0.0, ge=0, le=1, json_schema_extra={"unit": "m"})
-    """Of the base along each axis from one mounting to the next."""
+    """Of the base along each axis between mountings."""
 
 
 class Posterior(BaseModel):
-    """What a fit leaves uncertain: standard deviations stand beside the values, their correlations here."""
+    """Correlations of what a fit leaves uncertain, and its other errors."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -84,11 +84,11 @@ class Posterior(BaseModel):
     correlation: tuple[tuple[Correlation, ...], ...] = Field(
         min_length=1, max_length=200, json_schema_extra={"unit": "1"}
     )
-    """Lower triangle with the diagonal of ones, in the order of `parameters`."""
+    """Lower triangle with diagonal, in the order of `parameters`."""
     law_error: FiniteFloat = Field(default=0.0, ge=0, le=1, json_schema_extra={"unit": "1"})
-    """Share of what each effect does by which its true law may differ."""
+    """Model-form error, as a share of what each effect does."""
     discrepancy: FiniteFloat = Field(default=0.0, ge=0, le=1, json_schema_extra={"unit": "m"})
-    """Standard deviation, along each axis, of what no effect describes."""
+    """Standard deviation along each axis of what no effect describes."""
     noise: Noise = Noise()
 
     @model_validator(mode="after")
@@ -130,23 +130,22 @@ State = tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, F
 
 
 class Residual(BaseModel):
-    """What the model with its effects still misses, learnt from a campaign: a Gaussian process (`model.prediction.residual`)."""
+    """Gaussian process of what the model misses, learnt from a campaign (`model.prediction.residual`)."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     amplitude: FiniteFloat = Field(gt=0, le=1, json_schema_extra={"unit": "m"})
     """Standard deviation along each axis far from all states."""
     pressure_scale: FiniteFloat = Field(gt=0, le=1e9, json_schema_extra={"unit": "Pa"})
-    """Over which it changes with the sums of pressures in `states`."""
+    """Scale over the sums of pressures in `states`."""
     length_scale: FiniteFloat = Field(gt=0, le=1e3, json_schema_extra={"unit": "m"})
-    """Over which it changes with the spine's length."""
+    """Scale over the spine's length."""
     trial: FiniteFloat = Field(ge=0, le=1, json_schema_extra={"unit": "m"})
-    """Standard deviation along each axis from trial to trial."""
+    """Standard deviation along each axis between trials."""
     reading: FiniteFloat = Field(gt=0, le=1, json_schema_extra={"unit": "m"})
-    """The same from reading to reading of one trial."""
+    """The same between readings of a trial."""
     states: tuple[State, ...] = Field(min_length=1, max_length=1000)
-    """Number of the trial; sums over the chambers of p cos az, p sin az and p, Pa; spine length, m; what the model misses there
-    (measured - predicted) along x, y and z of the base frame, m."""
+    """Trial; sums over the chambers of p cos az, p sin az and p, Pa; spine length, m; measured minus predicted x, y, z, m."""
 
 
 def problems(effects: Table, tolerances: Table, posterior: Posterior | None, area_is_number: bool) -> list[str]:

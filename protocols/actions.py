@@ -1,4 +1,4 @@
-"""The few things every experiment does: vent, un-jam, grow, jam, ramp. Each is confirmed by a reading before it returns."""
+"""What every experiment does; each is confirmed by a reading before it returns."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ RAMP_STEP = 0.1
 
 
 def vent(bench: Bench, within: float = 20.0) -> None:
-    """Let all chambers off, confirmed by the regulators' own sensors."""
+    """Vent all chambers."""
     regulators = bench.need(bench.pressure, "pressure")
     regulators.vent()
     bench.wait(
@@ -43,7 +43,7 @@ def vent(bench: Bench, within: float = 20.0) -> None:
 
 
 def home(bench: Bench, within: float = 120.0) -> None:
-    """Find the spine's zero when it is not known; a robot without a spine has none."""
+    """Find the spine's zero when it is not known."""
     unit = bench.spine
     if unit is None or unit.read().homed:
         return
@@ -54,10 +54,7 @@ def home(bench: Bench, within: float = 120.0) -> None:
 
 
 def release(bench: Bench, jam: Jam) -> float:
-    """Un-jam the spine and wait until the gauge rests; returns ambient pressure, Pa absolute, the mean of that rest.
-
-    Readings that come more slowly than six in `jam.rest` seconds are judged over as long as six of them take.
-    """
+    """Un-jam the spine and wait until the gauge rests, at least six readings; returns ambient pressure, Pa absolute."""
     valve, gauge = bench.need(bench.valve, "valve"), bench.need(bench.gauge, "gauge")
     bench.jammed = None
     valve.set(False)
@@ -89,10 +86,8 @@ def release(bench: Bench, jam: Jam) -> float:
 
 
 def jam(bench: Bench, ambient: float, vacuum: float, rules: Jam) -> float:
-    """Jam the spine and judge it from the gauge; returns the vacuum reached, Pa below ambient.
-
-    Every state that is read from then on demands that the vacuum has stayed between `rules.share` and 2 - `rules.share` of
-    `vacuum`, with `VACUUM_NOISE` on either side.
+    """Jam the spine; returns the vacuum reached, Pa below ambient. States read from then on need a vacuum between `rules.share`
+    and 2 - `rules.share` of `vacuum`, with `VACUUM_NOISE` on either side.
     """
     bench.jammed = None
     valve, gauge = bench.need(bench.valve, "valve"), bench.need(bench.gauge, "gauge")
@@ -134,10 +129,7 @@ def grow(bench: Bench, length: float, motion: SpineMotion) -> None:
 
 
 def set_spine(bench: Bench, length: float, vacuum: float, motion: SpineMotion, rules: Jam) -> float:
-    """Vent, un-jam, grow to `length` and jam at `vacuum`; returns ambient pressure, Pa absolute.
-
-    Of a robot without a spine only the chambers are vented.
-    """
+    """Vent, un-jam, grow to `length` and jam at `vacuum`; returns ambient pressure, Pa absolute."""
     if bench.pressure is not None:
         vent(bench)
     if bench.spine is None and length == 0:
@@ -149,10 +141,7 @@ def set_spine(bench: Bench, length: float, vacuum: float, motion: SpineMotion, r
 
 
 def keep_jammed(bench: Bench, jam: Callable[[], object]) -> None:
-    """After a pause, at a place where the spine may move: have `jam` jam a spine anew that was soft since it was jammed.
-
-    Raises JamLost then.
-    """
+    """After a pause: have `jam` jam a spine anew that was soft, and raise JamLost."""
     if jam_lost(bench):
         jam()
         raise JamLost("the spine was jammed anew")
@@ -174,11 +163,8 @@ def jam_lost(bench: Bench) -> bool:
 
 
 def ramp(bench: Bench, target: Sequence[float], rate: float) -> float:
-    """Ramp all channels (Pa) to `target` at `rate` Pa/s; returns the rig time at which the set-point got there.
-
-    A computer that stood still for a while goes on where it was: no set-point jumps. `bench.clipped` tells until the next ramp
-    whether the rig's limits clipped a set-point on the way. Raises NotReached when the regulators hold other set-points in the
-    end.
+    """Ramp all channels (Pa) to `target` at `rate` Pa/s; returns the rig time of arrival. `bench.clipped` tells until the next
+    ramp whether limits clipped a set-point. Raises NotReached when the regulators hold other set-points in the end.
     """
     bench.clipped = False
     regulators = bench.need(bench.pressure, "pressure")

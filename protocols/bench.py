@@ -54,7 +54,7 @@ class Setup:
     """What a person prepares before a run."""
 
     mount: Mount
-    """"robot": body hanging with the spine inside; "body": the same at the stiffness stand; "spine": the bare spine."""
+    """"robot": body with the spine inside; "body": the same at the stiffness stand; "spine": the bare spine."""
     tip_mass: float
     """Mass hung at the tip, kg."""
     roll_deg: float
@@ -96,19 +96,18 @@ class Narrator(Protocol):
 
 @dataclass
 class Bench:
-    """Everything a protocol may touch. An instrument that the rig has not is None; ask with `need` first."""
+    """Everything a protocol may touch. A missing instrument is None: use `need`."""
 
     clock: Clock
     recorder: Recorder
     operator: Operator
     narrator: Narrator
     stopping: Callable[[], bool]
-    """True once a person asked to finish the present step and end."""
+    """True once a person asked to end after this step."""
     recoverable: Callable[[InstrumentError], bool]
-    """Whether a person can put right what an instrument complains of, without losing what was measured."""
+    """Whether a person can put right an instrument's error without losing data."""
     recover: Callable[[InstrumentError, bool], None]
-    """Vent and stop, have a person put right what is wrong unless the second argument is False, and be ready to go on; raises
-    the cause when it stays."""
+    """Vent and stop, have a person put it right unless the second argument is False; raises a cause that stays."""
     chambers: ChamberMap
     stand: StandFrame | None = None
     pressure: PressureRegulators | None = None
@@ -120,36 +119,36 @@ class Bench:
     force: ForceSensor | None = None
     mocap: MotionCapture | None = None
     sensors: tuple[str, ...] = ()
-    """Topics of the lab's own sensors; every state is read with them."""
+    """Topics of the lab's own sensors."""
     steering: Steering = field(default_factory=Steering)
     """What people ask of the run."""
     rest: Callable[[], None] = lambda: None
-    """The pause that a person asked for: vent and stop until somebody wants to go on. Raises Stopped, or what has failed."""
+    """The pause that a person asked for. Raises Stopped, or what has failed."""
     repeatable: Callable[[], AbstractContextManager[object]] = nullcontext
-    """What is done in it may be begun again: there alone a standstill of this computer raises StoodStill."""
+    """Context that may be begun again: a standstill of this computer raises StoodStill there."""
     stood: Callable[[], float] = lambda: 0.0
-    """Rig seconds for which this computer has stood still until now; no deadline counts them."""
+    """Rig s for which this computer has stood still; no deadline counts them."""
     patience: float = 5.0
-    """s of host time that a condition is given at least: at a high speed of the rig's clock the wires need theirs."""
+    """Least host time for a condition, s."""
     clipped: bool = False
-    """The last ramp's set-points were clipped on their way by the rig's limits."""
+    """The rig's limits clipped the last ramp."""
     jammed: Jammed | None = None
-    """None while the spine is released or was jammed without vacuum: then no vacuum is judged."""
+    """None while no vacuum is judged."""
 
     bodies: Bodies | None = None
-    """Where the robot allows tip and markers to be; None where no cameras see them, or robot.yaml says too little."""
+    """Where tip and markers can be; None without cameras or where robot.yaml says too little."""
 
     def has_topic(self, topic: str) -> bool:
-        """Whether the instrument behind a topic is there: a robot without a spine has neither /spine nor /vacuum."""
+        """Whether the instrument behind a topic is there."""
         return {"/spine": self.spine, "/vacuum": self.gauge}.get(topic, self) is not None
 
     def look_anew(self) -> None:
-        """People may have been at the robot: from now on no body may jump."""
+        """People may have been at the robot: judge jumps from now on."""
         if self.bodies is not None:
             self.bodies = replace(self.bodies, since=self.clock.now())
 
     def need(self, instrument: T | None, name: str) -> T:
-        """The instrument, or MissingInstrument naming what NEEDS or rig.yaml lacks."""
+        """The instrument, or MissingInstrument."""
         if instrument is None:
             raise MissingInstrument(
                 f"{name}: this protocol uses it, and it is not open; name it in NEEDS, and describe it in rig.yaml"
@@ -167,17 +166,14 @@ class Bench:
         self.recorder.log("info", text, self.clock.now())
 
     def pause(self, duration: float) -> None:
-        """Wait `duration` seconds of rig time; WriteFailed within a fifth of a second when the recording fails."""
+        """Wait `duration` s of rig time; WriteFailed when the recording fails."""
         end = self.clock.now() + duration
         while (left := end - self.clock.now()) > 0:
             self.recorder.check()
             self.clock.sleep(min(left, 0.2))
 
     def wait(self, what: str, done: Callable[[], T | None], within: float, stood: Callable[[], str] | None = None) -> T:
-        """Look until `done` returns something else than None; `stood` says how far it got, when it is too late.
-
-        NotReached after `within` seconds of rig time; WriteFailed when the recording fails meanwhile.
-        """
+        """Wait until `done` returns something; NotReached after `within` s of rig time, with what `stood` says."""
         deadline, patience = self.clock.now() - self.stood() + within, time.monotonic() + min(within, self.patience)
         while True:
             self.recorder.check()

@@ -1,8 +1,6 @@
-"""Bending sweep: grow the spine, inflate a group of chambers step by step and let off again, and read the tip at each state.
+"""Bending sweep: grow the spine, inflate chambers step by step and let off again, and read the tip at each state.
 
-The defaults are the paper's: spine 0..30 cm by 5 cm, three adjacent chambers at 50..250 kPa by 50 kPa. States are read
-when settled, or while ramping (`reading: sweep`), or after given hold times at each pressure (`reading:
-hold`, creep).
+The defaults are the paper's.
 """
 
 from __future__ import annotations
@@ -33,32 +31,31 @@ class Bending(Parameters):
     spine_lengths: list[SpineLength] = Field(
         [0.0, 0.05, 0.10, 0.15, 0.20, 0.25, 0.30], min_length=1, max_length=200, json_schema_extra={"unit": "m"}
     )
-    """Lengths to which the spine is grown, one sweep for each."""
+    """Spine lengths, one sweep for each."""
     pressures: list[Pressure] = Field(
         [50e3, 100e3, 150e3, 200e3, 250e3], min_length=1, max_length=200, json_schema_extra={"unit": "Pa"}
     )
-    """Pressures at which the tip is read on the way up, increasing."""
+    """Where the tip is read on the way up, increasing."""
     chambers: list[Chamber] = Field([9, 1, 2], min_length=1, max_length=64)
-    """Numbers of the chambers that are inflated together; by default the paper's group or, where that is not connected, the
-    first channel's."""
+    """Chambers that are inflated together; by default the paper's group or, if that is not connected, the first channel's."""
     unload: bool = True
-    """Whether the same pressures are read on the way down, too."""
+    """Whether the pressures are read on the way down, too."""
     zero_state: bool = True
     """Whether the vented state is read, first and, with `unload`, last."""
     repeats: int = Field(1, ge=1, le=100)
-    """How often all sweeps are done; at least 3 for a noise floor."""
+    """Repeats of all sweeps; at least 3 for a noise floor."""
     reading: Literal["settled", "sweep", "hold"] = "settled"
-    """When a state is read: once settled, while the pressure ramps, or at `hold_times` after the ramp."""
+    """When a state is read: once settled, while ramping, or at `hold_times` (creep)."""
     rate: float = Field(25e3, gt=0, le=200e3, json_schema_extra={"unit": "Pa/s"})
-    """Rate at which the pressure ramps from one level to the next."""
+    """Rate of the pressure ramps."""
     hold_times: list[float] = Field([2.0, 5.0, 10.0, 30.0], max_length=50, json_schema_extra={"unit": "s"})
-    """Times of the readings after the ramp's end with `reading: hold`, above 0 and increasing."""
+    """Times after the ramp's end with `reading: hold`, increasing."""
     tip_mass: float = Field(0.053, ge=0, le=1.0, json_schema_extra={"unit": "kg"})
-    """Mass that hangs at the tip; by default that of robot.yaml."""
+    """Mass at the tip; by default that of robot.yaml."""
     roll_deg: float = Field(0.0, ge=-360, le=360, json_schema_extra={"unit": "deg"})
-    """Angle about the robot's axis by which the person who mounts it turns the chambers."""
+    """Angle about its axis at which a person mounts the robot."""
     vacuums: list[Vacuum] = Field([80e3], min_length=1, max_length=20, json_schema_extra={"unit": "Pa"})
-    """Levels of the vacuum supply that jams the spine, below ambient, one sweep for each; 0: not jammed."""
+    """Vacuums that jam the spine, below ambient, one sweep for each; 0: not jammed."""
     spine: SpineMotion = SpineMotion()
     jam: Jam = Jam()
     settle: Settle = Settle()

@@ -1,7 +1,6 @@
 """Pressure cycles without a reading: to the highest pressure and back, again and again, one group of chambers after another.
 
-Silicone softens in its first cycles to a strain it has not seen before (Mullins), and creeps while it is worked. Cycled
-before a campaign, it is the same body in the first run as in the last. The spine stays out of the body, which bends most then.
+Silicone softens in its first cycles to a new strain (Mullins). The spine stays out of the body, which bends most then.
 """
 
 from __future__ import annotations
@@ -22,21 +21,21 @@ class Cycles(Parameters):
     """Parameters of pressure cycles."""
 
     chambers: list[list[Chamber]] = Field([[9, 1, 2]], min_length=1, max_length=64)
-    """Groups of chambers that are inflated, one after another; by default the chambers of each channel."""
+    """Groups of chambers, one after another; by default the chambers of each channel."""
     pressures: list[Pressure] = Field([100e3], min_length=1, max_length=64, json_schema_extra={"unit": "Pa"})
-    """Highest pressure of each group; one value holds for all."""
+    """Highest pressure of each group, or one for all."""
     cycles: int = Field(3, ge=1, le=1000)
     """Number of cycles of each group."""
     rate: float = Field(25e3, gt=0, le=200e3, json_schema_extra={"unit": "Pa/s"})
-    """Rate at which the pressure rises and falls."""
+    """Of the pressure."""
     hold: float = Field(2.0, ge=0, le=600, json_schema_extra={"unit": "s"})
-    """Pause at the highest pressure, and again when vented."""
+    """Pause at the highest pressure and when vented."""
     tip_mass: float = Field(0.053, ge=0, le=1.0, json_schema_extra={"unit": "kg"})
-    """Mass that hangs at the tip; by default that of robot.yaml."""
+    """Mass at the tip; by default that of robot.yaml."""
     roll_deg: float = Field(0.0, ge=-360, le=360, json_schema_extra={"unit": "deg"})
-    """Angle about the robot's axis by which the person who mounts it turns the chambers."""
+    """Angle about its axis at which a person mounts the robot."""
     vacuum: float = Field(80e3, ge=0, le=95e3, json_schema_extra={"unit": "Pa"})
-    """Level of the vacuum supply, below ambient; the spine is not jammed."""
+    """Of the supply, below ambient; the spine is not jammed."""
     spine: SpineMotion = SpineMotion()
     jam: Jam = Jam()
 

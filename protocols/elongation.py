@@ -1,6 +1,6 @@
 """Elongation: all chambers at once, per spine length; the robot gets longer instead of bending.
 
-It is the bending sweep with another group of chambers and the paper's lower pressures, 30..150 kPa by 30 kPa.
+The bending sweep with other chambers and the paper's lower pressures.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ class Elongation(Bending):
     pressures: list[Pressure] = Field(
         [30e3, 60e3, 90e3, 120e3, 150e3], min_length=1, max_length=200, json_schema_extra={"unit": "Pa"}
     )
-    """Pressures at which the tip is read on the way up, increasing."""
+    """Where the tip is read on the way up, increasing."""
     chambers: list[Chamber] = Field([1, 2, 3, 4, 5, 6, 7, 8, 9], min_length=1, max_length=64)
-    """Numbers of the chambers that are inflated together; by default all that are connected."""
+    """Chambers that are inflated together; by default all that are connected."""
     unload: bool = False
-    """Whether the same pressures are read on the way down, too."""
+    """Whether the pressures are read on the way down, too."""
 
     @classmethod
     def defaults_for(cls, robot: RobotFacts) -> dict[str, Any]:

@@ -50,7 +50,7 @@ class Push:
 
 @dataclass(frozen=True)
 class Ask:
-    """What a step asks of the rig, as far as that is known beforehand; SI units, None or empty where it asks nothing."""
+    """What a step asks of the rig; None or empty where it asks nothing."""
 
     pressures: tuple[float, ...] = ()
     """By chamber, gauge."""
@@ -60,30 +60,29 @@ class Ask:
     vacuum: float | None = None
     """Below ambient."""
     probe: tuple[tuple[float, float | None], ...] = ()
-    """Where the arm's probe is sent in the stand's frame: along the specimen, and depth (None: as far off as the stand's
-    standoff)."""
+    """Where the probe goes in the stand's frame: along the specimen, and depth (None: the standoff)."""
     arm_speed: float | None = None
     arm_acceleration: float | None = None
     push: Push | None = None
     setup: Setup | None = None
-    """What a person prepares before; None where nothing changes."""
+    """What a person prepares before."""
 
 
 @dataclass(frozen=True)
 class Reading:
-    """A state that a step reads, as far as that is known beforehand; columns of the table of trials."""
+    """A state that a step reads; columns of the table of trials."""
 
     branch: Literal["load", "unload"]
     hold: float
-    """s from the ramp's end to the middle of the reading; 0: read while ramping."""
+    """s from the ramp's end to the reading; 0: while ramping."""
     rate: float
-    """Pa/s of the ramp that led here, negative downwards; 0 where nothing was ramped."""
+    """Pa/s of the ramp before, negative downwards."""
     repeat: int = 1
 
 
 @dataclass(frozen=True)
 class Step:
-    """One thing that will be done, about how long it takes (s of rig time), and what it asks of the rig.
+    """One step, its rig time (s), and what it asks of the rig.
 
     A step that asks for a spine length begins a trial.
     """
@@ -92,12 +91,12 @@ class Step:
     seconds: float
     ask: Ask = Ask()
     reads: tuple[Reading, ...] = ()
-    """The states that it reads. Where no step of a plan says so, each that ramps pressures is taken to read one."""
+    """The states that it reads; by default one for each step that ramps pressures."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """All steps of a run, and the largest values it will ask of the rig (name with unit -> value)."""
+    """All steps of a run, and the largest values that it asks of the rig."""
 
     protocol: str
     steps: Sequence[Step]
@@ -135,9 +134,9 @@ Concluded = tuple[int, TrialRow]
 
 
 class Trials:
-    """Numbers trials and states, has each state read, tells how far the run is, and keeps the journal.
+    """Numbers trials and states, has each state read, reports progress, and keeps the journal.
 
-    `finished`: so many trials were done by the run that this one resumes.
+    `finished`: trials done by the run that this one resumes.
     """
 
     def __init__(self, bench: Bench, plan: Plan, journal: Journal | None = None, finished: int = 0) -> None:
@@ -153,7 +152,7 @@ class Trials:
         """Steps whose latest reading was before the trial was begun again."""
 
     def remaining(self, trials: Iterable[T], steps: int) -> list[T]:
-        """Of all trials of the protocol, in order, those that are not finished; each has so many planned steps."""
+        """The unfinished of all trials, in order; each has `steps` planned steps."""
         self._per_trial, self._done = steps, self._trial * steps
         self._tell_progress()
         return list(trials)[self._trial :]
@@ -168,7 +167,7 @@ class Trials:
         ambient: float = AMBIENT,
         specimen: str | None = None,
     ) -> Trial:
-        """Start the next trial. The defaults are those of a robot without a spine; `ambient`: what `set_spine` returns."""
+        """Start the next trial; `ambient`: what `set_spine` returns."""
         self._trial += 1
         self._step, self._latest, self._void = 0, {}, set()
         self.bench.look_anew()
@@ -176,14 +175,14 @@ class Trials:
         return Trial(self._trial, repeat, spine, ambient, tip_mass, roll_deg, specimen)
 
     def begin_again(self, trial: Trial) -> None:
-        """Read all states of a trial again, in the same order; the last reading of each counts."""
+        """Read all states of a trial again; the last reading counts."""
         self._step, self._void = 0, set(self._latest)
         self._done = (trial.number - 1) * self._per_trial + 1
         self._tell_progress()
 
     @contextlib.contextmanager
     def doing(self, trial: Trial) -> Iterator[None]:
-        """The trial is finished with the block, unless it raises. Where a person wants it left out, the block ends early."""
+        """The trial is finished with the block, which ends early when a person skips it."""
         try:
             with self.bench.steering.skippable():
                 yield
@@ -220,14 +219,9 @@ class Trials:
         repeatable: bool = False,
         least_force: float | None = None,
     ) -> TrialRow:
-        """Record what is asked for and wait until the samples that conclude it are there.
-
-        Raises NotReached after `wait` s; Suspended as soon as a jammed spine has lost its vacuum, or where a body is, also when
-        the state is read once more, where the robot cannot have brought it; NotPushing where a specimen pushes back with less
-        than `least_force` N (in excess of the probe's offset).
-
-        Where a person asks for it, the state is read once more from then on, and the last reading counts. `repeatable`:
-        nothing moves and nothing creeps, so a window in which a stream paused is read again from now on.
+        """Record what is asked for and wait for the samples that conclude it. Raises NotReached after `wait` s; Suspended when
+        a jammed spine has lost its vacuum or a body is where the robot cannot be; NotPushing when a specimen pushes back with
+        less than `least_force` N. `repeatable`: nothing moves or creeps, so a window in which a stream paused is read again.
         """
         self._step += 1
         self.bench.steering.at(trial.number, self._step)
@@ -340,7 +334,7 @@ class Trials:
         return self.bench.wait(f"trial {state.trial} state {state.step}, judged from {judged}", look, wait, stood)
 
     def zero(self, zeros: Zeros, moved: Drift) -> None:
-        """Record how the force sensor's zero moved during a trial; it is removed from the forces, or they are marked."""
+        """Record how the force zero moved during a trial."""
         self.bench.recorder.zero(self.bench.clock.now(), zeros, moved)
         self.rows = without_drift(self.rows, [(zeros, moved)])
         if not moved.linear:
@@ -355,7 +349,7 @@ class Trials:
             )
 
     def soft(self, trial: Trial, seen: str) -> Suspended:
-        """Mark the states of a trial because its spine, though jammed, is soft; returns what has a person asked."""
+        """Mark the states of a trial whose jammed spine is soft; returns the exception to raise."""
         if self.bench.jammed is not None:
             self.bench.jammed = replace(self.bench.jammed, soft=True)
         text = f"trial {trial.number}: the jammed spine is soft although the gauge shows its vacuum: {seen}"
@@ -363,13 +357,13 @@ class Trials:
         return Suspended(DeviceFault("gauge", f"{text}; check gauge, hoses and membrane, and how it is mounted"))
 
     def mark(self, trial: int, doubt: str, text: str) -> None:
-        """The states that were read in a trial up to now are in doubt; `doubt`: one of `recordings.trials.DOUBTS`."""
+        """Mark the states of a trial up to now; `doubt`: one of `recordings.trials.DOUBTS`."""
         mark = Mark(self.bench.clock.now(), trial, doubt, text)
         self.bench.recorder.mark(mark)
         self.rows = marked(self.rows, [mark])
 
     def end(self, trial: Trial) -> None:
-        """A trial is finished and will not be done again when the run is resumed."""
+        """Finish a trial; a resumed run does not repeat it."""
         if self.journal is not None:
             self.bench.recorder.sync()
             self.journal.done(trial.number, self._step)

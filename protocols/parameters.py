@@ -42,47 +42,47 @@ Chamber = Annotated[int, Field(ge=1, le=64)]
 
 
 class Jam(Parameters):
-    """When the spine counts as jammed and as released, judged from the gauge."""
+    """When the gauge shows the spine jammed or released."""
 
     share: float = Field(0.9, gt=0.1, le=1.0, json_schema_extra={"unit": ""})
-    """The spine counts as jammed at this share of the vacuum set at the supply, and as soft below it."""
+    """Share of the supply's vacuum at which the spine counts as jammed; below, as soft."""
     released_below: float = Field(5e3, gt=0, le=50e3, json_schema_extra={"unit": "Pa"})
-    """The spine counts as released when the gauge changes by less than a fifth of this over the time `rest`."""
+    """Released when the gauge changes by less than a fifth of this over `rest`."""
     rest: float = Field(2.0, gt=0, le=60, json_schema_extra={"unit": "s"})
-    """How long the gauge must rest after the release; its mean over this time is taken for ambient pressure."""
+    """Rest of the gauge after the release; its mean is ambient pressure."""
     within: float = Field(30.0, gt=0, le=600, json_schema_extra={"unit": "s"})
-    """Longest time allowed for jamming or for releasing the spine."""
+    """Longest time for jamming or releasing."""
 
 
 class Settle(Parameters):
-    """When a state counts as settled, and how long it is averaged."""
+    """When a state counts as settled, and its average."""
 
     band: float = Field(1.5e3, gt=0, le=20e3, json_schema_extra={"unit": "Pa"})
-    """Every chamber must be within this of its set-point."""
+    """Largest distance of a chamber from its set-point."""
     still: float = Field(1.5, gt=0, le=60, json_schema_extra={"unit": "s"})
-    """How long chambers and tip must stay settled before the state is read."""
+    """How long chambers and tip must stay settled."""
     still_distance: float = Field(0.6e-3, gt=0, le=0.05, json_schema_extra={"unit": "m"})
-    """The smoothed tip must move by less than this over the time `still`."""
+    """Largest motion of the smoothed tip over `still`."""
     average: float = Field(1.0, gt=0, le=60, json_schema_extra={"unit": "s"})
-    """Shortest time over which a settled state is averaged."""
+    """Shortest time of the average."""
     min_samples: int = Field(10, ge=1, le=10_000)
-    """Fewest samples of each stream in the average; the average takes longer until it has them."""
+    """Fewest samples of each stream in the average."""
     smooth: int = Field(20, ge=1, le=1000)
-    """Samples in the moving average of the tip: 0.3 mm of camera noise must not look like motion."""
+    """Samples in the moving average of the tip, against camera noise."""
     max_gap: float = Field(3.0, gt=0, le=60, json_schema_extra={"unit": "s"})
-    """Longest pause of a stream while a state settles and is averaged."""
+    """Longest pause of a stream meanwhile."""
     max_hidden: float = Field(0.5, gt=0, le=60, json_schema_extra={"unit": "s"})
-    """Longest time that the tip may be untracked meanwhile."""
+    """Longest time without the tip meanwhile."""
     within: float = Field(120.0, gt=0, le=3600, json_schema_extra={"unit": "s"})
-    """Longest time that a state may take to settle."""
+    """Longest time to settle."""
 
 
 class SpineMotion(Parameters):
     """How the spine is grown."""
 
     speed: float = Field(0.02, gt=0, le=0.1, json_schema_extra={"unit": "m/s"})
-    """Speed at which the spine grows and shrinks."""
+    """Of growing and shrinking."""
     tolerance: float = Field(0.5e-3, gt=0, le=0.01, json_schema_extra={"unit": "m"})
-    """The spine has arrived when the encoder is this close to its goal."""
+    """Distance from its goal at which the spine has arrived."""
     settle: float = Field(0.5, ge=0, le=60, json_schema_extra={"unit": "s"})
-    """Pause between the spine's arrival and jamming."""
+    """Between the spine's arrival and jamming."""

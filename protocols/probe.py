@@ -35,21 +35,21 @@ class Probing(Parameters):
     max_force: float = Field(25.0, gt=0, le=100, json_schema_extra={"unit": "N"})
     """Force at which a trial ends early."""
     contact_force: float = Field(0.3, gt=0, le=10, json_schema_extra={"unit": "N"})
-    """Force above which the probe counts as in contact."""
+    """Force of contact."""
     approach_step: float = Field(1e-3, gt=0, le=5e-3, json_schema_extra={"unit": "m"})
-    """Step of the approach, after each of which the force is read."""
+    """Step of the approach."""
     clearance: float = Field(5e-3, gt=0, le=0.1, json_schema_extra={"unit": "m"})
-    """Distance from the expected surface of the specimen at which the approach in steps begins."""
+    """Distance from the expected surface at which the approach in steps begins."""
     speed: float = Field(0.05, gt=0, le=0.25, json_schema_extra={"unit": "m/s"})
-    """Speed of moves away from the specimen."""
+    """Away from the specimen."""
     push_speed: float = Field(5e-3, gt=0, le=0.05, json_schema_extra={"unit": "m/s"})
-    """Speed of moves near the specimen and in contact."""
+    """Near the specimen and in contact."""
     acceleration: float = Field(0.3, gt=0, le=2, json_schema_extra={"unit": "m/s^2"})
-    """Acceleration of every move of the arm."""
+    """Of every move."""
     min_samples: int = Field(50, ge=1, le=10_000)
-    """Fewest force samples in a reading; a sensor that sends slowly is averaged longer."""
+    """Fewest force samples in a reading."""
     zero_samples: int = Field(100, ge=1, le=10_000)
-    """Force samples of which the mean without load is taken for the sensor's zero."""
+    """Force samples whose mean without load is the zero."""
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
-"""Stiffness trial: the arm pushes the tip of a cantilever step by step and the sensor tells the force.
+"""Stiffness trial: the arm pushes the tip of a cantilever step by step and the sensor reads the force.
 
 For each length: un-jam, grow, jam, zero the sensor, approach until contact, step the deflection, read force, retreat.
-The slope of force over deflection gives Young's modulus: eq. 9 for the spine, eq. 8 with its own second moment for the body.
-The defaults are the paper's spine lengths, 5..30 cm by 5 cm.
+The slope of force over deflection gives Young's modulus: eq. 9 for the spine, eq. 8 for the body. The spine lengths are the
+paper's.
 """
 
 from __future__ import annotations
@@ -34,28 +34,28 @@ class Stiffness(Probing):
     """Parameters of stiffness trials."""
 
     specimen: Literal["spine", "body"] = "spine"
-    """What is pushed: the bare jammed spine, or the robot's body."""
+    """What is pushed: the bare spine, or the robot's body."""
     renamed: ClassVar[Mapping[str, str]] = {"lengths": "spine_lengths"}
     spine_lengths: list[SpineLength] = Field(
         [0.05, 0.10, 0.15, 0.20, 0.25, 0.30], min_length=1, max_length=200, json_schema_extra={"unit": "m"}
     )
-    """Lengths of the spine that are pushed; with the body as specimen, of the spine inside it (0 for the bare body)."""
+    """Lengths of the spine that are pushed, or of the spine inside the body (0: bare body)."""
     body_length: float = Field(0.40, gt=0, le=1, json_schema_extra={"unit": "m"})
-    """Distance from the clamp to where the body is pushed."""
+    """From the clamp to where the body is pushed."""
     repeats: int = Field(1, ge=1, le=100)
     """How often all lengths are pushed."""
     steps: int = Field(8, ge=3, le=100)
-    """Number of deflections that are read, evenly spaced."""
+    """Number of deflections, evenly spaced."""
     deflection_ratio: float = Field(0.02, gt=0, le=0.1, json_schema_extra={"unit": ""})
-    """Largest deflection as a share of the cantilever's length; eq. 8 holds for small ones."""
+    """Largest deflection as a share of the cantilever's length."""
     specimen_radius: float | None = Field(None, gt=0, le=0.2, json_schema_extra={"unit": "m"})
-    """Distance from the specimen's axis to its surface; by default 29 mm for the spine, 50 mm for the body."""
+    """From the specimen's axis to its surface; by default 29 mm (spine), 50 mm (body)."""
     dwell: float = Field(0.5, ge=0, le=60, json_schema_extra={"unit": "s"})
-    """Wait at each deflection before the force is read."""
+    """Wait before the force is read."""
     average: float = Field(1.0, gt=0, le=60, json_schema_extra={"unit": "s"})
-    """Shortest time over which the force is averaged."""
+    """Shortest time of the average."""
     vacuum: Vacuum = Field(80e3, json_schema_extra={"unit": "Pa"})
-    """Level of the vacuum supply that jams the spine, below ambient; 0: not jammed."""
+    """Vacuum that jams the spine, below ambient; 0: not jammed."""
     spine: SpineMotion = SpineMotion()
     jam: Jam = Jam()
 

@@ -1,7 +1,4 @@
-"""Going on after a pause: a piece of work that the rig suspended is begun again, and nothing is read twice.
-
-A pause that a person asks for comes between two pieces of work. After a standstill of the computer nobody is asked.
-"""
+"""Going on after a pause: a piece of work that the rig suspended is begun again, and nothing is read twice."""
 
 from __future__ import annotations
 
@@ -22,10 +19,8 @@ TRIES = 3
 
 
 def through_pauses(bench: Bench, work: Callable[[], T], back: Callable[[], None] | None = None) -> T:
-    """Do a piece of work; after a pause come `back` to where it begins, with the chambers vented, and do it again.
-
-    Raises the InstrumentError behind the pause when it cannot be mended, or comes back too often; Skipped when a person
-    wants this trial to be left out.
+    """Do a piece of work; after a pause, with the chambers vented, come `back` to where it begins and do it again. Raises an
+    InstrumentError that stays or returns too often; Skipped when a person skips the trial.
     """
     paused, away = 0, False
     while True:
@@ -50,9 +45,8 @@ def through_pauses(bench: Bench, work: Callable[[], T], back: Callable[[], None]
 
 
 def through_jams(trials: Trials, trial: Trial, work: Callable[[], None]) -> None:
-    """Read the states of a trial; where its spine had to be jammed anew in between, all of them once more.
-
-    So all states of a trial belong to one jamming. Raises NotReached where it is lost again and again.
+    """Read the states of a trial, all of them once more after a new jamming. Raises NotReached where it is lost again and
+    again.
     """
     for again in reversed(range(TRIES + 1)):
         try:

@@ -1,7 +1,7 @@
 """A protocol that goes through pressures and reads a state at each, in a few lines of one's own.
 
-`plan_of` makes the plan, `go_through` carries it out: trials, pauses, a spine that is jammed anew, resuming. See
-examples/protocol/staircase.py. A protocol that does more in a trial builds on `in_one_jamming` and `Walk`, as bending does.
+`plan_of` makes the plan, `go_through` carries it out with trials, pauses and resuming. See examples/protocol/staircase.py. A
+protocol that does more in a trial builds on `in_one_jamming` and `Walk`.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Visit:
 
     pressures: Mapping[int, float]
     hold: float | None = None
-    """s from the ramp's end to the reading; None: once the robot has settled."""
+    """s from the ramp's end to the reading; None: once settled."""
 
     @property
     def by_chamber(self) -> tuple[float, ...]:
@@ -58,7 +58,7 @@ class Sweep:
     repeats: int = 1
     spine_length: float = 0.0
     vacuum: float = 0.0
-    """Below ambient, with which the spine is jammed; 0: it is not."""
+    """That jams the spine, below ambient; 0: not jammed."""
     tip_mass: float = 0.0
     roll_deg: float = 0.0
     settle: Settle = Settle()
@@ -72,7 +72,7 @@ class Sweep:
 
 
 def plan_of(protocol: str, visits: Sequence[Visit], sweep: Sweep | None = None) -> Plan:
-    """The plan of a protocol of this name that visits these states in each repeat."""
+    """The plan that visits these states in each repeat."""
     s = sweep or Sweep()
     steps: list[Step] = []
     for repeat in range(1, s.repeats + 1):
@@ -96,7 +96,7 @@ def plan_of(protocol: str, visits: Sequence[Visit], sweep: Sweep | None = None) 
 
 
 def go_through(bench: Bench, trials: Trials, visits: Sequence[Visit], sweep: Sweep | None = None) -> None:
-    """Visit all states in each repeat. Raises ProtocolError; the caller makes the rig safe whatever happens."""
+    """Visit all states in each repeat."""
     s = sweep or Sweep()
     left = trials.remaining(range(1, s.repeats + 1), 1 + len(visits))
     if not left:
@@ -111,8 +111,7 @@ def go_through(bench: Bench, trials: Trials, visits: Sequence[Visit], sweep: Swe
 
 
 def in_one_jamming(bench: Bench, trials: Trials, repeat: int, sweep: Sweep, work: Callable[[Walk], None]) -> None:
-    """One trial: jam the spine, read the states, vent. `work` reads all of them; it is done again where the spine had to be
-    jammed anew."""
+    """One trial: jam the spine, read the states by `work`, again after a new jamming, vent."""
     jam = partial(set_spine, bench, sweep.spine_length, sweep.vacuum, sweep.spine, sweep.jam)
     ambient = through_pauses(bench, jam)
     trials.step_done()
@@ -126,7 +125,7 @@ def in_one_jamming(bench: Bench, trials: Trials, repeat: int, sweep: Sweep, work
 
 @dataclass(frozen=True)
 class Walk:
-    """The way of one trial from state to state, and back to it after a pause. Pressures are Pa by chamber."""
+    """The way of one trial from state to state. Pressures are Pa by chamber."""
 
     bench: Bench
     trials: Trials
@@ -143,9 +142,8 @@ class Walk:
         highest: Sequence[float],
         judge: Callable[[TrialRow], None] | None = None,
     ) -> None:
-        """Ramp there and read a state by each of the rules; after a pause those that are left.
-
-        `highest`: the pressures by way of which a state of the unload branch is reached again. `judge` is told each row.
+        """Ramp there and read a state by each of the rules. After a pause a state of the unload branch is reached by way of
+        `highest`. `judge` gets each row.
         """
         left = list(rules)
 
@@ -164,22 +162,21 @@ class Walk:
         self.trials.step_done()
 
     def come_back(self, branch: Branch, highest: Sequence[float]) -> None:
-        """After a pause the chambers are empty: a spine that was soft is jammed anew, and a state of the unload branch is
-        reached by way of the highest pressures again. Raises JamLost."""
+        """After a pause: jam a spine anew that was soft, and return by way of the highest pressures. Raises JamLost."""
         keep_jammed(self.bench, self.jam)
         if branch == "unload":
             self.ramp(highest)
             self.bench.pause(self.sweep.settle.average)  # the chambers follow their set-points
 
     def ramp(self, pressures: Sequence[float]) -> float:
-        """Ramp all chambers; returns the rig time (s) at which the set-point got there."""
+        """Ramp all chambers; returns the rig time (s) of arrival."""
         return ramp(self.bench, setpoints(self.bench, pressures), self.sweep.rate)
 
     def read(
         self, rule: Settled | Window | Crossing, pressures: Sequence[float], branch: Branch, start: float, arrived: float,
         rate: float,
     ) -> TrialRow:  # fmt: skip
-        """Read one state. `start`: rig time (s) from which the rule looks; `arrived`: at which the ramp ended."""
+        """Read one state; rig times (s) from which the rule looks and at which the ramp ended."""
         due = rule.delay + rule.average if isinstance(rule, Window) else rule.timeout
         return self.trials.read(
             self.trial, rule, branch=branch, t_start=start, ramp_end=arrived, rate=rate, targets=pressures, topics=TOPICS,
@@ -188,7 +185,7 @@ class Walk:
 
 
 def setpoints(bench: Bench, pressures: Sequence[float]) -> tuple[float, ...]:
-    """Set-point of each channel (Pa) for pressures by chamber; WrongWiring where the wiring cannot make them."""
+    """Set-point of each channel (Pa) for pressures by chamber, or WrongWiring."""
     try:
         return bench.chambers.setpoints(dict(enumerate(pressures, 1)))
     except ValueError as e:
@@ -196,7 +193,7 @@ def setpoints(bench: Bench, pressures: Sequence[float]) -> tuple[float, ...]:
 
 
 def change_of(before: Sequence[float], after: Sequence[float]) -> float:
-    """The largest change of a pressure (Pa), with its sign; pressures that are not named are 0."""
+    """The largest change of a pressure (Pa), with its sign."""
     return max((b - a for a, b in itertools.zip_longest(before, after, fillvalue=0.0)), key=abs, default=0.0)
 
 
@@ -206,7 +203,7 @@ def signed(rate: float, change: float) -> float:
 
 
 def planned_rest(rules: Settle) -> float:
-    """s from the ramp's end to the middle of the window in which a robot has usually settled."""
+    """s from the ramp's end in which a robot has usually settled."""
     return TO_REST + max(rules.still, rules.average) / 2
 
 

@@ -2,19 +2,20 @@
 
 Columns, in this order (SI; a column that was never measured is absent, a cell that was not measured is empty):
 
-    trial step protocol repeat branch t rate hold spine_length vacuum tip_mass roll_deg force_x force_y force_z p1..pN x y z
-    qw qx qy qz  m1x m1y m1z ..  specimen force deflection clipped force_drift doubt  sensor_<name>_<quantity> ..  sd_<column> ..
+    trial step protocol repeat branch t rate hold spine_length vacuum tip_mass roll_deg force_x force_y force_z
+    p1..pN x y z qw qx qy qz  m1x m1y m1z ..  specimen force deflection clipped force_drift doubt
+    sensor_<name>_<quantity> ..  sd_<column> ..
 
-`t` s, middle of the time that was averaged; `rate` Pa/s of the ramp that led here; `hold` s from the ramp's end to the
-reading, 0 when read while ramping; `vacuum` Pa below ambient; `p` Pa gauge, measured; tip and markers m, base frame;
-`force_x` .. a known force on the tip, N, base frame;
-`clipped` 1 where the rig's limits clipped set-points on the way to the state, else empty;
-`force_drift` N by which the zero of the force sensor moved over the trial along the push (above 0: the sensor reads more in
-the end), empty where it was not read again; it is removed from `force` as a line in time unless `doubt` is "drift";
-`doubt` why a state is not to be relied on, else empty: "soft", the jammed spine did not push back, or its shape showed that it
-was soft; "drift", the force sensor's zero moved by `force_drift`, and not at a constant pace; `sensor_` what sensors of the
-lab's own measured, in their units; `sd_` the standard deviation of
-the samples that were averaged (not of their mean).
+- `t` s, middle of the time that was averaged; `hold` s from the ramp's end to the reading, 0 when read while ramping
+- `rate` Pa/s of the ramp before; `vacuum` Pa below ambient; `p` Pa gauge, measured; tip and markers m, base frame
+- `force_x` .. a known force on the tip, N, base frame
+- `clipped` 1 where the rig's limits clipped set-points on the way to the state, else empty
+- `force_drift` N by which the force sensor's zero moved over the trial along the push (above 0: it reads more in the
+  end), empty where it was not read again; removed from `force` as a line in time unless `doubt` is "drift"
+- `doubt` why a state is unreliable, else empty: "soft", the jammed spine did not push back or its shape shows that it
+  was soft; "bodies", the cameras exchanged bodies; "drift", the force zero did not move at a constant pace
+- `sensor_` what sensors of the lab's own measured, in their units
+- `sd_` standard deviation of the samples that were averaged, not of their mean
 """
 
 from __future__ import annotations

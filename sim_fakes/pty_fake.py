@@ -62,16 +62,16 @@ class Device:
 
 
 class PtyFake(threading.Thread):
-    """Serves one pty: collects bytes, hands complete requests to `feed`, which answers with `send`."""
+    """One pty whose complete requests go to `feed`, which answers with `send`."""
 
     own_faults: ClassVar[Mapping[str, tuple[str, Any]]] = {}
-    """How this instrument has a fault of `faults.FAULTS`: the name in `faults.extra` and its value."""
+    """Faults of `faults.FAULTS`: name in `faults.extra` and value."""
     checked: ClassVar[slice | None] = None
     """Where answers carry a checksum: the bytes that it covers, without itself, such as slice(0, -3) before two hexadecimal
     digits and CR. The driver contract then demands that the driver verifies it."""
 
     def __init__(self, name: str, clock: SimClock, baud: int, seed: int = 0) -> None:
-        """`baud`: bits/s of the line, whose time is simulated; `seed`: of `random`, for its noise."""
+        """`baud`: bits/s of the line; `seed`: of `random`, for noise."""
         super().__init__(name=f"fake-{name}", daemon=True)
         self.clock = clock
         self.byte_time = 10 / baud / clock.speed
@@ -97,7 +97,7 @@ class PtyFake(threading.Thread):
 
     # -- plug and power
     def plug(self) -> None:
-        """Make the line; after `unplug` another pty comes back behind the same path."""
+        """Make the line, after `unplug` a new pty behind the same path."""
         with self.lock:
             if self._master >= 0 or not self._running:
                 return
@@ -109,10 +109,7 @@ class PtyFake(threading.Thread):
             os.symlink(os.ttyname(self._slave), self.port)
 
     def unplug(self) -> None:
-        """Pull the cable out of the computer: the port is gone, the device goes on.
-
-        One end is kept, so that the next pty has another name.
-        """
+        """Pull the cable out: the port is gone, the device goes on."""
         with self.lock:
             Path(self.port).unlink(missing_ok=True)
             for fd in (self._master, self._kept):
@@ -123,7 +120,7 @@ class PtyFake(threading.Thread):
             self.buffer = b""
 
     def drop_out(self, seconds: float) -> None:
-        """Pull the cable out and plug it in again `seconds` of host time later."""
+        """Unplug for `seconds` of host time."""
 
         def come_back() -> None:
             time.sleep(seconds)
@@ -133,41 +130,38 @@ class PtyFake(threading.Thread):
         threading.Thread(target=come_back, name=f"fake-{self.name}-back", daemon=True).start()
 
     def reset(self, silence: float = 0.3) -> None:
-        """An instant without power: volatile state is lost, and nothing is answered for `silence` s of host time."""
+        """Lose power for an instant; silent for `silence` s of host time."""
         with self.lock:
             self.buffer = b""
             self._quiet_until = time.monotonic() + silence
             self.restart()
 
     def restart(self) -> None:
-        """What the device forgets without power; fakes with volatile state say so."""
+        """Forget volatile state."""
 
     def panel(self, *change: Any) -> bool:
-        """A person changes a setting at the instrument's panel; False when it is locked. Fakes with a panel say which."""
+        """Change a setting at the panel; False when it is locked."""
         raise ValueError(f"{self.name} has no panel")
 
     # -- to be written by each fake
     def feed(self) -> bool:
-        """Take one complete request from `self.buffer` and answer it with `send`; False when none is complete."""
+        """Take a complete request from `self.buffer` and answer it by `send`; False when there is none."""
         raise NotImplementedError
 
     def process(self, dt: float) -> None:
-        """Advance the device by dt seconds of rig time."""
+        """Advance the device by dt s of rig time."""
 
     def idle(self) -> float | None:
-        """Called when nothing arrived; may send by itself. Returns host seconds until the next call (None: 20 ms)."""
+        """May send by itself; returns host seconds until the next call (None: 20 ms)."""
         return None
 
     def begin(self, fault: str) -> Callable[[], None] | None:
-        """Begin a fault that takes more than a value; returns what ends it, None for a fault that does not."""
+        """Begin a fault; returns what ends it."""
         return None
 
     # -- the line
     def send(self, answer: bytes, line_time: bool = True) -> None:
-        """Put an answer on the line, at line speed, through the faults.
-
-        `line_time` False does not wait for the bytes to pass: for a stream whose pace is kept by `idle`.
-        """
+        """Put an answer on the line, through the faults, at line speed unless `line_time` is False."""
         f = self.faults
         if f.silent or time.monotonic() < self._quiet_until:
             return

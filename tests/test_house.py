@@ -80,6 +80,29 @@ def test_no_file_names_a_machine_path_or_a_package_index() -> None:
     assert found == []
 
 
+PAGES = sorted(
+    {ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")} | set((ROOT / "docs").rglob("*.md"))
+)
+MOST_WORDS = 40_000
+"""Of all pages together."""
+
+
+def test_no_line_of_markdown_is_wider_than_120_characters() -> None:
+    wide = [
+        f"{path.relative_to(ROOT)}:{number}"
+        for path in PAGES
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
+        if len(line) > 120
+    ]
+    assert wide == []
+
+
+def test_the_documentation_stays_short() -> None:
+    words = {str(path.relative_to(ROOT)): len(path.read_text(encoding="utf-8").split()) for path in PAGES}
+    longest = sorted(words.items(), key=lambda item: -item[1])[:8]
+    assert sum(words.values()) <= MOST_WORDS, f"link to what another page says; the longest pages: {longest}"
+
+
 LAB = sorted((ROOT / "lab").rglob("*.py"))
 CONSOLE = ROOT / "lab" / "console.py"
 TAG = re.compile(r"\[/[a-z ]*\]|\[(bold|dim|italic|underline|red|green|yellow|blue|cyan|magenta|white)\b[a-z ]*\]")

@@ -1,4 +1,4 @@
-"""What is answered, as deep as the data carry. docs/explanations/diagnosis.md has the table, `sentences` the words.
+"""What is answered, as deep as the data carry. `sentences` has the words, docs/explanations/diagnosis.md explains them.
 
 cause             named, with a probability of 0.9 at least
 one of several    named with less: the data do not exclude others

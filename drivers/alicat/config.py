@@ -22,13 +22,13 @@ class Config(RegulatorsConfig):
     chambers: tuple[tuple[int, ...], ...] = PAPER_WIRING
     """Chambers (1..9) on each channel."""
     full_scale: float = Field(400e3, gt=0, le=2e6, json_schema_extra={"unit": "Pa"})
-    """Range of the units; `open` compares it with what they say."""
+    """Range of the units, compared at `open`."""
     unit: Literal["Pa", "hPa", "kPa", "MPa", "mbar", "bar", "psi"] | None = None
-    """What the units' displays show. When not given, kPa is needed; firmware before 6v00 does not tell, so then it must be."""
+    """Unit of the displays, by default kPa; required with firmware before 6v00."""
     timeout: float = Field(0.25, ge=0.05, le=2, json_schema_extra={"unit": "s"})
-    """How long a unit may take to answer, host time; a failed request is repeated once."""
+    """Of an answer, host time; a failed request is repeated once."""
     max_age: float = Field(1.0, gt=0, le=10, json_schema_extra={"unit": "s"})
-    """How old the first unit's reading may be when the last one's arrives, host time."""
+    """Of the first unit's reading when the last one's arrives, host time."""
 
     @model_validator(mode="after")
     def _fits_together(self) -> Config:

@@ -1,15 +1,14 @@
-"""Length unit driven by a Dynamixel X servo that winds the spine's cord on a drum, in current-based position mode.
+"""Length unit: a Dynamixel X servo that winds the spine's cord on a drum, in current-based position mode.
 
     length = direction * (counts - zero) / 4096 * metres_per_turn
 
-The servo counts turns only while it is powered, so the zero is found anew by `home`: it retracts with little current
-until the end stop holds the motor. Un-jam the spine first: jammed granules hold the motor just as the stop does.
+The servo counts turns only while it is powered. `home` retracts with little current until the end stop holds the motor. Un-jam
+the spine first: jammed granules hold the motor, too.
 
 Faults, each latched until the call that answers it:
-- stall (the motor pushes and does not move): the driver holds where it is; answered by `move_to`, `stop`, `home`.
-- bus watchdog (the host was silent): the servo stopped by itself; answered by `stop` or `home`. Every read feeds it.
+- stall (the motor pushes and does not move): the driver holds; answered by `move_to`, `stop`, `home`.
+- bus watchdog (the host was silent): the servo stopped; answered by `stop` or `home`.
 - hardware error or restart of the servo: torque is off, the zero is lost; answered by `home`, which restarts the servo.
-  A restart is told by what the servo forgot: bus watchdog, torque and profile velocity, all three and read twice.
 """
 
 from __future__ import annotations
@@ -52,15 +51,15 @@ class Config(LengthUnitConfig):
     homing_current: float = Field(default=0.3, gt=0, le=5, json_schema_extra={"unit": "A"})
     homing_speed: float = Field(default=0.02, gt=0, le=0.1, json_schema_extra={"unit": "m/s"})
     homing_tolerance: float = Field(default=0.005, gt=0, le=0.1, json_schema_extra={"unit": "m"})
-    """How far the end stop may be found from where it was before."""
+    """Largest change of the end stop's place."""
     tolerance: float = Field(default=0.0005, gt=0, le=0.01, json_schema_extra={"unit": "m"})
-    """A motion has ended when the length is this near its goal."""
+    """Distance from its goal at which a motion has ended."""
     stall_time: float = Field(default=0.5, gt=0, le=10, json_schema_extra={"unit": "s"})
     watchdog: float = Field(default=2.0, ge=0.1, le=2.54, json_schema_extra={"unit": "s"})
-    """The servo stops by itself after this long without a word from the host."""
+    """The servo stops after this long a silence of the host."""
     timeout: float = Field(default=0.1, gt=0, le=1, json_schema_extra={"unit": "s"})
     release_on_close: bool = False
-    """True: torque off at close, so that the spine can be moved by hand."""
+    """Torque off at close; the spine can be moved by hand."""
 
     @property
     def homing_reach(self) -> float:

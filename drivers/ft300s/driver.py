@@ -1,8 +1,7 @@
 """Robotiq FT 300-S force-torque sensor: identity by Modbus RTU, then its 100 Hz data stream.
 
-The sensor speaks Modbus or streams, never both. A host that died leaves it streaming, so opening listens first and
-stops a stream with bytes FF. The sensor has no zero of its own: raw readings hold the tool's weight; the zero is kept
-here and travels with every sample. Force and moment are in the sensor's frame (+z to the tool, +x away from the
+The sensor speaks Modbus or streams, so opening listens first and stops a stream. Raw readings hold the tool's weight; the zero
+is kept here and travels with every sample. Force and moment are in the sensor's frame (+z to the tool, +x away from the
 connector).
 """
 
@@ -47,9 +46,9 @@ class Config(ForceConfig):
     port: str
     """Serial port of the sensor's adapter."""
     max_age: float = Field(0.1, ge=0.02, le=5, json_schema_extra={"unit": "s"})
-    """Age at which a reading is stale, host time."""
+    """Of a reading, host time."""
     timeout: float = Field(0.3, ge=0.05, le=2, json_schema_extra={"unit": "s"})
-    """How long a Modbus answer may take, host time; a failed request is repeated once."""
+    """Of a Modbus answer, host time; a failed request is repeated once."""
 
 
 class FT300S:

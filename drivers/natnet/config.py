@@ -1,4 +1,4 @@
-"""What rig.yaml says of motion capture, and poses of rigid bodies from Motive's world to the robot's base frame."""
+"""Motion capture by Motive (NatNet)."""
 
 from __future__ import annotations
 
@@ -58,15 +58,15 @@ class Config(MocapConfig):
     """Motion capture by NatNet."""
 
     server: str
-    """Address of the computer that runs Motive; nobody else is heard."""
+    """Address of the computer that runs Motive."""
     local: str = ""
-    """Address of this computer in Motive's network, on which alone it listens; empty: the one that leads there."""
+    """Address of this computer in Motive's network; by default the one that leads there."""
     command_port: int = Field(default=1510, ge=1, le=65535, json_schema_extra={"unit": ""})
     data_port: int = Field(default=1511, ge=1, le=65535, json_schema_extra={"unit": ""})
     body: str
     """Name of the tip's rigid body in Motive."""
     mocap_to_base: Pose
-    """Takes Motive's world (Y up or Z up, as set there) to the robot's base frame; from the calibration of the rig."""
+    """Takes Motive's world to the robot's base frame."""
     rate: float = Field(default=100.0, ge=1, le=1000, json_schema_extra={"unit": "Hz"})
     """Frame rate set in Motive."""
     timeout: float = Field(default=2.0, gt=0, le=30, json_schema_extra={"unit": "s"})

@@ -1,8 +1,6 @@
 """Jamming valve on a relay of a Numato USB relay module: relay on = vacuum on the spine, relay off = vented.
 
-The module answers each command with its echo, the value if there is one, and a `>` prompt. What it reads back is the
-state of its coil: a welded contact or a stuck valve shows only in the gauge.
-Nothing switches off when the host dies; a valve that vents without power is the last resort.
+It reads back its coil: a welded contact or a stuck valve shows only in the gauge. Nothing switches off when the host dies.
 """
 
 from __future__ import annotations

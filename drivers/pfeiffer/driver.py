@@ -1,7 +1,6 @@
 """Vacuum gauge at the spine: a Pfeiffer CPT 100 or RPT 100 on RS-485, by pfeiffer-vacuum-protocol.
 
-Jamming happens between 10 kPa and ambient pressure; the other gauges of the family measure by Pirani, which hardly
-resolves anything there, and are refused.
+The family's Pirani gauges hardly resolve the range of jamming, 10 kPa to ambient, and are refused.
 """
 
 from __future__ import annotations
@@ -37,9 +36,9 @@ class Config(GaugeConfig):
     baud: int = Field(default=9600, ge=1200, le=115200, json_schema_extra={"unit": "Bd"})
     address: int = Field(default=1, ge=1, le=255, json_schema_extra={"unit": ""})
     lowest: float = Field(default=100.0, ge=0, le=1e5, json_schema_extra={"unit": "Pa"})
-    """Absolute pressure below which a reading is not believed."""
+    """Absolute; lower readings are refused."""
     highest: float = Field(default=120e3, gt=0, le=1e6, json_schema_extra={"unit": "Pa"})
-    """Absolute pressure above which a reading is not believed."""
+    """Absolute; higher readings are refused."""
     timeout: float = Field(default=0.3, gt=0, le=2, json_schema_extra={"unit": "s"})
 
     @model_validator(mode="after")

@@ -25,9 +25,9 @@ class Config(RegulatorsConfig):
             "write": "the units cannot report it; see their label: ITV_01_ 100 kPa, ITV_03_ 500 kPa, ITV_05_ 900 kPa",
         },
     )
-    """Pressure at 1023 counts: without a default, because a wrong one is not seen in the readings."""
+    """Pressure at 1023 counts; readings do not show a wrong one."""
     timeout: float = Field(0.25, ge=0.05, le=2, json_schema_extra={"unit": "s"})
-    """How long a unit may take to answer, host time; a failed request is repeated once."""
+    """Of an answer, host time; a failed request is repeated once."""
     poll_interval: float = Field(0.1, ge=0.0, le=5, json_schema_extra={"unit": "s"})
     """Shortest time between two polls of one unit, host time."""
 

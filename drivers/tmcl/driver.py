@@ -2,15 +2,14 @@
 
     length = direction * encoder / microsteps_per_turn * metres_per_turn
 
-The encoder must be scaled to microsteps in the module. `home` runs the module's own search for the limit switch at the
-retracted end. A spine that does not follow is noticed by the module: it stops when steps and encoder differ too much.
+The encoder must be scaled to microsteps in the module. `home` searches the limit switch at the retracted end. The module stops
+when steps and encoder differ too much.
 
 Faults, each latched until the call that answers it:
-- deviation stop, and a motion that ended short of its goal (the module's heartbeat stops it when the host was silent):
-  the zero is kept, since the encoder has seen everything; answered by `move_to`, `stop`, `home`.
+- deviation stop, and a motion that ended short of its goal: the zero is kept; answered by `move_to`, `stop`, `home`.
 - restart of the module, driver errors: the zero is lost; answered by `home`.
 
-Parameter numbers: TMCM-1260 as named in pytrinamic; other modules number some of them differently and are refused.
+Other modules number some parameters differently and are refused.
 """
 
 from __future__ import annotations
@@ -58,13 +57,13 @@ class Config(LengthUnitConfig):
     """1 when the spine grows as the module counts up."""
     homing_speed: float = Field(default=0.02, gt=0, le=0.1, json_schema_extra={"unit": "m/s"})
     max_deviation: float = Field(default=0.003, gt=0, le=0.05, json_schema_extra={"unit": "m"})
-    """Difference of steps and encoder at which the module stops itself."""
+    """Difference of steps and encoder at which the module stops."""
     tolerance: float = Field(default=0.0005, gt=0, le=0.01, json_schema_extra={"unit": "m"})
-    """A motion has ended when the length is this near its goal."""
+    """Distance from its goal at which a motion has ended."""
     settle_time: float = Field(default=0.5, gt=0, le=10, json_schema_extra={"unit": "s"})
-    """A motor that stands this long away from its goal has stopped short of it."""
+    """A motor at rest this long away from its goal has stopped short of it."""
     heartbeat: float = Field(default=2.0, ge=0, le=60, json_schema_extra={"unit": "s"})
-    """The module stops the motor after this long without a word from the host; 0 leaves its own setting alone."""
+    """The module stops after this long a silence of the host; 0: its own setting."""
     timeout: float = Field(default=0.15, gt=0, le=2, json_schema_extra={"unit": "s"})
 
 

@@ -1,10 +1,9 @@
-"""Motion of a UR5 through ur_rtde: straight, watched, never blocking.
+"""Motion of a UR5 through ur_rtde.
 
-Every motion runs asynchronously on the controller (a blocking one cannot be stopped from here), with limits in front of
-it and a deadline computed from its length. The controller's watchdog stops the arm when this process dies or hangs.
+Every motion runs asynchronously on the controller, within limits and with a deadline computed from its length. The controller's
+watchdog stops the arm when this process dies or hangs.
 
-ur_rtde may hang or crash when the controller goes away under it. Calls are bounded as far as Python can do that; the
-process that holds this driver should be one that can be killed and started anew.
+ur_rtde may hang or crash when the controller goes away, so this driver belongs in a process that can be killed.
 """
 
 from __future__ import annotations
@@ -52,28 +51,28 @@ class Config(ArmConfig):
     """How to reach the arm and what may be asked of it. Lengths in its base frame."""
 
     host: str
-    """Address of the controller; the ports (29999, 30003, 30004) are fixed by the library."""
+    """Address of the controller (ports 29999, 30003, 30004)."""
     model: str = "UR5"
-    """What the dashboard must call the arm, where it can tell."""
+    """Model that the dashboard must report."""
     serial: str = ""
-    """Serial number the controller must have; any when empty."""
+    """Serial number of the controller; any when empty."""
     max_step: float = Field(0.3, gt=0, le=1.7, json_schema_extra={"unit": "m"})
-    """How far one motion may go."""
+    """Longest motion."""
     max_turn: float = Field(0.8, gt=0, le=3.2, json_schema_extra={"unit": "rad"})
-    """How far one motion may turn the TCP."""
+    """Largest turn of the TCP in one motion."""
     stop_deceleration: float = Field(2.0, gt=0, le=10.0, json_schema_extra={"unit": "m/s^2"})
     position_tolerance: float = Field(0.5e-3, ge=1e-5, le=0.01, json_schema_extra={"unit": "m"})
-    """How near to its target a motion must end,"""
+    """Largest distance from its target at which a motion may end."""
     turn_tolerance: float = Field(5e-3, ge=1e-4, le=0.1, json_schema_extra={"unit": "rad"})
-    """and how near in orientation."""
+    """The same of orientation."""
     tcp: Vector6 | None = None
-    """TCP in the flange frame (m, rotation vector rad), set at `open`; when not given, the pendant's setting holds."""
+    """TCP in the flange frame (m, rotation vector rad), set at `open`; by default the pendant's."""
     payload: float | None = Field(None, ge=0, le=20, json_schema_extra={"unit": "kg"})
-    """Mass at the flange that the pendant must be set to; when not given, any mass that stays as it was at `open`."""
+    """Mass at the flange that the pendant must state; by default any, unchanged since `open`."""
     watchdog_frequency: float = Field(5.0, ge=2.0, le=50.0, json_schema_extra={"unit": "Hz"})
-    """The controller ends the motion when it hears from this driver less often, host time."""
+    """The controller stops the arm when it hears from this driver less often."""
     timeout: float = Field(1.0, ge=0.2, le=10, json_schema_extra={"unit": "s"})
-    """How long the controller may take for an answer, host time."""
+    """Of an answer, host time."""
 
     @model_validator(mode="after")
     def _box_has_room(self) -> Config:

@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     p.add_argument(
         "--clutter",
         type=float,
-        help="every other effect at this share of its scale (0, 0.15; default 0, with --world the world's own)",
+        help="every other effect at this share of its scale (default 0, with --world the world's own)",
     )
     p.add_argument(
         "--world",
@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     p.add_argument(
         "--held-out",
         action="store_true",
-        help="with --world: held-out outside causes, never used in development; for a final score",
+        help="with --world: held-out outside causes, for a final score",
     )
     p.add_argument(
         "--sizes", type=float, nargs=2, default=(0.5, 1.5), metavar=("LOW", "HIGH"), help="effects, in plausible scales"
@@ -65,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--geometry",
         default="paper",
         choices=GEOMETRIES,
-        help="the virtual robot: the paper's (default), or another, which is neither wired nor offers further experiments",
+        help="the virtual robot; all but the paper's (default) are not wired and offer no experiments",
     )
     p.add_argument("--no-menu", action="store_true", help="offer no further experiments")
     p.add_argument(
@@ -88,7 +88,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--choose",
         choices=("information", "random", "repeat"),
         default="information",
-        help="what is done next: what the diagnosis asks for (default), for comparison any of the menu, or the sweep again",
+        help="next experiment: what the diagnosis asks for (default), any of the menu, or the sweep again",
     )
     _crew(p)
     p.add_argument("--quick", action="store_true", help="no held-out errors, and without --chosen no next experiments")

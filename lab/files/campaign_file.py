@@ -33,10 +33,10 @@ class Part(Table):
     protocol: str = Field(min_length=1, max_length=1000)
     """Its name, or a protocol file (.py), relative to this file."""
     parameters: dict[str, Any] = {}
-    """What is the same in each of its runs, as in a protocol file."""
+    """The same in each of its runs, as in a protocol file."""
     conditions: dict[str, Annotated[list[Any], Field(min_length=1, max_length=200)]] = {}
-    """What is varied: parameter and its values; each combination of values is a run in each block. Where the parameter is a
-    list, a single value stands for a list of it alone."""
+    """What is varied: parameter -> values; each combination is a run in each block. For a list a single value stands for a list
+    of one."""
 
     @property
     def cells(self) -> int:
@@ -58,24 +58,24 @@ class WarmUp(Table):
     """Pressure cycles that nothing is read in, before the first run that inflates the robot."""
 
     cycles: int = Field(3, ge=0, le=1000)
-    """Of each group of chambers that the campaign inflates, to the highest pressure it does; 0: none."""
+    """Of each group of chambers, to its highest pressure; 0: none."""
     again_after: float = Field(1800.0, gt=0, le=1e7, json_schema_extra={"unit": "s"})
-    """They are done again where the robot was not inflated for longer than this."""
+    """Time without inflation after which they are repeated."""
 
 
 class Stop(Table):
     """When the campaign ends before its last run."""
 
     max_duration: float | None = Field(None, gt=0, le=1e7, json_schema_extra={"unit": "s"})
-    """No run begins that would not be over by then; rig time of all its runs together, pauses between them not counted."""
+    """Rig time of all runs together, without the pauses between them; no run begins that would exceed it."""
     max_cycles: int | None = Field(None, ge=1, le=10_000_000)
-    """No run begins that would inflate a chamber more often; what was broken off counts as whole."""
+    """Inflations of a chamber; no run begins that would exceed it."""
     max_lost: int | None = Field(None, ge=0, le=1_000_000_000)
     """Samples lost in all runs together."""
     max_failed: int = Field(1, ge=1, le=1000)
-    """At the last of so many failures; after the others the run goes on with its first unfinished trial."""
+    """Failures; before the last of them the run goes on with its first unfinished trial."""
     max_scatter: float | None = Field(None, gt=0, le=1, json_schema_extra={"unit": "m"})
-    """The tips of one state in different blocks, rms distance from their mean."""
+    """Of the tips of one state in different blocks, rms."""
 
 
 class CampaignFile(Table):
@@ -86,12 +86,11 @@ class CampaignFile(Table):
     protocols: list[Part] = Field(min_length=1, max_length=100)
     """One after the other."""
     blocks: int = Field(3, ge=1, le=MOST_BLOCKS)
-    """Each holds every condition once, in an order of its own."""
+    """Each holds every condition once, in its own order."""
     seed: int | None = Field(None, ge=0, le=2**63 - 1)
-    """Of the orders; drawn once where it is left out, and kept with the recordings."""
+    """Of the orders; by default drawn once and kept."""
     hands: Literal["grouped", "random"] = "grouped"
-    """Mounting, tip mass, roll and supply: changed as seldom as possible, with all blocks of one set-up in a row; or in random
-    order like all else, by a person each time."""
+    """Mounting, tip mass, roll and supply: changed as seldom as possible, or in random order like all else."""
     warm_up: WarmUp = WarmUp()
     stop: Stop = Stop()
     labels: dict[LabelName, str] = {}

@@ -142,7 +142,7 @@ class Stand(Table):
     tool_rotation: Vector3 = Field(json_schema_extra={"unit": "rad"})
     """Rotation vector of the TCP while pushing."""
     standoff: float = Field(0.08, gt=0, le=0.3, json_schema_extra={"unit": "m"})
-    """Distance from the specimen's axis at which an approach starts."""
+    """Distance from the specimen's axis where an approach starts."""
 
     @model_validator(mode="after")
     def _directions(self) -> Stand:
@@ -163,18 +163,18 @@ class Safe(Table):
     """What the safe state is, how it is reached, and when the guard goes there by itself."""
 
     order: tuple[Actuator, ...] = ("arm", "pressure", "spine", "valve")
-    """Who is told to stop first; a dead line delays the next one by a fraction of a second only."""
+    """Order of the stops."""
     vented_below: float = Field(5e3, gt=0, le=50e3, json_schema_extra={"unit": "Pa"})
-    """All chambers must be measured below this."""
+    """Pressure below which all chambers count as vented."""
     within: float = Field(10.0, gt=0, le=120, json_schema_extra={"unit": "s"})
-    """Time allowed to get there, rig time."""
+    """Longest time to get there, rig time."""
     keep_vacuum: bool = False
     """True keeps the spine jammed."""
     heartbeat: float = Field(1.0, ge=0.2, le=10, json_schema_extra={"unit": "s"})
-    """The guard lands the rig when it has not heard from the program for so long, host time; the program gives the guard up
-    after twice that."""
+    """Silence of the program after which the guard lands the rig, host time; the program gives the guard up after twice
+    that."""
     hang: float = Field(10.0, ge=1, le=600, json_schema_extra={"unit": "s"})
-    """And when the experiment itself has not moved on for so long, host time."""
+    """The same for an experiment without progress, host time."""
 
     @model_validator(mode="after")
     def _everybody_once(self) -> Safe:
@@ -184,30 +184,28 @@ class Safe(Table):
 
 
 class Limits(Table):
-    """Limits that belong to the rig as a whole; each instrument has its own beside them. The defaults are the paper's ranges."""
+    """Limits of the rig as a whole. The defaults are the paper's ranges."""
 
     max_total_pressure: float = Field(1.5e6, gt=0, le=3e6, json_schema_extra={"unit": "Pa"})
-    """Sum over all chambers; set-points beyond it are scaled down together. The paper asks for 9 x 150 kPa at most."""
+    """Sum over all chambers; set-points beyond it are scaled down together."""
     pressure_error: float = Field(30e3, ge=5e3, le=200e3, json_schema_extra={"unit": "Pa"})
-    """Measured pressure may stay so far from where its set-point and the regulator's time_constant put it, and so far above
+    """Largest distance of a measured pressure from its set-point followed with the regulator's time_constant, and above
     max_pressure at any time."""
     pressure_error_time: float = Field(5.0, gt=0, le=60, json_schema_extra={"unit": "s"})
-    """For this long, rig time; then the supply, a chamber or a regulator has failed."""
+    """Longest time beyond it, rig time."""
     max_force: float = Field(60.0, gt=0, le=300, json_schema_extra={"unit": "N"})
-    """Magnitude of the force beyond the sensor's zero, and before there is one, of its change since the stream began; the
-    arm stops at once above it."""
+    """Force beyond the sensor's zero or, before there is one, beyond its first reading; the arm stops above it."""
     max_moment: float = Field(10.0, gt=0, le=30, json_schema_extra={"unit": "N m"})
     max_vacuum: float = Field(95e3, gt=0, le=101e3, json_schema_extra={"unit": "Pa"})
     """Below standard ambient pressure."""
     max_age: float = Field(2.0, gt=0.1, le=10, json_schema_extra={"unit": "s"})
-    """How old the newest reading of a polled instrument may be, host time. Also how long, on the whole, the arm may wait
-    for force samples on its way."""
+    """Of the newest reading of a polled instrument, host time. Also of all waits of the arm for force samples in a motion."""
     max_age_in_motion: float = Field(0.05, ge=0.02, le=1, json_schema_extra={"unit": "s"})
-    """How old the newest force sample may be while the arm moves, host time; the arm waits while it is older."""
+    """Of the newest force sample while the arm moves, host time; the arm waits while it is older."""
     max_hidden: float = Field(2.0, gt=0.1, le=60, json_schema_extra={"unit": "s"})
-    """How long motion capture may be without the tip before the experiment pauses, host time."""
+    """Time without the tip after which the run pauses, host time."""
     resume_within: float = Field(20.0, gt=0, le=600, json_schema_extra={"unit": "s"})
-    """After a pause: how long a confirmed repair may take to show in the readings, host time."""
+    """Time that a confirmed repair may take to show in the readings, host time."""
 
 
 LONGEST_SOCKET_PATH = 108
@@ -228,9 +226,9 @@ class RigFile(Table):
     clock: ClockConfig = ClockConfig()
     stand: Stand | None = None
     operator: str = "console"
-    """Who mounts specimens and confirms pauses: a person at the console, or your program at a Unix socket (unix:/PATH)."""
+    """Who mounts specimens and confirms pauses: console, or a program at a Unix socket (unix:/PATH)."""
     poll: float = Field(20.0, gt=0, le=200, json_schema_extra={"unit": "Hz"})
-    """How often actuators are read, in host time."""
+    """Rate at which actuators are read, host time."""
     safe: Safe = Safe()
     limits: Limits = Limits()
     _path: Path | None = PrivateAttr(default=None)

@@ -36,7 +36,7 @@ class Part(BaseModel):
 
 
 class Source(Part):
-    """How the file is read, where its ending and its first lines do not tell."""
+    """How the file is read, if its ending and first lines do not tell."""
 
     separator: str | None = Field(default=None, min_length=1, max_length=1)
     """Between columns of a text table."""
@@ -44,17 +44,17 @@ class Source(Part):
     heading: int | None = Field(default=None, ge=0, le=1000)
     """Line of the headings; 0: there are none."""
     units: int | None = Field(default=None, ge=1, le=1000)
-    """Line of the units, where they stand in a line of their own."""
+    """Line of the units."""
     missing: tuple[str | FiniteFloat, ...] = ()
-    """Words and numbers that stand for a missing value, besides the usual ones (NA, NaN, -, ..)."""
+    """Further words and numbers for a missing value."""
     variable: str | None = None
-    """The table, in a file of several (.mat, .npz)."""
+    """The table in a file of several."""
     axes: dict[str, tuple[str, ...]] = {}
-    """Of arrays: what each dimension counts; `point` and `axis` become columns, others rows."""
+    """Of arrays: what each dimension counts; `point` and `axis` become columns."""
     rate: FiniteFloat | None = Field(default=None, gt=0, json_schema_extra={"unit": "Hz"})
     """Rows a second."""
     topic: str | None = None
-    """Of a recording: whose times count (default: the tip's)."""
+    """Whose times count in a recording (default: the tip's)."""
 
 
 class Column(Part):
@@ -63,25 +63,25 @@ class Column(Part):
     column: Name
     """Its heading, or its number from 1."""
     unit: str = ""
-    """Of the file's numbers; unless given, as heading or file say, or the SI unit. Of tendons also N, of their rate N/s."""
+    """By default as heading or file say, or SI. Of tendons also N, of their rate N/s."""
     scale: FiniteFloat = 1.0
     """A factor of the sensor's own."""
     zero: Literal["none", "first", "absolute"] = "none"
-    """What is taken off: nothing, the first row, or the pressure of the atmosphere."""
+    """What is subtracted: nothing, the first row, or the atmosphere."""
     values: dict[str, str] = {}
-    """Of texts: the file's word -> that of trials.csv."""
+    """The file's word -> that of trials.csv."""
 
 
 class Points(Part):
-    """A place on the body: the middle of markers, against the middle of others."""
+    """A place on the body: the middle of markers."""
 
     of: tuple[Point, ...] = Field(min_length=1)
     against: tuple[Point, ...] = ()
     """Markers at the base."""
     unit: str = ""
-    """Of the file's coordinates; unless given, as the file says, or m."""
+    """By default as the file says, or m."""
     turn: bool = False
-    """The tip's orientation from how three markers or more turned."""
+    """Take the tip's orientation from three markers or more."""
 
 
 class Orientation(Part):
@@ -89,10 +89,9 @@ class Orientation(Part):
 
     columns: tuple[Name, ...] = Field(min_length=3, max_length=4)
     order: Literal["wxyz", "xyzw", "rotation vector", "euler xyz", "euler XYZ", "euler zyx", "euler ZYX"] = "wxyz"
-    """Of angles, as in SciPy: small letters turn about fixed axes (extrinsic), capitals about axes that turn with the body
-    (intrinsic); the first column turns first."""
+    """Of angles, as in SciPy: small letters about fixed axes (extrinsic), capitals about turning axes (intrinsic)."""
     unit: Literal["rad", "deg"] | None = None
-    """Unless given, as the file says, or rad."""
+    """By default as the file says, or rad."""
 
     @model_validator(mode="after")
     def _counted(self) -> Orientation:
@@ -137,10 +136,10 @@ class Plateaus(Part):
 
     steady: FiniteFloat = Field(gt=0, json_schema_extra={"unit": "Pa"})
     force: FiniteFloat | None = Field(default=None, gt=0, json_schema_extra={"unit": "N"})
-    """The same for force_x, force_y and force_z; they may change unless given."""
+    """The same for force_x, force_y, force_z; by default they may change."""
     shortest: FiniteFloat = Field(default=0.5, gt=0, json_schema_extra={"unit": "s"})
     settling: FiniteFloat = Field(default=0.3, ge=0, json_schema_extra={"unit": "s"})
-    """Left out at the start, where enough is left."""
+    """Left out at the start."""
 
 
 class Window(Part):
@@ -233,11 +232,11 @@ class Map(Part):
     robot: str = "robot.yaml"
     """Its robot.yaml, beside this file."""
     source: Source = Source()
-    """How a file is read, where it does not show itself."""
+    """How a file is read."""
     columns: dict[str, Column] = {}
-    """Column of trials.csv -> where it comes from."""
+    """Column of trials.csv -> source."""
     constants: dict[str, FiniteFloat | str] = {}
-    """Column of trials.csv -> the same for all rows, with its unit."""
+    """Column of trials.csv -> value of all rows, with unit."""
     points: dict[str, Points] = {}
     """`tip`, `m1`, `m2` .. as markers."""
     orientation: Orientation | None = None
@@ -247,19 +246,17 @@ class Map(Part):
     sensor: tuple[FiniteFloat, FiniteFloat, FiniteFloat] = Field(
         default=(0.0, 0.0, 0.0), json_schema_extra={"unit": "m"}
     )
-    """Where the tracked point sits on the straight robot, from the end of the body; needs an orientation."""
+    """Tracked point on the straight robot, from the end of the body; needs an orientation."""
     forces: Literal["base", "tip"] = "base"
-    """Axes of force_x, force_y, force_z: of the base, or of a sensor that turns with the tip and whose axes are the recorded ones
-    on the straight robot."""
+    """Axes of force_x, force_y, force_z: of the base, or of a sensor that turns with the tip."""
     straight: Literal["as recorded", "first state", "first row"] = "as recorded"
-    """Which reading is the straight robot, of tip and markers: what it differs by is where cameras and markers were placed.
-    first row: of each file."""
+    """Reading of the straight robot, whose offset is that of cameras and markers; first row: of each file."""
     states: States = States()
     """Which rows make a state."""
     trials: Trials = Trials()
     """Where a trial begins."""
     files: dict[str, Own] = {}
-    """Pattern of file names -> constants, columns, points, orientation and source of these files; others are not read."""
+    """Pattern of file names -> constants, columns, points, orientation, source; others are not read."""
     stiffness: Stiffness | None = None
     """Rows of a stiffness trial."""
 

@@ -41,7 +41,7 @@ class Interrupts:
             signal.signal(number, signal.SIG_IGN if self._pressed else handler)
 
     def stopping(self) -> bool:
-        """True once a person asked to finish the present step and end."""
+        """True once a person asked to end after this step."""
         return self._pressed > 0
 
     def finish(self) -> None:

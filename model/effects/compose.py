@@ -1,7 +1,7 @@
 """From the quantities to rods: sections, actuation, loads and boundary as rows of the solver.
 
 The baseline is that of `model.section`: volume-mixed modulus over the spine, chamber forces and moments at the tip alone.
-Equation numbers in docs/explanations/effects.md.
+Equation numbers are those of docs/explanations/model.md.
 """
 
 from __future__ import annotations

@@ -142,7 +142,7 @@ def loading_path(design: Design, rest_of: Order) -> Path:
 
 @dataclass(slots=True)
 class History:
-    """What laws with memory see and fill; n states, v variants, possibly 1 for what all variants share."""
+    """What laws with memory see and fill."""
 
     quantities: Quantities
     path: Path
@@ -155,19 +155,18 @@ class History:
     silicone: Array
     """(v, n, DRIVES) share of each part's stiffness that is the silicone's."""
     rest: Array
-    """(v, n, DRIVES) what is added to the rest curvatures and strains, in the order of the drive."""
+    """(v, n, DRIVES) added to rest curvatures and strains."""
 
     def add(self, amount: Array) -> None:
         """Add to `rest`, broadcasting over variants."""
         self.rest = self.rest + amount
 
     def lag(self, time: float) -> Array:
-        """(v, n, DRIVES) drive less what follows it with the relaxation time (s)."""
+        """(v, n, DRIVES) drive minus what follows it with a relaxation time (s)."""
         return self.path.lag(self.drive, time)
 
     def extremes(self, rate: Array) -> Array:
-        """(v, n, DRIVES) largest plus least value, 0 between them, that each part of the body has come to in the campaign so
-        far; they fade at `rate` (v, 1) 1/s. Kept by places on the body, whatever the spine's length was then."""
+        """(v, n, DRIVES) largest plus least value of each place of the body up to here; they fade at `rate` (v, 1) 1/s."""
         q = self.quantities
         edges = np.linspace(0.0, 1.0, CELLS + 1) * np.asarray(q.length)[..., None]
         covered = np.clip((q.spine_length[..., None] - edges[..., :-1]) / np.diff(edges), 0.0, 1.0)

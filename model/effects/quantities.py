@@ -32,7 +32,7 @@ def no_vector() -> Array:
 
 @dataclass(slots=True, kw_only=True)
 class Quantities:
-    """What effects may change; shapes (v, n) unless said otherwise, v and n possibly 1. Defaults are the paper's model."""
+    """What effects may change; shapes (v, n) unless stated. Defaults are the paper's model."""
 
     robot: Robot
     body: Body
@@ -71,13 +71,13 @@ class Quantities:
     area_moments: Array = constant(0.0)
     """Blend 0..1 from moduli mixed by volume to E_c I_c + E_s I_s."""
     spine_sliding: Array = constant(0.0)
-    """Share of its stretch that a composite's spine leaves to the body, because it slides along its channel: 0 none, 1 all."""
+    """Share 0..1 of its stretch that a sliding spine leaves to the body."""
     shear_blend: Array = constant(0.0)
-    """Blend 0..1 from the spine's table of moduli to one modulus with low shear stiffness."""
+    """Blend 0..1 from the spine's table to one modulus with low shear stiffness."""
     shear_lag: Array = constant(0.0)
-    """0: sections of that spine turn with the wall; 1: they are free to lag."""
+    """0: sections of that spine turn with the wall; 1: they lag."""
     shear_mix: Array = constant(0.0)
-    """Power, plus one, of the mean that blends the two: 0 compliances in series, 2 stiffnesses side by side."""
+    """Power, plus one, of the mean of both: 0 compliances in series, 2 stiffnesses in parallel."""
     bend_softening: Array = constant(0.0)
     """Factor a of hyperelastic D = 1 + g(a (k r)^2) + h(b e), k r curvature times outer radius."""
     strain_softening: Array = constant(0.0)

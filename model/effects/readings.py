@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 @dataclass(slots=True)
 class Readings:
-    """Arrays (v or 1, n, ...) in the base frame; laws replace them, never change them in place."""
+    """Arrays (v or 1, n, ...) in the base frame; replace them, never write into them."""
 
     design: Design
     tip: Array
@@ -32,7 +32,7 @@ class Readings:
     """(v, n) N, stiffness rows; 0 elsewhere."""
 
     def turn(self, vector: Array) -> None:
-        """Turn the frame that is read by a rotation vector (v, n or 1, 3) in rad: all positions and orientations."""
+        """Turn the frame of all readings by a rotation vector (v, n or 1, 3) rad."""
         q = from_vector(vector)
         self.tip = to_base(q, self.tip)
         self.orientation = multiply(

@@ -42,7 +42,7 @@ AMBIENT = 101_325.0
 
 @dataclass(frozen=True)
 class Settled:
-    """Read when, for at least `still` seconds on end, pressures and tip have come to rest; then the mean of that time.
+    """Read when pressures and tip have been at rest for `still` s; the mean of that time.
 
     In the window that is averaged: every pressure sample is within `band` (Pa) of its target; the tip is never unseen
     for longer than `max_hidden` (s); each axis of its moving average over `smooth` samples stays within
@@ -76,8 +76,8 @@ class Crossing:
     """Read while ramping, where the mean pressure of `chambers` (0 = first) first crosses `level` (Pa), going up or
     down.
 
-    Each quantity is the straight line through its samples in `average` seconds around the crossing, taken at the
-    crossing. `NotSettled` with fewer than `min_samples`, or when the level is not crossed within `timeout` (s).
+    Each quantity is the straight line through its samples in `average` s around the crossing. `NotSettled` with fewer than
+    `min_samples`, or without a crossing within `timeout` s.
     """
 
     level: float

@@ -102,13 +102,20 @@ def test_no_command_hides_outside_of_a_block() -> None:
     assert found == []
 
 
-def test_links_between_pages_lead_somewhere() -> None:
+def test_links_between_pages_lead_to_a_file_and_a_heading() -> None:
     found = []
     for page in pages():
-        for target in re.findall(r"\]\(([^)#\s]+)", page.read_text(encoding="utf-8")):
-            if "://" not in target and not (page.parent / target).exists():
-                found.append(f"{page.relative_to(ROOT)}: {target}")
+        for target, place in re.findall(r"\]\(([^)#\s]*)(?:#([\w-]+))?\)", page.read_text(encoding="utf-8")):
+            there = page.parent / target if target else page
+            if "://" not in target and not (there.exists() and (not place or place in anchors(there))):
+                found.append(f"{page.relative_to(ROOT)}: {target}#{place}")
     assert found == []
+
+
+def anchors(page: Path) -> set[str]:
+    """What GitHub and the site call the headings of a page."""
+    headings = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.M)
+    return {re.sub(r"[^\w -]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
 
 
 def test_pages_that_the_code_names_exist() -> None:

@@ -29,7 +29,7 @@ def reference(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 
 def test_each_verb_key_effect_driver_and_stream_is_there(reference: dict[str, str]) -> None:
     assert all(f"\n## lab {verb}\n" in reference["command"] for verb in ("run", "diagnose", "blind make", "completion"))
-    assert all(f"| `{key}` |" in reference["robot"] for key in Robot.model_fields)
+    assert all(f"\n- `{key}`" in reference["robot"] for key in Robot.model_fields)
     assert all(f"\n### {effect}\n" in reference["effects"] for effect in CATALOGUE)
     assert all(f"\n### {driver}\n" in reference["instruments"] for driver in OWN)
     assert all(f"\n## {topic}\n" in reference["streams"] for topic in STREAMS)
@@ -38,23 +38,21 @@ def test_each_verb_key_effect_driver_and_stream_is_there(reference: dict[str, st
 def test_what_a_driver_and_its_fake_are_built_of_is_there(reference: dict[str, str]) -> None:
     text = reference["instruments"]
     sensor = text[text.index("\n## sensor\n") :]
-    assert (
-        sensor.index("`open() ->")
-        < sensor.index("`latest() ->")
-        < sensor.index("\n## drivers.serial_line.SerialLine\n")
+    assert text.index("\n- `open() ->") < text.index("\n## arm\n") and sensor.index("\n- `latest() ->") < sensor.index(
+        "\n## drivers.serial_line.SerialLine\n"
     )
     assert (
-        sum(line.startswith("| `latest() ->") for line in text.splitlines()) == 3
+        sum(line.startswith("- `latest() ->") for line in text.splitlines()) == 3
     )  # of force, mocap and sensor, each once
     for made in (
-        "SerialLine(name: str, port: str",
-        "ask(request: bytes",
-        "Retries(line:",
+        "SerialLine(name, port,",
+        "ask(request,",
+        "Retries(line)",
         "twice(",
         "PtyFake(",
-        "feed() ->",
+        "feed()",
     ):
-        assert f"| `{made}" in text
+        assert f"\n- `{made}" in text
 
 
 def test_the_pages_in_the_repository_are_those_that_the_code_makes(reference: dict[str, str]) -> None:
@@ -65,7 +63,7 @@ def test_the_pages_in_the_repository_are_those_that_the_code_makes(reference: di
 
 
 def test_a_field_has_its_unit_its_limits_its_default_and_its_meaning(reference: dict[str, str]) -> None:
-    row = "| `standoff` | number, above 0 to 0.3, m | 0.08 | Distance from the specimen's axis"
+    row = "- `standoff`: 0.08 m, (0, 0.3]. Distance from the specimen's axis"
     assert row in reference["rig"]
 
 
