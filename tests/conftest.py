@@ -16,7 +16,7 @@ import pytest
 from hypothesis import settings
 from xdist.scheduler import LoadScopeScheduling
 
-from lab.guard.priority import SESSION, take_place
+from lab.guard.child import SESSION, take_place
 
 if TYPE_CHECKING:
     from sim_fakes.rig import FakeRig
@@ -67,7 +67,7 @@ ORDER = (WHOLE, SAFETY, OWN, RODS, CALLS, "drivers", ANSWERED)
 forward. What solves rods outside of `RODS` comes late: by then they are compiled."""
 AT_FIRST = os.getpriority(os.PRIO_PROCESS, 0)
 STEPPED_BACK = max(AT_FIRST, 15)
-"""Niceness of what talks to instruments, and of all else. Linux schedules by session first (`lab.guard.priority`): among sessions
+"""Niceness of what talks to instruments, and of all else. Linux schedules by session first (`lab.guard.child`): among sessions
 what talks to instruments has the guard's place, and all else that of any other program."""
 
 RUNNING: list[FakeRig] = []

@@ -8,12 +8,9 @@ ends. Run by `python -m lab.guard.hosted FD`.
 from __future__ import annotations
 
 import contextlib
-import signal
 import subprocess
-import sys
 import threading
 import time
-from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -21,8 +18,8 @@ from drivers.errors import InstrumentError, NoReply, NotReady, Unreachable
 
 from ..files.all_drivers import drivers
 from ..files.clock import RigClock
+from .child import begin_child, how_it_ended, start_served
 from .instruments import make
-from .priority import come_first
 
 PING_PERIOD = 0.1
 SILENT_AFTER = 0.6
@@ -107,15 +104,9 @@ class Hosted:
         with self._lock:
             if self._process is not None and self._process.poll() is None:
                 return
-            ours, theirs = Pipe()
-            command = [sys.executable, "-P", "-m", "lab.guard.hosted", str(theirs.fileno())]
-            self._process = subprocess.Popen(
-                command, pass_fds=(theirs.fileno(),), stdin=subprocess.DEVNULL, start_new_session=True
-            )
-            theirs.close()
-            ours.send(self._setup)
-            self._line, self._lost = ours, ""
-            threading.Thread(target=self._ping, args=(ours,), name=f"ping-{self.name}", daemon=True).start()
+            self._process, line = start_served("lab.guard.hosted", self._setup)
+            self._line, self._lost = line, ""
+            threading.Thread(target=self._ping, args=(line,), name=f"ping-{self.name}", daemon=True).start()
 
     def _ask(self, method: str, args: tuple[Any, ...], within: float) -> Any:
         if not self._lock.acquire(timeout=within):
@@ -144,9 +135,8 @@ class Hosted:
         raise answer
 
     def _died(self, method: str) -> InstrumentError:
-        process = self._process
-        code = process.wait(2.0) if process is not None else None
-        how = f"signal {-code} ({signal.Signals(-code).name})" if code is not None and code < 0 else f"code {code}"
+        assert self._process is not None
+        how = how_it_ended(self._process, 2.0)
         return self._give_up(
             f"its process ended with {how} during {method}; the controller's watchdog stops the arm: check that it stands "
             "still, then open it again"
@@ -227,7 +217,5 @@ def _answer(driver: Any, name: str, method: str, args: tuple[Any, ...]) -> tuple
 
 
 if __name__ == "__main__":
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)
-    come_first()
-    _serve(Connection(int(sys.argv[1])))
+    (given,) = begin_child()
+    _serve(Connection(given))

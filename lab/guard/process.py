@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
-import sys
 import threading
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
@@ -22,11 +21,11 @@ from drivers.errors import DeviceFault, InstrumentError
 from ..files.clock import RigClock
 from ..files.rig_file import RigFile
 from .awake import Awake
+from .child import begin_child
 from .force_limit import overload
 from .guard import LIVES_ON, Guard
 from .latch import RigLocked
 from .messages import Event, RigLanded, Start
-from .priority import come_first
 from .pulse import BEAT, FRESH, SIGNAL, Listener
 
 LOOK = 0.05
@@ -159,8 +158,6 @@ def main(commands: Connection, pulse: Listener, reports: Connection) -> int:
 
 
 if __name__ == "__main__":
-    for ignored in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(ignored, signal.SIG_IGN)
-    come_first()
-    code = main(Connection(int(sys.argv[1])), Listener(int(sys.argv[2])), Connection(int(sys.argv[3]), readable=False))
+    commands, pulse, reports = begin_child()
+    code = main(Connection(commands), Listener(pulse), Connection(reports, readable=False))
     os._exit(code)  # threads may be stuck in a driver that does not come back

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -17,9 +16,9 @@ from recordings.json_text import read_json
 
 from ..files.clock import RigClock
 from ..files.rig_file import RigFile
+from .child import begin_child, start_child
 from .guard import LIVES_ON, Guard
 from .latch import RigLocked
-from .priority import come_first
 
 RESCUING: list[subprocess.Popen[bytes]] = []
 """Processes that this program has started for it."""
@@ -30,13 +29,8 @@ def go_on_landing(rig: RigFile, names: Sequence[str], why: str) -> None:
 
     It unlocks the rig when everything is confirmed, unless it was locked anew meanwhile.
     """
-    process = subprocess.Popen(
-        [sys.executable, "-P", "-m", "lab.guard.rescue"],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    )
+    nowhere = subprocess.DEVNULL
+    process = start_child("lab.guard.rescue", stdin=subprocess.PIPE, stdout=nowhere, stderr=nowhere)
     RESCUING.append(process)
     assert process.stdin is not None
     with process.stdin as asked:
@@ -62,7 +56,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    for ignored in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(ignored, signal.SIG_IGN)
-    come_first()
+    begin_child()
     os._exit(main())  # threads may be stuck in a driver that does not come back

@@ -15,7 +15,7 @@ import sys
 import threading
 from pathlib import Path
 
-from ..guard.priority import take_place
+from ..guard.child import take_place
 from .asking import BEHIND
 from .beside import opened_in_browser
 from .show import Part, Place, Show

@@ -20,6 +20,7 @@ from typing import IO
 
 from recordings.json_text import read_json
 
+from ..guard.child import start_child
 from .show import LOOPBACK, place
 
 BY = "page"
@@ -45,14 +46,14 @@ class Page:
         self._shown = 0
         self._ask: Ask = lambda kind, by, text: None
         with at.listening:
-            number = at.listening.fileno()
-            process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "lab.live", str(number), "open" if browser else "quiet"],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
+            pipe = subprocess.PIPE
+            process = start_child(
+                "lab.live",
+                (at.listening.fileno(),),
+                "open" if browser else "quiet",
+                stdin=pipe,
+                stdout=pipe,
                 stderr=subprocess.DEVNULL,
-                pass_fds=(number,),
-                start_new_session=True,
             )
         assert process.stdin is not None and process.stdout is not None
         self._pipe = process.stdin

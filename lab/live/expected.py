@@ -33,7 +33,7 @@ from ..comparison import expected
 from ..files.config import ConfigError, check, parse_yaml
 from ..files.inputs import Case
 from ..files.own_effects import stated_by
-from ..guard.priority import take_place
+from ..guard.child import take_place
 from .asking import BEHIND
 
 UNANSWERED = (ConfigError, ModelError, DiagnosisError, RecordingError, ValueError)

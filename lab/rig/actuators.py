@@ -16,20 +16,19 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from multiprocessing import Pipe
 from typing import Any
 
-from drivers.interfaces import GaugeSample, Identity, PressureSample, SpineSample, ValveSample
+from drivers.interfaces import Identity
 
 from ..files.clock import RigClock
 from ..files.rig_file import RigFile
+from ..guard.child import start_child
 from ..guard.instruments import COMMANDS
 from ..guard.messages import Event, Start
 from ..guard.pulse import Pulse
 from ..guard.report import SafeReport
-
-__all__ = ["COMMANDS", "Actuators", "ActuatorsLost", "ArmMotion", "Gauge", "Pressure", "Spine", "Valve"]
 
 START_WITHIN = 30.0
 """Host seconds for the guard's process to start and to take the rig over from an earlier one."""
@@ -76,9 +75,8 @@ class Actuators:
         self._samples, their_samples = Pipe(duplex=False)
         their_pulse, pulse = os.pipe()
         passed = (theirs.fileno(), their_pulse, their_samples.fileno())
-        command = [sys.executable, "-P", "-m", "lab.guard.process", *map(str, passed)]
         with _held_back():
-            self._process = subprocess.Popen(command, pass_fds=passed, stdin=subprocess.DEVNULL, start_new_session=True)
+            self._process = start_child("lab.guard.process", passed)
         theirs.close()
         their_samples.close()
         os.close(their_pulse)
@@ -246,114 +244,21 @@ def _held_back() -> Any:
 
 
 class Remote:
-    """One instrument behind the process boundary."""
+    """An instrument behind the process boundary: what `COMMANDS` lets one ask of it, see `drivers.interfaces`."""
 
-    name = ""
+    def __init__(self, actuators: Actuators, name: str, channels: int = 0) -> None:
+        self._actuators, self.name, self.channels = actuators, name, channels
 
-    def __init__(self, actuators: Actuators) -> None:
-        self._actuators = actuators
-
-    def _call(self, method: str, *args: Any) -> Any:
-        return self._actuators.call(self.name, method, *args)
+    def __getattr__(self, method: str) -> Callable[..., Any]:
+        if method not in ("close", *COMMANDS[self.name]):
+            raise AttributeError(f"{self.name} has no {method}")
+        return lambda *args: self._actuators.call(self.name, method, *map(_plain, args))
 
     def open(self) -> Identity:
         """Connect."""
         return self._actuators.open(self.name)
 
-    def close(self) -> None:
-        """Land safe and disconnect."""
-        self._call("close")
 
-
-class Pressure(Remote):
-    """PressureRegulators, by way of the guard."""
-
-    name = "pressure"
-
-    def __init__(self, actuators: Actuators, channels: int) -> None:
-        super().__init__(actuators)
-        self.channels = channels
-
-    def set(self, pressures: Sequence[float]) -> tuple[float, ...]:
-        """See PressureRegulators.set; the sum over the chambers is limited too."""
-        answer: tuple[float, ...] = self._call("set", tuple(pressures))
-        return answer
-
-    def read(self) -> PressureSample:
-        """See PressureRegulators.read."""
-        answer: PressureSample = self._call("read")
-        return answer
-
-    def vent(self) -> None:
-        """See PressureRegulators.vent."""
-        self._call("vent")
-
-
-class Spine(Remote):
-    """LengthUnit, by way of the guard."""
-
-    name = "spine"
-
-    def home(self) -> None:
-        """See LengthUnit.home."""
-        self._call("home")
-
-    def move_to(self, length: float, speed: float) -> float:
-        """See LengthUnit.move_to."""
-        answer: float = self._call("move_to", length, speed)
-        return answer
-
-    def stop(self) -> None:
-        """See LengthUnit.stop."""
-        self._call("stop")
-
-    def read(self) -> SpineSample:
-        """See LengthUnit.read."""
-        answer: SpineSample = self._call("read")
-        return answer
-
-
-class Valve(Remote):
-    """JammingValve, by way of the guard."""
-
-    name = "valve"
-
-    def set(self, on: bool) -> bool:
-        """See JammingValve.set."""
-        answer: bool = self._call("set", on)
-        return answer
-
-    def read(self) -> ValveSample:
-        """See JammingValve.read."""
-        answer: ValveSample = self._call("read")
-        return answer
-
-
-class Gauge(Remote):
-    """VacuumGauge, by way of the guard."""
-
-    name = "gauge"
-
-    def read(self) -> GaugeSample:
-        """See VacuumGauge.read."""
-        answer: GaugeSample = self._call("read")
-        return answer
-
-
-class ArmMotion(Remote):
-    """Arm, by way of the guard."""
-
-    name = "arm"
-
-    def move_to(self, pose: Sequence[float], speed: float, acceleration: float) -> None:
-        """See Arm.move_to."""
-        self._call("move_to", tuple(pose), speed, acceleration)
-
-    def moving(self) -> bool:
-        """See Arm.moving."""
-        answer: bool = self._call("moving")
-        return answer
-
-    def stop(self) -> None:
-        """See Arm.stop."""
-        self._call("stop")
+def _plain(value: Any) -> Any:
+    """Numbers in a row as a tuple, which any process can read."""
+    return tuple(value) if hasattr(value, "__iter__") else value

@@ -228,6 +228,9 @@ class Rig:
         self.vital.landed = None
         sensors = [n for n in self.sensors if has(n)]
         self.watch.over([*(n for n in needs if has(n)), *sensors])
+        remote: dict[str, Any] = {
+            name: act.Remote(self.actuators, name, len(self.chambers.channels)) for name in act.COMMANDS if has(name)
+        }
         return Bench(
             clock=WatchedClock(self.clock, self.actuators, self.watch),
             recorder=recorder,
@@ -244,11 +247,7 @@ class Rig:
             stand=StandFrame(stand.origin, stand.axis, stand.push, stand.tool_rotation, stand.standoff)
             if stand
             else None,
-            pressure=act.Pressure(self.actuators, len(self.chambers.channels)) if has("pressure") else None,
-            spine=act.Spine(self.actuators) if has("spine") else None,
-            valve=act.Valve(self.actuators) if has("valve") else None,
-            gauge=act.Gauge(self.actuators) if has("gauge") else None,
-            arm=act.ArmMotion(self.actuators) if has("arm") else None,
+            **remote,
             arm_state=self.streams["arm_state"] if has("arm_state") else None,
             force=self.streams["force"] if has("force") else None,
             mocap=self.streams["mocap"] if has("mocap") else None,

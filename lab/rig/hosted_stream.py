@@ -8,12 +8,9 @@ from __future__ import annotations
 
 import contextlib
 import queue
-import signal
 import subprocess
-import sys
 import threading
 import time
-from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -23,7 +20,7 @@ from drivers.interfaces import ArmSample, Identity, Sink
 
 from ..files.all_drivers import drivers
 from ..files.clock import RigClock
-from ..guard.priority import come_first
+from ..guard.child import begin_child, how_it_ended, start_served
 
 OPEN_WITHIN, CLOSE_WITHIN = 20.0, 5.0
 """Host seconds. A sound controller sends its state within one or two, and a busy computer may take ten to start a process; the
@@ -51,18 +48,14 @@ class HostedArmState:
     def open(self) -> Identity:
         """Start the process and the stream. Raises what UR5State.open raises."""
         self.close()
-        ours, theirs = Pipe()
-        command = [sys.executable, "-P", "-m", "lab.rig.hosted_stream", str(theirs.fileno())]
-        self._process = subprocess.Popen(
-            command, pass_fds=(theirs.fileno(),), stdin=subprocess.DEVNULL, start_new_session=True
-        )
-        theirs.close()
-        self._line, self._opened = ours, queue.Queue()
+        clock, config = self._clock, self.config
+        setup = (self.name, config.driver, config.model_dump_json(), clock.speed, clock.start)
+        self._process, self._line = start_served("lab.rig.hosted_stream", setup)
+        self._opened = queue.Queue()
         self._newest = self._doubt = self._error = None
         self.lost = 0
-        ours.send((self.name, self.config.driver, self.config.model_dump_json(), self._clock.speed, self._clock.start))
         self._receiver = threading.Thread(
-            target=self._receive, args=(ours, self._process, self._opened), name=self.name, daemon=True
+            target=self._receive, args=(self._line, self._process, self._opened), name=self.name, daemon=True
         )
         self._receiver.start()
         try:
@@ -127,12 +120,10 @@ class HostedArmState:
                 self._newest, self._doubt = (arrived, samples[-1]), doubt
         if self._line is not line:
             return  # closed by us
-        code = process.wait()
-        how = signal.Signals(-code).name if code < 0 else f"code {code}"
         self._error = StaleReading(
             self.name,
-            f"the process that reads the state ended ({how}): the stream was damaged or the controller disconnected; check "
-            "the network to the arm, then open it again",
+            f"the process that reads the state ended with {how_it_ended(process)}: the stream was damaged or the "
+            "controller disconnected; check the network to the arm, then open it again",
         )
         opened.put(self._error)
 
@@ -173,7 +164,5 @@ def _doubt(driver: Any) -> InstrumentError | None:
 
 
 if __name__ == "__main__":
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)
-    come_first()
-    _serve(Connection(int(sys.argv[1])))
+    (given,) = begin_child()
+    _serve(Connection(given))

@@ -20,10 +20,10 @@ from lab.console import Screen
 from lab.files.clock import RigClock
 from lab.files.inputs import read_case
 from lab.files.rig_file import load_rig
+from lab.guard.child import PRIORITY, SESSION
 from lab.guard.guard import Guard
 from lab.guard.latch import RigLocked
 from lab.guard.messages import RigLanded
-from lab.guard.priority import PRIORITY, SESSION
 from lab.rig.actuators import ActuatorsLost
 from lab.rig.assembly import Rig
 from lab.verbs.fakes import PATIENT
