@@ -11,6 +11,7 @@ import contextlib
 import subprocess
 import threading
 import time
+from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -32,7 +33,7 @@ STOP_WITHIN = 1.5
 
 
 class Hosted:
-    """The guard's end; has the driver's methods that the guard uses."""
+    """The guard's end; has the methods of its driver."""
 
     def __init__(self, name: str, driver: str, config: Any, clock: RigClock) -> None:
         self.name = name
@@ -67,29 +68,15 @@ class Hosted:
         self._connected = True
         return identity
 
-    def move_to(self, *args: Any) -> Any:
-        """See Arm.move_to."""
-        return self._ask("move_to", args, CALL_WITHIN)
-
-    def moving(self) -> bool:
-        """See Arm.moving."""
-        return bool(self._ask("moving", (), CALL_WITHIN))
-
-    def stop(self) -> None:
-        """See Arm.stop; kills a host that does not come back."""
-        self._ask("stop", (), STOP_WITHIN)
-
-    def standing(self) -> bool:
-        """See UR5.standing."""
-        return bool(self._ask("standing", (), CALL_WITHIN))
-
-    def confirm_settings(self) -> None:
-        """See `drivers.interfaces`; not every driver has it."""
-        if hasattr(self._outside, "confirm_settings"):
-            self._ask("confirm_settings", (), CALL_WITHIN)
+    def __getattr__(self, method: str) -> Callable[..., Any]:
+        """What the driver can be asked, each call bounded; `stop` kills a host that does not come back."""
+        if method.startswith("_") or not hasattr(self._outside, method):
+            raise AttributeError(f"{self.name} has no {method}")
+        within = STOP_WITHIN if method == "stop" else CALL_WITHIN
+        return lambda *args: self._ask(method, args, within)
 
     def glance(self) -> bool:
-        """See UR5.glance."""
+        """See ArmDriver.glance; without the process."""
         return bool(self._outside.glance())
 
     def close(self) -> None:
