@@ -11,7 +11,7 @@ from model.effects.spec import EffectSpec
 
 from ..criticism.stage_errors import StageError
 from ..inference.posterior import UNKNOWN
-from ..judgement import TIE_STATED
+from ..judgement import CAUSE_PROBABILITY, TIE_STATED
 from .result import Attribute, Value
 from .verdict import stage
 
@@ -99,7 +99,8 @@ def headline(
         where = f": the error lies in the {found.stage} and {words.say(found.varies)}" if found else ""
         return f"No known cause explains the gap{where} {sure}.".replace("_", " ")
     if by_calibration is not None:
-        return f"Calibration closes {percent(by_calibration)} % of the gap; no other cause is needed {sure}."
+        other = "is needed" if a.probability >= CAUSE_PROBABILITY else "stands out"
+        return f"Calibration closes {percent(by_calibration)} % of the gap; no other cause {other} {sure}."
     if a.conclusion == "noise":
         return f"No gap: model and robot agree down to the noise floor {sure}."
     return f"No cause: no known effect accounts for enough of the gap {sure}."

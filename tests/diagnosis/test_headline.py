@@ -61,6 +61,8 @@ def test_two_causes_and_the_other_conclusions_fit_too() -> None:
     )
     none = headline(attribute("none", "noise", p=0.9), CATALOGUE, by_calibration=0.93)
     assert none == "Calibration closes 93 % of the gap; no other cause is needed (p = 0.90)."
+    unsure = headline(attribute("none", "noise", p=0.42), CATALOGUE, by_calibration=0.93)
+    assert unsure == "Calibration closes 93 % of the gap; no other cause stands out (p = 0.42)."
     lacks = ("no repeated pushes to two deflections at two lengths",)
     made = [
         headline(attribute("none", "none"), CATALOGUE),
