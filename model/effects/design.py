@@ -9,11 +9,12 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from model.condition import HIGHEST_PRESSURE, LOWEST_PRESSURE
+from model.condition import HIGHEST_PRESSURE, LOWEST_PRESSURE, Condition
 from model.errors import BadCondition
 from model.robot import Robot
 
@@ -206,6 +207,48 @@ def with_rest(design: Design) -> tuple[Design, NDArray[np.int64]]:
     long["pressure"][len(design) :] = 0.0
     long["hold"][len(design) :] = HOLD
     return replace(design, **long), rest
+
+
+def single_states(
+    condition: Condition, vacuum: float = NOMINAL_VACUUM, rate: float = RATE, hold: float = HOLD
+) -> Design:
+    """States that are each a trial of its own, read `hold` s after a ramp of `rate` Pa/s from rest, at the vacuum (Pa) of the
+    spine's moduli."""
+    n = len(condition)
+    number, no, zero = np.arange(n), np.zeros(n, bool), np.zeros(n)
+    return Design(
+        trial=number,
+        trial_id=number,
+        stiffness=no,
+        body=no,
+        unload=no,
+        repeat=np.ones(n, np.int64),
+        t=np.full(n, np.nan),
+        rate=np.full(n, rate),
+        hold=np.full(n, hold),
+        sitting=np.zeros(n, np.int64),
+        progress=np.full(n, 0.5),
+        spine_length=condition.spine_length,
+        vacuum=np.full(n, vacuum),
+        nominal_vacuum=vacuum,
+        tip_mass=condition.tip_mass,
+        tip_load=condition.force,
+        roll=condition.roll,
+        pressure=condition.pressure,
+        used=condition.pressure > USED,
+        deflection=zero,
+        channels=TIP,
+    )
+
+
+def with_own_rest(design: Design) -> Design:
+    """Single states and, behind them, the rest of each: its chambers vented, all else the same."""
+    n = len(design)
+    arrays = {f.name: getattr(design, f.name) for f in fields(design)}
+    long: Any = {k: np.concatenate([v, v]) for k, v in arrays.items() if k not in ("nominal_vacuum", "channels")}
+    long["pressure"][n:] = 0.0
+    long["hold"][n:] = HOLD
+    return replace(design, **long)
 
 
 def _numbers(columns: Columns, name: str, default: float | None, n: int) -> Array:

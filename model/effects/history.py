@@ -140,6 +140,14 @@ def loading_path(design: Design, rest_of: Order) -> Path:
     )
 
 
+def ramps(design: Design) -> Path:
+    """Each of single states from its rest, which stands behind all states, by one ramp and a hold."""
+    n = len(design)
+    rows = np.arange(n)
+    up = np.abs(design.pressure).max(axis=1) / design.rate
+    return Path(rows + n, rows, np.ones(n, bool), np.full(n, np.inf), up, np.maximum(design.hold, 0.0))
+
+
 @dataclass(slots=True)
 class History:
     """What laws with memory see and fill; n states, v variants, possibly 1 for what all variants share."""

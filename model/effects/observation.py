@@ -41,15 +41,9 @@ class Observations:
     """(n or more, 4) orientations that rx, ry, rz are counted from."""
     states: int
     """n, rows of the design."""
-    markers: int
 
     def __len__(self) -> int:
         return len(self.row)
-
-    @property
-    def channels(self) -> int:
-        """Columns of `every`."""
-        return len(TIP) + len(TURN) + 1 + 3 * self.markers
 
     def of(self, r: Readings) -> Array:
         """(v, observations) from readings."""
@@ -57,14 +51,11 @@ class Observations:
 
     def every(self, r: Readings) -> Array:
         """(v, n, all channels) of readings."""
-        turn = rotation_vector(multiply(r.orientation, self.reference[None] * CONJUGATE))
-        parts = (r.tip, turn, r.force[..., None], r.markers.reshape(*r.markers.shape[:2], -1))
-        v = max(len(part) for part in parts)
-        return np.concatenate([np.broadcast_to(part, (v, *part.shape[1:])) for part in parts], axis=-1)
+        return channels(r, self.reference)
 
     def pick(self, every: Array) -> Array:
         """(v, observations) of (v, n, all channels)."""
-        return every.reshape(len(every), -1)[:, self.picked]
+        return every.reshape(len(every), every.shape[1] * every.shape[2])[:, self.picked]
 
 
 def observations(design: Design, reference: Array) -> Observations:
@@ -79,7 +70,15 @@ def observations(design: Design, reference: Array) -> Observations:
                 picked.append(row * len(every) + column)
     if not rows:
         raise BadCondition("channels: the table has neither tip positions, orientations, markers nor forces")
-    return Observations(np.array(rows), np.array(names), np.array(picked), reference, len(design), design.markers)
+    return Observations(np.array(rows), np.array(names), np.array(picked), reference, len(design))
+
+
+def channels(r: Readings, reference: Array) -> Array:
+    """(v, n, 7 + 3 markers) of readings: tip, rotation vector from orientations (n, 4), force, markers."""
+    turn = rotation_vector(multiply(r.orientation, reference[None] * CONJUGATE))
+    parts = (r.tip, turn, r.force[..., None], r.markers.reshape(*r.markers.shape[:2], -1))
+    v = max(len(part) for part in parts)
+    return np.concatenate([np.broadcast_to(part, (v, *part.shape[1:])) for part in parts], axis=-1)
 
 
 def measured(o: Observations, columns: Columns, noise: Noise) -> tuple[Array, Array]:

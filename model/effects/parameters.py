@@ -68,7 +68,7 @@ class Spread:
     there: Array | None = None
     """(slots, n): the value of a slot in its own variant."""
     chosen: tuple[int, ...] = ()
-    """The slots that have a variant."""
+    """The slot of each variant, -1 for one of no slot."""
 
     @cached_property
     def used(self) -> frozenset[int]:
@@ -99,9 +99,9 @@ class ParameterTable:
         """One variant: these parameters."""
         return Spread(self._rows(theta))
 
-    def beside(self, theta: Array, there: Array, slots: tuple[int, ...]) -> Spread:
-        """One variant for each of `slots`: all at theta but the slot itself, which is at `there`."""
-        return Spread(self._rows(theta), self._rows(there), slots)
+    def beside(self, theta: Array, there: Array, slots: tuple[int, ...], more: int) -> Spread:
+        """One variant for each of `slots`: all at theta but the slot itself, which is at `there`; and `more` at theta."""
+        return Spread(self._rows(theta), self._rows(there), (*slots, *(-1,) * more))
 
     def _rows(self, theta: Array) -> Array:
         return np.append(theta, 0.0)[self.of_row]

@@ -31,6 +31,10 @@ class Readings:
     force: Array
     """(v, n) N, stiffness rows; 0 elsewhere."""
 
+    def first(self, n: int) -> Readings:
+        """The readings of the first n states."""
+        return Readings(self.design, self.tip[:, :n], self.orientation[:, :n], self.markers[:, :n], self.force[:, :n])
+
     def turn(self, vector: Array) -> None:
         """Turn the frame that is read by a rotation vector (v, n or 1, 3) in rad: all positions and orientations."""
         q = from_vector(vector)

@@ -17,6 +17,7 @@ from model.effects.design import Design
 from model.effects.quantities import Quantities
 from model.effects.readings import Readings
 from model.effects.spec import EffectSpec, Law, Parameter, Stage, Values
+from model.robot import Robot
 
 Scope = Literal["all", "trial", "spine_length", "push", "mount", "repeat", "campaign"]
 """push: each stiffness trial, whatever its specimen; trial: each trial with spine; mount: each roll and sitting but the most
@@ -193,6 +194,15 @@ def mounts(design: Design) -> list[tuple[float, int]]:
     both = np.column_stack([np.round(np.degrees(design.roll[own])), design.sitting[own]])
     found, count = np.unique(both, axis=0, return_counts=True)
     return [(float(roll), int(sitting)) for roll, sitting in found[np.argsort(-count, kind="stable")]]
+
+
+def single_sources(robot: Robot, effects: tuple[EffectSpec, ...]) -> tuple[Source, ...]:
+    """What has parameters of states that are each reached from rest: one copy of each."""
+    found = [Source(spec, "effect") for spec in effects]
+    found += [*ALWAYS, Source(AREA, "calibration")]
+    if robot.spine is not None:
+        found += [replace(source, scope="all") for source in BY_TRIAL]
+    return (*found, JAMMING) if JAMMING.spec.id in robot.tolerances else tuple(found)
 
 
 def sources(

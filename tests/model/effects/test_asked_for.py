@@ -14,10 +14,10 @@ from model.effects import CATALOGUE, Design, ForwardModel, design_from_columns
 from model.effects import layout as at
 from model.effects.history import DRIVES, History, loading_path
 from model.effects.laws.actuation import orders
-from model.effects.quantities import baseline
 from model.effects.solver import METHOD, full_rods
 from model.robot import Robot
 from model.rotation import to_base
+from tests.model.effects.test_history import unchanged
 
 Array = NDArray[np.float64]
 Make = Callable[..., Any]
@@ -100,7 +100,7 @@ def test_a_gain_is_no_area_factor_where_several_sides_are_inflated_and_nothing_e
 
 
 def areas(robot: Robot, design: Design, **values: float) -> Array:
-    q = baseline(robot, design, np.ones(len(design)), np.array([1.0, 0.0]))
+    q = unchanged(robot, design)
     given = {name: np.full((1, 1), values.get(name, 0.0)) for name in ("x", "y", "peak")}
     before = CATALOGUE["chamber_gain"].law.before
     assert before is not None
@@ -206,7 +206,7 @@ def remembered(robot: Robot, columns: Any, inner: Any, outer: Any, rate: float) 
     drive[0, :, 0], drive[0, :, 4] = inner, outer
     firsts = np.array([np.flatnonzero(design.trial == k)[0] for k in range(len(design.trial_id))])
     h = History(
-        baseline(robot, design, np.ones(n), np.array([1.0, 0.0])), loading_path(design, firsts), drive,
+        unchanged(robot, design), loading_path(design, firsts), drive,
         np.ones((1, n, 2)), np.ones((1, n, 2)), np.ones((1, n, DRIVES)), np.zeros((1, n, DRIVES)),
     )  # fmt: skip
     return h.extremes(np.full((1, 1), rate))[0]
