@@ -23,9 +23,9 @@ from .answer.result import Change
 from .answer.sentences import OUTSIDE, plain_name, with_id
 from .criticism.misfit import misfit_diagnostics
 from .criticism.probability_calibration import CALIBRATED
+from .data.campaign import Campaign
 from .data.case import CaseLike, states
 from .data.noise import Lasting, Noise
-from .data.states import States
 from .errors import TooLittle
 from .inference.budget import budget, by_what_is_carried, parts
 from .inference.evidence import NONE, Hypothesis
@@ -97,7 +97,7 @@ def compare_campaigns(
     return Change(sentence(found, told, sizes, catalogue, later.robot.actuators.words), found.ranking[:10], sizes, told)
 
 
-def _comparable(before: States, after: States) -> tuple[States, States]:
+def _comparable(before: Campaign, after: Campaign) -> tuple[Campaign, Campaign]:
     """What both campaigns hold: states of the robot, stiffness trials, or both."""
     kinds = [sum(bool((s.pushed == pushed).any()) for s in (before, after)) == 2 for pushed in (False, True)]
     if not any(kinds):

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
 from model.cantilever import fit_stiffness, youngs_modulus
-from model.condition import Condition
+from model.condition import States
 from model.errors import BadCondition, NotIdentified
 from model.estimate import Estimate, estimate, readings
 from model.robot import Robot
@@ -46,7 +46,7 @@ class AreaFit:
 
 
 def fit_area_factor(
-    robot: Robot, condition: Condition, tip: ArrayLike, trial: ArrayLike | None = None, method: Method = FINE
+    robot: Robot, condition: States, tip: ArrayLike, trial: ArrayLike | None = None, method: Method = FINE
 ) -> AreaFit:
     """One factor for all states that brings the tips closest to the measured ones (n, 3) m, base frame.
 
@@ -90,7 +90,7 @@ def fit_area_factor(
 
 
 def fit_area_factor_by_length(
-    robot: Robot, condition: Condition, tip: ArrayLike, trial: ArrayLike | None = None, method: Method = FINE
+    robot: Robot, condition: States, tip: ArrayLike, trial: ArrayLike | None = None, method: Method = FINE
 ) -> dict[float, AreaFit]:
     """The paper's calibration: a factor of its own for each spine length (m). Raises as `fit_area_factor`."""
     n = len(condition)

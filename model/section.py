@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from model.body import annulus_second_moment, body_of
-from model.condition import Condition
+from model.condition import States
 from model.robot import Robot
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def stiffness(robot: Robot, youngs_modulus: ArrayLike, area: float, second: floa
     return stretch, bend
 
 
-def actuation_wrench(robot: Robot, condition: Condition) -> tuple[Array, Array]:
+def actuation_wrench(robot: Robot, condition: States) -> tuple[Array, Array]:
     """Force (n, 3) in N and moment (n, 3) in N m of the pressurised chambers in the tip frame, eq. 4.
 
     n_P = sum P A_eff e3, m_P = sum path_i x P A_eff e3: the robot bends away from an inflated chamber.
@@ -85,7 +85,7 @@ def actuation_wrench(robot: Robot, condition: Condition) -> tuple[Array, Array]:
     return _wrench(robot, condition, body.tip_area, float(body.path_radius[-1]))
 
 
-def _wrench(robot: Robot, condition: Condition, area: Array, path_radius: float) -> tuple[Array, Array]:
+def _wrench(robot: Robot, condition: States, area: Array, path_radius: float) -> tuple[Array, Array]:
     """Force (n, 3) N and moment (n, 3) N m of chambers of these areas (actuators,), m^2, in the section's frame."""
     azimuth = np.deg2rad(robot.actuators.azimuths_deg)[None, :] + condition.roll[:, None]
     push = condition.pressure * robot.area_factor_at(condition.spine_length)[:, None] * area
@@ -95,7 +95,7 @@ def _wrench(robot: Robot, condition: Condition, area: Array, path_radius: float)
     return force, path_radius * aside
 
 
-def rods_of(robot: Robot, condition: Condition, full: bool = False) -> Rods:
+def rods_of(robot: Robot, condition: States, full: bool = False) -> Rods:
     """The rods of all states, after checking that the conditions fit the robot; raises `BadCondition`. `full`: in the form whose
     kernels a diagnosis compiles in any case.
 

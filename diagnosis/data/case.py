@@ -16,8 +16,8 @@ from recordings.trials import Table, TrialRow
 
 from ..errors import BadCase
 from . import plausible, pushes
+from .campaign import Campaign
 from .levels import SPINE_GAP, VACUUM_GAP, levels, pressure_gap
-from .states import States
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -45,7 +45,7 @@ class CaseLike(Protocol):
     def table(self) -> Table: ...
 
 
-def states(case: CaseLike) -> tuple[States, tuple[str, ...]]:
+def states(case: CaseLike) -> tuple[Campaign, tuple[str, ...]]:
     """The states with a tip and those of stiffness trials, and concerns about the table; raises `BadCase`."""
     robot = case.robot
     of_robot = [r for r in case.table if r.protocol != "stiffness" and r.tip is not None]
@@ -73,7 +73,7 @@ def states(case: CaseLike) -> tuple[States, tuple[str, ...]]:
     return arrays, (*concerns, *pushes.concerns(usable_pushes, arrays, bool(usable)))
 
 
-def _arrays(of_robot: list[TrialRow], of_trials: list[TrialRow], chambers: int) -> States:
+def _arrays(of_robot: list[TrialRow], of_trials: list[TrialRow], chambers: int) -> Campaign:
     rows = of_robot + of_trials
     gap = pressure_gap(of_robot)
     trial = np.array([r.trial for r in rows], np.int64)
@@ -93,7 +93,7 @@ def _arrays(of_robot: list[TrialRow], of_trials: list[TrialRow], chambers: int) 
     condition[n:] += condition[:n].max(initial=-1) + 1
     time = np.array([np.nan if r.t is None else r.t for r in rows])
     tip = np.array([r.tip for r in of_robot] + [(np.nan,) * 3] * len(of_trials))
-    return States(
+    return Campaign(
         tuple(rows), trial, spine, pressure, branch, time, tip, condition, kind, np.arange(len(rows)) >= n, gap
     )
 
@@ -166,7 +166,7 @@ def _vacuums(vacuum: Array, spine: Array) -> Ints:
     return out
 
 
-def lacking(s: States) -> tuple[str, ...]:
+def lacking(s: Campaign) -> tuple[str, ...]:
     """What it takes to name a cause and is not there: repeated states, a robot bent at two pressures; or, of stiffness trials, a
     specimen pushed to two deflections at two lengths."""
     own = s.take(~s.pushed)
@@ -179,7 +179,7 @@ def lacking(s: States) -> tuple[str, ...]:
     return () if len(np.unique(levels(own.highest, s.pressure_gap))) > 1 else ("only one pressure",)
 
 
-def _concerns(s: States, spine: bool) -> list[str]:
+def _concerns(s: Campaign, spine: bool) -> list[str]:
     notes = []
     own = s.take(s.main)
     lengths = len(np.unique(levels(own.spine_length, SPINE_GAP)))

@@ -42,8 +42,8 @@ from ..judgement import (
     FIRST_WIDEST,
     UPSIDE_DOWN_GAIN,
 )
+from .campaign import Campaign
 from .chamber_sides import can_name_order, exchanged, order_told, with_order
-from .states import States
 
 Array = NDArray[np.float64]
 
@@ -77,7 +77,7 @@ class FirstCalibration:
     """The robot and the states around which a diagnosis is made."""
 
     robot: Robot
-    states: States
+    states: Campaign
     adjusted: tuple[Adjusted, ...] = ()
     shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """m, taken off every measured position."""
@@ -118,12 +118,12 @@ class FirstCalibration:
             **({"order": self.order} if self.order else {}),
         }
 
-    def moved(self, states: States) -> States:
+    def moved(self, states: Campaign) -> Campaign:
         """Other states in the same frame."""
         return _shifted(states, np.array(self.shift)) if any(self.shift) else states
 
 
-def calibrate_first(robot: Robot, states: States, effects: Collection[str] = ()) -> FirstCalibration:
+def calibrate_first(robot: Robot, states: Campaign, effects: Collection[str] = ()) -> FirstCalibration:
     """Take over what is far off; a robot that is near its data, or has effects of its own, comes back as it is.
 
     `effects`: those that are weighed afterwards. Where the one that exchanges chambers is among them and they were inflated
@@ -178,7 +178,7 @@ def calibrate_first(robot: Robot, states: States, effects: Collection[str] = ())
     return FirstCalibration(made, moved, adjusted, (x, y, z), before, after, order)
 
 
-def _loaded(robot: Robot, own: States, most: float) -> bool:
+def _loaded(robot: Robot, own: Campaign, most: float) -> bool:
     """Whether the robot as the diagnosis follows it and one weight more, at the tip or all along, leaves less than `most` (m) of
     robust rms."""
     ways = [(robot, _with_payload(robot, own, share * body_mass(robot))) for share in FIRST_PAYLOADS]
@@ -187,13 +187,13 @@ def _loaded(robot: Robot, own: States, most: float) -> bool:
     return any(found is not None and _rms(there, seen, found) < most for there, seen, found in fits)
 
 
-def _with_payload(robot: Robot, own: States, mass: float) -> States:
+def _with_payload(robot: Robot, own: Campaign, mass: float) -> Campaign:
     """The states with `mass` (kg) added at the tip."""
     hung = [robot.tip_mass if r.tip_mass is None else r.tip_mass for r in own.rows]
     return replace(own, rows=tuple(replace(r, tip_mass=m + mass) for r, m in zip(own.rows, hung, strict=True)))
 
 
-def _counted(robot: Robot, own: States) -> tuple[float, float, float]:
+def _counted(robot: Robot, own: Campaign) -> tuple[float, float, float]:
     """Azimuth, 1, and sense of counting the chambers with which the robot as it is comes nearest."""
     ways = [(turn, counting) for counting in (1.0, -1.0) for turn in QUARTERS]
     missed = [_rms(_sensed(robot, 1.0, counting), own, _begin(turn)) for turn, counting in ways]
@@ -214,7 +214,7 @@ def _sensed(robot: Robot, gravity: float, counting: float) -> Robot:
     return robot.with_azimuths(azimuths).model_copy(update={"gravity": (x, y, z)})
 
 
-def _fitted(robot: Robot, own: States, most: Array, turn: float) -> Array | None:
+def _fitted(robot: Robot, own: Campaign, most: Array, turn: float) -> Array | None:
     """(8,) the best parameters within bounds, from an azimuth; None where no rod stands."""
     begin = _begin(float(np.clip(turn, -0.99 * most[2], 0.99 * most[2])))
     misfit = _Misfit(robot, own)
@@ -231,7 +231,7 @@ def _fitted(robot: Robot, own: States, most: Array, turn: float) -> Array | None
 class _Misfit:
     """What is left by a robot with these numbers, and its derivatives by forward differences of those that move the rod."""
 
-    def __init__(self, robot: Robot, own: States) -> None:
+    def __init__(self, robot: Robot, own: Campaign) -> None:
         self._robot, self._own = robot, own
         self._last: tuple[Array, Array] = (np.full(len(NAMES), np.nan), np.zeros(0))
 
@@ -264,14 +264,14 @@ class _Misfit:
         return self._last[1]
 
 
-def _missed(robot: Robot, own: States, theta: Array) -> Array:
+def _missed(robot: Robot, own: Campaign, theta: Array) -> Array:
     """(n, 3) m; a robot length where the rod has no equilibrium."""
     found = solve(rods_of(_with(robot, theta), own.conditions(robot), full=True), FINE)
     tip = own.tip - theta[ORIGIN:] * robot.length
     return np.where(found.converged[:, None], np.nan_to_num(found.tip - tip), robot.length)
 
 
-def _rms(robot: Robot, own: States, theta: Array) -> float:
+def _rms(robot: Robot, own: Campaign, theta: Array) -> float:
     """m, s sqrt(mean rho(d^2 / s^2)) over the states: the rms of distances d that are small, while large ones count less."""
     scale = FIRST_LOSS_SCALE * robot.length
     squared = (_missed(robot, own, theta) ** 2).sum(axis=1) / scale**2
@@ -319,7 +319,7 @@ def _told(
     return tuple(out)
 
 
-def _shifted(states: States, shift: Array) -> States:
+def _shifted(states: Campaign, shift: Array) -> Campaign:
     rows = tuple(_row(r, shift) for r in states.rows)
     return replace(states, rows=rows, tip=states.tip - shift)
 

@@ -11,8 +11,8 @@ from model.robot import Robot
 from recordings.trials import TrialRow
 
 from ..errors import BadCase
+from .campaign import Campaign
 from .levels import SPINE_GAP, VACUUM_GAP, levels, step_gap
-from .states import States
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -84,7 +84,7 @@ def conditions(given: list[TrialRow], spine: Array) -> Ints:
     return np.unique(np.column_stack([same, level]), axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
 
 
-def can_name_cause(s: States) -> bool:
+def can_name_cause(s: Campaign) -> bool:
     """Whether pushes alone may name a cause: repeated, to two deflections, at two lengths or of two specimens."""
     if not len(s) or s.repeats < 2:
         return False
@@ -92,7 +92,7 @@ def can_name_cause(s: States) -> bool:
     return len(places) > 1 and len(np.unique(s.condition)) > len(places)
 
 
-def concerns(given: list[TrialRow], s: States, beside: bool) -> list[str]:
+def concerns(given: list[TrialRow], s: Campaign, beside: bool) -> list[str]:
     """What cannot be concluded from stiffness trials; `beside` states of the robot."""
     if not given:
         return []

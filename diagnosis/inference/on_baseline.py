@@ -20,7 +20,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from model.effects.design import Design, design_from_columns
+from model.condition import States
+from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
 from model.effects.spec import EffectSpec, Law, Parameter
 from model.robot import Robot
@@ -95,7 +96,7 @@ class OnBaseline:
 
 
 def on_baseline(
-    robot: Robot, design: Design, table: Table, catalogue: Mapping[str, EffectSpec], baseline: Baseline
+    robot: Robot, design: States, table: Table, catalogue: Mapping[str, EffectSpec], baseline: Baseline
 ) -> OnBaseline:
     """The model of the states of a design with a table's columns; raises `BadCase` where the rod cannot stand in."""
     theirs = dict(table) | baseline.columns()
@@ -121,7 +122,7 @@ def _values(model: ForwardModel, columns: Table) -> Array:
     return np.where(np.isfinite(sd), value, np.nan)
 
 
-def _nearest_area_factor(robot: Robot, design: Design, theirs: Table, name: str) -> float:
+def _nearest_area_factor(robot: Robot, design: States, theirs: Table, name: str) -> float:
     """The one area factor of the rod whose tips come nearest to a simulator's."""
     model = ForwardModel(robot, design, catalogue={})
     start = float(model.area_factor[~design.stiffness].mean())

@@ -14,7 +14,7 @@ from diagnosis.data.plausible import require_plausible
 from diagnosis.data.plausible_directions import doubtful_directions
 from diagnosis.data.plausible_robot import doubtful_numbers
 from diagnosis.errors import DiagnosisError
-from model.condition import Condition, conditions
+from model.condition import States, conditions
 from model.robot import Robot
 from recordings.bounded import read_bounded
 from recordings.campaign.resumed import campaigns, merged
@@ -47,7 +47,7 @@ class Case:
         return Table(tuple(r for r in self.table if r.protocol in protocols))
 
     @property
-    def tips(self) -> tuple[Condition, NDArray[np.float64], NDArray[np.int64]]:
+    def tips(self) -> tuple[States, NDArray[np.float64], NDArray[np.int64]]:
         """States with a tip: conditions, tips (n, 3) m in the base frame, trial numbers (n,)."""
         rows = [r for r in self.table if r.tip is not None and r.protocol != "stiffness"]
         if not rows:
@@ -55,7 +55,7 @@ class Case:
         return _conditions(self.robot, rows), np.array([r.tip for r in rows]), np.array([r.trial for r in rows])
 
 
-def _conditions(robot: Robot, rows: Sequence[TrialRow]) -> Condition:
+def _conditions(robot: Robot, rows: Sequence[TrialRow]) -> States:
     return conditions(
         robot,
         np.clip([r.spine_length for r in rows], 0.0, None),

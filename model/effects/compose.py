@@ -218,7 +218,7 @@ def _wrench(push: Array, around: Complex, area: Array, path_radius: float) -> tu
 def _loads(q: Quantities, out: RodColumns) -> None:
     gravity = np.array(q.robot.gravity)
     for k in range(3):
-        out[at.DEAD_FORCE + k] = q.design.tip_mass * gravity[k] + q.design.tip_load[:, k] + q.tip_force[..., k]
+        out[at.DEAD_FORCE + k] = q.design.tip_mass * gravity[k] + q.design.force[:, k] + q.tip_force[..., k]
         for element, piece in zip(q.layout.elements, q.layout.pieces, strict=True):
             if element + at.LOAD + k not in q.layout.follows:
                 out[element + at.LOAD + k] = q.density * q.body.weight_area[piece] * gravity[k]

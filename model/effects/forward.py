@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.body import body_of
-from model.condition import conditions
+from model.condition import States, conditions
 from model.effects import layout as at
 from model.effects.catalogue import CATALOGUE
 from model.effects.compose import RodColumns, directions, rod_columns
-from model.effects.design import Columns, Design, single_states, with_own_rest, with_rest
+from model.effects.design import Columns, with_own_rest, with_rest
 from model.effects.history import DRIVES, by_element, drive, history_of, loading_path, ramps, rest_columns
 from model.effects.nominal import beyond, fixed_laws, nominal_values, obstacle_direction, stated_effects
 from model.effects.observation import Noise, channels, measured, observations
@@ -117,7 +117,7 @@ class ForwardModel:
     def __init__(
         self,
         robot: Robot,
-        design: Design,
+        design: States,
         area: Literal["one", "per_length"] = "one",
         catalogue: Mapping[str, EffectSpec] = CATALOGUE,
         area_factor: float | None = None,
@@ -176,7 +176,7 @@ class ForwardModel:
         """
         made = cls.__new__(cls)
         effects = stated_effects(robot, catalogue)
-        one = single_states(conditions(robot, 0.0, np.zeros(len(robot.actuators.azimuths_deg))))
+        one = conditions(robot, 0.0, np.zeros(len(robot.actuators.azimuths_deg)))
         made._vary(robot, one, "per_length", effects, single_sources(robot, tuple(effects.values())))
         if "contact" in effects and obstacle_direction(robot) is None:
             raise BadRobot(
@@ -184,7 +184,7 @@ class ForwardModel:
             )
         return made
 
-    def at(self, design: Design, arcs: Array) -> ForwardModel:
+    def at(self, design: States, arcs: Array) -> ForwardModel:
         """The model `of_single_states` for these, with markers at arc lengths (k,) m."""
         other = copy.copy(self)
         full = design
@@ -196,7 +196,7 @@ class ForwardModel:
     def _vary(
         self,
         robot: Robot,
-        full: Design,
+        full: States,
         area: Literal["one", "per_length"],
         catalogue: Mapping[str, EffectSpec],
         varied: tuple[Source, ...],
@@ -230,7 +230,7 @@ class ForwardModel:
         self._remembering: Solved | None = None
         self._points: tuple[_At, ...] = ()
 
-    def _place(self, design: Design, full: Design, factor: Array, arcs: Array) -> None:
+    def _place(self, design: States, full: States, factor: Array, arcs: Array) -> None:
         """Take over states, with the rest states in `full`, their area factors (full,) and arc lengths of markers."""
         self.design, self._full, self._arcs = design, full, arcs
         self._moved_rows = np.flatnonzero(~design.stiffness)
@@ -251,7 +251,7 @@ class ForwardModel:
     def __len__(self) -> int:
         return len(self.observations)
 
-    def on(self, design: Design) -> ForwardModel:
+    def on(self, design: States) -> ForwardModel:
         """The same model for other states: the catalogue, what area = 0 means and the plane that may be touched stay."""
         factor = float(self.area_factor[0]) if self.area == "one" else None
         return ForwardModel(self.robot, design, self.area, self.catalogue, factor, self._baseline.plane_direction)

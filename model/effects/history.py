@@ -15,9 +15,9 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from model.condition import States
 from model.effects import layout as at
 from model.effects.compose import RodColumns, silicone_share
-from model.effects.design import Design
 from model.effects.quantities import Quantities
 from model.effects.rotations import CONJUGATE, rotation_vector
 from model.rotation import multiply
@@ -107,7 +107,7 @@ class Path:
         return out
 
 
-def loading_path(design: Design, rest_of: Order) -> Path:
+def loading_path(design: States, rest_of: Order) -> Path:
     """The steps of all trials in the order of the table; trial k begins at state rest_of[k]. No stiffness rows."""
     before, after, first, stay, ramp, hold = [], [], [], [], [], []
     time = np.nan
@@ -140,7 +140,7 @@ def loading_path(design: Design, rest_of: Order) -> Path:
     )
 
 
-def ramps(design: Design) -> Path:
+def ramps(design: States) -> Path:
     """Each of single states from its rest, which stands behind all states, by one ramp and a hold."""
     n = len(design)
     rows = np.arange(n)

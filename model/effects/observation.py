@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.effects.design import QUATERNION, TIP, TURN, Columns, Design
+from model.condition import TIP, States
+from model.effects.design import QUATERNION, TURN, Columns
 from model.effects.readings import Readings
 from model.effects.rotations import CONJUGATE, rotation_vector
 from model.errors import BadCondition
@@ -58,7 +59,7 @@ class Observations:
         return every.reshape(len(every), every.shape[1] * every.shape[2])[:, self.picked]
 
 
-def observations(design: Design, reference: Array) -> Observations:
+def observations(design: States, reference: Array) -> Observations:
     """Stack what the design observes: positions and orientations of the robot's rows, forces of the stiffness rows."""
     every = [*TIP, *TURN, "force", *(f"m{k}{axis}" for k in range(1, design.markers + 1) for axis in "xyz")]
     rows, names, picked = [], [], []

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from model.effects.design import Design
+from model.condition import States
 from model.effects.spec import EffectSpec, Sign, Values
 from model.effects.tolerance import Group, Scope, Source, mounts
 
@@ -149,7 +149,7 @@ class ParameterTable:
         return [i for i, info in enumerate(self.infos) if info.source == id]
 
 
-def parameter_table(design: Design, sources: tuple[Source, ...]) -> ParameterTable:
+def parameter_table(design: States, sources: tuple[Source, ...]) -> ParameterTable:
     """Lay out the parameters of all sources."""
     infos: list[ParameterInfo] = []
     of_row: list[NDArray[np.int64]] = []
@@ -183,7 +183,7 @@ def parameter_table(design: Design, sources: tuple[Source, ...]) -> ParameterTab
     return ParameterTable(tuple(infos), sources, len(of_row), np.array(of_row))
 
 
-def _copies(design: Design, source: Source) -> list[tuple[str, int | None, NDArray[np.bool_]]]:
+def _copies(design: States, source: Source) -> list[tuple[str, int | None, NDArray[np.bool_]]]:
     """What is added to the name of each copy of a parameter, the trial whose own it is, and the rows it is for."""
     if source.scope in ("all", "campaign"):
         return [("", None, np.ones(len(design), bool))]

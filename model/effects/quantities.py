@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.body import Body
-from model.effects.design import Design
+from model.condition import States
 from model.effects.layout import Layout
 from model.robot import Robot
 
@@ -39,7 +39,7 @@ class Quantities:
     """The robot's body, its pieces as drawn."""
     layout: Layout
     """Of its rods."""
-    design: Design
+    design: States
     pressure: Array
     """(v, n, chambers) Pa gauge in the chambers."""
     area_factor: Array
@@ -125,7 +125,7 @@ class Quantities:
 
 
 def baseline(
-    robot: Robot, body: Body, layout: Layout, design: Design, area_factor: Array, direction: Array
+    robot: Robot, body: Body, layout: Layout, design: States, area_factor: Array, direction: Array
 ) -> Quantities:
     """The paper's model: nothing is changed. `area_factor` (n,); `direction` (2,) of an obstacle, should there be one."""
     n = len(design)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from model.condition import States
 from model.effects import layout as at
-from model.effects.design import Design
 from model.effects.push import cantilever_force
 from model.effects.quantities import Quantities
 from model.effects.spine import ShearSpine
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 class Readings:
     """Arrays (v or 1, n, ...) in the base frame; laws replace them, never change them in place."""
 
-    design: Design
+    design: States
     tip: Array
     """(v, n, 3) m."""
     orientation: Array

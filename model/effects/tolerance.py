@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from model.effects.design import Design
+from model.condition import States
 from model.effects.quantities import Quantities
 from model.effects.readings import Readings
 from model.effects.spec import EffectSpec, Law, Parameter, Stage, Values
@@ -188,7 +188,7 @@ def _as_stated(source: Source, uncertainty: Mapping[str, float]) -> Source:
     return replace(source, spec=replace(source.spec, parameters=made))
 
 
-def mounts(design: Design) -> list[tuple[float, int]]:
+def mounts(design: States) -> list[tuple[float, int]]:
     """Roll (deg) and sitting of each mounting, that of most states first."""
     own = ~design.stiffness
     both = np.column_stack([np.round(np.degrees(design.roll[own])), design.sitting[own]])
@@ -206,7 +206,7 @@ def single_sources(robot: Robot, effects: tuple[EffectSpec, ...]) -> tuple[Sourc
 
 
 def sources(
-    design: Design,
+    design: States,
     catalogue: tuple[EffectSpec, ...],
     area: Literal["one", "per_length"],
     uncertainty: Mapping[str, float] = MappingProxyType({}),

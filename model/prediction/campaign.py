@@ -7,8 +7,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from model.condition import TIP
 from model.effects.catalogue import CATALOGUE
-from model.effects.design import QUATERNION, TIP, Columns, design_from_columns
+from model.effects.design import QUATERNION, Columns, design_from_columns
 from model.effects.forward import ForwardModel
 from model.effects.nominal import stated_effects
 from model.effects.spec import EffectSpec

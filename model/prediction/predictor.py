@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.condition import conditions
+from model.condition import HOLD, NOMINAL_VACUUM, RATE, States, conditions
 from model.effects.catalogue import CATALOGUE
-from model.effects.design import HOLD, NOMINAL_VACUUM, RATE, Design, single_states
 from model.effects.forward import Change, ForwardModel
 from model.effects.spec import EffectSpec
 from model.errors import BadCondition
@@ -118,7 +117,7 @@ class Predictor:
         given) and `roll` rad, each one number or (n,). `vacuum` Pa below ambient is the one at which the spine's moduli
         hold. Rate and hold matter to effects with memory alone. `arcs` (k,) m from the base. Raises `BadCondition`.
         """
-        asked = conditions(self.robot, spine_length, pressures, tip_mass, roll)
+        asked = conditions(self.robot, spine_length, pressures, tip_mass, roll, vacuum=vacuum, rate=rate, hold=hold)
         places = np.asarray(self.robot.markers if arcs is None else arcs, float).reshape(-1)
         if ((places < 0) | (places > self.robot.length)).any():
             raise BadCondition(
@@ -127,8 +126,7 @@ class Predictor:
             )
 
         def part(rows: Order) -> Prediction:
-            forward = self._forward.at(single_states(asked[rows], vacuum, rate, hold), places)
-            return predicted(forward, self._residual, intervals, gradient)
+            return predicted(self._forward.at(asked[rows], places), self._residual, intervals, gradient)
 
         n = len(asked)
         # Rods that are solved together share their steps: alike ones need fewer.
@@ -196,7 +194,7 @@ def predicted(
     return Prediction(r.tip[0] + missed, r.orientation[0], r.markers[0], **found)
 
 
-def _changes(states: Design, together: bool, each: bool) -> Change:
+def _changes(states: States, together: bool, each: bool) -> Change:
     """Of the pressure of all chambers in use, where `together`; of each chamber, then of the spine's length, where `each`."""
     n, chambers = states.pressure.shape
     by = np.concatenate([[PRESSURE_STEP] * (together + each * chambers), [LENGTH_STEP] * each])

@@ -10,7 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from model import rods as rod
-from model.effects import CATALOGUE, Design, ForwardModel, design_from_columns
+from model.condition import States
+from model.effects import CATALOGUE, ForwardModel, design_from_columns
 from model.effects import layout as at
 from model.effects.history import DRIVES, History, loading_path
 from model.effects.laws.actuation import orders
@@ -99,7 +100,7 @@ def test_a_gain_is_no_area_factor_where_several_sides_are_inflated_and_nothing_e
     assert shown(paper_robot, "chamber_gain", all_at_once) and not shown(paper_robot, "chamber_order", all_at_once)
 
 
-def areas(robot: Robot, design: Design, **values: float) -> Array:
+def areas(robot: Robot, design: States, **values: float) -> Array:
     q = unchanged(robot, design)
     given = {name: np.full((1, 1), values.get(name, 0.0)) for name in ("x", "y", "peak")}
     before = CATALOGUE["chamber_gain"].law.before

@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 
 from model.body import body_of
-from model.effects.design import Design, design_from_columns, with_rest
+from model.condition import States
+from model.effects.design import design_from_columns, with_rest
 from model.effects.history import DRIVES, History, Path, loading_path
 from model.effects.layout import layout_of
 from model.effects.quantities import Quantities, baseline
 from model.robot import Robot
 
 
-def unchanged(robot: Robot, design: Design) -> Quantities:
+def unchanged(robot: Robot, design: States) -> Quantities:
     """The paper's model of a campaign's states."""
     body = body_of(robot)
     layout = layout_of(body, robot.spine is not None)

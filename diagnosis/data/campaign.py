@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from model.condition import Condition, conditions
+from model.condition import States, conditions
 from model.robot import Robot
 from recordings.trials import TrialRow
 
@@ -17,7 +17,7 @@ Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
-class States:
+class Campaign:
     """n states in the order in which they happened, those of the robot before those of stiffness trials; SI, rad."""
 
     rows: tuple[TrialRow, ...]
@@ -43,15 +43,15 @@ class States:
     def __len__(self) -> int:
         return len(self.rows)
 
-    def take(self, rows: NDArray[np.bool_]) -> States:
+    def take(self, rows: NDArray[np.bool_]) -> Campaign:
         """The states picked by a mask."""
         kept = tuple(r for r, k in zip(self.rows, rows, strict=True) if k)
-        return States(
+        return Campaign(
             kept, self.trial[rows], self.spine_length[rows], self.pressure[rows], self.branch[rows], self.time[rows],
             self.tip[rows], self.condition[rows], self.kind[rows], self.pushed[rows], self.pressure_gap,
         )  # fmt: skip
 
-    def conditions(self, robot: Robot) -> Condition:
+    def conditions(self, robot: Robot) -> States:
         """What was done in each state; the robot's own tip mass where none is recorded. Raises `BadCondition`."""
         mass = [robot.tip_mass if r.tip_mass is None else r.tip_mass for r in self.rows]
         return conditions(robot, self.spine_length, self.pressure, mass, self.roll, [r.tip_force for r in self.rows])
