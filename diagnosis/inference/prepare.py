@@ -231,22 +231,8 @@ def table_columns(states: Campaign) -> dict[str, NDArray[np.generic]]:
 
 def parameters(infos: tuple[ParameterInfo, ...]) -> Parameters:
     """The forward model's table as the diagnosis sees it."""
-    return Parameters(
-        names=tuple(p.name for p in infos),
-        effects=tuple(p.source if p.group == "effect" and p.name != SHARE else "" for p in infos),
-        mean=np.zeros(len(infos)),
-        sd=np.array([p.sd for p in infos]),
-        lower=np.array([p.low for p in infos]),
-        upper=np.array([p.high for p in infos]),
-        units=tuple(p.unit for p in infos),
-        shapes=tuple(p.role == "shape" for p in infos),
-        calibration=tuple(p.group == "calibration" or p.name == SHARE for p in infos),
-        starts=tuple(p.starts for p in infos),
-        sources=tuple(p.source for p in infos),
-        recurring=tuple(p.recurs for p in infos),
-        tolerated=tuple(p.tolerated for p in infos),
-        exact=tuple(p.exact for p in infos),
-    )
+    own = tuple(replace(p, group="calibration") if p.name == SHARE else p for p in infos)
+    return Parameters(own, np.array([p.sd for p in own]))
 
 
 def _labels(forward: ForwardModel, states: Campaign, kept: NDArray[np.bool_]) -> Labels:
