@@ -213,13 +213,13 @@ def full_rods(layout: at.Layout, rows: Array) -> rod.Rods:
     return rod.Rods(layout.form, values)
 
 
-def plain_rods(layout: at.Layout, rows: Array) -> rod.Rods:
-    """The same without springs and graded sections that no row has."""
+def plain_rods(layout: at.Layout, rows: Array, full: bool = False) -> rod.Rods:
+    """The same without springs and, unless they are to be `full`, graded sections that no row has."""
     used = set(np.flatnonzero(rows.any(axis=0)).tolist())
     stiffness = {at.SPRINGS + k * at.SPRING_WIDTH + at.SPRING_STIFFNESS for k in range(at.SPRING_COUNT)}
     # Columns of hyperelastic and graded sections.
     further = {element + k for element in layout.elements for k in range(at.SERIES, at.ELEMENT_WIDTH)}
-    springs, full = bool(used & stiffness), bool(used & further)
+    springs, full = bool(used & stiffness), full or bool(used & further)
     form = rod.Form(layout.form.elements, at.SPRING_COUNT if springs else 0, full)
     dropped = {*(() if springs else range(at.SPRINGS, at.ELEMENTS)), *(() if full else further)}
     kept = np.array([k for k in range(layout.width) if k not in dropped])
