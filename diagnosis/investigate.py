@@ -223,8 +223,8 @@ def judge(before: Examined, case: CaseLike, more: CaseLike) -> tuple[Judged, ...
     predictions = rivals.predict(table) if len(own) else None
     if predictions is None:
         return ()
-    observed, _ = rivals.prepared.forward.on(design_from_columns(rivals.prepared.robot, table)).observe(table)
-    density = [float(p.log_density(observed[None, :])[0]) for p in predictions]
+    observed = rivals.prepared.forward.on(design_from_columns(rivals.prepared.robot, table)).observe(table)
+    density = [float(p.log_density(np.nan_to_num(observed[None, :]))[0]) for p in predictions]
     out = []
     for c, p, its in zip(rivals.candidates, predictions, density, strict=True):
         missed = np.linalg.norm(own.tip - p.tip[0], axis=1)

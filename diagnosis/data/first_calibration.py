@@ -320,8 +320,7 @@ def _told(
 
 
 def _shifted(states: Campaign, shift: Array) -> Campaign:
-    rows = tuple(_row(r, shift) for r in states.rows)
-    return replace(states, rows=rows, tip=states.tip - shift)
+    return replace(states, rows=tuple(_row(r, shift) for r in states.rows))
 
 
 def _row(row: TrialRow, shift: Array) -> TrialRow:

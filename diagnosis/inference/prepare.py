@@ -175,8 +175,8 @@ def prepare(
     if states.pushed.all():
         whole = forward = ForwardModel(robot, design, area, _effective(forward, slope))
         predicted, slope = whole.linearise(np.zeros(len(forward.parameters)))
-    observed, sd = forward.observe(table)
-    kept = np.isfinite(sd) & np.isfinite(predicted)
+    observed = forward.observe(table)
+    kept = np.isfinite(observed) & np.isfinite(predicted)
     if not kept.any():
         raise BadCase(
             "the rod model has no equilibrium at any measured state: check robot.yaml's stiffness and area factor"

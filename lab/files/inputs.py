@@ -10,11 +10,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.data.campaign import settings
 from diagnosis.data.plausible import require_plausible
 from diagnosis.data.plausible_directions import doubtful_directions
 from diagnosis.data.plausible_robot import doubtful_numbers
 from diagnosis.errors import DiagnosisError
-from model.condition import States, conditions
+from model.condition import States
 from model.robot import Robot
 from recordings.bounded import read_bounded
 from recordings.campaign.resumed import campaigns, merged
@@ -52,18 +53,7 @@ class Case:
         rows = [r for r in self.table if r.tip is not None and r.protocol != "stiffness"]
         if not rows:
             raise ConfigError("the input contains no state with a tip position; record a bending or elongation run")
-        return _conditions(self.robot, rows), np.array([r.tip for r in rows]), np.array([r.trial for r in rows])
-
-
-def _conditions(robot: Robot, rows: Sequence[TrialRow]) -> States:
-    return conditions(
-        robot,
-        np.clip([r.spine_length for r in rows], 0.0, None),
-        np.array([r.pressures for r in rows]),
-        np.array([robot.tip_mass if r.tip_mass is None else r.tip_mass for r in rows]),
-        np.radians([r.roll_deg or 0.0 for r in rows]),
-        np.array([r.tip_force for r in rows]),
-    )
+        return settings(self.robot, rows), np.array([r.tip for r in rows]), np.array([r.trial for r in rows])
 
 
 def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:

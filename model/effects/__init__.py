@@ -4,7 +4,7 @@
 
     design = design_from_columns(robot, columns)         # columns: trials table, name -> numpy array
     forward = ForwardModel(robot, design, area="one")    # or "per_length"
-    y, sd = forward.observe(columns)                     # measured, in the order of forward.labels: (row, channel)
+    y = forward.observe(columns)                         # measured, in the order of forward.labels: (row, channel)
     theta = np.zeros(len(forward.parameters))            # the baseline: no effect, nothing off
     prediction, jacobian = forward.linearise(theta)      # (n_obs,), (n_obs, n_par)
     forward.linearise(theta, forward.index("contact"))   # the same with a few columns of the derivative, cheaper
@@ -33,7 +33,6 @@ from model.condition import States
 from model.effects.catalogue import CATALOGUE, with_effects
 from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
-from model.effects.observation import Noise
 from model.effects.parameters import ParameterInfo
 from model.effects.spec import EffectSpec, Law, Parameter
 
@@ -43,7 +42,6 @@ __all__ = [
     "EffectSpec",
     "ForwardModel",
     "Law",
-    "Noise",
     "Parameter",
     "ParameterInfo",
     "design_from_columns",

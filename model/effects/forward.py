@@ -19,7 +19,7 @@ from model.effects.compose import RodColumns, directions, rod_columns
 from model.effects.design import Columns, with_own_rest, with_rest
 from model.effects.history import DRIVES, by_element, drive, history_of, loading_path, ramps, rest_columns
 from model.effects.nominal import beyond, fixed_laws, nominal_values, obstacle_direction, stated_effects
-from model.effects.observation import Noise, channels, measured, observations
+from model.effects.observation import channels, measured, observations
 from model.effects.parameters import ParameterInfo, Spread, parameter_table
 from model.effects.quantities import Quantities, baseline
 from model.effects.readings import Readings, readings
@@ -310,12 +310,9 @@ class ForwardModel:
         read = self._readings(here.quantities, along.result[None], self._table.at(here.theta))
         return read.markers[0, : len(self.design)]
 
-    def observe(self, columns: Columns, noise: Noise = Noise()) -> tuple[Array, Array]:  # noqa: B008 (frozen)
-        """Measured values and standard deviations of a table with the design's rows, in the order of `labels`.
-
-        A cell that was not measured has value 0 and standard deviation inf.
-        """
-        return measured(self.observations, columns, noise)
+    def observe(self, columns: Columns) -> Array:
+        """Measured values of a table with the design's rows, in the order of `labels`; NaN for a cell that was not measured."""
+        return measured(self.observations, columns)
 
     def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
         """Prediction (observations,) and its derivative (observations, p) by the parameters, in their units.

@@ -1,8 +1,7 @@
-"""Which numbers of a campaign are compared: order, labels, measured values and their noise."""
+"""Which numbers of a campaign are compared: order, labels and measured values."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,18 +15,6 @@ from model.errors import BadCondition
 from model.rotation import multiply, unit
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Noise:
-    """Standard deviations of one reading where the table has no sd_ column for it."""
-
-    position: float = 0.3e-3
-    """m, tip and markers."""
-    turn: float = math.radians(0.3)
-    """rad."""
-    force: float = 0.05
-    """N."""
 
 
 @dataclass(frozen=True)
@@ -82,26 +69,18 @@ def channels(r: Readings, reference: Array) -> Array:
     return np.concatenate([np.broadcast_to(part, (v, *part.shape[1:])) for part in parts], axis=-1)
 
 
-def measured(o: Observations, columns: Columns, noise: Noise) -> tuple[Array, Array]:
-    """Measured values and their standard deviations in the order of `o`; a cell not measured has sd = inf and value 0.
-
-    An sd_ column (scatter of the averaged samples) is used where present; rx, ry, rz always take `noise`.
-    """
+def measured(o: Observations, columns: Columns) -> Array:
+    """Measured values in the order of `o`; NaN where a cell was not measured."""
     n = o.states
     every = {name: np.asarray(columns[name]).astype(float) for name in columns if name in set(o.channel)}
     if set(TURN) & set(o.channel):
         q = unit(np.stack([np.asarray(columns[name]).astype(float) for name in QUATERNION], axis=1))
         turn = rotation_vector(multiply(q, o.reference[:n] * CONJUGATE))
         every |= {name: turn[:, k] for k, name in enumerate(TURN)}
-    value, sd = np.empty(len(o)), np.empty(len(o))
+    value = np.empty(len(o))
     for name in np.unique(o.channel):
         own = o.channel == name
         if name not in every or len(every[name]) != n:
             raise BadCondition(f"{name}: the table has no such column of {n} rows, the design observes it")
-        default = noise.force if name == "force" else noise.turn if name in TURN else noise.position
-        spread = np.asarray(columns.get(f"sd_{name}", np.full(n, default))).astype(float)
-        spread = np.where(np.isfinite(spread) & (spread > 0), spread, default)
-        value[own], sd[own] = every[name][o.row[own]], spread[o.row[own]]
-    missing = ~np.isfinite(value)
-    value[missing], sd[missing] = 0.0, np.inf
-    return value, sd
+        value[own] = every[name][o.row[own]]
+    return np.where(np.isfinite(value), value, np.nan)
