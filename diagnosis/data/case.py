@@ -6,7 +6,7 @@ and what a small table cannot answer is reported as a concern with the result.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -44,6 +44,14 @@ class CaseLike(Protocol):
 
     @property
     def table(self) -> Table: ...
+
+
+@dataclass(frozen=True)
+class Case:
+    """A robot and a table of trials."""
+
+    robot: Robot
+    table: Table
 
 
 def states(case: CaseLike) -> tuple[Campaign, tuple[str, ...]]:

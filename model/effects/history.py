@@ -20,6 +20,7 @@ from model.effects import layout as at
 from model.effects.compose import RodColumns, silicone_share
 from model.effects.quantities import Quantities
 from model.effects.rotations import CONJUGATE, rotation_vector
+from model.rods import columns as col
 from model.rotation import multiply
 
 Array = NDArray[np.float64]
@@ -40,7 +41,7 @@ OF_PART = DRIVES // 2
 
 def rest_columns(layout: at.Layout) -> list[int]:
     """Columns of a rod to which memory adds, element by element in the order of the drive of a part."""
-    each = (*range(at.REST_CURVATURE, at.REST_CURVATURE + 3), at.REST_STRAIN + 2)
+    each = (*range(col.REST_CURVATURE, col.REST_CURVATURE + 3), col.REST_STRAIN + 2)
     return [element + column for element in layout.elements for column in each]
 
 
@@ -194,10 +195,10 @@ def history_of(q: Quantities, path: Path, rods: RodColumns, driven: Array) -> Hi
     n = driven.shape[1]
     bend, stretch = (
         np.stack(np.broadcast_arrays(*(rods.mean(p, k) for p in (at.INNER, at.OUTER)), np.empty((1, n)))[:2], axis=-1)
-        for k in (at.BEND, at.STRETCH + 2)
+        for k in (col.BEND, col.STRETCH + 2)
     )
     silicone = np.ones((len(bend), n, DRIVES))
-    held = silicone_share(q, q.body.mean_area, q.body.mean_second, rods.mean(at.INNER, at.BEND))
+    held = silicone_share(q, q.body.mean_area, q.body.mean_second, rods.mean(at.INNER, col.BEND))
     silicone[..., :OF_PART] = held[..., None]
     return History(q, path, driven, bend, stretch, silicone, np.zeros((1, n, DRIVES)))
 

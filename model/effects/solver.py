@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from model import rods as rod
 from model.effects import layout as at
+from model.rods import columns as col
 from model.rotation import from_vector, multiply
 
 Array = NDArray[np.float64]
@@ -64,7 +65,7 @@ def integration_steps(layout: at.Layout, rows: Array) -> Steps:
 
     They stay the same while parameters change, so that results are smooth in the parameters.
     """
-    length = rows[:, [element + at.LENGTH for element in layout.elements]]
+    length = rows[:, [element + col.LENGTH for element in layout.elements]]
     share = length / length.sum(axis=1, keepdims=True)
     return np.maximum(1, np.ceil(DIVISIONS * share - 1e-6)).astype(np.int64)
 
@@ -209,16 +210,16 @@ def full_rods(layout: at.Layout, rows: Array) -> rod.Rods:
     """Rods in the full form, from rows (n, layout.width)."""
     values = np.array(rows, order="C")
     for element in layout.elements:
-        values[:, element + at.REST_STRAIN + 2] += 1.0
+        values[:, element + col.REST_STRAIN + 2] += 1.0
     return rod.Rods(layout.form, values)
 
 
 def plain_rods(layout: at.Layout, rows: Array, full: bool = False) -> rod.Rods:
     """The same without springs and, unless they are to be `full`, graded sections that no row has."""
     used = set(np.flatnonzero(rows.any(axis=0)).tolist())
-    stiffness = {at.SPRINGS + k * at.SPRING_WIDTH + at.SPRING_STIFFNESS for k in range(at.SPRING_COUNT)}
+    stiffness = {at.SPRINGS + k * at.SPRING_WIDTH + col.SPRING_STIFFNESS for k in range(at.SPRING_COUNT)}
     # Columns of hyperelastic and graded sections.
-    further = {element + k for element in layout.elements for k in range(at.SERIES, at.ELEMENT_WIDTH)}
+    further = {element + k for element in layout.elements for k in range(col.SERIES, at.ELEMENT_WIDTH)}
     springs, full = bool(used & stiffness), full or bool(used & further)
     form = rod.Form(layout.form.elements, at.SPRING_COUNT if springs else 0, full)
     dropped = {*(() if springs else range(at.SPRINGS, at.ELEMENTS)), *(() if full else further)}

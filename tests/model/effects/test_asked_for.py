@@ -17,6 +17,7 @@ from model.effects.history import DRIVES, History, loading_path
 from model.effects.laws.actuation import orders
 from model.effects.solver import METHOD, full_rods
 from model.robot import Robot
+from model.rods import columns as col
 from model.rotation import to_base
 from tests.model.effects.test_history import unchanged
 
@@ -176,9 +177,9 @@ def test_the_moment_of_a_payload_is_its_weight_at_a_lever_that_turns_with_the_ti
     final = forward._solved(theta).final
     spring = at.SPRINGS + 3 * at.SPRING_WIDTH
     plain = final.rows.copy()
-    plain[:, spring + at.SPRING_STIFFNESS] = 0.0
+    plain[:, spring + col.SPRING_STIFFNESS] = 0.0
     weight = mass * np.array(paper_robot.gravity)
-    plain[:, at.DEAD_FORCE : at.DEAD_FORCE + 3] += weight
+    plain[:, col.DEAD_FORCE : col.DEAD_FORCE + 3] += weight
     held = full_rods(final.layout, plain)
     turned = to_base(final.result[:, at.ORIENTATION : at.ORIENTATION + 4], np.broadcast_to(lever, (len(plain), 3)))
     held.field("dead_moment")[:] = np.cross(turned, weight)
