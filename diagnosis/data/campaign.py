@@ -60,7 +60,7 @@ class Campaign:
     def pressure(self) -> Array:
         """(n, chambers) Pa gauge; 0 for pushes."""
         of_robot = [r.pressures for r, pushed in zip(self.rows, self.pushed, strict=True) if not pushed]
-        out = np.zeros((len(self), len((of_robot or [r.pressures for r in self.rows] or [()])[0])))
+        out = np.zeros((len(self), len((of_robot or [r.pressures for r in self.rows] or [(0.0,)])[0])))
         if of_robot:
             out[~self.pushed] = of_robot
         return out
