@@ -46,7 +46,7 @@ class Hypothetical:
         """Indices of the parameters that are sampled: the named effect's, then the calibration."""
         p = self.problem.parameters
         own = [i for i, e in enumerate(p.effects) if e in self.named]
-        return np.array(own + [i for i, c in enumerate(p.calibration) if c], np.intp)
+        return np.array([*own, *np.flatnonzero(p.calibration)], np.intp)
 
     @property
     def laplace(self) -> float:
@@ -73,9 +73,8 @@ class Hypothetical:
         One size after the other: inside its small interval there is only what the sizes that follow leave of it.
         """
         p = self.problem.parameters
-        shapes = p.shapes or (False,) * len(p.names)
         out = unit.copy()
-        places = [j for j, i in enumerate(self.sampled) if p.effects[i] and not shapes[i]]
+        places = [j for j, i in enumerate(self.sampled) if p.effects[i] and p.infos[i].role == "size"]
         least = np.zeros(len(p.names))
         least[p.of_effect] = p.least_named
         edges = np.clip((norm.cdf([-least[self.sampled], least[self.sampled]]) - low) / (high - low), 0.0, 1.0)

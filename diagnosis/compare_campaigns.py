@@ -23,9 +23,9 @@ from .answer.result import Change
 from .answer.sentences import OUTSIDE, plain_name, with_id
 from .criticism.misfit import misfit_diagnostics
 from .criticism.probability_calibration import CALIBRATED
+from .data.campaign import Campaign
 from .data.case import CaseLike, states
 from .data.noise import Lasting, Noise
-from .data.states import States
 from .errors import TooLittle
 from .inference.budget import budget, by_what_is_carried, parts
 from .inference.evidence import NONE, Hypothesis
@@ -97,7 +97,7 @@ def compare_campaigns(
     return Change(sentence(found, told, sizes, catalogue, later.robot.actuators.words), found.ranking[:10], sizes, told)
 
 
-def _comparable(before: States, after: States) -> tuple[States, States]:
+def _comparable(before: Campaign, after: Campaign) -> tuple[Campaign, Campaign]:
     """What both campaigns hold: states of the robot, stiffness trials, or both."""
     kinds = [sum(bool((s.pushed == pushed).any()) for s in (before, after)) == 2 for pushed in (False, True)]
     if not any(kinds):
@@ -160,28 +160,21 @@ class _JointForward:
         self._k, self._changes = len(a.names), len(self._change)
 
     def _table(self, a: Parameters, b: Parameters) -> Parameters:
-        own, change = np.array(self._own, int), self._change
         daily = ANOTHER_DAY.values()
+        changed = [b.infos[i] for i in self._change]
         # Effects present in the reference are no change: each is free there, within its whole scale.
-        order = [(a, np.arange(len(a.names)), False), (b, own, False), (b, change, True)]
-
-        def column(name: str) -> Array:
-            return np.concatenate([getattr(p, name)[rows] for p, rows, _ in order])
-
+        free = [replace(i, group="nuisance") for i in (*a.infos, *(b.infos[i] for i in self._own))]
+        changes = [
+            replace(i, name=i.name + CHANGE, starts=(0.0,), tolerated=i.tolerated and i.source not in daily)
+            for i in changed
+        ]
+        least = [b.least[i] if b.least else LEAST_NAMED_SIZE for i in self._change]
         return Parameters(
-            names=tuple(p.names[i] + (CHANGE if c else "") for p, rows, c in order for i in rows),
-            effects=tuple(p.effects[i] if c else "" for p, rows, c in order for i in rows),
-            mean=column("mean"), sd=column("sd"), lower=column("lower"), upper=column("upper"),
-            units=tuple(p.units[i] for p, rows, _ in order for i in rows),
-            shapes=tuple(p.shapes[i] for p, rows, _ in order for i in rows),
-            sources=tuple(p.sources[i] for p, rows, _ in order for i in rows),
-            recurring=tuple(bool(p.recurs[i]) for p, rows, _ in order for i in rows),
-            starts=tuple((0.0,) if c else () for _, rows, c in order for _ in rows),
-            tolerated=tuple(not c or (bool(b.tolerated[i]) and b.effects[i] not in daily) for _, rows, c in order for i in rows),
-            exact=tuple(c and bool(b.exact) and b.exact[i] for _, rows, c in order for i in rows),
-            least=tuple(b.least[i] if c and b.least else LEAST_NAMED_SIZE for _, rows, c in order for i in rows),
+            (*free, *changes),
+            np.concatenate([a.sd, b.sd[self._own], b.sd[self._change]]),
+            (*(LEAST_NAMED_SIZE,) * len(free), *least),
             changes=True,
-        )  # fmt: skip
+        )
 
     def _split(self, theta: Array) -> tuple[Array, Array]:
         a, b = self._parts[0].parameters, self._parts[1].parameters

@@ -214,7 +214,7 @@ def _posterior(p: Prepared, c: Candidate, left: float) -> tuple[dict[str, Stated
         value, spread = float(c.fit.theta[i]), float(sd[i])
         if name == AREA_FACTOR:
             value, spread = area * (1 + value), area * spread
-        stated[name] = Stated(value=_rounded(value), sd=_rounded(spread), unit=parameters.units[i])
+        stated[name] = Stated(value=_rounded(value), sd=_rounded(spread), unit=parameters.infos[i].unit)
     own = list(place.values())
     scale = np.sqrt(np.diag(covariance))[own]
     correlation = SHRINKING * covariance[np.ix_(own, own)] / np.outer(scale, scale)
@@ -254,7 +254,7 @@ def _lasting(p: Prepared, named: Sequence[str]) -> dict[str, int]:
     return place | {
         name: i
         for i, name in enumerate(parameters.names)
-        if parameters.effects[i] in (*named,) or (parameters.sources[i] in TOLERANCES and not parameters.recurs[i])
+        if parameters.effects[i] in (*named,) or (parameters.infos[i].source in TOLERANCES and not parameters.recurs[i])
     }
 
 

@@ -16,13 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.effects.design import design_from_columns
-from model.robot import Robot
 from recordings.trials import Table
 
 from .answer.next_experiment import planned
 from .answer.result import Diagnosis, Proposal
 from .answer.rivals import Rivals
-from .data.case import CaseLike, states
+from .data.case import Case, CaseLike, states
 from .diagnose import Examined, Options, examine
 from .errors import BadCase
 from .inference.prepare import table_columns
@@ -215,7 +214,7 @@ def judge(before: Examined, case: CaseLike, more: CaseLike) -> tuple[Judged, ...
     rows = more.table.rows[len(case.table.rows) :]
     rivals = before.rivals
     try:
-        own = before.first.moved(states(Measured(rivals.prepared.robot, Table(rows)))[0])
+        own = before.first.moved(states(Case(rivals.prepared.robot, Table(rows)))[0])
     except BadCase:
         return ()
     own = own.take(~own.pushed)
@@ -223,8 +222,8 @@ def judge(before: Examined, case: CaseLike, more: CaseLike) -> tuple[Judged, ...
     predictions = rivals.predict(table) if len(own) else None
     if predictions is None:
         return ()
-    observed, _ = rivals.prepared.forward.on(design_from_columns(rivals.prepared.robot, table)).observe(table)
-    density = [float(p.log_density(observed[None, :])[0]) for p in predictions]
+    observed = rivals.prepared.forward.on(design_from_columns(rivals.prepared.robot, table)).observe(table)
+    density = [float(p.log_density(np.nan_to_num(observed[None, :]))[0]) for p in predictions]
     out = []
     for c, p, its in zip(rivals.candidates, predictions, density, strict=True):
         missed = np.linalg.norm(own.tip - p.tip[0], axis=1)
@@ -243,14 +242,6 @@ def bits_gained(before: Diagnosis, after: Diagnosis) -> float:
     rest = (max(1 - sum(a for a, _ in known), 0.0), max(1 - sum(b for _, b in known), 0.0))
     every = [*known, *([rest] if min(rest) > 0 else [])]
     return max(float(sum(a * np.log2(a / b) for a, b in every)), 0.0)
-
-
-@dataclass(frozen=True)
-class Measured:
-    """A robot and a table of trials."""
-
-    robot: Robot
-    table: Table
 
 
 def _mm(values: Array) -> tuple[tuple[float, ...], ...]:

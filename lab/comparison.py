@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from diagnosis.data.case import states
 from diagnosis.inference.prepare import table_columns
 from model.compare import ErrorTable, error_table
-from model.condition import Condition
+from model.condition import States
 from model.effects import CATALOGUE, EffectSpec
 from model.prediction import Prediction
 from model.prediction.campaign import predict_campaign
@@ -24,7 +24,7 @@ from .files.inputs import Case
 class Comparison:
     """Tips measured and predicted (n, 3) m, the error table, and how many states the model could not solve."""
 
-    condition: Condition
+    condition: States
     measured: NDArray[np.float64]
     predicted: NDArray[np.float64]
     branch: NDArray[np.str_]

@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
 from model.cantilever import fit_stiffness, youngs_modulus
-from model.condition import Condition
+from model.condition import States
 from model.errors import BadCondition, NotIdentified
 from model.estimate import Estimate, estimate, readings
 from model.robot import Robot
-from model.rods import FINE, Method, solve
+from model.rods import FINE, solve
 from model.section import annulus_second_moment, body_second_moment, rods_of
 
 Array = NDArray[np.float64]
@@ -45,9 +45,7 @@ class AreaFit:
         return self.factor.n // AXES
 
 
-def fit_area_factor(
-    robot: Robot, condition: Condition, tip: ArrayLike, trial: ArrayLike | None = None, method: Method = FINE
-) -> AreaFit:
+def fit_area_factor(robot: Robot, condition: States, tip: ArrayLike, trial: ArrayLike | None = None) -> AreaFit:
     """One factor for all states that brings the tips closest to the measured ones (n, 3) m, base frame.
 
     `trial` (n,) lets the readings of a trial err together. Raises `NotIdentified` when the tips do not depend on
@@ -70,7 +68,7 @@ def fit_area_factor(
         raise NotIdentified("pressure: all zero, the tips say nothing about the area factor")
 
     def distance(x: Array) -> Array:
-        result = solve(rods_of(robot.with_area_factor(float(x[0])), condition), method)
+        result = solve(rods_of(robot.with_area_factor(float(x[0])), condition), FINE)
         # A state that snaps at a trial value counts as one robot length off, which turns the search around.
         return np.where(result.converged[:, None], result.tip - measured, robot.length).ravel()
 
@@ -83,21 +81,21 @@ def fit_area_factor(
             f"area factor: {value:g} is at its bound ({LEAST_FACTOR:g}..{MOST_FACTOR:g}): "
             "check the units of pressure and tip, and the chamber order"
         )
-    predicted = solve(rods_of(robot.with_area_factor(value), condition), method).trusted().tip
+    predicted = solve(rods_of(robot.with_area_factor(value), condition), FINE).trusted().tip
     labels = None if trial is None else np.repeat(np.asarray(trial), 3)
     factor = estimate(value, found.jac[:, 0], (measured - predicted).ravel(), 1, labels)
     return AreaFit(factor)
 
 
 def fit_area_factor_by_length(
-    robot: Robot, condition: Condition, tip: ArrayLike, trial: ArrayLike | None = None, method: Method = FINE
+    robot: Robot, condition: States, tip: ArrayLike, trial: ArrayLike | None = None
 ) -> dict[float, AreaFit]:
     """The paper's calibration: a factor of its own for each spine length (m). Raises as `fit_area_factor`."""
     n = len(condition)
     measured = readings(n, tip=tip)["tip"]
     trials = None if trial is None else np.asarray(trial)
     return {
-        length: fit_area_factor(robot, condition[own], measured[own], None if trials is None else trials[own], method)
+        length: fit_area_factor(robot, condition[own], measured[own], None if trials is None else trials[own])
         for length, own in condition.by_spine_length()
     }
 

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.condition import Condition
+from model.condition import States
 from model.errors import BadCondition
 from model.estimate import readings
 
@@ -69,7 +69,7 @@ class ErrorTable:
         }
 
 
-def error_table(condition: Condition, measured: ArrayLike, predicted: ArrayLike, length: float) -> ErrorTable:
+def error_table(condition: States, measured: ArrayLike, predicted: ArrayLike, length: float) -> ErrorTable:
     """Compare tips (n, 3) m in the base frame; `length` of the robot in m. Raises `BadCondition` on shapes and NaN."""
     n = len(condition)
     tips = readings(n, measured=measured, predicted=predicted)

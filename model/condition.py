@@ -1,9 +1,12 @@
-"""Conditions: what is asked of the robot in each of n states, as arrays with one row a state."""
+"""States: what is asked of the robot in each of n states, as arrays with one row a state."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,51 +15,86 @@ from model.errors import BadCondition
 from model.robot import Robot
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 LOWEST_PRESSURE = -101_325.0
 """Pa gauge: a perfect vacuum."""
 HIGHEST_PRESSURE = 2e6
 """Pa gauge: beyond this a value is taken for a wrong unit."""
+RATE, HOLD = 25e3, 2.0
+"""Pa/s and s, where a table does not say how a state was reached."""
+NOMINAL_VACUUM = 80e3
+"""Pa below ambient at which the robot's spine moduli hold, when the table has no vacuum."""
+USED = 5e3
+"""Pa; a chamber that never reads more within a trial is taken as vented."""
+TIP = ("x", "y", "z")
 
 
 @dataclass(frozen=True)
-class Condition:
-    """n states of one robot; make it with `conditions`, which broadcasts and fills in the robot's own values."""
+class States:
+    """n states of one robot in the order in which they happened, and which channels were read of them; SI.
 
+    Made by `conditions` of settings, by `model.effects.design.design_from_columns` of a table.
+    """
+
+    trial: NDArray[np.int64]
+    """(n,) 0..trials-1; states of one trial follow each other and share one history."""
+    trial_id: NDArray[np.int64]
+    """(trials,) the numbers the table gives them."""
+    stiffness: Flags
+    """(n,) rows of force over deflection; the others are states of the robot."""
+    body: Flags
+    """(n,) stiffness rows whose specimen is the body, not the bare spine."""
+    unload: Flags
+    repeat: NDArray[np.int64]
+    t: Array
+    """(n,) s."""
+    rate: Array
+    """(n,) Pa/s, magnitude."""
+    hold: Array
+    """(n,) s; 0 = read while ramping."""
+    sitting: NDArray[np.int64]
+    """(n,) counts the times that work began anew, with the robot perhaps mounted anew: t starts again, or nothing was read for
+    longer than `PAUSE`."""
+    progress: Array
+    """(n,) part of the campaign that has passed, 0 to 1: by time where it is known throughout, else by trials."""
     spine_length: Array
     """(n,) m."""
-    pressure: Array
-    """(n, chambers) Pa gauge, in the order of robot.yaml's azimuths."""
+    vacuum: Array
+    """(n,) Pa below ambient."""
+    nominal_vacuum: float
+    """Pa, the vacuum of most states with spine, at which the robot's spine moduli are taken to hold."""
     tip_mass: Array
-    """(n,) kg hung at the tip."""
-    roll: Array
-    """(n,) rad, the chamber pattern turned about the rod's axis."""
+    """(n,) kg."""
     force: Array
     """(n, 3) N, known forces on the tip, base frame, besides the weight of `tip_mass`."""
-
-    def __post_init__(self) -> None:
-        n = len(self.spine_length)
-        for field in fields(self):
-            value: Array = getattr(self, field.name)
-            want = {"pressure": "(n, chambers)", "force": "(n, 3)"}.get(field.name, "(n,)")
-            fits = value.shape[:1] == (n,) and value.ndim == (1 if want == "(n,)" else 2)
-            if not fits or (field.name == "force" and value.shape[1] != 3):
-                raise BadCondition(f"{field.name}: shape {value.shape}, must be {want} with n = {n} as in spine_length")
-            _refuse(field.name, "", value, ~np.isfinite(value), "must be finite: drop the rows that were not measured")
-        _refuse("spine_length", "m", self.spine_length, self.spine_length < 0, "must not be negative")
-        _refuse("tip_mass", "kg", self.tip_mass, self.tip_mass < 0, "must not be negative")
-        wrong = (self.pressure < LOWEST_PRESSURE) | (self.pressure > HIGHEST_PRESSURE)
-        limits = f"must be within {LOWEST_PRESSURE:g} and {HIGHEST_PRESSURE:g} Pa gauge: check the unit"
-        _refuse("pressure", "Pa", self.pressure, wrong, limits)
+    roll: Array
+    """(n,) rad."""
+    pressure: Array
+    """(n, chambers) Pa gauge, as read."""
+    used: Flags
+    """(n, chambers) chambers that are pressurised at some state of the trial."""
+    deflection: Array
+    """(n,) m; 0 where the row is no stiffness row."""
+    channels: tuple[str, ...]
+    """Observed channels, of x y z, rx ry rz, m1x .. mKz, force."""
 
     def __len__(self) -> int:
-        return len(self.spine_length)
+        return len(self.trial)
 
-    def __getitem__(self, rows: slice | NDArray[np.bool_] | NDArray[np.intp]) -> Condition:
-        """The states picked by a slice, mask or index array."""
-        return Condition(
-            self.spine_length[rows], self.pressure[rows], self.tip_mass[rows], self.roll[rows], self.force[rows]
-        )
+    def __getitem__(self, rows: slice | NDArray[np.bool_] | NDArray[np.integer[Any]]) -> States:
+        """The states picked by a slice, mask or index array; trials keep their numbers."""
+        return replace(self, **{name: getattr(self, name)[rows] for name in _BY_STATE})
+
+    @cached_property
+    def highest(self) -> Array:
+        """(n, chambers) Pa gauge, the highest reading of each chamber in the state's trial."""
+        return highest(self.trial, self.pressure)
+
+    @property
+    def markers(self) -> int:
+        """How many markers are observed."""
+        return sum(1 for name in self.channels if re.fullmatch(r"m\d+x", name))
 
     def by_spine_length(self) -> Iterator[tuple[float, NDArray[np.bool_]]]:
         """Each spine length (m, to 0.1 mm) with the mask of its states, shortest first."""
@@ -78,6 +116,9 @@ class Condition:
         _refuse("spine_length", "m", self.spine_length, too_long, f"must not exceed {limit:g} m ({reason})")
 
 
+_BY_STATE = [f.name for f in fields(States) if f.name not in ("trial_id", "nominal_vacuum", "channels")]
+
+
 def conditions(
     robot: Robot,
     spine_length: ArrayLike,
@@ -85,11 +126,15 @@ def conditions(
     tip_mass: ArrayLike | None = None,
     roll: ArrayLike = 0.0,
     force: ArrayLike = (0.0, 0.0, 0.0),
-) -> Condition:
-    """States of `robot` from numbers or arrays that broadcast over n; raises `BadCondition`.
+    vacuum: float = NOMINAL_VACUUM,
+    rate: float = RATE,
+    hold: float = HOLD,
+) -> States:
+    """States of `robot` from numbers or arrays that broadcast over n, each a trial of its own; raises `BadCondition`.
 
     spine_length in m, pressure (..., chambers) in Pa gauge, tip_mass in kg (the robot's own when None), roll in rad,
-    force (..., 3) in N on the tip, base frame.
+    force (..., 3) in N on the tip, base frame. Read `hold` s after a ramp of `rate` Pa/s from rest, at the vacuum (Pa) at which
+    the spine's moduli hold.
 
     >>> from pathlib import Path
     >>> from model.robot import load_robot
@@ -113,11 +158,29 @@ def conditions(
         raise BadCondition(f"pressure: shape {p.shape}, must be (chambers,) or ({n}, chambers)")
     if pull.ndim != 2 or pull.shape[1] != 3 or len(pull) not in (1, n):
         raise BadCondition(f"force: shape {pull.shape}, must be (3,) or ({n}, 3)")
-    made = Condition(
-        pressure=np.broadcast_to(p, (n, p.shape[1])).copy(), force=np.broadcast_to(pull, (n, 3)).copy(), **full
-    )
+    full |= {"pressure": np.broadcast_to(p, (n, p.shape[1])).copy(), "force": np.broadcast_to(pull, (n, 3)).copy()}
+    for name, value in full.items():
+        _refuse(name, "", value, ~np.isfinite(value), "must be finite: drop the rows that were not measured")
+    _refuse("spine_length", "m", full["spine_length"], full["spine_length"] < 0, "must not be negative")
+    _refuse("tip_mass", "kg", full["tip_mass"], full["tip_mass"] < 0, "must not be negative")
+    wrong = (full["pressure"] < LOWEST_PRESSURE) | (full["pressure"] > HIGHEST_PRESSURE)
+    limits = f"must be within {LOWEST_PRESSURE:g} and {HIGHEST_PRESSURE:g} Pa gauge: check the unit"
+    _refuse("pressure", "Pa", full["pressure"], wrong, limits)
+    number, no, zero = np.arange(n), np.zeros(n, bool), np.zeros(n)
+    made = States(
+        trial=number, trial_id=number, stiffness=no, body=no, unload=no, repeat=np.ones(n, np.int64), t=np.full(n, np.nan),
+        rate=np.full(n, rate), hold=np.full(n, hold), sitting=np.zeros(n, np.int64), progress=np.full(n, 0.5),
+        vacuum=np.full(n, vacuum), nominal_vacuum=vacuum, used=full["pressure"] > USED, deflection=zero, channels=TIP, **full,
+    )  # fmt: skip
     made.check(robot)
     return made
+
+
+def highest(trial: NDArray[np.int64], pressure: Array) -> Array:
+    """(n, chambers) the largest of pressures (n, chambers) in each state's trial 0..."""
+    top = np.full((int(trial.max(initial=-1)) + 1, pressure.shape[1]), -np.inf)
+    np.maximum.at(top, trial, pressure)
+    return np.asarray(top[trial])
 
 
 def _floats(field: str, value: ArrayLike) -> Array:

@@ -208,7 +208,7 @@ def simulator_section(f: Attribution) -> Simulator | None:
     own = p.labels.kind == 0
     difference = (p.problem.forward.predict(simulator) - p.problem.forward.predict(rod))[own]
     count = len(np.unique(p.labels.state[own]))
-    free = [i for i, is_one in enumerate(parameters.calibration) if is_one and i != at]
+    free = [i for i in np.flatnonzero(parameters.calibration).tolist() if i != at]
     slope = p.problem.linearise(fitted.theta, free)[1][own]
     left = difference - slope @ np.linalg.lstsq(slope, difference, rcond=None)[0]
     share = float(fitted.theta[at])

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from model.actuators import Words
 from model.robot import Robot
 
-from ..data.states import States
+from ..data.campaign import Campaign
 
 Columns = dict[str, NDArray[np.generic]]
 
@@ -67,7 +67,7 @@ class _State:
     seconds: float = field(default=PER_STATE)
 
 
-def candidate_experiments(robot: Robot, s: States) -> list[Experiment]:
+def candidate_experiments(robot: Robot, s: Campaign) -> list[Experiment]:
     """Experiments that the campaign does not hold yet."""
     lengths, pressures = _three(s.spine_length, 0.005), _three(s.highest[s.highest > s.pressure_gap], s.pressure_gap)
     chambers = _inflated(s)
@@ -115,7 +115,7 @@ def candidate_experiments(robot: Robot, s: States) -> list[Experiment]:
     return [replace(e, do=words.say(e.do)) for e in offered if not _already_recorded(e.id, s)]
 
 
-def _others(chambers: list[int], count: int, s: States) -> list[int]:
+def _others(chambers: list[int], count: int, s: Campaign) -> list[int]:
     """The same chambers turned about the axis, by a third of the ring if possible, such as were not inflated; empty where all
     were."""
     third = count // 3
@@ -124,7 +124,7 @@ def _others(chambers: list[int], count: int, s: States) -> list[int]:
     return next((t for t in turned if tuple(t) not in s.chambers), [])
 
 
-def _already_recorded(id: str, s: States) -> bool:
+def _already_recorded(id: str, s: Campaign) -> bool:
     """Whether the campaign holds such states already."""
     rows = s.rows
     has = {
@@ -215,7 +215,7 @@ def _between(values: NDArray[np.float64], gap: float) -> list[float]:
     return [float(np.round(x, 6)) for x in (known[:-1] + known[1:]) / 2] if len(known) <= FEW else []
 
 
-def _inflated(s: States) -> list[int]:
+def _inflated(s: Campaign) -> list[int]:
     """Numbers of the chambers inflated in the state with the highest pressure of the main sweep."""
     main = np.flatnonzero(s.kind == 0)
     row = s.pressure[main[np.argmax(s.highest[main])]]

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from model.effects.design import design_from_columns
 from recordings.trials import TrialRow
 
+from ..data.campaign import Campaign
 from ..data.case import CaseLike, states
 from ..data.levels import SPINE_GAP, levels
-from ..data.states import States
 from ..errors import BadCase, BadHoldout
 from ..inference.prepare import Prepared, table_columns
 from ..judgement import CONFIRMED_SHARE
@@ -81,7 +81,7 @@ class Holdout:
         return f"{closed}; {word}."
 
 
-def unseen_states(diagnosed: CaseLike, other: CaseLike) -> States:
+def unseen_states(diagnosed: CaseLike, other: CaseLike) -> Campaign:
     """The states of `other` with a tip; raises `BadHoldout` when it has none, has another robot or shares states."""
     if diagnosed.robot != other.robot:
         raise BadHoldout(
@@ -114,7 +114,7 @@ def _key(row: TrialRow) -> tuple[object, ...]:
     return row.tip, row.pressures, row.spine_length
 
 
-def evaluate_holdout(f: Attribution, own: States) -> Holdout:
+def evaluate_holdout(f: Attribution, own: Campaign) -> Holdout:
     """Predict the states `own` of another campaign with what was found; raises `BadHoldout`."""
     before, after = (_missed(f.prepared, own, theta) for theta in (f.calibrated.theta, f.best.fit.theta))
     seen = np.isfinite(before) & np.isfinite(after)
@@ -131,7 +131,7 @@ def evaluate_holdout(f: Attribution, own: States) -> Holdout:
     )  # fmt: skip
 
 
-def _missed(p: Prepared, own: States, theta: Array) -> Array:
+def _missed(p: Prepared, own: Campaign, theta: Array) -> Array:
     """Tip distance (n,) m between measured and predicted; NaN where the rod has no equilibrium."""
     forward = p.forward.on(design_from_columns(p.robot, table_columns(own)))
     known = dict(zip(p.problem.parameters.names, p.common(theta), strict=True))

@@ -20,8 +20,8 @@ from model.robot import Robot
 from model.rods import FINE, PAPER, solve
 from model.section import rods_of
 
+from ..data.campaign import Campaign
 from ..data.levels import SPINE_GAP, levels
-from ..data.states import States
 from ..judgement import FALSE_DISCOVERY_RATE
 from .result import Cell
 
@@ -38,7 +38,7 @@ TIME_BINS = 4
 class Pushes:
     """The gap of stiffness trials."""
 
-    states: States
+    states: Campaign
     """Those of the stiffness trials."""
     missed: Array
     """(n,) m of deflection."""
@@ -47,7 +47,7 @@ class Pushes:
 
 
 def cells(
-    states: States, gap: Array, floor: float, markers: Mapping[float, Array], pushes: Pushes | None = None
+    states: Campaign, gap: Array, floor: float, markers: Mapping[float, Array], pushes: Pushes | None = None
 ) -> dict[str, tuple[Cell, ...]]:
     """The gap (n, 3) m by factor; `floor` m, rms distance of a single reading; `markers` arc length m -> (n, 3) m.
 
@@ -138,7 +138,7 @@ def _mark_significant(found: Mapping[str, list[tuple[Cell, float]]]) -> dict[str
     return {name: tuple(replace(c, significant=bool(p <= limit)) for c, p in group) for name, group in found.items()}
 
 
-def numerical_error(robot: Robot, states: States) -> float:
+def numerical_error(robot: Robot, states: Campaign) -> float:
     """Rms tip error (m) of the paper's Euler integration alone, over the distinct states; NaN where it has none."""
     states = states.take(~states.pushed)
     if not len(states):

@@ -77,7 +77,7 @@ def _size(p: Prepared, i: int, mean: float, sd: float, seen: bool) -> Size:
     if parameters.names[i] == PAYLOAD:  # no more is taken off the tip than hangs there
         low = max(low, -float(p.forward.design.tip_mass[p.states.main].min()))
     low90, median, high90 = (float(np.clip(cut_quantile(mean, sd, low, high, q), low, high)) for q in (0.05, 0.5, 0.95))
-    return Size(parameters.names[i], parameters.units[i], median, mean, sd, low, high, low90, high90, seen)
+    return Size(parameters.names[i], parameters.infos[i].unit, median, mean, sd, low, high, low90, high90, seen)
 
 
 def cut_quantile(mean: float, sd: float, low: float, high: float, share: float) -> float:

@@ -128,7 +128,7 @@ def _law_error_gain(best: Candidate, linear: Linear) -> float:
 def _prior_tension(g: Gaussian, p: Parameters, named: tuple[str, ...]) -> tuple[float, str, float]:
     """Prior tension of all but the calibration and the trials' own parameters, the furthest parameter, the outlying spine."""
     order = np.concatenate([np.flatnonzero(p.of_effect), np.flatnonzero(~p.of_effect)])
-    names, sources = np.array(p.names)[order], np.array(p.sources or ("",) * len(p.names))[order]
+    names, sources = np.array(p.names)[order], np.array([i.source for i in p.infos])[order]
     effects = int(p.of_effect.sum())
     free = np.zeros(len(names), bool)
     free[effects:] = p.calibrated

@@ -6,6 +6,7 @@ and what a small table cannot answer is reported as a concern with the result.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -16,8 +17,8 @@ from recordings.trials import Table, TrialRow
 
 from ..errors import BadCase
 from . import plausible, pushes
-from .levels import SPINE_GAP, VACUUM_GAP, levels, pressure_gap
-from .states import States
+from .campaign import Campaign
+from .levels import SPINE_GAP, VACUUM_GAP, by_frequency, levels, pressure_gap
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -45,7 +46,15 @@ class CaseLike(Protocol):
     def table(self) -> Table: ...
 
 
-def states(case: CaseLike) -> tuple[States, tuple[str, ...]]:
+@dataclass(frozen=True)
+class Case:
+    """A robot and a table of trials."""
+
+    robot: Robot
+    table: Table
+
+
+def states(case: CaseLike) -> tuple[Campaign, tuple[str, ...]]:
     """The states with a tip and those of stiffness trials, and concerns about the table; raises `BadCase`."""
     robot = case.robot
     of_robot = [r for r in case.table if r.protocol != "stiffness" and r.tip is not None]
@@ -68,78 +77,65 @@ def states(case: CaseLike) -> tuple[States, tuple[str, ...]]:
         )
     plausible.require_plausible(robot, usable + usable_pushes)
     pushes.require_plausible(robot, usable_pushes)
-    arrays = _arrays(usable, usable_pushes, len(robot.actuators.azimuths_deg))
+    arrays = _arrays(usable, usable_pushes)
     concerns += _concerns(arrays, robot.spine is not None) if usable else []
     return arrays, (*concerns, *pushes.concerns(usable_pushes, arrays, bool(usable)))
 
 
-def _arrays(of_robot: list[TrialRow], of_trials: list[TrialRow], chambers: int) -> States:
-    rows = of_robot + of_trials
-    gap = pressure_gap(of_robot)
-    trial = np.array([r.trial for r in rows], np.int64)
-    spine = np.clip([r.spine_length for r in rows], 0.0, None)
-    none = (0.0,) * chambers
-    pressure = np.array([r.pressures for r in of_robot] + [none] * len(of_trials)).reshape(len(rows), chambers)
-    branch = np.array([-1.0 if r.branch == "unload" else 1.0 for r in rows])
-    n = len(of_robot)
-    kind = np.concatenate([_kinds(of_robot, spine[:n], pressure[:n], gap), pushes.kinds(of_trials)])
-    kind[n:] += kind[:n].max(initial=-1) + 1
-    condition = np.concatenate(
-        [
-            _conditions(of_robot, spine[:n], pressure[:n], branch[:n], kind[:n], gap),
-            pushes.conditions(of_trials, spine[n:]),
-        ]
-    )
-    condition[n:] += condition[:n].max(initial=-1) + 1
-    time = np.array([np.nan if r.t is None else r.t for r in rows])
-    tip = np.array([r.tip for r in of_robot] + [(np.nan,) * 3] * len(of_trials))
-    return States(
-        tuple(rows), trial, spine, pressure, branch, time, tip, condition, kind, np.arange(len(rows)) >= n, gap
-    )
+def _arrays(of_robot: list[TrialRow], of_trials: list[TrialRow]) -> Campaign:
+    rows = (*of_robot, *of_trials)
+    none = np.zeros(len(rows), np.int64)
+    s = Campaign(rows, none, none, pressure_gap(of_robot))
+    own = s.take(~s.pushed)
+    kind = _behind(_kinds(own), pushes.kinds(of_trials))
+    condition = _conditions(replace(own, kind=kind[: len(own)]))
+    return replace(s, kind=kind, condition=_behind(condition, pushes.conditions(of_trials, s.spine_length[s.pushed])))
 
 
-def _conditions(rows: list[TrialRow], spine: Array, pressure: Array, branch: Array, kind: Ints, gap: float) -> Ints:
-    """Number of each row's condition."""
-    if not rows:
+def _behind(first: Ints, second: Ints) -> Ints:
+    """Numbers, and behind them others that are counted on from there."""
+    return np.concatenate([first, second + first.max(initial=-1) + 1])
+
+
+def _conditions(s: Campaign) -> Ints:
+    """Number of each state's condition."""
+    if not len(s):
         return np.zeros(0, np.int64)
-    level = levels(pressure.max(axis=1), gap)
-    hold = levels(np.log1p([r.hold or 0.0 for r in rows]), HOLD_GAP)
-    keys = np.column_stack([levels(spine, SPINE_GAP), level, branch.astype(np.int64), kind, hold])
+    level = levels(s.highest, s.pressure_gap)
+    hold = levels(np.log1p([r.hold or 0.0 for r in s.rows]), HOLD_GAP)
+    keys = np.column_stack([levels(s.spine_length, SPINE_GAP), level, s.branch.astype(np.int64), s.kind, hold])
     found = np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
-    settings = np.zeros((len(rows), pressure.shape[1]), np.int64)
+    settings = np.zeros(s.pressure.shape, np.int64)
     for own in (found == c for c in np.unique(found)):
         # The highest pressure alone tells settings apart where chambers are inflated together, not where each has its own.
-        if np.ptp(pressure[own], axis=0).max() > WIDEST * gap:
-            settings[own] = np.column_stack([levels(chamber, gap) for chamber in pressure[own].T])
+        if np.ptp(s.pressure[own], axis=0).max() > WIDEST * s.pressure_gap:
+            settings[own] = np.column_stack([levels(chamber, s.pressure_gap) for chamber in s.pressure[own].T])
     return np.unique(np.column_stack([found, settings]), axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
 
 
-def _kinds(rows: list[TrialRow], spine: Array, pressure: Array, gap: float) -> Ints:
-    """Number of each row's kind of experiment: protocol, chambers inflated, tip mass, roll, vacuum, rate and hold."""
+def _kinds(s: Campaign) -> Ints:
+    """Number of each state's kind of experiment: protocol, chambers inflated, tip mass, roll, vacuum, rate and hold."""
+    rows = s.rows
     if not rows:
         return np.zeros(0, np.int64)
-    inflated = (pressure > 0.5 * pressure.max(axis=1, keepdims=True)) & (pressure > gap)
+    inflated = (s.pressure > 0.5 * s.pressure.max(axis=1, keepdims=True)) & (s.pressure > s.pressure_gap)
     on_the_fly = np.array([r.hold is not None and r.hold <= 0 for r in rows])
     rate = np.array([abs(r.rate or 0.0) for r in rows])
     speed = np.zeros(len(rows))
-    trials = np.array([r.trial for r in rows])
-    for t in np.unique(trials):
+    for t in np.unique(s.trial):
         # A sweep is of one kind: near zero pressure no chamber stands out, and at its ends it stands still.
-        own = trials == t
-        inflated[own] = _sweeps(inflated[own], pressure[own].max(axis=1), gap)
+        own = s.trial == t
+        inflated[own] = _sweeps(inflated[own], s.highest[own], s.pressure_gap)
         speed[own] = rate[own].max() if on_the_fly[own].any() else 0.0
-    columns = [
+    return by_frequency(
         np.unique([r.protocol for r in rows], return_inverse=True)[1],
         np.unique(inflated, axis=0, return_inverse=True)[1].reshape(-1),
         levels(np.array([r.tip_mass or 0.0 for r in rows]), 2e-3),
         levels(np.array([r.roll_deg or 0.0 for r in rows]), 1.0),
         *(levels(pull, FORCE_GAP) for pull in np.array([r.tip_force for r in rows]).T),
-        _vacuums(np.array([r.vacuum or 0.0 for r in rows]), spine),
+        _vacuums(np.array([r.vacuum or 0.0 for r in rows]), s.spine_length),
         levels(speed, RATE_GAP),
-    ]
-    _, index, count = np.unique(np.column_stack(columns), axis=0, return_inverse=True, return_counts=True)
-    rank = np.argsort(np.argsort(-count, kind="stable"), kind="stable")
-    return rank[index.reshape(-1)].astype(np.int64)
+    )
 
 
 def _sweeps(inflated: NDArray[np.bool_], highest: Array, gap: float) -> NDArray[np.bool_]:
@@ -166,7 +162,7 @@ def _vacuums(vacuum: Array, spine: Array) -> Ints:
     return out
 
 
-def lacking(s: States) -> tuple[str, ...]:
+def lacking(s: Campaign) -> tuple[str, ...]:
     """What it takes to name a cause and is not there: repeated states, a robot bent at two pressures; or, of stiffness trials, a
     specimen pushed to two deflections at two lengths."""
     own = s.take(~s.pushed)
@@ -179,7 +175,7 @@ def lacking(s: States) -> tuple[str, ...]:
     return () if len(np.unique(levels(own.highest, s.pressure_gap))) > 1 else ("only one pressure",)
 
 
-def _concerns(s: States, spine: bool) -> list[str]:
+def _concerns(s: Campaign, spine: bool) -> list[str]:
     notes = []
     own = s.take(s.main)
     lengths = len(np.unique(levels(own.spine_length, SPINE_GAP)))

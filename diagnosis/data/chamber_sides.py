@@ -13,7 +13,7 @@ from model.effects.spec import EffectSpec
 from model.robot import Robot
 from model.stated import Stated
 
-from .states import States
+from .campaign import Campaign
 
 Array = NDArray[np.float64]
 
@@ -27,14 +27,14 @@ ALIKE = 20.0
 """Degrees within which azimuths are those of another order."""
 
 
-def leave_out(robot: Robot, states: States, catalogue: Mapping[str, EffectSpec]) -> Mapping[str, EffectSpec]:
+def leave_out(robot: Robot, states: Campaign, catalogue: Mapping[str, EffectSpec]) -> Mapping[str, EffectSpec]:
     """A catalogue without another order of the chambers where the robot has one, or tips go to where the chambers push them."""
     if ORDER not in catalogue or (ORDER not in robot.effects and contradicted(robot, states)):
         return catalogue
     return {id: spec for id, spec in catalogue.items() if id != ORDER}
 
 
-def contradicted(robot: Robot, states: States) -> bool:
+def contradicted(robot: Robot, states: Campaign) -> bool:
     """Whether tips go to other sides than the order of the chambers says."""
     push = (states.pressure @ robot.bending_directions) * np.exp(1j * states.roll)
     aside, strength = states.tip[:, 0] + 1j * states.tip[:, 1], np.abs(push)
@@ -69,6 +69,6 @@ def order_told(robot: Robot, place: int) -> str:
     return f"chambers 1 to {len(robot.actuators.azimuths_deg)} hold the pressures of {held} ({ORDER})"
 
 
-def can_name_order(robot: Robot, states: States, effects: Collection[str]) -> bool:
+def can_name_order(robot: Robot, states: Campaign, effects: Collection[str]) -> bool:
     """Whether the effect is among those that are weighed and chambers were inflated that bend to several sides."""
     return ORDER in effects and sides_apart(robot, states.pressure[~states.pushed])

@@ -43,8 +43,8 @@ from ..judgement import (
     FIRST_WIDEST,
     UPSIDE_DOWN_GAIN,
 )
+from .campaign import Campaign
 from .chamber_sides import can_name_order, exchanged, order_told, with_order
-from .states import States
 
 Array = NDArray[np.float64]
 
@@ -84,7 +84,7 @@ class FirstCalibration:
     """The robot and the states around which a diagnosis is made."""
 
     robot: Robot
-    states: States
+    states: Campaign
     adjusted: tuple[Adjusted, ...] = ()
     shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """m, taken off every measured position."""
@@ -125,12 +125,12 @@ class FirstCalibration:
             **({"order": self.order} if self.order else {}),
         }
 
-    def moved(self, states: States) -> States:
+    def moved(self, states: Campaign) -> Campaign:
         """Other states in the same frame."""
         return _shifted(states, np.array(self.shift)) if any(self.shift) else states
 
 
-def calibrate_first(robot: Robot, states: States, effects: Collection[str] = ()) -> FirstCalibration:
+def calibrate_first(robot: Robot, states: Campaign, effects: Collection[str] = ()) -> FirstCalibration:
     """Take over what is far off; a robot that is near its data, or has effects of its own, comes back as it is.
 
     `effects`: those that are weighed afterwards. Where the one that exchanges chambers is among them and they were inflated
@@ -185,7 +185,7 @@ def calibrate_first(robot: Robot, states: States, effects: Collection[str] = ())
     return FirstCalibration(made, moved, adjusted, (x, y, z), before, after, order)
 
 
-def _loaded(robot: Robot, own: States, most: float) -> bool:
+def _loaded(robot: Robot, own: Campaign, most: float) -> bool:
     """Whether the robot as the diagnosis follows it and one weight more, at the tip or all along, leaves less than `most` (m) of
     robust rms."""
     ways = [(robot, _with_payload(robot, own, share * body_mass(robot))) for share in FIRST_PAYLOADS]
@@ -194,13 +194,13 @@ def _loaded(robot: Robot, own: States, most: float) -> bool:
     return any(found is not None and _rms(there, seen, found) < most for there, seen, found in fits)
 
 
-def _with_payload(robot: Robot, own: States, mass: float) -> States:
+def _with_payload(robot: Robot, own: Campaign, mass: float) -> Campaign:
     """The states with `mass` (kg) added at the tip."""
     hung = [robot.tip_mass if r.tip_mass is None else r.tip_mass for r in own.rows]
     return replace(own, rows=tuple(replace(r, tip_mass=m + mass) for r, m in zip(own.rows, hung, strict=True)))
 
 
-def _counted(robot: Robot, own: States) -> tuple[float, float, float]:
+def _counted(robot: Robot, own: Campaign) -> tuple[float, float, float]:
     """Azimuth, 1, and sense of counting the chambers with which the robot as it is comes nearest."""
     ways = [(turn, counting) for counting in (1.0, -1.0) for turn in QUARTERS]
     missed = [_rms(_sensed(robot, 1.0, counting), own, _begin(turn)) for turn, counting in ways]
@@ -214,7 +214,7 @@ def _begin(turn: float) -> Array:
     return theta
 
 
-def _standing(robot: Robot, own: States, turn: float) -> Array:
+def _standing(robot: Robot, own: Campaign, turn: float) -> Array:
     """Where to begin: moduli and area factors a few times larger where that comes nearer, since rods that do not stand show no
     way."""
     begins = [_begin(turn)]
@@ -231,7 +231,7 @@ def _sensed(robot: Robot, gravity: float, counting: float) -> Robot:
     return robot.with_azimuths(azimuths).model_copy(update={"gravity": (x, y, z)})
 
 
-def _fitted(robot: Robot, own: States, most: Array, begin: Array) -> Array | None:
+def _fitted(robot: Robot, own: Campaign, most: Array, begin: Array) -> Array | None:
     """(8,) the best parameters within bounds, from where it begins; None where no rod stands."""
     begin = np.clip(begin, -0.99 * most, 0.99 * most)
     misfit = _Misfit(robot, own)
@@ -248,7 +248,7 @@ def _fitted(robot: Robot, own: States, most: Array, begin: Array) -> Array | Non
 class _Misfit:
     """What is left by a robot with these numbers, and its derivatives by forward differences of those that move the rod."""
 
-    def __init__(self, robot: Robot, own: States) -> None:
+    def __init__(self, robot: Robot, own: Campaign) -> None:
         self._robot, self._own = robot, own
         self._last: tuple[Array, Array] = (np.full(len(NAMES), np.nan), np.zeros(0))
 
@@ -281,14 +281,14 @@ class _Misfit:
         return self._last[1]
 
 
-def _missed(robot: Robot, own: States, theta: Array) -> Array:
+def _missed(robot: Robot, own: Campaign, theta: Array) -> Array:
     """(n, 3) m; a robot length where the rod has no equilibrium."""
     found = solve(rods_of(_with(robot, theta), own.conditions(robot), full=True), DIRECT)
     tip = own.tip - theta[ORIGIN:] * robot.length
     return np.where(found.converged[:, None], np.nan_to_num(found.tip - tip), robot.length)
 
 
-def _rms(robot: Robot, own: States, theta: Array) -> float:
+def _rms(robot: Robot, own: Campaign, theta: Array) -> float:
     """m, s sqrt(mean rho(d^2 / s^2)) over the states: the rms of distances d that are small, while large ones count less."""
     scale = FIRST_LOSS_SCALE * robot.length
     squared = (_missed(robot, own, theta) ** 2).sum(axis=1) / scale**2
@@ -336,9 +336,8 @@ def _told(
     return tuple(out)
 
 
-def _shifted(states: States, shift: Array) -> States:
-    rows = tuple(_row(r, shift) for r in states.rows)
-    return replace(states, rows=rows, tip=states.tip - shift)
+def _shifted(states: Campaign, shift: Array) -> Campaign:
+    return replace(states, rows=tuple(_row(r, shift) for r in states.rows))
 
 
 def _row(row: TrialRow, shift: Array) -> TrialRow:

@@ -32,6 +32,13 @@ def levels(values: Array, gap: float) -> Ints:
     return out
 
 
+def by_frequency(*columns: Ints) -> Ints:
+    """Number of each row of columns (n,) among different rows, 0 for the most frequent one."""
+    _, index, count = np.unique(np.column_stack(columns), axis=0, return_inverse=True, return_counts=True)
+    rank = np.argsort(np.argsort(-count, kind="stable"), kind="stable")
+    return rank[index.reshape(-1)].astype(np.int64)
+
+
 def pressure_gap(rows: Sequence[TrialRow]) -> float:
     """Pa within which pressures count as one setting: 3 kPa, less where the whole range is small."""
     highest = max((max(r.pressures) for r in rows), default=0.0)

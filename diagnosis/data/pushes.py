@@ -11,8 +11,8 @@ from model.robot import Robot
 from recordings.trials import TrialRow
 
 from ..errors import BadCase
-from .levels import SPINE_GAP, VACUUM_GAP, levels, step_gap
-from .states import States
+from .campaign import Campaign
+from .levels import SPINE_GAP, VACUUM_GAP, by_frequency, levels, step_gap
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -60,13 +60,8 @@ def kinds(given: list[TrialRow]) -> Ints:
     """Number of each row's kind of experiment, specimen and vacuum; 0 for most."""
     if not given:
         return np.zeros(0, np.int64)
-    columns = [
-        np.array([r.specimen == "body" for r in given], np.int64),
-        levels(np.array([r.vacuum or 0.0 for r in given]), VACUUM_GAP),
-    ]
-    _, index, count = np.unique(np.column_stack(columns), axis=0, return_inverse=True, return_counts=True)
-    rank = np.argsort(np.argsort(-count, kind="stable"), kind="stable")
-    return rank[index.reshape(-1)].astype(np.int64)
+    body = np.array([r.specimen == "body" for r in given], np.int64)
+    return by_frequency(body, levels(np.array([r.vacuum or 0.0 for r in given]), VACUUM_GAP))
 
 
 def conditions(given: list[TrialRow], spine: Array) -> Ints:
@@ -84,7 +79,7 @@ def conditions(given: list[TrialRow], spine: Array) -> Ints:
     return np.unique(np.column_stack([same, level]), axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
 
 
-def can_name_cause(s: States) -> bool:
+def can_name_cause(s: Campaign) -> bool:
     """Whether pushes alone may name a cause: repeated, to two deflections, at two lengths or of two specimens."""
     if not len(s) or s.repeats < 2:
         return False
@@ -92,7 +87,7 @@ def can_name_cause(s: States) -> bool:
     return len(places) > 1 and len(np.unique(s.condition)) > len(places)
 
 
-def concerns(given: list[TrialRow], s: States, beside: bool) -> list[str]:
+def concerns(given: list[TrialRow], s: Campaign, beside: bool) -> list[str]:
     """What cannot be concluded from stiffness trials; `beside` states of the robot."""
     if not given:
         return []

@@ -71,13 +71,13 @@ class Fit:
         )
 
 
-def refit(problem: Problem, prior: Prior, size: float, start: Fit, rounds: int = ROUNDS) -> Fit:
+def refit(problem: Problem, prior: Prior, size: float, start: Fit) -> Fit:
     """A search that ends near its start, whose derivatives are used throughout (chord method): one prediction a step. What
     these derivatives promise in the end may not be there: less than `CHORD_PROMISE` is not tried for."""
     p = problem.parameters
     known, none = Reference(start.derivatives(problem).every, problem.noise, p.sd), np.zeros(len(start.theta), bool)
     here = replace(start, slope=Slope.at_reference(known))
-    return _search(problem, prior, size, here, rounds, known, none, 0.0, CHORD_PROMISE, CHORD_DAMPINGS)
+    return _search(problem, prior, size, here, ROUNDS, known, none, 0.0, CHORD_PROMISE, CHORD_DAMPINGS)
 
 
 def fit(

@@ -23,4 +23,4 @@ class Labels:
     """(n,) which of its kind's three axes; 0 for forces."""
     trial: Ints
     experiment: Ints
-    """(n,) kind of experiment, see `States.kind`."""
+    """(n,) kind of experiment, see `Campaign.kind`."""

@@ -20,7 +20,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from model.effects.design import Design, design_from_columns
+from model.condition import States
+from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
 from model.effects.spec import EffectSpec, Law, Parameter
 from model.robot import Robot
@@ -95,7 +96,7 @@ class OnBaseline:
 
 
 def on_baseline(
-    robot: Robot, design: Design, table: Table, catalogue: Mapping[str, EffectSpec], baseline: Baseline
+    robot: Robot, design: States, table: Table, catalogue: Mapping[str, EffectSpec], baseline: Baseline
 ) -> OnBaseline:
     """The model of the states of a design with a table's columns; raises `BadCase` where the rod cannot stand in."""
     theirs = dict(table) | baseline.columns()
@@ -106,27 +107,21 @@ def on_baseline(
     names = [p.name for p in rod.parameters]
     own = [names.index(name) for name in baseline.varied if name in names]
     predicted, slope = rod.linearise(np.zeros(len(names)), own)
-    baseline_values = _values(rod, theirs)
+    baseline_values = rod.observe(theirs)
     varied = {}
     for k, column in zip(own, slope.T, strict=True):
         step, moved = baseline.varied[names[k]]
-        varied[k] = (_values(rod, dict(table) | moved.columns()) - baseline_values) / step - column
+        varied[k] = (rod.observe(dict(table) | moved.columns()) - baseline_values) / step - column
     forward = ForwardModel(robot, design, "one", known, factor)
     return OnBaseline(baseline.name, forward, baseline_values - predicted, varied, factor)
 
 
-def _values(model: ForwardModel, columns: Table) -> Array:
-    """(observations,) what a table holds, NaN where it holds nothing."""
-    value, sd = model.observe(columns)
-    return np.where(np.isfinite(sd), value, np.nan)
-
-
-def _nearest_area_factor(robot: Robot, design: Design, theirs: Table, name: str) -> float:
+def _nearest_area_factor(robot: Robot, design: States, theirs: Table, name: str) -> float:
     """The one area factor of the rod whose tips come nearest to a simulator's."""
     model = ForwardModel(robot, design, catalogue={})
     start = float(model.area_factor[~design.stiffness].mean())
-    value, sd = model.observe(theirs)
-    own = np.isfinite(sd) & np.isin(model.observations.channel, ("x", "y", "z"))
+    value = model.observe(theirs)
+    own = np.isfinite(value) & np.isin(model.observations.channel, ("x", "y", "z"))
     theta = np.zeros(len(model.parameters))
     (at,) = model.index("area")
     for _ in range(ROUNDS):

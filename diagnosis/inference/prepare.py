@@ -10,8 +10,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from model.condition import States
 from model.effects.catalogue import CATALOGUE
-from model.effects.design import Design, design_from_columns
+from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
 from model.effects.parameters import ParameterInfo
 from model.effects.spec import EffectSpec
@@ -20,9 +21,9 @@ from model.robot import Robot
 from recordings.trials import TEXTS
 
 from ..data.baseline import Baseline
+from ..data.campaign import Campaign
 from ..data.chamber_sides import leave_out
 from ..data.noise_components import NoiseComponents
-from ..data.states import States
 from ..errors import BadCase
 from ..judgement import DISCREPANCY_UNIT_RANGE, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE, LEAST_NOISE_FLOOR
 from .discrepancy import Settings, by_channel, columns, settings
@@ -46,7 +47,7 @@ class Prepared:
     """A problem and what its values mean."""
 
     robot: Robot
-    states: States
+    states: Campaign
     problem: Problem
     labels: Labels
     noise_components: NoiseComponents
@@ -60,7 +61,7 @@ class Prepared:
     """Noise of the stiffness trials; None where there are none."""
     baseline: OnBaseline | None = None
     """What takes the rod's place as a baseline; None: nothing does."""
-    described: tuple[Robot, States] | None = None
+    described: tuple[Robot, Campaign] | None = None
     """Robot and states as they were given, where `robot` and `states` were calibrated first (`data.first_calibration`)."""
 
     @property
@@ -153,7 +154,7 @@ class MaskedForward:
 
 def prepare(
     robot: Robot,
-    states: States,
+    states: Campaign,
     area: Literal["one", "per_length"] = "one",
     catalogue: Mapping[str, EffectSpec] = CATALOGUE,
     baseline: Baseline | None = None,
@@ -174,8 +175,8 @@ def prepare(
     if states.pushed.all():
         whole = forward = ForwardModel(robot, design, area, _effective(forward, slope))
         predicted, slope = whole.linearise(np.zeros(len(forward.parameters)))
-    observed, sd = forward.observe(table)
-    kept = np.isfinite(sd) & np.isfinite(predicted)
+    observed = forward.observe(table)
+    kept = np.isfinite(observed) & np.isfinite(predicted)
     if not kept.any():
         raise BadCase(
             "the rod model has no equilibrium at any measured state: check robot.yaml's stiffness and area factor"
@@ -214,12 +215,12 @@ def _effective(forward: ForwardModel, slope: Array) -> Mapping[str, EffectSpec]:
     return {id: spec for id, spec in forward.catalogue.items() if id in moved}
 
 
-def observable_effects(robot: Robot, design: Design, catalogue: Mapping[str, EffectSpec]) -> Mapping[str, EffectSpec]:
+def observable_effects(robot: Robot, design: States, catalogue: Mapping[str, EffectSpec]) -> Mapping[str, EffectSpec]:
     """A catalogue without the effects that such states cannot show."""
     return {id: spec for id, spec in catalogue.items() if spec.shown is None or spec.shown(robot, design)}
 
 
-def table_columns(states: States) -> dict[str, NDArray[np.generic]]:
+def table_columns(states: Campaign) -> dict[str, NDArray[np.generic]]:
     """The table's columns of the states, spine lengths not below zero, vented chambers at zero gauge."""
     cells = [row.cells() for row in states.rows]
     names = dict.fromkeys(name for row in cells for name in row)
@@ -230,25 +231,11 @@ def table_columns(states: States) -> dict[str, NDArray[np.generic]]:
 
 def parameters(infos: tuple[ParameterInfo, ...]) -> Parameters:
     """The forward model's table as the diagnosis sees it."""
-    return Parameters(
-        names=tuple(p.name for p in infos),
-        effects=tuple(p.source if p.group == "effect" and p.name != SHARE else "" for p in infos),
-        mean=np.zeros(len(infos)),
-        sd=np.array([p.sd for p in infos]),
-        lower=np.array([p.low for p in infos]),
-        upper=np.array([p.high for p in infos]),
-        units=tuple(p.unit for p in infos),
-        shapes=tuple(p.role == "shape" for p in infos),
-        calibration=tuple(p.group == "calibration" or p.name == SHARE for p in infos),
-        starts=tuple(p.starts for p in infos),
-        sources=tuple(p.source for p in infos),
-        recurring=tuple(p.recurs for p in infos),
-        tolerated=tuple(p.tolerated for p in infos),
-        exact=tuple(p.exact for p in infos),
-    )
+    own = tuple(replace(p, group="calibration") if p.name == SHARE else p for p in infos)
+    return Parameters(own, np.array([p.sd for p in own]))
 
 
-def _labels(forward: ForwardModel, states: States, kept: NDArray[np.bool_]) -> Labels:
+def _labels(forward: ForwardModel, states: Campaign, kept: NDArray[np.bool_]) -> Labels:
     row = forward.observations.row[kept]
     channel = forward.observations.channel[kept].astype(np.str_)
     turn, marker = np.char.startswith(channel, "r"), np.char.startswith(channel, "m")
@@ -283,7 +270,7 @@ def _with_trial_scatter(
 
 
 def _discrepancy_bases(
-    robot: Robot, states: States, labels: Labels, unit: float, pushes: StiffnessTrials | None
+    robot: Robot, states: Campaign, labels: Labels, unit: float, pushes: StiffnessTrials | None
 ) -> tuple[Array, Array, Array]:
     """Columns of a discrepancy of size 1; shared and channel basis of the model-form error, see `Problem`."""
     load = states.highest if pushes is None else pushes.load_level(states)

@@ -14,6 +14,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from model.effects.parameters import ParameterInfo
+
 from ..data.noise import Noise
 from ..judgement import GEOMETRY_LAW_ERROR, LEAKAGE, LEAST_NAMED_SIZE
 from .columns import Columns
@@ -51,45 +53,55 @@ def linearise(forward: Forward, theta: Array, columns: Sequence[int] | None = No
 
 @dataclass(frozen=True)
 class Parameters:
-    """The k parameters of a forward model; each has a normal prior, cut at its bounds."""
+    """The k parameters of a forward model; each has a normal prior about 0, cut at its bounds."""
 
-    names: tuple[str, ...]
-    effects: tuple[str, ...]
-    """The catalogue's id each parameter belongs to; empty for calibration and nuisances."""
-    mean: Array
+    infos: tuple[ParameterInfo, ...]
     sd: Array
-    """Prior standard deviation; for an effect its plausible scale."""
-    lower: Array
-    upper: Array
-    units: tuple[str, ...]
-    shapes: tuple[bool, ...] = ()
-    """Shape parameters of effects, without influence where the effect's size is zero; empty: none is."""
-    calibration: tuple[bool, ...] = ()
-    """Parameters that are fitted in every model, with wide priors; empty: none is."""
-    starts: tuple[tuple[float, ...], ...] = ()
-    """Values from which a search begins when the parameter's effect is named; empty: at the mean alone."""
-    sources: tuple[str, ...] = ()
-    """Effect, tolerance or calibration that each belongs to; empty: not known."""
-    recurring: tuple[bool, ...] = ()
-    """Parameters drawn anew with each trial or repeat of the sweep; empty: none is."""
-    tolerated: tuple[bool, ...] = ()
-    """Parameters that may differ from zero within a tolerance though their effect is not named; empty: all may."""
-    exact: tuple[bool, ...] = ()
-    """Parameters of effects whose law is geometry; empty: none is."""
+    """(k,) prior standard deviation, for an effect its plausible scale; of what repeats show, not that of `infos`."""
     least: tuple[float, ...] = ()
     """Least size of a named effect, as a share of each parameter's scale; empty: `LEAST_NAMED_SIZE` for all."""
     changes: bool = False
     """Effects are changes since a reference: one-sided ones may have grown or shrunk."""
 
     @cached_property
+    def names(self) -> tuple[str, ...]:
+        """(k)"""
+        return tuple(i.name for i in self.infos)
+
+    @cached_property
+    def effects(self) -> tuple[str, ...]:
+        """(k) the catalogue's id each parameter belongs to; empty for calibration and nuisances."""
+        return tuple(i.source if i.group == "effect" else "" for i in self.infos)
+
+    @cached_property
+    def mean(self) -> Array:
+        """(k,)"""
+        return np.zeros(len(self.infos))
+
+    @cached_property
+    def lower(self) -> Array:
+        """(k,)"""
+        return np.array([i.low for i in self.infos])
+
+    @cached_property
+    def upper(self) -> Array:
+        """(k,)"""
+        return np.array([i.high for i in self.infos])
+
+    @cached_property
+    def calibration(self) -> NDArray[np.bool_]:
+        """(k,) which parameters are fitted in every model, with wide priors."""
+        return np.array([i.group == "calibration" for i in self.infos])
+
+    @cached_property
     def of_effect(self) -> NDArray[np.bool_]:
         """(k,) which parameters belong to an effect."""
-        return np.array([bool(e) for e in self.effects])
+        return np.array([i.group == "effect" for i in self.infos])
 
     @cached_property
     def recurs(self) -> NDArray[np.bool_]:
         """(k,) which parameters are drawn anew with each trial or repeat."""
-        return np.array(self.recurring or (False,) * len(self.names), bool)
+        return np.array([i.recurs for i in self.infos])
 
     @cached_property
     def ids(self) -> tuple[str, ...]:
@@ -99,7 +111,7 @@ class Parameters:
     @cached_property
     def calibrated(self) -> NDArray[np.bool_]:
         """(k - p,) which of the other parameters are fitted in every model."""
-        return np.array(self.calibration or (False,) * len(self.names), bool)[~self.of_effect]
+        return self.calibration[~self.of_effect]
 
     @cached_property
     def scale(self) -> Array:
@@ -124,19 +136,17 @@ class Parameters:
     @cached_property
     def sizes(self) -> NDArray[np.bool_]:
         """(p,) which of the effects' parameters are sizes: they alone may differ from zero within a tolerance."""
-        shapes = np.array(self.shapes or (False,) * len(self.names))
-        return ~shapes[self.of_effect]
+        return np.array([i.role == "size" for i in self.infos])[self.of_effect]
 
     @cached_property
     def tolerable(self) -> NDArray[np.bool_]:
         """(p,) which of the effects' parameters may differ from zero though their effect is not named."""
-        return np.array(self.tolerated or (True,) * len(self.names))[self.of_effect]
+        return np.array([i.tolerated for i in self.infos])[self.of_effect]
 
     @cached_property
     def law_error(self) -> dict[str, float]:
         """By effect, the share of a law's error that it has: less where its law is geometry."""
-        exact = self.exact or (False,) * len(self.names)
-        return {e: GEOMETRY_LAW_ERROR if known else 1.0 for e, known in zip(self.effects, exact, strict=True) if e}
+        return {i.source: GEOMETRY_LAW_ERROR if i.exact else 1.0 for i in self.infos if i.group == "effect"}
 
     @cached_property
     def members(self) -> Array:

@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from model.effects.design import Design
+from model.condition import States
 from model.effects.forward import ForwardModel
 from model.effects.observation import Observations
 from model.effects.parameters import ParameterInfo
 
+from ..data.campaign import Campaign
 from ..data.noise import Lasting, Noise, blocks
 from ..data.noise_components import PRESSURE, NoiseComponents, Repeated, Scatter, reading_rms
 from ..data.noise_estimate import estimate_noise
-from ..data.states import States
 from .labels import Labels
 from .problem import Parameters
 from .stiffness_trials import PUSH_SOURCES, StiffnessTrials
@@ -41,7 +41,7 @@ PRESSURE_STEP = 500.0
 
 
 def noise_of(
-    states: States, labels: Labels, floor: NoiseComponents, pushes: StiffnessTrials | None, response: Array
+    states: Campaign, labels: Labels, floor: NoiseComponents, pushes: StiffnessTrials | None, response: Array
 ) -> Noise:
     """Noise of the robot's values, with their response (n, r) to the pressure readings, and of the stiffness trials' forces."""
     block = _blocks(states)[labels.state]
@@ -57,7 +57,7 @@ def noise_of(
     return Noise(labels.state, white, by_pressure, lasting)
 
 
-def noise_to_come(floor: NoiseComponents, observed: Observations, design: Design, response: Array) -> Noise:
+def noise_to_come(floor: NoiseComponents, observed: Observations, design: States, response: Array) -> Noise:
     """Noise of values (n,) that states of a robot would be read with, with their response (n, r) to the pressure readings."""
     row, channel = observed.row, observed.channel.astype(np.str_)
     kind = np.array([1 if c.startswith("r") else 2 if c.startswith("m") else 0 for c in channel])
@@ -85,13 +85,13 @@ def _of_channels(
     return at_once * np.sqrt(1 - share), lasting
 
 
-def _blocks(states: States) -> Ints:
+def _blocks(states: Campaign) -> Ints:
     """(n,) states of the robot whose errors last from one to the next."""
     return np.where(states.pushed, -1, blocks(states.trial, states.time, LONGEST_BLOCK))
 
 
 def floor_of(
-    states: States,
+    states: Campaign,
     labels: Labels,
     infos: tuple[ParameterInfo, ...],
     missed: Array,
@@ -152,12 +152,12 @@ def _usual(floor: NoiseComponents) -> float:
     return float(np.sqrt(3)) * floor.channel["tip"]
 
 
-def resting(states: States) -> NDArray[np.bool_]:
+def resting(states: Campaign) -> NDArray[np.bool_]:
     """(n,) states that were read at rest, not while ramping."""
     return np.array([r.hold is None or r.hold > 0 for r in states.rows])
 
 
-def pressure_response(forward: ForwardModel, states: States, made: Parameters, slope: Array) -> Array:
+def pressure_response(forward: ForwardModel, states: Campaign, made: Parameters, slope: Array) -> Array:
     """(n, r) d(value)/d(pressure reading) of each regulator, per Pa: none where all chambers are vented."""
     row, pressure = forward.observations.row, with_vented_at_zero(states)
     together = regulators(states.pressure, pressure)
@@ -184,7 +184,7 @@ def regulators(read: Array, pressure: Array) -> list[Ints]:
     return found or [np.arange(pressure.shape[1])]
 
 
-def with_vented_at_zero(states: States) -> Array:
+def with_vented_at_zero(states: Campaign) -> Array:
     """(n, chambers) Pa, readings with those of vented chambers set to zero.
 
     A chamber that is open to the room is at zero gauge; what its sensor reads there is the sensor's own error, which

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -45,7 +45,7 @@ from .candidate import (
     light,
     without_derivatives,
 )
-from .evidence import KNOWN, LARGE, NONE, Grid, Hypothesis, weigh
+from .evidence import KNOWN, LARGE, NONE, Hypothesis, weigh
 from .executor import SINGLE_THREAD, Executor
 from .fit import Fit, fit
 from .problem import FormError, Problem
@@ -63,27 +63,20 @@ AT_ONCE = 4
 """Hypotheses that are searched to the end beside each other."""
 FULL_ROUNDS = 30
 """Of a hypothesis that is searched by itself."""
-
-
-@dataclass(frozen=True)
-class Extent:
-    """How far the search goes."""
-
-    screen: int = 6
-    """Singles, leading around none without and with tolerances, that are followed with most derivatives kept."""
-    refine: int = 4
-    """Leading singles, without and with tolerances, that are followed to their most probable point with new derivatives."""
-    within: float = 8.0
-    """Singles whose log evidence is further than this behind the best are not followed."""
-    parents: int = 4
-    """Leading singles from which pairs grow, and leading pairs from which triples grow."""
-    pairs: int = 5
-    """Leading pairs that are followed."""
-    triples: int = 2
-    pruned: int = 3
-    """Times that a hypothesis is tried with one effect less."""
-    finish: int = 8
-    """Leading hypotheses that are searched to the end."""
+SCREENED = 6
+"""Singles, leading around none without and with tolerances, that are followed with most derivatives kept."""
+MOST_REFINED = 4
+"""Leading singles, without and with tolerances, that are followed to their most probable point with new derivatives."""
+WITHIN = 8.0
+"""Singles whose log evidence is further than this behind the best are not followed."""
+PARENTS = 4
+"""Leading singles from which pairs grow, and leading pairs from which triples grow."""
+MOST_PAIRS, MOST_TRIPLES = 5, 2
+"""Leading pairs and triples that are followed."""
+PRUNED = 3
+"""Times that a hypothesis is tried with one effect less."""
+FINISHED = 8
+"""Leading hypotheses that are searched to the end."""
 
 
 def _evidence(c: Candidate) -> float:
@@ -98,11 +91,9 @@ def _promised(f: Fit) -> float:
 class Search:
     """Searches the hypotheses of one problem, keeping what it has found."""
 
-    def __init__(
-        self, problem: Problem, grid: Grid = KNOWN, extent: Extent | None = None, executor: Executor = SINGLE_THREAD
-    ) -> None:
-        self.problem, self.extent, self._executor = problem, extent or Extent(), executor
-        self._grids = {with_tolerances: grid.part(with_tolerances) for with_tolerances in (False, True)}
+    def __init__(self, problem: Problem, executor: Executor = SINGLE_THREAD) -> None:
+        self.problem, self._executor = problem, executor
+        self._grids = {with_tolerances: KNOWN.part(with_tolerances) for with_tolerances in (False, True)}
         self._tried: dict[tuple[Hypothesis, bool], Candidate] = {}
         self._begin, self._best = Starts(problem), -np.inf
         self._references: References = {}
@@ -153,9 +144,9 @@ class Search:
     def run(self) -> list[Candidate]:
         """All candidates of the catalogue, most probable data first."""
         singles = self._singles()
-        pairs = self._extend(singles[: self.extent.parents], self.extent.pairs, PAIRS)
+        pairs = self._extend(singles[:PARENTS], MOST_PAIRS, PAIRS)
         if pairs and pairs[0].log_evidence > singles[0].log_evidence + 2.0:
-            self._extend(pairs[: self.extent.parents], self.extent.triples, TRIPLES)
+            self._extend(pairs[:PARENTS], MOST_TRIPLES, TRIPLES)
         self._prune()
         self._finish()
         self._executor.progress(AFTER_SEARCH)
@@ -214,14 +205,13 @@ class Search:
 
     def _singles(self) -> list[Candidate]:
         """Every single effect around the fit of none; the leading ones, and those not linear there, from starts of their own."""
-        extent = self.extent
         singles = self._single
         own_start = {h for h in singles if self._begin.needs_own(h)}
         here = {
             with_tolerances: self._weigh_around(self._none[with_tolerances].fit, singles, with_tolerances)
             for with_tolerances in (False, True)
         }
-        leading = {h for c in here.values() for h in sorted(singles, key=lambda h: -c[h].log_evidence)[: extent.screen]}
+        leading = {h for c in here.values() for h in sorted(singles, key=lambda h: -c[h].log_evidence)[:SCREENED]}
         alone = [h for h in singles if h in own_start]
         glances = self._map(self._glanced, [Task(h) for h in alone], SINGLES[0], FIRST_POINT_GAIN)
         first = {(h, w): c for w in here for h, c in here[w].items()}
@@ -237,9 +227,7 @@ class Search:
             own = sorted(
                 (c for c in self._of(1) if c.with_tolerances == with_tolerances), key=lambda c: -c.laplace_log_evidence
             )
-            best += [
-                c for c in own[: extent.refine] if c.laplace_log_evidence > max(map(_evidence, own)) - extent.within
-            ]
+            best += [c for c in own[:MOST_REFINED] if c.laplace_log_evidence > max(map(_evidence, own)) - WITHIN]
         for (c,) in self._map(self._refined_where_better, [Task(c.named, begun=c) for c in best], *REFINING):
             self._keep(c)
         return sorted(self._of(1), key=lambda c: -c.log_evidence)
@@ -393,7 +381,7 @@ class Search:
         tried: set[tuple[Hypothesis, bool]] = set()
         pruned: set[tuple[Hypothesis, bool]] = set()
         shorter: list[Candidate] = []
-        steps = np.linspace(*PRUNING, self.extent.pruned + 1)
+        steps = np.linspace(*PRUNING, PRUNED + 1)
         for begin, end in itertools.pairwise(steps.tolist()):
             leading = max(self._tried.values(), key=_evidence)
             left = [c for c in (leading, *shorter) if len(c.named) > 1 and (c.named, c.with_tolerances) not in pruned]
@@ -419,12 +407,12 @@ class Search:
 
     def _finish(self) -> None:
         """Leading hypotheses whose search was cut short are searched to the end, some of them at once."""
-        for _ in range(self.extent.finish // AT_ONCE):
+        for _ in range(FINISHED // AT_ONCE):
             best = max(map(_evidence, self._tried.values()))
             cut = [
                 c
                 for c in self._tried.values()
-                if c.laplace_log_evidence > best - self.extent.within and c.fit.predicted_decrease > UNCONVERGED
+                if c.laplace_log_evidence > best - WITHIN and c.fit.predicted_decrease > UNCONVERGED
             ]
             if not cut:
                 return

@@ -30,7 +30,7 @@ class Starts:
         """Whether an effect is one-sided, or has several starting points."""
         p = self._problem.parameters
         own = [i for i, e in enumerate(p.effects) if e in named]
-        return any(p.lower[i] == 0 or (bool(p.starts) and len(p.starts[i]) > 1) for i in own)
+        return any(p.lower[i] == 0 or len(p.infos[i].starts) > 1 for i in own)
 
     def of(self, named: Hypothesis, none: Fit) -> list[Array | Fit]:
         """Where a search begins: the fit of none; for a one-sided effect, well within its range instead.
@@ -81,7 +81,7 @@ class Starts:
     def _start_values(self, i: int) -> tuple[float, ...]:
         """Values of a named effect's parameter to begin at."""
         p = self._problem.parameters
-        given = p.starts[i] if p.starts else ()
-        if p.shapes and p.shapes[i]:
+        given = p.infos[i].starts
+        if p.infos[i].role == "shape":
             return given or (0.0,)
         return tuple(v for v in given if v) or (FIRST_SHARE * float(p.sd[i]) if p.lower[i] == 0 else 0.0,)

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from model.effects.parameters import ParameterInfo
 
+from ..data.campaign import Campaign
 from ..data.noise_components import NoiseComponents, Repeated, Scatter, reading_rms
 from ..data.noise_estimate import estimate_noise
-from ..data.states import States
 from .labels import Labels
 
 Array = NDArray[np.float64]
@@ -46,7 +46,7 @@ class StiffnessTrials:
     names: frozenset[str]
     """Names of the parameters of single stiffness trials."""
 
-    def load_level(self, states: States) -> Array:
+    def load_level(self, states: Campaign) -> Array:
         """(states,) how strongly each is loaded, as a pressure (Pa) where there are any: a push by its share of the largest
         at this length."""
         out = states.highest.copy()
@@ -58,7 +58,7 @@ class StiffnessTrials:
 
 
 def stiffness_trials(
-    states: States, labels: Labels, infos: Sequence[ParameterInfo], missed: Array, slope: Array
+    states: Campaign, labels: Labels, infos: Sequence[ParameterInfo], missed: Array, slope: Array
 ) -> StiffnessTrials:
     """From forces missed (n,) by the baseline and the slope (n, k) of all values there; other values are not looked at."""
     own = np.flatnonzero(labels.kind == 3)

@@ -17,7 +17,7 @@ from model.robot import Robot
 from recordings.trials import TEXTS, Table, TrialRow
 
 from ..answer.candidate_experiments import Experiment, candidate_experiments, columns
-from ..data.case import CaseLike, states
+from ..data.case import Case, CaseLike, states
 from ..errors import BadCase
 from ..inference.prepare import prepare
 from ..inference.reading_noise import DEFAULT_NOISE
@@ -43,17 +43,7 @@ class Addition:
         return self.gained / max(self.experiment.minutes / 60, 1e-3)
 
 
-@dataclass(frozen=True)
-class PlannedCase:
-    """A robot and what a plan would read of it."""
-
-    robot: Robot
-    table: Table
-
-
-def foreseen(
-    robot: Robot, table: Columns, catalogue: Mapping[str, EffectSpec] = CATALOGUE, seed: int = 1
-) -> PlannedCase:
+def foreseen(robot: Robot, table: Columns, catalogue: Mapping[str, EffectSpec] = CATALOGUE, seed: int = 1) -> Case:
     """A case as the planned columns would give it, of a robot as it is described, read with the usual noise and scatter of
     trials. Raises `BadCase` where the rod has no equilibrium."""
     design = design_from_columns(robot, table)
@@ -77,7 +67,7 @@ def foreseen(
         cells: dict[str, Any] = {n: str(c[i]) if n in TEXTS else c[i].item() for n, c in read.items()}
         known = {n: v for n, v in cells.items() if v != "" and v == v}
         rows.append(TrialRow.from_cells({"step": i + 1, "protocol": "bending", **known}))
-    return PlannedCase(robot, Table(tuple(rows)))
+    return Case(robot, Table(tuple(rows)))
 
 
 def of_case(case: CaseLike, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> Planned:
@@ -86,7 +76,7 @@ def of_case(case: CaseLike, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> 
 
 
 def additions(
-    case: PlannedCase,
+    case: Case,
     catalogue: Mapping[str, EffectSpec] = CATALOGUE,
     each: int = 12,
     seed: int = 2,
@@ -108,10 +98,10 @@ def additions(
     return tuple(sorted(found, key=lambda a: -a.per_hour))
 
 
-def _with(case: PlannedCase, e: Experiment, seed: int) -> PlannedCase:
+def _with(case: Case, e: Experiment, seed: int) -> Case:
     """The case with an experiment behind it."""
     chambers = len(case.robot.actuators.azimuths_deg)
     more = foreseen(case.robot, columns(e.parameters, chambers, ("x", "y", "z", *e.channels)), {}, seed)
     last, end = max(r.trial for r in case.table), max(r.t for r in case.table)
     rows = tuple(replace(r, trial=r.trial + last, t=r.t + end + 60.0) for r in more.table)
-    return PlannedCase(case.robot, Table((*case.table.rows, *rows)))
+    return Case(case.robot, Table((*case.table.rows, *rows)))

@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from diagnosis.data.baseline import Baseline
 from diagnosis.data.plausible import require_plausible
 from diagnosis.errors import DiagnosisError
+from model.condition import conditions
 from model.effects.nominal import TOLERANCES
 from model.effects.spec import EffectSpec
 from model.effects.tolerance import AREA
 from model.errors import ModelError, nearest
 from model.robot import Robot
-from model.simulators import GROUP, OWN, Forward, Readings, States
+from model.simulators import GROUP, OWN, Forward, Readings
 from recordings.trials import Table, TrialRow
 
 from .config import ConfigError
@@ -217,7 +218,9 @@ def from_simulator(
         columns: list[Columns] = []
         for i, part in enumerate(states):
             try:
-                read = own.predict(_states(part), {parameter: step} if parameter else {})
+                mass, roll, force = part[:, -BEHIND], part[:, 1 - BEHIND], part[:, 2 - BEHIND :]
+                asked = conditions(case.robot, part[:, 0], part[:, 1:-BEHIND], mass, roll, force)
+                read = own.predict(asked, {parameter: step} if parameter else {})
             except Exception as e:
                 raise ConfigError(f"simulator {name}: predict failed: {type(e).__name__}: {e}") from e
             columns.append(_columns(name, read, part, len(case.robot.markers)))
@@ -244,10 +247,6 @@ def _distinct(settings: Array) -> tuple[Array, NDArray[np.int64]]:
 def _setting(row: TrialRow, case: Case) -> tuple[float, ...]:
     mass = case.robot.tip_mass if row.tip_mass is None else row.tip_mass
     return (max(row.spine_length, 0.0), *row.pressures, mass, float(np.radians(row.roll_deg or 0.0)), *row.tip_force)
-
-
-def _states(part: Array) -> States:
-    return States(part[:, 0], part[:, 1:-BEHIND], part[:, -BEHIND], part[:, 1 - BEHIND], part[:, 2 - BEHIND :])
 
 
 def _columns(name: str, read: Readings, part: Array, markers: int) -> Columns:

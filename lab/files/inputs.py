@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.data.campaign import settings
 from diagnosis.data.doubtful import doubtful
 from diagnosis.data.plausible import require_plausible
 from diagnosis.errors import DiagnosisError
-from model.condition import Condition, conditions
+from model.condition import States
 from model.robot import Robot
 from recordings.bounded import read_bounded
 from recordings.campaign.resumed import campaigns, merged
@@ -46,23 +47,12 @@ class Case:
         return Table(tuple(r for r in self.table if r.protocol in protocols))
 
     @property
-    def tips(self) -> tuple[Condition, NDArray[np.float64], NDArray[np.int64]]:
+    def tips(self) -> tuple[States, NDArray[np.float64], NDArray[np.int64]]:
         """States with a tip: conditions, tips (n, 3) m in the base frame, trial numbers (n,)."""
         rows = [r for r in self.table if r.tip is not None and r.protocol != "stiffness"]
         if not rows:
             raise ConfigError("the input contains no state with a tip position; record a bending or elongation run")
-        return _conditions(self.robot, rows), np.array([r.tip for r in rows]), np.array([r.trial for r in rows])
-
-
-def _conditions(robot: Robot, rows: Sequence[TrialRow]) -> Condition:
-    return conditions(
-        robot,
-        np.clip([r.spine_length for r in rows], 0.0, None),
-        np.array([r.pressures for r in rows]),
-        np.array([robot.tip_mass if r.tip_mass is None else r.tip_mass for r in rows]),
-        np.radians([r.roll_deg or 0.0 for r in rows]),
-        np.array([r.tip_force for r in rows]),
-    )
+        return settings(self.robot, rows), np.array([r.tip for r in rows]), np.array([r.trial for r in rows])
 
 
 def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:

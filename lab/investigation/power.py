@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table as Sheet
 
-from diagnosis.data.case import states
+from diagnosis.data.case import Case, states
 from diagnosis.errors import DiagnosisError
-from diagnosis.power.foreseen import Addition, PlannedCase, additions, foreseen, of_case
+from diagnosis.power.foreseen import Addition, additions, foreseen, of_case
 from diagnosis.power.rates import OTHER_LAWS, Power, power
 from diagnosis.power.worlds import Planned
 from model.effects.shows import possible
@@ -87,7 +87,7 @@ def run(asked: Asked, each: int, seed: int, more: bool, effects: Path | None, as
     return 0
 
 
-def _plan(case: PlannedCase) -> str:
+def _plan(case: Case) -> str:
     """What is planned, or was measured, in one line."""
     robot, rows = case.robot, case.table.rows
     words = robot.actuators.words
@@ -134,9 +134,9 @@ def _planned(a: Asked) -> tuple[Robot, Columns | None]:
     return robot, told | {n: np.full(len(rows), float(n == "qw")) for n in READ}
 
 
-def _measured(a: Asked) -> PlannedCase:
+def _measured(a: Asked) -> Case:
     case = read_case(a.case, a.robot)
-    return PlannedCase(case.robot, case.table)
+    return Case(case.robot, case.table)
 
 
 def _dict(found: dict[str, Power], brings: tuple[Addition, ...], design: Planned) -> dict[str, Any]:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from model.condition import Condition
+from model.condition import States
 from model.robot import Robot
 from model.rods import FINE, Rods, solve
 from model.section import (
@@ -120,7 +120,7 @@ class AreaFindings:
         }
 
 
-def area_findings(robot: Robot, states: Condition) -> AreaFindings:
+def area_findings(robot: Robot, states: States) -> AreaFindings:
     """Refit the paper's curves, all states of Fig. 5. Raises ValueError without a spine, `SolveFailed` when a state fails."""
     if robot.spine is None:
         raise ValueError("the robot has no spine: eq. 10 has nothing to mix in")
@@ -138,7 +138,7 @@ def area_findings(robot: Robot, states: Condition) -> AreaFindings:
     )
 
 
-def _reading(robot: Robot, states: Condition, name: str, with_force: bool) -> Reading:
+def _reading(robot: Robot, states: States, name: str, with_force: bool) -> Reading:
     curves = _tips(_actuated(rods_of(robot, states), with_force))
     unit = robot.with_area_factor(1.0)
     volume = _actuated(rods_of(unit, states), with_force)
@@ -203,7 +203,7 @@ def _added_bending(robot: Robot, lengths: Array) -> Array:
     return np.where(lengths > 0, wall + spine, wall)
 
 
-def _with_added_stiffness(robot: Robot, states: Condition, batch: Rods) -> Rods:
+def _with_added_stiffness(robot: Robot, states: States, batch: Rods) -> Rods:
     """The rods with stiffnesses of wall and spine added in the part that holds the spine; shear keeps the wall's G/E."""
     if robot.spine is None:
         return batch

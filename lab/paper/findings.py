@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from model.compare import ErrorTable
-from model.condition import Condition
+from model.condition import States
 from model.robot import Robot
 
 from ..console import PlainConsole
@@ -99,7 +99,7 @@ class Findings:
 
 
 def find(
-    robot: Robot, states: Condition, integrator: ErrorTable, published: Array, left: Sequence[float], steps: int
+    robot: Robot, states: States, integrator: ErrorTable, published: Array, left: Sequence[float], steps: int
 ) -> Findings:
     """From the paper's robot, its 35 states, and the integrator's error as `lab.verbs.paper` computes them.
 

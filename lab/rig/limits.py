@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.chambers import ChamberMap
-from model.condition import conditions
+from model.body import body_of
 from model.robot import Robot
-from model.section import actuation_wrench, annulus_second_moment, body_area, body_second_moment
+from model.section import annulus_second_moment, body_area, body_second_moment
 from protocols.experiment import Ask, Plan, Push
 from recordings.states.bodies import Bodies
 
@@ -197,10 +197,9 @@ def bodies(rig: RigFile, robot: Robot) -> Bodies:
     markers = robot.markers if len(names) == len(robot.markers) else ()
     strain = 0.0
     if robot.chambers is not None and rig.instruments.pressure is not None:
-        highest = [rig.instruments.pressure.max_pressure] * len(robot.chambers.azimuths_deg)
-        spine = 0.0 if robot.spine is None else robot.length
-        push, _ = actuation_wrench(robot, conditions(robot, [0.0, spine], highest))
-        strain = float(push[:, 2].max()) / (robot.youngs_modulus * body_area(robot))
+        factor = float(robot.area_factor_at([0.0, 0.0 if robot.spine is None else robot.length]).max())
+        push = rig.instruments.pressure.max_pressure * factor * float(body_of(robot).tip_area.sum())
+        strain = push / (robot.youngs_modulus * body_area(robot))
     return Bodies(0.0, (robot.length, *markers), 1 + MISPLACED + LONGER * strain)
 
 

@@ -19,7 +19,7 @@ from rich.table import Table
 
 from model.calibration import fit_area_factor_by_length
 from model.compare import ErrorTable, error_table
-from model.condition import Condition, conditions
+from model.condition import States, conditions
 from model.robot import Robot, load_robot
 from model.rods import FINE, PAPER, Paper, solve
 from model.section import combined_modulus, rods_of
@@ -150,7 +150,7 @@ class PaperReport:
         return table
 
 
-def bending_states(robot: Robot) -> Condition:
+def bending_states(robot: Robot) -> States:
     """The 35 states of Fig. 5: spine lengths (slow) by pressures (fast), three chambers inflated."""
     length, pressure = (a.ravel() for a in np.meshgrid(SPINE_LENGTHS, PRESSURES, indexing="ij"))
     chambers = np.zeros((length.size, len(robot.actuators.azimuths_deg)))

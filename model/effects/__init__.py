@@ -4,7 +4,7 @@
 
     design = design_from_columns(robot, columns)         # columns: trials table, name -> numpy array
     forward = ForwardModel(robot, design, area="one")    # or "per_length"
-    y, sd = forward.observe(columns)                     # measured, in the order of forward.labels: (row, channel)
+    y = forward.observe(columns)                         # measured, in the order of forward.labels: (row, channel)
     theta = np.zeros(len(forward.parameters))            # the baseline: no effect, nothing off
     prediction, jacobian = forward.linearise(theta)      # (n_obs,), (n_obs, n_par)
     forward.linearise(theta, forward.index("contact"))   # the same with a few columns of the derivative, cheaper
@@ -20,7 +20,7 @@ Where things are
     catalogue     CATALOGUE, and effects of one's own beside it
     actuation, structure, surroundings, measurement     the effects, each law beside its declaration
     tolerance     calibration of the area and the tolerances that are free under tight priors
-    design        Design: the states of a campaign, from the columns of a table
+    design        States of a campaign from the columns of a table
     quantities    what laws before the rod may change; compose turns it into rods
     history       drive and loading path for laws with memory (friction, relaxation)
     readings      what instruments read; laws after the rod change it
@@ -29,20 +29,19 @@ Where things are
     forward       ForwardModel
 """
 
+from model.condition import States
 from model.effects.catalogue import CATALOGUE, with_effects
-from model.effects.design import Design, design_from_columns
+from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
-from model.effects.observation import Noise
 from model.effects.parameters import ParameterInfo
 from model.effects.spec import EffectSpec, Law, Parameter
 
 __all__ = [
     "CATALOGUE",
-    "Design",
+    "States",
     "EffectSpec",
     "ForwardModel",
     "Law",
-    "Noise",
     "Parameter",
     "ParameterInfo",
     "design_from_columns",

@@ -16,6 +16,7 @@ from model.body import annulus_second_moment
 from model.effects import layout as at
 from model.effects.quantities import Quantities
 from model.effects.spine import ShearSpine, moduli
+from model.rods import columns as col
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -69,7 +70,7 @@ class RodColumns:
 
     def length(self, part: int) -> Array:
         """(v or 1, n or 1) m of one part of the body."""
-        return np.asarray(sum(self[self.layout.elements[e] + at.LENGTH] for e in self.layout.of_part[part]))
+        return np.asarray(sum(self[self.layout.elements[e] + col.LENGTH] for e in self.layout.of_part[part]))
 
     def mean(self, part: int, column: int) -> Array:
         """A stiffness of a part: that of a uniform one which is as compliant; where the part is empty, its first element's."""
@@ -77,7 +78,7 @@ class RodColumns:
         if len(own) == 1:
             return self[own[0] + column]
         long = self.length(part)
-        compliant = sum(self[e + at.LENGTH] / self[e + column] for e in own)
+        compliant = sum(self[e + col.LENGTH] / self[e + column] for e in own)
         return np.where(long > 0, long / np.where(long > 0, compliant, 1.0), self[own[0] + column])
 
 
@@ -108,7 +109,7 @@ def _sections(q: Quantities, shear: ShearSpine, out: RodColumns) -> None:
     for element, piece, part in zip(q.layout.elements, q.layout.pieces, q.layout.parts, strict=True):
         low, high = edges[piece] * q.length, edges[piece + 1] * q.length
         within = np.clip(spine, low, high) - low if len(q.body) > 1 else spine
-        out[element + at.LENGTH] = within if part == at.INNER else high - low - within
+        out[element + col.LENGTH] = within if part == at.INNER else high - low - within
         area, second = q.body.area[piece], q.body.second[piece]
         softening = q.bend_softening * q.body.outer_radius[piece] ** 2
         if part == at.INNER:
@@ -116,16 +117,16 @@ def _sections(q: Quantities, shear: ShearSpine, out: RodColumns) -> None:
             silicone = silicone_share(q, area, second, bend)
             # The silicone's share of the section softens, the spine's stays linear or does so in part.
             soft = silicone + q.spine_softening * (1 - silicone)
-        elif element + at.BEND in q.layout.follows:
+        elif element + col.BEND in q.layout.follows:
             continue
         else:
             bend, axial, lateral = q.body_modulus * second, q.body_modulus * area, ratio * q.body_modulus * area
             soft = np.ones((1, 1))
-        out[element + at.BEND] = bend
-        out[element + at.STRETCH] = lateral
-        out[element + at.STRETCH + 2] = axial
-        out[element + at.SERIES] = soft * softening
-        out[element + at.SERIES + 1] = soft * q.strain_softening
+        out[element + col.BEND] = bend
+        out[element + col.STRETCH] = lateral
+        out[element + col.STRETCH + 2] = axial
+        out[element + col.SERIES] = soft * softening
+        out[element + col.SERIES + 1] = soft * q.strain_softening
 
 
 def with_spine(q: Quantities, shear: ShearSpine, area: float, second: float) -> tuple[Array, Array, Array]:
@@ -174,35 +175,35 @@ def _actuation(q: Quantities, out: RodColumns) -> None:
     azimuth = q.azimuth + (q.twist * q.length * (1 + q.twist_growth))[..., None]
     around = np.sin(azimuth) - 1j * np.cos(azimuth)
     force, moment = _wrench(push, around, q.body.tip_area, q.body.path_radius[-1])
-    out[at.TIP_FORCE + 2] = (1 - q.thrust_on_walls) * force
-    out[at.TIP_MOMENT] = moment.real
-    out[at.TIP_MOMENT + 1] = moment.imag
+    out[col.TIP_FORCE + 2] = (1 - q.thrust_on_walls) * force
+    out[col.TIP_MOMENT] = moment.real
+    out[col.TIP_MOMENT + 1] = moment.imag
     same = [bool((a == q.body.tip_area).all() and r == q.body.path_radius[-1])
             for a, r in zip(q.body.chamber_area, q.body.path_radius, strict=True)]  # fmt: skip
     if q.thrust_on_walls.any() or not all(same):
         for element, piece in zip(q.layout.elements, q.layout.pieces, strict=True):
             own = force if same[piece] else (push * q.body.chamber_area[piece]).sum(axis=-1)
             taken = own - (1 - q.thrust_on_walls) * force
-            out.add(element + at.REST_STRAIN + 2, taken / out[element + at.STRETCH + 2])
+            out.add(element + col.REST_STRAIN + 2, taken / out[element + col.STRETCH + 2])
     if not q.twist.any() and all(same):
         return
     bottom = np.zeros((1, 1))
     for element, piece in zip(q.layout.elements, q.layout.pieces, strict=True):
-        long = out[element + at.LENGTH]
+        long = out[element + col.LENGTH]
         growth = q.twist_growth / q.length
         a0 = q.twist * (bottom * (1 + growth * bottom) - q.length * (1 + q.twist_growth))
         a1, a2 = q.twist * long * (1 + 2 * growth * bottom), q.twist * growth * long**2
         own = moment if same[piece] else _wrench(push, around, q.body.chamber_area[piece], q.body.path_radius[piece])[1]
         # exp(i (a0 + a1 x + a2 x^2)) about a0 to third order in x; less what the tip carries.
-        turned = np.exp(1j * a0) * own / out[element + at.BEND]
+        turned = np.exp(1j * a0) * own / out[element + col.BEND]
         powers = (
-            turned - moment / out[element + at.BEND],
+            turned - moment / out[element + col.BEND],
             turned * (1j * a1),
             turned * (1j * a2 - a1**2 / 2),
             turned * (-a1 * a2 - 1j * a1**3 / 6),
         )
         for power, rise in enumerate(powers):
-            column = element + (at.REST_CURVATURE if power == 0 else at.RISE + 3 * (power - 1))
+            column = element + (col.REST_CURVATURE if power == 0 else col.RISE + 3 * (power - 1))
             out.add(column, rise.real)
             out.add(column + 1, rise.imag)
         bottom = bottom + long
@@ -218,33 +219,33 @@ def _wrench(push: Array, around: Complex, area: Array, path_radius: float) -> tu
 def _loads(q: Quantities, out: RodColumns) -> None:
     gravity = np.array(q.robot.gravity)
     for k in range(3):
-        out[at.DEAD_FORCE + k] = q.design.tip_mass * gravity[k] + q.design.tip_load[:, k] + q.tip_force[..., k]
+        out[col.DEAD_FORCE + k] = q.design.tip_mass * gravity[k] + q.design.force[:, k] + q.tip_force[..., k]
         for element, piece in zip(q.layout.elements, q.layout.pieces, strict=True):
-            if element + at.LOAD + k not in q.layout.follows:
-                out[element + at.LOAD + k] = q.density * q.body.weight_area[piece] * gravity[k]
+            if element + col.LOAD + k not in q.layout.follows:
+                out[element + col.LOAD + k] = q.density * q.body.weight_area[piece] * gravity[k]
     for j in range(2):
         spring = at.SPRINGS + j * at.SPRING_WIDTH
         out[spring + j] = 1.0
-        out[spring + at.SPRING_STIFFNESS] = q.tether
+        out[spring + col.SPRING_STIFFNESS] = q.tether
     _payload(q, out)
     wall = at.SPRINGS + 2 * at.SPRING_WIDTH
     c, s = np.cos(q.plane_turn), np.sin(q.plane_turn)
     out[wall] = c * q.plane_direction[0] - s * q.plane_direction[1]
     out[wall + 1] = s * q.plane_direction[0] + c * q.plane_direction[1]
-    out[wall + at.SPRING_STIFFNESS] = q.plane_stiffness
-    out[wall + at.SPRING_ORIGIN] = q.plane_distance
-    out[wall + at.SPRING_SOFTNESS] = CONTACT_WIDTH
+    out[wall + col.SPRING_STIFFNESS] = q.plane_stiffness
+    out[wall + col.SPRING_ORIGIN] = q.plane_distance
+    out[wall + col.SPRING_SOFTNESS] = CONTACT_WIDTH
     # Back along the body from the tip, which the chambers stretch and bend: y'' = k + F y / EI, k = M / EI.
     last = q.layout.elements[-1]
-    bent = [out[at.TIP_MOMENT + k] / out[last + at.BEND] for k in range(2)]
-    push = out[at.TIP_FORCE + 2]
-    back = q.plane_lever * (1 + push / out[last + at.STRETCH + 2])
+    bent = [out[col.TIP_MOMENT + k] / out[last + col.BEND] for k in range(2)]
+    push = out[col.TIP_FORCE + 2]
+    back = q.plane_lever * (1 + push / out[last + col.STRETCH + 2])
     turned = (bent[0] ** 2 + bent[1] ** 2) * back**2
-    x = push / out[last + at.BEND] * back**2
+    x = push / out[last + col.BEND] * back**2
     side = back**2 * (1 / 2 + x / 24 + x**2 / 720) * (1 - turned / 12)
-    out[wall + at.SPRING_ARM] = -side * bent[1]
-    out[wall + at.SPRING_ARM + 1] = side * bent[0]
-    out[wall + at.SPRING_ARM + 2] = back * (1 - turned / 6)
+    out[wall + col.SPRING_ARM] = -side * bent[1]
+    out[wall + col.SPRING_ARM + 1] = side * bent[0]
+    out[wall + col.SPRING_ARM + 2] = back * (1 - turned / 6)
 
 
 def _payload(q: Quantities, out: RodColumns) -> None:
@@ -255,23 +256,23 @@ def _payload(q: Quantities, out: RodColumns) -> None:
     down = gravity / size if size > 0 else np.array([0.0, 0.0, 1.0])
     for k in range(3):
         out[spring + k] = down[k]
-        out[spring + at.SPRING_ARM + k] = -q.payload_place[..., k]
-    out[spring + at.SPRING_STIFFNESS] = q.payload * size / FAR_AWAY
-    out[spring + at.SPRING_ORIGIN] = FAR_AWAY
+        out[spring + col.SPRING_ARM + k] = -q.payload_place[..., k]
+    out[spring + col.SPRING_STIFFNESS] = q.payload * size / FAR_AWAY
+    out[spring + col.SPRING_ORIGIN] = FAR_AWAY
 
 
 def _boundary(q: Quantities, out: RodColumns) -> None:
     for k in range(3):
-        out[at.BASE_TURN + k] = q.base_turn[..., k]
-    out[at.BASE_COMPLIANCE] = q.base_compliance
-    out[at.BASE_RELIEF] = q.base_relief
-    out[at.BASE_STIFFENING] = q.base_stiffening
+        out[col.BASE_TURN + k] = q.base_turn[..., k]
+    out[col.BASE_COMPLIANCE] = q.base_compliance
+    out[col.BASE_RELIEF] = q.base_relief
+    out[col.BASE_STIFFENING] = q.base_stiffening
     bottom = np.zeros((1, 1))
     for element in q.layout.elements:
-        long = out[element + at.LENGTH]
+        long = out[element + col.LENGTH]
         for k in range(3):
             # Linear along the arc: 1 at mid-length, 1 + growth at the tip.
             start = 1 + q.rest_growth * (2 * bottom / q.length - 1)
-            out.add(element + at.REST_CURVATURE + k, q.rest_curvature[..., k] * start)
-            out.add(element + at.RISE + k, q.rest_curvature[..., k] * q.rest_growth * 2 * long / q.length)
+            out.add(element + col.REST_CURVATURE + k, q.rest_curvature[..., k] * start)
+            out.add(element + col.RISE + k, q.rest_curvature[..., k] * q.rest_growth * 2 * long / q.length)
         bottom = bottom + long

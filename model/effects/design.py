@@ -1,112 +1,43 @@
-"""The states of a campaign as arrays: what was done to the robot, and which channels were read.
-
-Made from the columns of a trials table (see recordings), as plain numpy arrays by name.
-"""
+"""The states of a campaign from the columns of a trials table (see recordings), as plain numpy arrays by name."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from model.condition import HIGHEST_PRESSURE, LOWEST_PRESSURE
+from model.condition import (
+    HIGHEST_PRESSURE,
+    HOLD,
+    LOWEST_PRESSURE,
+    NOMINAL_VACUUM,
+    RATE,
+    TIP,
+    USED,
+    Flags,
+    States,
+    highest,
+)
 from model.errors import BadCondition
 from model.robot import Robot
 
 Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 Columns = Mapping[str, NDArray[np.generic]]
 
-RATE, HOLD = 25e3, 2.0
-"""Pa/s and s, where a table does not say how a state was reached."""
-NOMINAL_VACUUM = 80e3
-"""Pa below ambient at which the robot's spine moduli hold, when the table has no vacuum."""
-USED = 5e3
-"""Pa; a chamber that never reads more within a trial is taken as vented."""
 VENTED = 1e3
 """Pa; a state that reads less in all chambers is a state of rest."""
 PAUSE = 3600.0
 """s without a reading, after which a robot may have been mounted anew."""
 MOST_RESTARTS = 0.5
 """Of the trials; where more begin at an earlier t than the one before ended, t counts from the beginning of each trial."""
-TIP = ("x", "y", "z")
 TURN = ("rx", "ry", "rz")
 """Orientation channels: rotation vector (rad, base frame) from the baseline's orientation to the tip's."""
 QUATERNION = ("qw", "qx", "qy", "qz")
 
 
-@dataclass(frozen=True)
-class Design:
-    """n states in the order of the table; make it with `design_from_columns`."""
-
-    trial: NDArray[np.int64]
-    """(n,) 0..trials-1; states of one trial follow each other and share one history."""
-    trial_id: NDArray[np.int64]
-    """(trials,) the numbers the table gives them."""
-    stiffness: Flags
-    """(n,) rows of force over deflection; the others are states of the robot."""
-    body: Flags
-    """(n,) stiffness rows whose specimen is the body, not the bare spine."""
-    unload: Flags
-    repeat: NDArray[np.int64]
-    t: Array
-    """(n,) s."""
-    rate: Array
-    """(n,) Pa/s, magnitude."""
-    hold: Array
-    """(n,) s; 0 = read while ramping."""
-    sitting: NDArray[np.int64]
-    """(n,) counts the times that work began anew, with the robot perhaps mounted anew: t starts again, or nothing was read for
-    longer than `PAUSE`."""
-    progress: Array
-    """(n,) part of the campaign that has passed, 0 to 1: by time where it is known throughout, else by trials."""
-    spine_length: Array
-    """(n,) m."""
-    vacuum: Array
-    """(n,) Pa below ambient."""
-    nominal_vacuum: float
-    """Pa, the vacuum of most states with spine, at which the robot's spine moduli are taken to hold."""
-    tip_mass: Array
-    """(n,) kg."""
-    tip_load: Array
-    """(n, 3) N, known forces on the tip, base frame, besides the weight of `tip_mass`."""
-    roll: Array
-    """(n,) rad."""
-    pressure: Array
-    """(n, chambers) Pa gauge, as read."""
-    used: Flags
-    """(n, chambers) chambers that are pressurised at some state of the trial."""
-    deflection: Array
-    """(n,) m; 0 where the row is no stiffness row."""
-    channels: tuple[str, ...]
-    """Observed channels, of x y z, rx ry rz, m1x .. mKz, force."""
-
-    def __len__(self) -> int:
-        return len(self.trial)
-
-    @cached_property
-    def highest(self) -> Array:
-        """(n, chambers) Pa gauge, the highest reading of each chamber in the state's trial."""
-        return _highest(self.trial, self.pressure)
-
-    @property
-    def markers(self) -> int:
-        """How many markers are observed."""
-        return sum(1 for name in self.channels if re.fullmatch(r"m\d+x", name))
-
-
-def _highest(trial: NDArray[np.int64], pressure: Array) -> Array:
-    """(n, chambers) the largest of pressures (n, chambers) in each state's trial 0..."""
-    top = np.full((int(trial.max()) + 1, pressure.shape[1]), -np.inf)
-    np.maximum.at(top, trial, pressure)
-    return np.asarray(top[trial])
-
-
-def design_from_columns(robot: Robot, columns: Columns, channels: tuple[str, ...] | None = None) -> Design:
+def design_from_columns(robot: Robot, columns: Columns, channels: tuple[str, ...] | None = None) -> States:
     """The design behind a trials table; `channels` limits what counts as observed (default: what the table holds).
 
     Needs trial and spine_length, and p1..pN unless all rows are stiffness rows. Raises `BadCondition` naming the
@@ -125,7 +56,7 @@ def design_from_columns(robot: Robot, columns: Columns, channels: tuple[str, ...
     vacuum = _numbers(columns, "vacuum", NOMINAL_VACUUM, n)
     _within("vacuum", vacuum, 0.0, 101_325.0, "Pa below ambient")
     ids, trial = _trials(columns["trial"], spine_length)
-    used = _highest(trial, pressure) > USED
+    used = highest(trial, pressure) > USED
     spined = spine_length > 0
     observed = _channels(robot, columns, stiffness)
     if channels is not None:
@@ -133,7 +64,7 @@ def design_from_columns(robot: Robot, columns: Columns, channels: tuple[str, ...
         if unknown:
             raise BadCondition(f"channels: {', '.join(unknown)} not in the table, which has {', '.join(observed)}")
         observed = tuple(name for name in observed if name in channels)
-    return Design(
+    return States(
         trial=trial,
         trial_id=ids,
         stiffness=stiffness,
@@ -149,7 +80,7 @@ def design_from_columns(robot: Robot, columns: Columns, channels: tuple[str, ...
         vacuum=vacuum,
         nominal_vacuum=_usual(vacuum[spined]) if spined.any() else NOMINAL_VACUUM,
         tip_mass=_numbers(columns, "tip_mass", robot.tip_mass, n),
-        tip_load=np.where(stiffness, 0.0, [_numbers(columns, f"force_{a}", 0.0, n) for a in "xyz"]).T,
+        force=np.where(stiffness, 0.0, [_numbers(columns, f"force_{a}", 0.0, n) for a in "xyz"]).T,
         roll=np.deg2rad(_numbers(columns, "roll_deg", 0.0, n)),
         pressure=pressure,
         used=used,
@@ -185,7 +116,7 @@ def _progress(t: Array, trial: NDArray[np.int64], own: Flags) -> Array:
     return out
 
 
-def with_rest(design: Design) -> tuple[Design, NDArray[np.int64]]:
+def with_rest(design: States) -> tuple[States, NDArray[np.int64]]:
     """The design and, behind its rows, the rest state of each trial that does not begin with one.
 
     Returns also (trials,) the row at which each trial is at rest: its own first state when that is without pressure.
@@ -200,12 +131,18 @@ def with_rest(design: Design) -> tuple[Design, NDArray[np.int64]]:
         if np.abs(design.pressure[own[0]]).max() > VENTED:
             rest[k] = len(design) + len(extra)
             extra.append(int(own[0]))
-    rows = np.concatenate([np.arange(len(design)), np.array(extra, int)])
-    arrays = {f.name: getattr(design, f.name) for f in fields(design)}
-    long = {k: v[rows] for k, v in arrays.items() if k not in ("trial_id", "nominal_vacuum", "channels")}
-    long["pressure"][len(design) :] = 0.0
-    long["hold"][len(design) :] = HOLD
-    return replace(design, **long), rest
+    long = design[np.concatenate([np.arange(len(design)), np.array(extra, int)])]
+    long.pressure[len(design) :] = 0.0
+    long.hold[len(design) :] = HOLD
+    return long, rest
+
+
+def with_own_rest(states: States) -> States:
+    """Single states and, behind them, the rest of each: its chambers vented, all else the same."""
+    long = states[np.tile(np.arange(len(states)), 2)]
+    long.pressure[len(states) :] = 0.0
+    long.hold[len(states) :] = HOLD
+    return long
 
 
 def _numbers(columns: Columns, name: str, default: float | None, n: int) -> Array:

@@ -11,21 +11,23 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from model.body import body_of
+from model.condition import States, conditions
 from model.effects import layout as at
 from model.effects.catalogue import CATALOGUE
 from model.effects.compose import RodColumns, directions, rod_columns
-from model.effects.design import Columns, Design, with_rest
-from model.effects.history import DRIVES, by_element, drive, history_of, loading_path, rest_columns
-from model.effects.nominal import beyond, fixed_laws, nominal_values, obstacle_direction
-from model.effects.observation import Noise, measured, observations
+from model.effects.design import Columns, with_own_rest, with_rest
+from model.effects.history import DRIVES, by_element, drive, history_of, loading_path, ramps, rest_columns
+from model.effects.nominal import beyond, fixed_laws, nominal_values, obstacle_direction, stated_effects
+from model.effects.observation import channels, measured, observations
 from model.effects.parameters import ParameterInfo, Spread, parameter_table
 from model.effects.quantities import Quantities, baseline
 from model.effects.readings import Readings, readings
-from model.effects.solver import Solved, differentiate, integration_steps, look_inside, nudged, solve
+from model.effects.solver import Solved, Steps, differentiate, integration_steps, look_inside, nudged, solve
 from model.effects.spec import EffectSpec, Law, Values
 from model.effects.spine import ShearSpine, shear_spine
-from model.effects.tolerance import sources
-from model.errors import BadCondition
+from model.effects.tolerance import Source, single_sources, sources
+from model.errors import BadCondition, BadRobot
 from model.robot import Robot
 
 Array = NDArray[np.float64]
@@ -55,8 +57,8 @@ class _At:
     final: Solved
     """With memory, without the rest states."""
     remembers: bool
-    predicted: Array
-    """(1, observations)."""
+    readings: Readings
+    """Of one variant."""
     settled: bool
     """Whether every state without a result has no equilibrium, and was not given up."""
     asked: frozenset[int]
@@ -64,10 +66,28 @@ class _At:
 
 
 @dataclass(frozen=True)
-class _Beside:
-    """Variants close to a point, one for each of some slots; all before the rod."""
+class Change:
+    """v small changes of what is done in n states."""
 
-    slots: tuple[int, ...]
+    pressure: Array
+    """(v, n or 1, chambers) Pa."""
+    spine_length: Array
+    """(v, 1) m."""
+    by: Array
+    """(v,) what derivatives by them are counted per."""
+
+    def behind(self, more: int) -> Change | None:
+        """The same behind `more` that change nothing; None where there is no change."""
+        if not self.by.size:
+            return None
+        wide = [np.pad(x, [(more, 0)] + [(0, 0)] * (x.ndim - 1)) for x in (self.pressure, self.spine_length, self.by)]
+        return Change(*wide)
+
+
+@dataclass(frozen=True)
+class _Beside:
+    """Variants close to a point, one for each of some slots or changes; all before the rod."""
+
     spread: Spread
     by_row: Array
     """(v, full) their steps, in the parameters' units; 1 where a row has no such parameter."""
@@ -87,6 +107,7 @@ class _Beside:
 
 class ForwardModel:
     """Readings of a campaign as a function of all parameters; see the package's docstring for how to use it.
+    Of states that are each reached from rest (`of_single_states`) there are `read` and `motions` alone.
 
     `parameters` is the ordered table; a parameter vector holds their values in their units, and the zero vector is the
     baseline: the robot as its robot.yaml describes it, the effects that stand there included. A parameter of such an effect
@@ -96,7 +117,7 @@ class ForwardModel:
     def __init__(
         self,
         robot: Robot,
-        design: Design,
+        design: States,
         area: Literal["one", "per_length"] = "one",
         catalogue: Mapping[str, EffectSpec] = CATALOGUE,
         area_factor: float | None = None,
@@ -110,54 +131,28 @@ class ForwardModel:
         `plane_direction` (2,) is the way sideways to the plane that may be touched: by default the robot's, or where the
         campaign bends to. Raises `BadRobot` for an effect in robot.yaml that neither the project nor `catalogue` knows.
         """
+        self._steps: Steps | None
+        self._start: Solved | None
         if area not in ("one", "per_length"):
             raise BadCondition(f"area {area!r}: must be 'one' or 'per_length'")
-        self.robot, self.design, self.area, self.catalogue = robot, design, area, catalogue
-        self._every_law = every_law
-        self._full, self._rest_of = with_rest(design)
-        self._moved_rows = np.flatnonzero(~design.stiffness)
-        self._in_bare = np.flatnonzero(~self._full.stiffness)
-        self._path = loading_path(design, self._rest_of)
-        self._table = parameter_table(
-            self._full, sources(design, tuple(catalogue.values()), area, robot.uncertainty.stated)
+        full, rest_of = with_rest(design)
+        self._vary(
+            robot, full, area, catalogue, sources(design, tuple(catalogue.values()), area, robot.uncertainty.stated)
         )
-        self._fixed = fixed_laws(robot, catalogue)
-        rank = {id: k for k, id in enumerate({**CATALOGUE, **catalogue})}
-        places: dict[int | str, int] = {id: rank.get(id, len(rank)) for id in self._fixed}
-        places |= {i: rank.get(s.spec.id, len(rank)) for i, s in enumerate(self._table.sources)}
-        # the sort is stable: tolerances stay behind effects, in their own order
-        self._order = sorted(places, key=places.__getitem__)
-        self._nominal = nominal_values(robot, self._table.infos)
-        self.parameters: tuple[ParameterInfo, ...] = beyond(robot, self._table.infos, self._nominal)
-        self._shear = shear_spine(robot.spine) if robot.spine is not None else ShearSpine(1.0, 1.0, 1.0)
-        factor = robot.area_factor_at(self._full.spine_length)
+        self._every_law = every_law
+        self._path = loading_path(design, rest_of)
+        moved = ~design.stiffness
+        factor = robot.area_factor_at(full.spine_length)
         if area_factor is not None:
-            factor = np.full(len(self._full), area_factor)
-        elif area == "one" and self._moved_rows.size:
-            factor = np.full(len(self._full), factor[self._moved_rows].mean())
-        self.area_factor = factor[: len(design)]
-        """(n,) A_effect / A_norm of each state at zero parameters."""
-        self._arcs = np.array(robot.markers[: design.markers])
-        self._baseline = baseline(robot, self._full, factor, np.array([1.0, 0.0]))
-        self._sd = np.array([p.sd for p in self.parameters])
-        low, high = np.array([[p.low, p.high] for p in self._table.infos]).T
-        self._low, self._high = low, high
-        self._memory_sizes = {
-            k
-            for k, p in enumerate(self._table.infos)
-            if p.role == "size" and self._table.source_of(p.slot).spec.law.path is not None
-        }
-        self._start: Solved | None = None
-        self._remembering: Solved | None = None
-        self._points: tuple[_At, ...] = ()
+            factor = np.full(len(full), area_factor)
+        elif area == "one" and moved.any():
+            factor = np.full(len(full), factor[: len(design)][moved].mean())
+        self._place(design, full, factor, np.array(robot.markers[: design.markers]))
         if plane_direction is None:
             plane_direction = obstacle_direction(robot)
-        self._layout = self._baseline.layout
-        self._rest_columns = rest_columns(self._layout)
         nominal = self._rows(rod_columns(self._baseline, self._shear))
         self._steps = integration_steps(self._layout, nominal)
-        first = solve(self._layout, nominal, self._arcs, self._steps, inside=False)
-        self._start = first
+        self._start = first = solve(self._layout, nominal, self._arcs, self._steps, inside=False)
         tips = first.result[: self._moved_rows.size]
         side = (
             tips[first.converged[: self._moved_rows.size], :2].sum(axis=0)
@@ -173,6 +168,77 @@ class ForwardModel:
         )
         """(row of the design, channel) of each observation."""
 
+    @classmethod
+    def of_single_states(cls, robot: Robot, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> ForwardModel:
+        """The model of states that are each reached from rest by one ramp, with what robot.yaml states; `at` gives it states.
+
+        A parameter of each trial is then one for all. Raises `BadRobot` for what robot.yaml states wrongly.
+        """
+        made = cls.__new__(cls)
+        effects = stated_effects(robot, catalogue)
+        one = conditions(robot, 0.0, np.zeros(len(robot.actuators.azimuths_deg)))
+        made._vary(robot, one, "per_length", effects, single_sources(robot, tuple(effects.values())))
+        if "contact" in effects and obstacle_direction(robot) is None:
+            raise BadRobot(
+                f"robot {robot.name!r}: effects.contact needs obstacle_azimuth_deg, the direction in which the obstacle stands"
+            )
+        return made
+
+    def at(self, design: States, arcs: Array) -> ForwardModel:
+        """The model `of_single_states` for these, with markers at arc lengths (k,) m."""
+        other = copy.copy(self)
+        full = design
+        if any(spec.law.path is not None for spec in self.catalogue.values()):
+            full, other._path = with_own_rest(design), ramps(design)
+        other._place(design, full, self.robot.area_factor_at(full.spine_length), arcs)
+        return other
+
+    def _vary(
+        self,
+        robot: Robot,
+        full: States,
+        area: Literal["one", "per_length"],
+        catalogue: Mapping[str, EffectSpec],
+        varied: tuple[Source, ...],
+    ) -> None:
+        """Lay out the parameters of `varied`."""
+        self.robot, self.area, self.catalogue, self._every_law = robot, area, catalogue, False
+        self._steps, self._start = None, None
+        self._table = parameter_table(full, varied)
+        self._fixed = fixed_laws(robot, catalogue)
+        rank = {id: k for k, id in enumerate({**CATALOGUE, **catalogue})}
+        places: dict[int | str, int] = {id: rank.get(id, len(rank)) for id in self._fixed}
+        places |= {i: rank.get(s.spec.id, len(rank)) for i, s in enumerate(self._table.sources)}
+        # the sort is stable: tolerances stay behind effects, in their own order
+        self._order = sorted(places, key=places.__getitem__)
+        self._nominal = nominal_values(robot, self._table.infos)
+        self.parameters: tuple[ParameterInfo, ...] = beyond(robot, self._table.infos, self._nominal)
+        self._body = body_of(robot)
+        self._layout = at.layout_of(self._body, robot.spine is not None)
+        self._rest_columns = rest_columns(self._layout)
+        direction = obstacle_direction(robot)
+        self._direction = np.array([1.0, 0.0]) if direction is None else direction
+        self._shear = shear_spine(robot.spine) if robot.spine is not None else ShearSpine(1.0, 1.0, 1.0)
+        self._sd = np.array([p.sd for p in self.parameters])
+        low, high = np.array([[p.low, p.high] for p in self._table.infos]).T
+        self._low, self._high = low, high
+        self._memory_sizes = {
+            k
+            for k, p in enumerate(self._table.infos)
+            if p.role == "size" and self._table.source_of(p.slot).spec.law.path is not None
+        }
+        self._remembering: Solved | None = None
+        self._points: tuple[_At, ...] = ()
+
+    def _place(self, design: States, full: States, factor: Array, arcs: Array) -> None:
+        """Take over states, with the rest states in `full`, their area factors (full,) and arc lengths of markers."""
+        self.design, self._full, self._arcs = design, full, arcs
+        self._moved_rows = np.flatnonzero(~design.stiffness)
+        self._in_bare = np.flatnonzero(~full.stiffness)
+        self.area_factor = factor[: len(design)]
+        """(n,) A_effect / A_norm of each state at zero parameters."""
+        self._baseline = baseline(self.robot, self._body, self._layout, full, factor, self._direction)
+
     def __getstate__(self) -> dict[str, Any]:
         """Without the points that it has kept."""
         return vars(self) | {"_points": ()}
@@ -185,7 +251,7 @@ class ForwardModel:
     def __len__(self) -> int:
         return len(self.observations)
 
-    def on(self, design: Design) -> ForwardModel:
+    def on(self, design: States) -> ForwardModel:
         """The same model for other states: the catalogue, what area = 0 means and the plane that may be touched stay."""
         factor = float(self.area_factor[0]) if self.area == "one" else None
         return ForwardModel(self.robot, design, self.area, self.catalogue, factor, self._baseline.plane_direction)
@@ -203,7 +269,24 @@ class ForwardModel:
 
         In a `trial` also where its load would have to be followed to find it, at a thousand times the cost.
         """
-        return self._solved(self._checked(theta), trial=trial).predicted[0].copy()
+        return self.observations.of(self._solved(self._checked(theta), trial=trial).readings)[0]
+
+    def read(self, theta: Array) -> Readings:
+        """What instruments read of the design's rows at parameters (p,); NaN where a state has no equilibrium."""
+        return self._solved(self._checked(theta)).readings.first(len(self.design))
+
+    def motions(self, theta: Array, quantities: Sequence[str], change: Change | None = None) -> tuple[Readings, Array]:
+        """What `read` gives, and its derivatives (k + v, n, `channels`), turns counted from where the tip is: by each of k
+        quantities (its copies together, 0 for one that there is not), then by changes."""
+        slots = {p.quantity: p.slot for p in self.parameters}
+        wanted = tuple(slots[name] for name in quantities if name in slots)
+        here = self._differentiable(self._checked(theta), wanted)
+        every = partial(channels, reference=here.readings.orientation[0])
+        found = self._slopes(here, wanted, every, change)[:, : len(self.design)]
+        known = [name in slots for name in quantities] + [True] * (0 if change is None else len(change.by))
+        out = np.zeros((len(known), *found.shape[1:]))
+        out[known] = found
+        return here.readings.first(len(self.design)), out
 
     def near(self, theta: Array) -> ForwardModel:
         """The same model, whose rods are solved from those at parameters (p,) on: quicker close by, and the same within the
@@ -227,12 +310,9 @@ class ForwardModel:
         read = self._readings(here.quantities, along.result[None], self._table.at(here.theta))
         return read.markers[0, : len(self.design)]
 
-    def observe(self, columns: Columns, noise: Noise = Noise()) -> tuple[Array, Array]:  # noqa: B008 (frozen)
-        """Measured values and standard deviations of a table with the design's rows, in the order of `labels`.
-
-        A cell that was not measured has value 0 and standard deviation inf.
-        """
-        return measured(self.observations, columns, noise)
+    def observe(self, columns: Columns) -> Array:
+        """Measured values of a table with the design's rows, in the order of `labels`; NaN for a cell that was not measured."""
+        return measured(self.observations, columns)
 
     def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
         """Prediction (observations,) and its derivative (observations, p) by the parameters, in their units.
@@ -242,30 +322,35 @@ class ForwardModel:
         """
         theta = self._checked(theta)
         wanted = list(range(len(self.parameters))) if columns is None else list(columns)
-        here = self._asked(
-            self._solved(theta, bool(self._memory_sizes & set(wanted))),
-            frozenset(self._table.source_index(self.parameters[k].slot) for k in wanted),
-        )
         slots = tuple(sorted({self.parameters[k].slot for k in wanted}))
+        here = self._differentiable(theta, slots)
         of_row = self._table.of_row[list(slots)][:, self.observations.row]
         place = np.full(len(self.parameters) + 1, len(wanted))
         place[wanted] = np.arange(len(wanted))
         # Each row takes one parameter for a slot; what is not wanted, or does not exist (-1), goes to a last column.
         jacobian = np.zeros((len(self), len(wanted) + 1))
-        jacobian[np.arange(len(self)), place[of_row]] = self._slopes(here, slots)
-        return here.predicted[0].copy(), jacobian[:, :-1]
+        found = self._slopes(here, slots, self.observations.every)
+        jacobian[np.arange(len(self)), place[of_row]] = self.observations.pick(found)
+        return self.observations.of(here.readings)[0], jacobian[:, :-1]
+
+    def _differentiable(self, theta: Array, slots: tuple[int, ...]) -> _At:
+        """The point at values of the laws' parameters, with all that derivatives by slots need."""
+        sources = frozenset(map(self._table.source_index, slots))
+        moving = any(self._table.infos[k].slot in slots for k in self._memory_sizes)
+        return self._asked(self._solved(theta, moving, asked=sources), sources)
 
     def respond(self, change: Array) -> Array:
         """(observations,) by how much the baseline's readings change with its pressures (n, chambers), Pa; what the robot
         remembers stays."""
         spread = self._table.at(self._nominal)
-        q = self._quantities(spread, np.pad(change, ((0, len(self._full) - len(change)), (0, 0))))
+        q = self._quantities(spread, Change(change[None], np.zeros((1, 1)), np.ones(1)))
         built = self._rows(rod_columns(q, self._shear))
         own = slice(0, self._moved_rows.size)
-        moved = solve(self._layout, built, self._arcs, self._steps, self._start, inside=False).take(own)
         here = self._solved(self._nominal)
-        still = self._read(here.quantities, here.bare.take(own).result[None], spread)
-        return np.asarray(self._read(q, moved.result[None], spread)[0] - still[0])
+        moved = solve(self._layout, built, self._arcs, here.bare.steps, self._start, inside=False).take(own)
+        still = self._readings(here.quantities, here.bare.take(own).result[None], spread)
+        there = self._readings(q, moved.result[None], spread)
+        return np.asarray(self.observations.of(there)[0] - self.observations.of(still)[0])
 
     def _checked(self, theta: Array) -> Array:
         """Values of the laws' parameters from what is added to those of robot.yaml."""
@@ -293,21 +378,30 @@ class ForwardModel:
             elif self._every_law or known in working:
                 yield self._table.sources[known].spec.law, partial(self._table.values, known, spread)
 
-    def _quantities(self, spread: Spread, more: Array | None = None, asked: frozenset[int] = frozenset()) -> Quantities:
-        """All laws before the rod; `more` (full, chambers) Pa is what is read beyond the table."""
+    def _quantities(
+        self, spread: Spread, change: Change | None = None, asked: frozenset[int] = frozenset()
+    ) -> Quantities:
+        """All laws before the rod."""
         q = copy.copy(self._baseline)
-        if more is not None:
-            q.pressure = q.pressure + more
+        if change is not None:
+            pressure = np.repeat(q.pressure, len(change.by), axis=0)
+            pressure[:, : len(self.design)] += change.pressure
+            q.pressure = pressure
+            if change.spine_length.any():
+                q.spine_length = q.tabulated_length = q.spine_length + change.spine_length
+                q.area_factor = self.robot.area_factor_at(q.spine_length)[..., None] * np.ones(pressure.shape[2])
         for law, values in self._laws(spread, asked):
             if law.before is not None:
                 law.before(q, values())
         return q
 
-    def _solved(self, theta: Array, moving: bool = False, trial: bool = False) -> _At:
-        """`moving`: what drives memory is wanted even where nothing remembers. `trial`: see `predict`."""
+    def _solved(
+        self, theta: Array, moving: bool = False, trial: bool = False, asked: frozenset[int] = frozenset()
+    ) -> _At:
+        """`moving`: what drives memory is wanted even where nothing remembers. `trial`: see `predict`; `asked`: see `_At`."""
         points = self._points  # another thread may put others in its place
         same = [bool(np.array_equal(p.theta, theta)) and (trial or p.settled) for p in points]
-        here = points[same.index(True)] if any(same) else self._solve(theta, trial)
+        here = points[same.index(True)] if any(same) else self._solve(theta, trial, asked)
         if moving and not here.bare.inside:
             bare = look_inside(here.bare)
             here = replace(here, bare=bare, driven=self._drive(here.built, bare.result[None]))
@@ -335,32 +429,37 @@ class ForwardModel:
         self._keep(here)
         return here
 
-    def _solve(self, theta: Array, trial: bool) -> _At:
+    def _solve(self, theta: Array, trial: bool, asked: frozenset[int]) -> _At:
         spread = self._table.at(theta)
-        q = self._quantities(spread)
+        asked = asked - self._table.working(spread)
+        q = self._quantities(spread, asked=asked)
         built = rod_columns(q, self._shear)
         remembers = any(theta[k] for k in self._memory_sizes) or any(
             law.path is not None for law, _ in self._fixed.values()
         )
-        bare = solve(self._layout, self._rows(built), self._arcs, self._steps, self._start, remembers, trial)
+        rods = self._rows(built)
+        alone = self._steps is None
+        steps = integration_steps(self._layout, rods) if self._steps is None else self._steps
+        bare = solve(self._layout, rods, self._arcs, steps, self._start, remembers, trial, alone and not remembers)
         final = bare.take(slice(0, self._moved_rows.size))
         driven = rest = np.zeros((1, len(self._full), DRIVES))
         if remembers:
             driven = self._drive(built, bare.result[None])
-            rest = self._memory(q, built, driven, spread)
+            rest = self._memory(q, built, driven, spread, asked)
             rows = final.rows.copy()
             rows[:, self._rest_columns] += by_element(self._layout, rest[0, self._moved_rows])
             begin = self._remembering or final
             final = solve(self._layout, rows, self._arcs, final.steps, begin, False, trial)
             # What drives memory is the rod without it: where that has no equilibrium, nothing can be said of the state.
             final.result[~bare.converged[: len(final.rows)]] = np.nan
-        predicted = self._read(q, final.result[None], spread)
+        read = self._readings(q, final.result[None], spread, asked)
         settled = not trial or bool(bare.converged.all() and final.converged.all())
-        return _At(theta.copy(), q, built, bare, driven, rest, final, remembers, predicted, settled, frozenset())
+        return _At(theta.copy(), q, built, bare, driven, rest, final, remembers, read, settled, asked)
 
     def _rows(self, built: RodColumns) -> Array:
         """(m, layout.width) rods of one variant that are solved."""
-        return built.rows(len(self._full))[self._in_bare]
+        rods = built.rows(len(self._full))
+        return rods if len(self._in_bare) == len(rods) else rods[self._in_bare]
 
     def _drive(self, built: RodColumns, results: Array) -> Array:
         """(v, full, DRIVES) from results (v, m, columns)."""
@@ -379,21 +478,28 @@ class ForwardModel:
                 law.path(history, values())
         return history.rest
 
-    def _slopes(self, here: _At, slots: tuple[int, ...]) -> Array:
-        """(slots, observations) derivatives in the parameters' units, by the chain rule.
+    def _slopes(
+        self, here: _At, slots: tuple[int, ...], every: Callable[[Readings], Array], change: Change | None = None
+    ) -> Array:
+        """(slots + changes, full, channels) derivatives of `every` channel of readings in the parameters' units: the chain rule.
 
         Rods by parameters and readings by equilibria are differenced, equilibria by rods are not. Slots that enter at the same
         stage are varied together: what none of them changes is computed once.
         """
         step = NUDGE * self._sd * np.where(here.theta + NUDGE * self._sd <= self._high, 1.0, -1.0)
-        batches = [self._beside(here, step, part) for part in self._by_stage(slots)]
-        out = np.empty((len(slots), len(self)))
-        for b, moved in zip(batches, self._moved(here, batches), strict=True):
-            slope = self.observations.pick(moved)
+        no_change = Change(np.zeros((0, 1, 1)), np.zeros((0, 1)), np.zeros(0))
+        parts = [(part, no_change) for part in self._by_stage(slots)]
+        if change is not None:
+            # Of single states all together: what changes is one number for all states.
+            parts = [(slots, change)] if self._steps is None else [*parts, ((), change)]
+        batches = [self._beside(here, step, *part) for part in parts]
+        read = every(here.readings)
+        out = np.empty((len(slots) + (0 if change is None else len(change.by)), *read.shape[1:]))
+        for (own, varied), b, moved in zip(parts, batches, self._moved(here, batches, every), strict=True):
             if b.reads:
-                read = self._read(b.quantities, here.final.result[None], b.spread, here.asked)
-                slope = slope + (read - here.predicted) / b.by_row[:, self.observations.row]
-            out[[slots.index(k) for k in b.slots]] = slope
+                there = every(self._readings(b.quantities, here.final.result[None], b.spread, here.asked))
+                moved = moved + (there - read) / b.by_row[..., None]
+            out[[slots.index(k) for k in own] + [len(slots) + k for k in range(len(varied.by))]] = moved
         return out
 
     def _by_stage(self, slots: tuple[int, ...]) -> list[tuple[int, ...]]:
@@ -404,37 +510,37 @@ class ForwardModel:
             found.setdefault((_moves(spec), spec.stage), []).append(k)
         return [tuple(own) for own in found.values()]
 
-    def _beside(self, here: _At, step: Array, slots: tuple[int, ...]) -> _Beside:
-        """Variants of `here`, one for each slot, that is a step away."""
-        spread = self._table.beside(here.theta, here.theta + step, slots)
-        by_row = self._by_slot(step)[list(slots)]
+    def _beside(self, here: _At, step: Array, slots: tuple[int, ...], change: Change) -> _Beside:
+        """Variants of `here`: one for each slot, that is a step away, and one for each change."""
+        v, full = len(slots), len(self._full)
+        spread = self._table.beside(here.theta, here.theta + step, slots, len(change.by))
+        by_row = np.empty((v + len(change.by), full))
+        by_row[:v], by_row[v:] = np.append(step, 1.0)[self._table.of_row[list(slots)]], change.by[:, None]
         laws = [self._table.source_of(k).spec.law for k in slots]
         q, built = here.quantities, here.built
-        moves = any(law.before is not None for law in laws)
+        moves = len(change.by) > 0 or any(law.before is not None for law in laws)
         if moves:
-            q = self._quantities(spread, asked=here.asked)
+            q = self._quantities(spread, change.behind(v), here.asked)
             built = rod_columns(q, self._shear)
-        changed, change = built.changes(here.built, by_row)
+        changed, slope = built.changes(here.built, by_row)
         remembers = any(law.path is not None for law in laws)
         reads = bool(self.design.stiffness.any()) or any(law.after is not None for law in laws)
-        return _Beside(slots, spread, by_row, q, built, changed, change, moves, remembers, reads)
+        return _Beside(spread, by_row, q, built, changed, slope, moves, remembers, reads)
 
-    def _moved(self, here: _At, batches: Sequence[_Beside]) -> list[Array]:
+    def _moved(self, here: _At, batches: Sequence[_Beside], every: Callable[[Readings], Array]) -> list[Array]:
         """(v, full, channels) of each batch: derivatives of readings by what the slots do to rods, in the parameters' units."""
         rests = self._rests(here, batches)
         changed = sorted(
             {c for b in batches for c in b.columns} | {c for r in rests if r is not None for c in self._rest_columns}
         )
-        by_column = np.zeros((len(self._full), len(changed), self.observations.channels))
+        by_column = np.zeros((len(self._full), len(changed), every(here.readings).shape[-1]))
         if changed:
             spread = self._table.at(here.theta)
 
-            def every(results: Array) -> Array:
-                return self.observations.every(self._readings(here.quantities, results, spread, here.asked))[
-                    :, self._moved_rows
-                ]
+            def read(results: Array) -> Array:
+                return every(self._readings(here.quantities, results, spread, here.asked))[:, self._moved_rows]
 
-            by_column[self._moved_rows] = _by_columns(here.final, changed, every)
+            by_column[self._moved_rows] = _by_columns(here.final, changed, read)
         out = []
         for b, rest in zip(batches, rests, strict=True):
             moved = b.change @ by_column[:, [changed.index(c) for c in b.columns]]
@@ -467,14 +573,6 @@ class ForwardModel:
             out.append(((rest - here.rest) / b.by_row[..., None]).swapaxes(0, 1))
         return out
 
-    def _by_slot(self, per_parameter: Array) -> Array:
-        """(slots, full) the value of the parameter that each row takes for a slot; 1 where it takes none."""
-        return np.append(per_parameter, 1.0)[self._table.of_row]
-
-    def _read(self, q: Quantities, results: Array, spread: Spread, asked: frozenset[int] = frozenset()) -> Array:
-        """(v, observations) from results (v, moved, columns) of the solver."""
-        return self.observations.of(self._readings(q, results, spread, asked))
-
     def _readings(self, q: Quantities, results: Array, spread: Spread, asked: frozenset[int] = frozenset()) -> Readings:
         """What instruments read of results (v, moved, columns): all laws after the rod."""
         r = readings(q, self._shear, self._every_row(results))
@@ -485,6 +583,8 @@ class ForwardModel:
 
     def _every_row(self, results: Array) -> Array:
         """(v, full, columns): results of the moved rows in their places, an unbent rod elsewhere."""
+        if results.shape[1] == len(self._full):
+            return results
         out = np.zeros((len(results), len(self._full), results.shape[2]))
         out[:, :, at.ORIENTATION] = 1.0
         out[:, self._moved_rows] = results

@@ -15,11 +15,12 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from model.condition import States
 from model.effects import layout as at
 from model.effects.compose import RodColumns, silicone_share
-from model.effects.design import Design
 from model.effects.quantities import Quantities
 from model.effects.rotations import CONJUGATE, rotation_vector
+from model.rods import columns as col
 from model.rotation import multiply
 
 Array = NDArray[np.float64]
@@ -40,7 +41,7 @@ OF_PART = DRIVES // 2
 
 def rest_columns(layout: at.Layout) -> list[int]:
     """Columns of a rod to which memory adds, element by element in the order of the drive of a part."""
-    each = (*range(at.REST_CURVATURE, at.REST_CURVATURE + 3), at.REST_STRAIN + 2)
+    each = (*range(col.REST_CURVATURE, col.REST_CURVATURE + 3), col.REST_STRAIN + 2)
     return [element + column for element in layout.elements for column in each]
 
 
@@ -107,7 +108,7 @@ class Path:
         return out
 
 
-def loading_path(design: Design, rest_of: Order) -> Path:
+def loading_path(design: States, rest_of: Order) -> Path:
     """The steps of all trials in the order of the table; trial k begins at state rest_of[k]. No stiffness rows."""
     before, after, first, stay, ramp, hold = [], [], [], [], [], []
     time = np.nan
@@ -138,6 +139,14 @@ def loading_path(design: Design, rest_of: Order) -> Path:
         np.array(ramp),
         np.array(hold),
     )
+
+
+def ramps(design: States) -> Path:
+    """Each of single states from its rest, which stands behind all states, by one ramp and a hold."""
+    n = len(design)
+    rows = np.arange(n)
+    up = np.abs(design.pressure).max(axis=1) / design.rate
+    return Path(rows + n, rows, np.ones(n, bool), np.full(n, np.inf), up, np.maximum(design.hold, 0.0))
 
 
 @dataclass(slots=True)
@@ -185,10 +194,10 @@ def history_of(q: Quantities, path: Path, rods: RodColumns, driven: Array) -> Hi
     n = driven.shape[1]
     bend, stretch = (
         np.stack(np.broadcast_arrays(*(rods.mean(p, k) for p in (at.INNER, at.OUTER)), np.empty((1, n)))[:2], axis=-1)
-        for k in (at.BEND, at.STRETCH + 2)
+        for k in (col.BEND, col.STRETCH + 2)
     )
     silicone = np.ones((len(bend), n, DRIVES))
-    held = silicone_share(q, q.body.mean_area, q.body.mean_second, rods.mean(at.INNER, at.BEND))
+    held = silicone_share(q, q.body.mean_area, q.body.mean_second, rods.mean(at.INNER, col.BEND))
     silicone[..., :OF_PART] = held[..., None]
     return History(q, path, driven, bend, stretch, silicone, np.zeros((1, n, DRIVES)))
 

@@ -13,34 +13,11 @@ from functools import cached_property
 
 from model.body import Body
 from model.rods import Form
-from model.rods.columns import (
-    BASE_COMPLIANCE,
-    BASE_RELIEF,
-    BASE_STIFFENING,
-    BASE_TURN,
-    BEND,
-    DEAD_FORCE,
-    HEAD,
-    LENGTH,
-    LOAD,
-    REST_CURVATURE,
-    REST_STRAIN,
-    RISE,
-    SERIES,
-    SPRING,
-    SPRING_ARM,
-    SPRING_DIRECTION,
-    SPRING_ORIGIN,
-    SPRING_SOFTNESS,
-    SPRING_STIFFNESS,
-    STRETCH,
-    TIP_FORCE,
-    TIP_MOMENT,
-)
+from model.rods import columns as col
 
 SPRING_COUNT = 4
-SPRINGS, SPRING_WIDTH = HEAD, SPRING
-ELEMENTS, ELEMENT_WIDTH = HEAD + SPRING * SPRING_COUNT, Form(1, full=True).block
+SPRINGS, SPRING_WIDTH = col.HEAD, col.SPRING
+ELEMENTS, ELEMENT_WIDTH = col.HEAD + col.SPRING * SPRING_COUNT, Form(1, full=True).block
 
 TIP, ORIENTATION, JOINT, BASE, STRAIN, MARKERS = 0, 3, 7, 11, 15, 17
 """Columns of a result: tip (m), quaternions of the tip, of the spine's end and of the base, mean axial strain of the
@@ -98,66 +75,26 @@ def layout_of(body: Body, spine: bool) -> Layout:
     order = [(k, part) for k in range(len(body)) for part in (INNER, OUTER) if spine or part == OUTER or k == 0]
     pieces, parts = zip(*order, strict=True)
     first = ELEMENTS + ELEMENT_WIDTH * order.index((0, OUTER))
-    tied: dict[int, dict[int, float]] = {first + BEND: {}, first + STRETCH: {}, first + STRETCH + 2: {}}
-    tied |= {first + SERIES: {}, first + SERIES + 1: {}, **{first + LOAD + k: {} for k in range(3)}}
+    tied: dict[int, dict[int, float]] = {first + col.BEND: {}, first + col.STRETCH: {}, first + col.STRETCH + 2: {}}
+    tied |= {first + col.SERIES: {}, first + col.SERIES + 1: {}, **{first + col.LOAD + k: {} for k in range(3)}}
     for e, (piece, part) in enumerate(order):
         own, twisting = ELEMENTS + ELEMENT_WIDTH * e, float(body.polar[piece] / body.second[piece])
         if part == INNER:
-            tied[own + BEND] = {own + BEND + 1: 1.0, own + BEND + 2: twisting}
-            tied[own + STRETCH] = {own + STRETCH + 1: 1.0}
-            tied[own + SERIES + 1] = {own + SERIES + 2: 0.5}
+            tied[own + col.BEND] = {own + col.BEND + 1: 1.0, own + col.BEND + 2: twisting}
+            tied[own + col.STRETCH] = {own + col.STRETCH + 1: 1.0}
+            tied[own + col.SERIES + 1] = {own + col.SERIES + 2: 0.5}
             continue
         bend, axial = (float(x[piece] / x[0]) for x in (body.second, body.area))
         strained = float(body.outer_radius[piece] / body.outer_radius[0]) ** 2
-        tied[first + BEND] |= {own + BEND: bend, own + BEND + 1: bend, own + BEND + 2: bend * twisting}
-        tied[first + STRETCH] |= {own + STRETCH: axial, own + STRETCH + 1: axial}
-        tied[first + STRETCH + 2] |= {own + STRETCH + 2: axial}
-        tied[first + SERIES] |= {own + SERIES: strained}
-        tied[first + SERIES + 1] |= {own + SERIES + 1: 1.0, own + SERIES + 2: 0.5}
+        tied[first + col.BEND] |= {own + col.BEND: bend, own + col.BEND + 1: bend, own + col.BEND + 2: bend * twisting}
+        tied[first + col.STRETCH] |= {own + col.STRETCH: axial, own + col.STRETCH + 1: axial}
+        tied[first + col.STRETCH + 2] |= {own + col.STRETCH + 2: axial}
+        tied[first + col.SERIES] |= {own + col.SERIES: strained}
+        tied[first + col.SERIES + 1] |= {own + col.SERIES + 1: 1.0, own + col.SERIES + 2: 0.5}
         if body.weight_area[0] > 0:
             weight = float(body.weight_area[piece] / body.weight_area[0])
             for k in range(3):
-                tied[first + LOAD + k] |= {own + LOAD + k: weight}
-    tied[BASE_COMPLIANCE] = {BASE_COMPLIANCE + 1: 1.0}
+                tied[first + col.LOAD + k] |= {own + col.LOAD + k: weight}
+    tied[col.BASE_COMPLIANCE] = {col.BASE_COMPLIANCE + 1: 1.0}
     clean = {c: {o: f for o, f in others.items() if o != c} for c, others in tied.items()}
     return Layout(pieces, parts, {c: others for c, others in clean.items() if others})
-
-
-__all__ = [
-    "BASE",
-    "BASE_COMPLIANCE",
-    "BASE_RELIEF",
-    "BASE_STIFFENING",
-    "BASE_TURN",
-    "BEND",
-    "DEAD_FORCE",
-    "ELEMENTS",
-    "ELEMENT_WIDTH",
-    "INNER",
-    "JOINT",
-    "LENGTH",
-    "LOAD",
-    "Layout",
-    "MARKERS",
-    "ORIENTATION",
-    "OUTER",
-    "REST_CURVATURE",
-    "REST_STRAIN",
-    "RISE",
-    "SERIES",
-    "SPRINGS",
-    "SPRING_COUNT",
-    "SPRING_ARM",
-    "SPRING_DIRECTION",
-    "SPRING_ORIGIN",
-    "SPRING_SOFTNESS",
-    "SPRING_STIFFNESS",
-    "SPRING_WIDTH",
-    "STRAIN",
-    "STRETCH",
-    "TIP",
-    "TIP_FORCE",
-    "TIP_MOMENT",
-    "UNIFORM",
-    "layout_of",
-]

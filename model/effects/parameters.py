@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from model.effects.design import Design
+from model.condition import States
 from model.effects.spec import EffectSpec, Sign, Values
 from model.effects.tolerance import Group, Scope, Source, mounts
 
@@ -68,7 +68,7 @@ class Spread:
     there: Array | None = None
     """(slots, n): the value of a slot in its own variant."""
     chosen: tuple[int, ...] = ()
-    """The slots that have a variant."""
+    """The slot of each variant, -1 for one of no slot."""
 
     @cached_property
     def used(self) -> frozenset[int]:
@@ -99,9 +99,9 @@ class ParameterTable:
         """One variant: these parameters."""
         return Spread(self._rows(theta))
 
-    def beside(self, theta: Array, there: Array, slots: tuple[int, ...]) -> Spread:
-        """One variant for each of `slots`: all at theta but the slot itself, which is at `there`."""
-        return Spread(self._rows(theta), self._rows(there), slots)
+    def beside(self, theta: Array, there: Array, slots: tuple[int, ...], more: int) -> Spread:
+        """One variant for each of `slots`: all at theta but the slot itself, which is at `there`; and `more` at theta."""
+        return Spread(self._rows(theta), self._rows(there), (*slots, *(-1,) * more))
 
     def _rows(self, theta: Array) -> Array:
         return np.append(theta, 0.0)[self.of_row]
@@ -149,7 +149,7 @@ class ParameterTable:
         return [i for i, info in enumerate(self.infos) if info.source == id]
 
 
-def parameter_table(design: Design, sources: tuple[Source, ...]) -> ParameterTable:
+def parameter_table(design: States, sources: tuple[Source, ...]) -> ParameterTable:
     """Lay out the parameters of all sources."""
     infos: list[ParameterInfo] = []
     of_row: list[NDArray[np.int64]] = []
@@ -183,7 +183,7 @@ def parameter_table(design: Design, sources: tuple[Source, ...]) -> ParameterTab
     return ParameterTable(tuple(infos), sources, len(of_row), np.array(of_row))
 
 
-def _copies(design: Design, source: Source) -> list[tuple[str, int | None, NDArray[np.bool_]]]:
+def _copies(design: States, source: Source) -> list[tuple[str, int | None, NDArray[np.bool_]]]:
     """What is added to the name of each copy of a parameter, the trial whose own it is, and the rows it is for."""
     if source.scope in ("all", "campaign"):
         return [("", None, np.ones(len(design), bool))]

@@ -10,7 +10,8 @@ from dataclasses import fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.effects.design import Columns, Design, design_from_columns
+from model.condition import States
+from model.effects.design import Columns, design_from_columns
 from model.effects.forward import ForwardModel
 from model.effects.history import History
 from model.effects.quantities import Quantities
@@ -80,7 +81,7 @@ def _nearest(error: Exception) -> str:
     return f"; did you mean '{near[0]}'?" if near else f"; it has {', '.join(known[found[1]])}"
 
 
-def _tried(robot: Robot, design: Design, spec: EffectSpec) -> tuple[Array, Array]:
+def _tried(robot: Robot, design: States, spec: EffectSpec) -> tuple[Array, Array]:
     """Readings at zero and at the plausible size; derivatives are taken too, in many variants at once."""
     forward = ForwardModel(robot, design, catalogue={spec.id: spec}, every_law=True)
     theta = np.zeros(len(forward.parameters))

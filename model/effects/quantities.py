@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from model.body import Body, body_of
-from model.effects.design import Design
-from model.effects.layout import Layout, layout_of
+from model.body import Body
+from model.condition import States
+from model.effects.layout import Layout
 from model.robot import Robot
 
 Array = NDArray[np.float64]
@@ -39,7 +39,7 @@ class Quantities:
     """The robot's body, its pieces as drawn."""
     layout: Layout
     """Of its rods."""
-    design: Design
+    design: States
     pressure: Array
     """(v, n, chambers) Pa gauge in the chambers."""
     area_factor: Array
@@ -124,14 +124,16 @@ class Quantities:
     """Stiffness rows: N/m of what is squeezed over that way; 0: nothing is."""
 
 
-def baseline(robot: Robot, design: Design, area_factor: Array, direction: Array) -> Quantities:
+def baseline(
+    robot: Robot, body: Body, layout: Layout, design: States, area_factor: Array, direction: Array
+) -> Quantities:
     """The paper's model: nothing is changed. `area_factor` (n,); `direction` (2,) of an obstacle, should there be one."""
     n = len(design)
-    chambers, body = np.deg2rad(robot.actuators.azimuths_deg), body_of(robot)
+    chambers = np.deg2rad(robot.actuators.azimuths_deg)
     return Quantities(
         robot=robot,
         body=body,
-        layout=layout_of(body, robot.spine is not None),
+        layout=layout,
         design=design,
         pressure=design.pressure[None],
         area_factor=np.broadcast_to(area_factor[None, :, None], (1, n, chambers.size)),

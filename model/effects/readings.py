@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from model.condition import States
 from model.effects import layout as at
-from model.effects.design import Design
 from model.effects.push import cantilever_force
 from model.effects.quantities import Quantities
 from model.effects.spine import ShearSpine
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 class Readings:
     """Arrays (v or 1, n, ...) in the base frame; replace them, never write into them."""
 
-    design: Design
+    design: States
     tip: Array
     """(v, n, 3) m."""
     orientation: Array
@@ -30,6 +30,10 @@ class Readings:
     """(v, n, k, 3) m."""
     force: Array
     """(v, n) N, stiffness rows; 0 elsewhere."""
+
+    def first(self, n: int) -> Readings:
+        """The readings of the first n states."""
+        return Readings(self.design, self.tip[:, :n], self.orientation[:, :n], self.markers[:, :n], self.force[:, :n])
 
     def turn(self, vector: Array) -> None:
         """Turn the frame of all readings by a rotation vector (v, n or 1, 3) rad."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from model.effects.design import USED, Design
+from model.condition import USED, States
 from model.effects.spec import EffectSpec
 from model.robot import Robot
 
@@ -19,22 +19,22 @@ LEAST_BENDING = 0.05
 """Of the sum of pressures, that must be left of their vector sum for chambers to bend the body."""
 
 
-def pushes(robot: Robot, design: Design) -> bool:
+def pushes(robot: Robot, design: States) -> bool:
     """A stiffness trial."""
     return bool(design.stiffness.any())
 
 
-def by_tendons(robot: Robot, design: Design) -> bool:
+def by_tendons(robot: Robot, design: States) -> bool:
     """A robot with tendons."""
     return robot.tendons is not None
 
 
-def with_spine(robot: Robot, design: Design) -> bool:
+def with_spine(robot: Robot, design: States) -> bool:
     """A robot with a spine."""
     return robot.spine is not None
 
 
-def by_chambers(robot: Robot, design: Design) -> bool:
+def by_chambers(robot: Robot, design: States) -> bool:
     """A robot with chambers."""
     return robot.chambers is not None
 
@@ -48,12 +48,12 @@ def possible(robot: Robot, spec: EffectSpec) -> bool:
     return part is None or getattr(robot, part) is not None
 
 
-def chambers_apart(robot: Robot, design: Design) -> bool:
+def chambers_apart(robot: Robot, design: States) -> bool:
     """Chambers inflated in more than one proportion: with one alone, areas are those of A_eff and the pattern's azimuth."""
     return _differ(_inflated(design.pressure[~design.stiffness]), SAME)
 
 
-def directions_apart(robot: Robot, design: Design) -> bool:
+def directions_apart(robot: Robot, design: States) -> bool:
     """Chambers that bend the robot to more than one side: with one alone, another order is the robot mounted turned."""
     return sides_apart(robot, design.pressure[~design.stiffness])
 
@@ -66,7 +66,7 @@ def sides_apart(robot: Robot, pressure: Array) -> bool:
     return _differ(side[np.linalg.norm(side, axis=1) > LEAST_BENDING * pressure.sum(axis=1)], SAME_SIDE)
 
 
-def returns(robot: Robot, design: Design) -> bool:
+def returns(robot: Robot, design: States) -> bool:
     """A state that comes after one of higher pressure."""
     highest = design.pressure[~design.stiffness].max(axis=1, initial=0.0)
     return bool((highest + USED < np.maximum.accumulate(highest)).any()) if highest.size else False

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from model import rods as rod
 from model.effects import layout as at
+from model.rods import columns as col
 from model.rotation import from_vector, multiply
 
 Array = NDArray[np.float64]
@@ -64,7 +65,7 @@ def integration_steps(layout: at.Layout, rows: Array) -> Steps:
 
     They stay the same while parameters change, so that results are smooth in the parameters.
     """
-    length = rows[:, [element + at.LENGTH for element in layout.elements]]
+    length = rows[:, [element + col.LENGTH for element in layout.elements]]
     share = length / length.sum(axis=1, keepdims=True)
     return np.maximum(1, np.ceil(DIVISIONS * share - 1e-6)).astype(np.int64)
 
@@ -77,44 +78,46 @@ def solve(
     start: Solved | None = None,
     inside: bool = True,
     trial: bool = False,
+    plain: bool = False,
 ) -> Solved:
     """Solve rows (n, layout.width); `arcs` (k,) m get positions, `start` are rows nearby.
 
-    With `start`, a `trial` gives up rods whose load would have to be followed from zero.
+    With `start`, a `trial` gives up rods whose load would have to be followed from zero. `plain`: no other solve starts from
+    these, so that they are solved in the plainest form that holds them: springs and graded sections cost most of the time.
     """
-    rods = full_rods(layout, rows)
-    method = replace(METHOD, steps=steps)
+    rods = plain_rods(layout, rows) if plain else full_rods(layout, rows)
+    method = replace(METHOD, steps=steps, remember=not plain)
     solution = rod.solve(rods, method) if start is None else _go_on(layout, rows, steps, start, trial)
     result = np.full((len(rows), at.MARKERS + 3 * len(arcs)), np.nan)
     result[:, at.TIP : at.TIP + 3] = solution.tip
     result[:, at.ORIENTATION : at.ORIENTATION + 4] = solution.orientation
     solved = Solved(layout, rows, arcs, steps, solution, result, False)
     if inside or len(arcs):
-        _fill_stations(solved, inside)
+        _fill_stations(solved, rods, inside)
     return replace(solved, inside=inside)
 
 
 def look_inside(solved: Solved) -> Solved:
     """The same, with what is within the rods."""
     found = replace(solved, result=solved.result.copy(), inside=True)
-    _fill_stations(found, True)
+    _fill_stations(found, full_rods(found.layout, found.rows), True)
     return found
 
 
-def _fill_stations(solved: Solved, inside: bool) -> None:
+def _fill_stations(solved: Solved, rods: rod.Rods, inside: bool) -> None:
     """Fill the results that are not at the tip, in one pass."""
     layout, result = solved.layout, solved.result
-    rods = full_rods(layout, solved.rows)
-    places = _places(layout, rods, solved.arcs, base=True)
+    places = _places(layout, rods, solved.arcs, inside)
     marked = places.shape[1]
     if inside:
         within, weights = rod.gauss_points(rods, STRAIN_POINTS)
         places = np.concatenate([places, within], axis=1)
     found = rod.stations(rods, solved.solution, places, replace(METHOD, steps=solved.steps))
-    result[:, at.BASE : at.BASE + 4] = found.orientation[:, 0]
-    result[:, at.JOINT : at.JOINT + 4] = found.orientation[:, 1]
-    result[:, at.MARKERS :] = found.position[:, 2:marked].reshape(len(result), 3 * len(solved.arcs))
+    at_arcs = found.position[:, marked - len(solved.arcs) : marked]
+    result[:, at.MARKERS :] = at_arcs.reshape(len(result), 3 * len(solved.arcs))
     if inside:
+        result[:, at.BASE : at.BASE + 4] = found.orientation[:, 0]
+        result[:, at.JOINT : at.JOINT + 4] = found.orientation[:, 1]
         strain = found.strain[:, marked:].reshape(len(result), layout.form.elements, STRAIN_POINTS)
         shares = _shares(layout, rods)
         result[:, at.STRAIN : at.STRAIN + 2] = np.einsum("nep,p,nqe->nq", strain, weights, shares)
@@ -170,7 +173,7 @@ def differentiate(solved: Solved, directions: Array) -> Array:
     """
     rods = full_rods(solved.layout, solved.rows)
     own = int(solved.inside)
-    places = _places(solved.layout, rods, solved.arcs, base=False)[:, 1 - own :]
+    places = _places(solved.layout, rods, solved.arcs, solved.inside)[:, own:]
     method = replace(METHOD, steps=solved.steps)
     d = rod.sensitivities(
         rods, solved.solution, directions[None], method, arc_lengths=places, strain=solved.inside, attached=own
@@ -207,8 +210,23 @@ def full_rods(layout: at.Layout, rows: Array) -> rod.Rods:
     """Rods in the full form, from rows (n, layout.width)."""
     values = np.array(rows, order="C")
     for element in layout.elements:
-        values[:, element + at.REST_STRAIN + 2] += 1.0
+        values[:, element + col.REST_STRAIN + 2] += 1.0
     return rod.Rods(layout.form, values)
+
+
+def plain_rods(layout: at.Layout, rows: Array, full: bool = False) -> rod.Rods:
+    """The same without springs and, unless they are to be `full`, graded sections that no row has."""
+    used = set(np.flatnonzero(rows.any(axis=0)).tolist())
+    stiffness = {at.SPRINGS + k * at.SPRING_WIDTH + col.SPRING_STIFFNESS for k in range(at.SPRING_COUNT)}
+    # Columns of hyperelastic and graded sections.
+    further = {element + k for element in layout.elements for k in range(col.SERIES, at.ELEMENT_WIDTH)}
+    springs, full = bool(used & stiffness), full or bool(used & further)
+    form = rod.Form(layout.form.elements, at.SPRING_COUNT if springs else 0, full)
+    dropped = {*(() if springs else range(at.SPRINGS, at.ELEMENTS)), *(() if full else further)}
+    kept = np.array([k for k in range(layout.width) if k not in dropped])
+    rods = rod.Rods(form, np.ascontiguousarray(rows[:, kept]))
+    rods.field("rest_strain")[..., 2] += 1.0
+    return rods
 
 
 def _shares(layout: at.Layout, rods: rod.Rods) -> Array:
@@ -222,8 +240,8 @@ def _shares(layout: at.Layout, rods: rod.Rods) -> Array:
     return out
 
 
-def _places(layout: at.Layout, rods: rod.Rods, arcs: Array, base: bool) -> Array:
-    """(n, 1 + k or 2 + k) m: the base, the spine's end and the arc lengths, these no farther than the tip."""
+def _places(layout: at.Layout, rods: rod.Rods, arcs: Array, inside: bool) -> Array:
+    """(n, k or 2 + k) m: of what is inside the base and the spine's end, then the arc lengths, no farther than the tip."""
     inner = rods.field("length")[:, layout.of_part[at.INNER]].sum(axis=1, keepdims=True)
     given = np.minimum(arcs[None, :], rods.whole_length[:, None])
-    return np.concatenate([np.zeros_like(inner), inner, given] if base else [inner, given], axis=1)
+    return np.concatenate([np.zeros_like(inner), inner, given], axis=1) if inside else given

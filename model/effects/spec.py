@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from model.errors import BadEffect
 
 if TYPE_CHECKING:
-    from model.effects.design import Design
+    from model.condition import States
     from model.effects.history import History
     from model.effects.quantities import Quantities
     from model.effects.readings import Readings
@@ -102,7 +102,7 @@ class EffectSpec:
     """Whether a robot has a little of it without it being worth a name; False where it is there or it is not."""
     exact: bool = False
     """Whether its law is geometry, with no unknown function of the state in it: a turned camera is turned in every state."""
-    shown: Callable[[Robot, Design], bool] | None = None
+    shown: Callable[[Robot, States], bool] | None = None
     """Whether states like these can show it at all; a diagnosis leaves it out where they cannot. Absent: any state can."""
 
     def __post_init__(self) -> None:

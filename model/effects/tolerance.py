@@ -13,10 +13,11 @@ from typing import Literal
 
 import numpy as np
 
-from model.effects.design import Design
+from model.condition import States
 from model.effects.quantities import Quantities
 from model.effects.readings import Readings
 from model.effects.spec import EffectSpec, Law, Parameter, Stage, Values
+from model.robot import Robot
 
 Scope = Literal["all", "trial", "spine_length", "push", "mount", "repeat", "campaign"]
 """push: each stiffness trial, whatever its specimen; trial: each trial with spine; mount: each roll and sitting but the most
@@ -103,76 +104,60 @@ def _zero(r: Readings, v: Values) -> None:
     r.force = r.force + np.where(r.design.stiffness, v["force"], 0.0)
 
 
-def _tolerance(id: str, stage: Stage, law: Law, *parameters: Parameter) -> EffectSpec:
-    return EffectSpec(id, stage, "", parameters, law, "tolerance", "")
+def _tolerance(id: str, stage: Stage, law: Law, *parameters: Parameter, scope: Scope = "all") -> Source:
+    return Source(EffectSpec(id, stage, "", parameters, law, "tolerance", ""), "nuisance", scope)
 
 
 def _xyz(unit: str, sd: float, axes: str = "xyz") -> tuple[Parameter, ...]:
     return tuple(Parameter(axis, unit, sd, -10 * sd, 10 * sd) for axis in axes)
 
 
-AREA = _tolerance("area", "actuation", Law(before=_area), Parameter("excess", "1", 0.5, -0.9, 8.0))
+def _excess(unit: str, sd: float) -> Parameter:
+    return Parameter("excess", unit, sd, -10 * sd, 10 * sd)
+
+
+AREA = EffectSpec(
+    "area", "actuation", "", (Parameter("excess", "1", 0.5, -0.9, 8.0),), Law(before=_area), "tolerance", ""
+)
 ANGLE = math.radians(0.1)
 LEAST_SHARE = -0.8
 ALWAYS = (
-    Source(
-        _tolerance("youngs_modulus", "material", Law(before=_modulus), Parameter("excess", "1", 0.02, -0.2, 0.2)),
-        "nuisance",
-    ),
-    Source(_tolerance("density", "load", Law(before=_density), Parameter("excess", "1", 0.01, -0.1, 0.1)), "nuisance"),
-    Source(_tolerance("tilt", "boundary", Law(before=_tilt), *_xyz("rad", ANGLE, "xy")), "nuisance"),
-    Source(_tolerance("frame_turn", "measurement", Law(after=_frame_turn), *_xyz("rad", ANGLE)), "nuisance"),
-    Source(_tolerance("frame_shift", "measurement", Law(after=_frame_shift), *_xyz("m", 0.5e-3)), "nuisance"),
-    Source(
-        _tolerance("length", "boundary", Law(before=_length), Parameter("excess", "m", 0.5e-3, -5e-3, 5e-3)), "nuisance"
-    ),
+    _tolerance("youngs_modulus", "material", Law(before=_modulus), _excess("1", 0.02)),
+    _tolerance("density", "load", Law(before=_density), _excess("1", 0.01)),
+    _tolerance("tilt", "boundary", Law(before=_tilt), *_xyz("rad", ANGLE, "xy")),
+    _tolerance("frame_turn", "measurement", Law(after=_frame_turn), *_xyz("rad", ANGLE)),
+    _tolerance("frame_shift", "measurement", Law(after=_frame_shift), *_xyz("m", 0.5e-3)),
+    _tolerance("length", "boundary", Law(before=_length), _excess("m", 0.5e-3)),
 )
 BY_TRIAL = (
-    Source(
-        _tolerance("spine_length", "structure", Law(before=_spine_length), Parameter("excess", "m", 1e-3, -0.01, 0.01)),
-        "nuisance", "trial",
-    ),
-    Source(
-        _tolerance("spine_stiffness", "structure", Law(before=_spine_stiffness), Parameter("excess", "1", 0.02, -0.2, 0.2)),
-        "nuisance", "trial",
-    ),
-)  # fmt: skip
+    _tolerance("spine_length", "structure", Law(before=_spine_length), _excess("m", 1e-3), scope="trial"),
+    _tolerance("spine_stiffness", "structure", Law(before=_spine_stiffness), _excess("1", 0.02), scope="trial"),
+)
 BY_PUSH = (
-    Source(
-        _tolerance("touch", "measurement", Law(before=_touch), Parameter("late", "m", 0.3e-3, -3e-3, 3e-3)),
-        "nuisance", "push",
-    ),
-    Source(
-        _tolerance("zero", "measurement", Law(after=_zero), Parameter("force", "N", 0.05, -1.0, 1.0)),
-        "nuisance", "push",
-    ),
-)  # fmt: skip
+    _tolerance("touch", "measurement", Law(before=_touch), Parameter("late", "m", 0.3e-3, -3e-3, 3e-3), scope="push"),
+    _tolerance("zero", "measurement", Law(after=_zero), Parameter("force", "N", 0.05, -1.0, 1.0), scope="push"),
+)
 """Where a stiffness trial's deflection is counted from, and its force: contact is found anew, the sensor zeroed anew."""
 MOUNT = (
-    Source(_tolerance("mount_turn", "boundary", Law(before=_mount), *_xyz("rad", ANGLE)), "nuisance", "mount"),
-    Source(_tolerance("mount_shift", "boundary", Law(after=_frame_shift), *_xyz("m", 0.5e-3)), "nuisance", "mount"),
+    _tolerance("mount_turn", "boundary", Law(before=_mount), *_xyz("rad", ANGLE), scope="mount"),
+    _tolerance("mount_shift", "boundary", Law(after=_frame_shift), *_xyz("m", 0.5e-3), scope="mount"),
 )
 """A robot that is mounted anew, rolled or on another day, stands a little differently."""
 REPEATS = (
-    Source(_tolerance("repeat_turn", "boundary", Law(before=_mount), *_xyz("rad", ANGLE / 2)), "nuisance", "repeat"),
-    Source(_tolerance("repeat_shift", "boundary", Law(after=_frame_shift), *_xyz("m", 0.2e-3)), "nuisance", "repeat"),
+    _tolerance("repeat_turn", "boundary", Law(before=_mount), *_xyz("rad", ANGLE / 2), scope="repeat"),
+    _tolerance("repeat_shift", "boundary", Law(after=_frame_shift), *_xyz("m", 0.2e-3), scope="repeat"),
 )
 """So does one that may have been mounted anew before a repeat of the sweep; how much, its repeats show."""
-DRIFT = Source(
-    _tolerance(
-        "drift",
-        "material",
-        Law(before=_drift),
-        Parameter("slope", "1", 0.015, -0.15, 0.15),
-        Parameter("bend", "1", 0.005, -0.05, 0.05),
-    ),
-    "nuisance",
-    "campaign",
+DRIFT = _tolerance(
+    "drift",
+    "material",
+    Law(before=_drift),
+    Parameter("slope", "1", 0.015, -0.15, 0.15),
+    Parameter("bend", "1", 0.005, -0.05, 0.05),
+    scope="campaign",
 )
 """Silicone softens as it is worked, and is as warm as the room."""
-JAMMING = Source(
-    _tolerance("jamming", "structure", Law(before=_jamming), Parameter("exponent", "1", 0.15, -0.4, 0.5)), "nuisance"
-)
+JAMMING = _tolerance("jamming", "structure", Law(before=_jamming), Parameter("exponent", "1", 0.15, -0.4, 0.5))
 
 
 def _as_stated(source: Source, uncertainty: Mapping[str, float]) -> Source:
@@ -187,7 +172,7 @@ def _as_stated(source: Source, uncertainty: Mapping[str, float]) -> Source:
     return replace(source, spec=replace(source.spec, parameters=made))
 
 
-def mounts(design: Design) -> list[tuple[float, int]]:
+def mounts(design: States) -> list[tuple[float, int]]:
     """Roll (deg) and sitting of each mounting, that of most states first."""
     own = ~design.stiffness
     both = np.column_stack([np.round(np.degrees(design.roll[own])), design.sitting[own]])
@@ -195,8 +180,17 @@ def mounts(design: Design) -> list[tuple[float, int]]:
     return [(float(roll), int(sitting)) for roll, sitting in found[np.argsort(-count, kind="stable")]]
 
 
+def single_sources(robot: Robot, effects: tuple[EffectSpec, ...]) -> tuple[Source, ...]:
+    """What has parameters of states that are each reached from rest: one copy of each."""
+    found = [Source(spec, "effect") for spec in effects]
+    found += [*ALWAYS, Source(AREA, "calibration")]
+    if robot.spine is not None:
+        found += [replace(source, scope="all") for source in BY_TRIAL]
+    return (*found, JAMMING) if JAMMING.spec.id in robot.tolerances else tuple(found)
+
+
 def sources(
-    design: Design,
+    design: States,
     catalogue: tuple[EffectSpec, ...],
     area: Literal["one", "per_length"],
     uncertainty: Mapping[str, float] = MappingProxyType({}),

@@ -7,9 +7,8 @@
     found.tip, found.orientation, found.sd                 # (n, 3) m, (n, 4), (n, 3) m
 
 Where things are
-    states      Design and quantities of states that are each reached from rest
-    chain       laws before the rod, the rod, laws with memory, laws after it; derivatives by the chain rule
-    predictor   Predictor, Prediction: checked arrays, intervals, gradients, batches on several cores
+    predictor   Predictor, Prediction: a view of the forward model for states that are each reached from rest
+    campaign    the same of a table, in the order in which its states happened
     inverse     pressures (and spine length) for wanted tips
 """
 

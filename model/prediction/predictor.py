@@ -12,15 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.condition import conditions
+from model.condition import HOLD, NOMINAL_VACUUM, RATE, States, conditions
 from model.effects.catalogue import CATALOGUE
-from model.effects.design import HOLD, NOMINAL_VACUUM, RATE
+from model.effects.forward import Change, ForwardModel
 from model.effects.spec import EffectSpec
 from model.errors import BadCondition
-from model.prediction.chain import Chain, Varied
-from model.prediction.residual import residual_of
+from model.prediction.residual import LearntResidual, residual_of
 from model.prediction.spread import PRESSURE, standard_deviations, uncertain
-from model.prediction.states import States, design_of, states_of
 from model.robot import Robot
 from model.stated import AREA_FACTOR
 
@@ -33,8 +31,6 @@ BATCH = 4096
 """States that are worked on together: their arrays stay within a processor's cache."""
 PRESSURE_STEP, LENGTH_STEP = 50.0, 1e-5
 """Pa and m by which inputs are varied for a gradient."""
-SHARE = 1e-3
-"""Of its standard deviation by which a parameter is varied."""
 PRESSURE_NOISE = 2e3
 """Pa by which a reading of a regulator may lie outside the robot's limits."""
 NORMAL_95 = 1.959963984540054
@@ -97,18 +93,9 @@ class Predictor:
         return f"<Predictor of {r.name}: {len(r.actuators.azimuths_deg)} actuators, effects: {', '.join(r.effects) or 'none'}>"
 
     def __init__(self, robot: Robot, catalogue: Mapping[str, EffectSpec] = CATALOGUE, cores: int | None = None) -> None:
-        self.robot, self._chain, self._residual = robot, Chain(robot, catalogue), residual_of(robot)
+        self.robot, self._residual = robot, residual_of(robot)
+        self._forward = ForwardModel.of_single_states(robot, catalogue)
         self._cores = cores if cores is not None else len(os.sched_getaffinity(0))
-        self._names, self._covariance = uncertain(robot)
-        bounds = {f"{id}.{p.name}": p for id, spec in self._chain.specs.items() for p in spec.parameters}
-        sd = np.sqrt(np.diag(self._covariance))
-        stated = robot.stated
-        self._steps = np.array(
-            [
-                SHARE * s * (-1.0 if n in stated and stated[n].value + SHARE * s > bounds[n].high else 1.0)
-                for n, s in zip(self._names, sd.tolist(), strict=True)
-            ]
-        )
 
     def __call__(
         self,
@@ -130,7 +117,7 @@ class Predictor:
         given) and `roll` rad, each one number or (n,). `vacuum` Pa below ambient is the one at which the spine's moduli
         hold. Rate and hold matter to effects with memory alone. `arcs` (k,) m from the base. Raises `BadCondition`.
         """
-        asked = conditions(self.robot, spine_length, pressures, tip_mass, roll)
+        asked = conditions(self.robot, spine_length, pressures, tip_mass, roll, vacuum=vacuum, rate=rate, hold=hold)
         places = np.asarray(self.robot.markers if arcs is None else arcs, float).reshape(-1)
         if ((places < 0) | (places > self.robot.length)).any():
             raise BadCondition(
@@ -139,8 +126,7 @@ class Predictor:
             )
 
         def part(rows: Order) -> Prediction:
-            own = states_of(self.robot, design_of(asked[rows], vacuum, rate, hold))
-            return self._predicted(own, places, intervals, gradient)
+            return predicted(self._forward.at(asked[rows], places), self._residual, intervals, gradient)
 
         n = len(asked)
         # Rods that are solved together share their steps: alike ones need fewer.
@@ -172,64 +158,59 @@ class Predictor:
         with ThreadPoolExecutor(self._cores) as pool:
             return list(pool.map(part, batches))
 
-    def _predicted(self, s: States, arcs: Array, intervals: bool, gradient: bool) -> Prediction:
-        chain = self._chain
-        learnt = None
-        if self._residual is not None:
-            asked = s.design.pressure, s.design.spine_length
-            learnt = self._residual(*asked, intervals=intervals, gradient=gradient)
-        missed, unexplained = (0.0, None) if learnt is None else (learnt.mean, learnt.variance)
-        if not gradient and not intervals:
-            r = chain.read(s, chain.values, arcs)
-            return Prediction(r.tip + missed, r.orientation, r.shape)
-        by_input = None
-        if gradient:
-            r, by_input = chain.slopes(s, chain.values, arcs[:0], self._inputs(s))
-        found: dict[str, Any] = {}
-        if intervals:
-            r, by_parameter = chain.slopes(s, chain.values, arcs, self._parameters(s))
-            absent = [chain.read(s, chain.without(id), arcs) for id in self.robot.effects]
-            covariance = self._covariance if self._names else np.zeros((1, 1))
-            found |= standard_deviations(self.robot, covariance, r, by_parameter, absent, unexplained)
-        elif gradient and len(arcs):
-            r = chain.read(s, chain.values, arcs)
-        if by_input is not None:
-            found["tip_by_pressure"] = by_input.tip[:-1].transpose(1, 2, 0)
-            found["tip_by_length"] = by_input.tip[-1]
-            if learnt is not None and learnt.by_pressure is not None and learnt.by_length is not None:
-                found["tip_by_pressure"] = found["tip_by_pressure"] + learnt.by_pressure
-                found["tip_by_length"] = found["tip_by_length"] + learnt.by_length
-        return Prediction(r.tip + missed, r.orientation, r.shape, **found)
 
-    def _inputs(self, s: States) -> Varied:
-        """Each chamber's pressure, then the spine's length."""
-        chambers = s.pressure.shape[2]
-        by = np.append(np.full(chambers, PRESSURE_STEP), LENGTH_STEP)
-        pressure = np.repeat(s.pressure, chambers + 1, axis=0)
-        for c in range(chambers):
-            pressure[c, :, c] += PRESSURE_STEP
-        length = np.repeat(s.spine_length, chambers + 1, axis=0)
-        length[-1] += LENGTH_STEP
-        factor = np.repeat(s.area_factor, chambers + 1, axis=0)
-        factor[-1] = self.robot.area_factor_at(length[-1])
-        return Varied(States(s.design, pressure, length, factor), self._chain.values, by)
+def predicted(
+    forward: ForwardModel, residual: LearntResidual | None, intervals: bool = False, gradient: bool = False
+) -> Prediction:
+    """What a model predicts of the states that it has, of the robot as robot.yaml describes it."""
+    robot, states = forward.robot, forward.design
+    zero = np.zeros(len(forward.parameters))
+    learnt = None
+    if residual is not None:
+        learnt = residual(states.pressure, states.spine_length, intervals=intervals, gradient=gradient)
+    missed, unexplained = (0.0, None) if learnt is None else (learnt.mean, learnt.variance)
+    if not gradient and not intervals:
+        r = forward.read(zero)
+        return Prediction(r.tip[0] + missed, r.orientation[0], r.markers[0])
+    names, covariance = uncertain(robot) if intervals else ((), np.zeros((0, 0)))
+    own = [name for name in names if name != PRESSURE]
+    chambers = states.pressure.shape[1] if gradient else 0
+    change = _changes(states, len(own) < len(names), gradient)
+    r, slopes = forward.motions(zero, ["area.excess" if name == AREA_FACTOR else name for name in own], change)
+    found: dict[str, Any] = {}
+    if intervals:
+        if AREA_FACTOR in own:
+            slopes[own.index(AREA_FACTOR)] /= forward.area_factor[:, None]
+        by = slopes[[len(own) if name == PRESSURE else own.index(name) for name in names]]
+        wrong = robot.posterior is not None and robot.posterior.law_error > 0
+        absent = [forward.read(_without(forward, id)) for id in robot.effects] if wrong else []
+        found |= standard_deviations(robot, covariance, r, by, absent, unexplained)
+    if gradient:
+        tip = slopes[-chambers - 1 :, :, :3]
+        found["tip_by_pressure"], found["tip_by_length"] = tip[:-1].transpose(1, 2, 0), tip[-1]
+        if learnt is not None and learnt.by_pressure is not None and learnt.by_length is not None:
+            found["tip_by_pressure"] = found["tip_by_pressure"] + learnt.by_pressure
+            found["tip_by_length"] = found["tip_by_length"] + learnt.by_length
+    return Prediction(r.tip[0] + missed, r.orientation[0], r.markers[0], **found)
 
-    def _parameters(self, s: States) -> Varied:
-        """Each parameter that is not exact; none: a single one that changes nothing."""
-        values: dict[str, dict[str, Array]] = {id: dict(own) for id, own in self._chain.values.items()}
-        k = max(len(self._names), 1)
-        factor, pressure = np.repeat(s.area_factor, k, axis=0), np.repeat(s.pressure, k, axis=0)
-        for i, name in enumerate(self._names):
-            id, _, parameter = name.partition(".")
-            if name == AREA_FACTOR:
-                factor[i] += self._steps[i]
-            elif name == PRESSURE:
-                pressure[i] += self._steps[i] * s.design.used
-            else:
-                values[id][parameter] = np.repeat(values[id][parameter], k, axis=0)
-                values[id][parameter][i] += self._steps[i]
-        by = self._steps if len(self._names) else np.ones(1)
-        return Varied(States(s.design, pressure, s.spine_length, factor), values, by)
+
+def _changes(states: States, together: bool, each: bool) -> Change:
+    """Of the pressure of all chambers in use, where `together`; of each chamber, then of the spine's length, where `each`."""
+    n, chambers = states.pressure.shape
+    by = np.concatenate([[PRESSURE_STEP] * (together + each * chambers), [LENGTH_STEP] * each])
+    pressure, length = np.zeros((len(by), n, chambers)), np.zeros((len(by), 1))
+    if together:
+        pressure[0] = PRESSURE_STEP * states.used
+    if each:
+        pressure[range(len(by) - chambers - 1, len(by) - 1), :, range(chambers)] = PRESSURE_STEP
+        length[-1] = LENGTH_STEP
+    return Change(pressure, length, by)
+
+
+def _without(forward: ForwardModel, id: str) -> Array:
+    """(p,) parameters with which an effect of the robot is absent."""
+    stated = forward.robot.stated
+    return np.array([-stated[p.name].value if p.source == id and p.name in stated else 0.0 for p in forward.parameters])
 
 
 def _joined(parts: Sequence[Prediction], order: Order) -> Prediction:

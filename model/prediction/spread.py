@@ -15,8 +15,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from model.effects.readings import Readings
 from model.effects.rotations import CONJUGATE, rotation_vector
-from model.prediction.chain import Read, Slopes
 from model.robot import Robot
 from model.rotation import multiply
 from model.stated import Noise
@@ -32,15 +32,16 @@ TRIAL = ("spine_length.excess", "spine_stiffness.excess")
 def standard_deviations(
     robot: Robot,
     covariance: Array,
-    here: Read,
-    slopes: Slopes,
-    absent: Sequence[Read],
+    here: Readings,
+    slopes: Array,
+    absent: Sequence[Readings],
     unexplained: Array | None = None,
 ) -> dict[str, Array]:
     """`model_sd`, `sd`, `orientation_sd` and `shape_sd` of a `Prediction`.
 
-    `slopes` by what `covariance` (k, k) is of, see `uncertain`; `absent`: the readings without each of the robot's effects;
-    `unexplained` (n, 1) m^2: variance of the tip in place of the discrepancy, where a residual was learnt.
+    `slopes` (k, n, `channels`) by what `covariance` (k, k) is of, see `uncertain`; `absent`: the readings without each of the
+    robot's effects, where the law error is above 0; `unexplained` (n, 1) m^2: variance of the tip in place of the discrepancy,
+    where a residual was learnt.
     """
     posterior = robot.posterior
     share, loose, read = (
@@ -49,20 +50,18 @@ def standard_deviations(
 
     noise = posterior.noise if posterior else Noise()
     turn, shift = noise.turn, noise.shift
-
-    def propagated(slope: Array) -> Array:
-        return np.asarray((np.tensordot(covariance, slope, 1) * slope).sum(axis=0))
-
-    tips, turns, shapes = propagated(slopes.tip), propagated(slopes.turn), propagated(slopes.shape)
-    for other in absent if share else ():
-        tips = tips + (share * (here.tip - other.tip)) ** 2
-        shapes = shapes + (share * (here.shape - other.shape)) ** 2
-        turns = turns + (share * rotation_vector(multiply(here.orientation, other.orientation * CONJUGATE))) ** 2
+    spread = (np.einsum("ij,jnc->inc", covariance, slopes) * slopes).sum(axis=0)
+    tips, turns, shapes = spread[:, :3], spread[:, 3:6], spread[:, 7:].reshape(here.markers.shape[1:])
+    for other in absent:
+        tips = tips + (share * (here.tip[0] - other.tip[0])) ** 2
+        shapes = shapes + (share * (here.markers[0] - other.markers[0])) ** 2
+        turned = rotation_vector(multiply(here.orientation[0], other.orientation[0] * CONJUGATE))
+        turns = turns + (share * turned) ** 2
     tips, shapes = (
-        spread + open_ + shift**2 + turn**2 * ((place**2).sum(axis=-1, keepdims=True) - place**2)
-        for spread, open_, place in (
-            (tips, loose**2 if unexplained is None else unexplained, here.tip),
-            (shapes, loose**2, here.shape),
+        own + open_ + shift**2 + turn**2 * ((place**2).sum(axis=-1, keepdims=True) - place**2)
+        for own, open_, place in (
+            (tips, loose**2 if unexplained is None else unexplained, here.tip[0]),
+            (shapes, loose**2, here.markers[0]),
         )
     )
     turns = turns + turn**2

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from model.condition import conditions
+from model.condition import States
 from model.robot import Robot
 
 if TYPE_CHECKING:
@@ -44,25 +44,6 @@ OWN: Mapping[str, tuple[str, str]] = MappingProxyType(
 """The project's own, by name: module and class. The name is also that of the extra that it needs."""
 Factory = Callable[[Robot], "Forward"]
 """What an entry point gives: a class or function that takes the robot."""
-
-
-@dataclass(frozen=True)
-class States:
-    """n settings of the robot, each reached from rest; SI."""
-
-    spine_length: Array
-    """(n,) m."""
-    pressure: Array
-    """(n, chambers) Pa gauge."""
-    tip_mass: Array
-    """(n,) kg."""
-    roll: Array
-    """(n,) rad, of the whole robot about its axis."""
-    force: Array
-    """(n, 3) N, known forces on the tip, base frame, besides the weight of `tip_mass`."""
-
-    def __len__(self) -> int:
-        return len(self.spine_length)
 
 
 @dataclass(frozen=True)
@@ -99,6 +80,4 @@ def rods_at(robot: Robot, states: States, parameters: Mapping[str, float]) -> Ro
 
     factor, excess = robot.area_factor, 1.0 + parameters.get("area.excess", 0.0)
     larger = {k: v * excess for k, v in factor.items()} if isinstance(factor, Mapping) else factor * excess
-    s = states
-    at = conditions(robot, s.spine_length, s.pressure, s.tip_mass, s.roll, s.force)
-    return rods_of(robot.model_copy(update={"area_factor": larger}), at)
+    return rods_of(robot.model_copy(update={"area_factor": larger}), states)

@@ -14,6 +14,7 @@ from diagnosis.inference.evidence import Grid, weigh
 from diagnosis.inference.linear import Linear, Prior
 from diagnosis.inference.problem import Parameters
 from diagnosis.judgement import LARGEST_TOLERATED_SIZE, LEAST_NAMED_SIZE
+from tests.diagnosis import toy
 
 WIDE = np.ones(3, bool)
 RNG = np.random.default_rng(7)
@@ -28,9 +29,7 @@ def small_problem(n: int = 12, p: int = 3, q: int = 2, m: int = 4) -> Linear:
 
 
 def parameters(p: int, lower: float = -np.inf) -> Parameters:
-    names = tuple(f"e{i}" for i in range(p))
-    bounds = np.full(p, lower), np.full(p, np.inf)
-    return Parameters(names, names, np.zeros(p), np.ones(p), *bounds, ("1",) * p)
+    return toy.parameters(*(toy.parameter(f"e{i}", f"e{i}", low=lower) for i in range(p)))
 
 
 def dense_log_evidence(linear: Linear, prior: Prior, size: float) -> float:
@@ -145,7 +144,7 @@ def test_a_tolerated_size_is_below_the_one_at_which_it_must_be_named() -> None:
 
 
 def test_how_a_tolerated_effect_looks_is_as_little_known_as_how_a_named_one_does() -> None:
-    p = replace(parameters(3), shapes=(False, False, True))
+    p = toy.parameters(*parameters(2).infos, toy.parameter("e2", "e2", role="shape"))
     with_tolerances, strict = (p.prior(np.zeros(3, bool), spike) for spike in (0.2, 0.0))
     assert with_tolerances.variance == pytest.approx([0.04, 0.04, 1.0])
     # around a point where the effect is larger than it may be, a look can do no more than at the limit

@@ -10,7 +10,8 @@ from scipy.optimize import least_squares
 
 from diagnosis.data.noise import Noise
 from diagnosis.inference.fit import fit
-from diagnosis.inference.problem import Parameters, Problem
+from diagnosis.inference.problem import Problem
+from tests.diagnosis.toy import parameter, parameters
 
 Array = NDArray[np.float64]
 
@@ -23,11 +24,11 @@ class Valley:
 
     def __init__(self) -> None:
         self._s = np.linspace(-1, 1, N)
-        self.parameters = Parameters(
-            names=("bend.size", "bend.growth", "tilt"), effects=("bend", "bend", ""), mean=np.zeros(3), sd=np.ones(3),
-            lower=np.array([-9.0, -3.0, -9.0]), upper=np.array([9.0, 3.0, 9.0]), units=("1",) * 3,
-            shapes=(False, True, False),
-        )  # fmt: skip
+        self.parameters = parameters(
+            parameter("bend.size", "bend", low=-9.0, high=9.0),
+            parameter("bend.growth", "bend", low=-3.0, high=3.0, role="shape"),
+            parameter("tilt", low=-9.0, high=9.0),
+        )
 
     def near(self, theta: Array) -> Valley:
         return self

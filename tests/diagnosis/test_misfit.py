@@ -45,10 +45,11 @@ def test_a_tolerance_far_from_its_prior_gives_prior_tension_and_is_named() -> No
 
 def test_the_spine_of_one_trial_far_from_its_prior_is_a_spine_outlier_and_no_prior_tension() -> None:
     problem = shifted_by(toy_problem(3, {}), "trial 3", 12.0)
-    own = [name.startswith("trial") for name in problem.parameters.names]
-    sources = tuple("spine_length" if o else "" for o in own)
-    parameters = replace(problem.parameters, sources=sources, recurring=tuple(own))
-    misfit = found(replace(problem, parameters=parameters))
+    infos = [
+        replace(i, source="spine_length", scope="trial") if i.name.startswith("trial") else i
+        for i in problem.parameters.infos
+    ]
+    misfit = found(replace(problem, parameters=replace(problem.parameters, infos=tuple(infos))))
     assert misfit.spine_outlier > 5 and misfit.furthest_from_prior == ""
 
 

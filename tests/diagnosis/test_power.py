@@ -9,9 +9,10 @@ import pytest
 
 from diagnosis.answer.candidate_experiments import columns
 from diagnosis.criticism.probability_calibration import CALIBRATED
+from diagnosis.data.case import Case
 from diagnosis.inference.evidence import KNOWN, NONE, weigh
 from diagnosis.judgement import PRIOR_OF_NUMBER
-from diagnosis.power.foreseen import PlannedCase, additions, foreseen, of_case
+from diagnosis.power.foreseen import additions, foreseen, of_case
 from diagnosis.power.rates import power
 from diagnosis.power.worlds import Planned, drawn, probabilities
 from model.effects.catalogue import CATALOGUE
@@ -25,16 +26,16 @@ PLAN = {
 
 
 @pytest.fixture(scope="module")
-def plan() -> PlannedCase:
+def plan() -> Case:
     return foreseen(ROBOT, columns(PLAN, 9, ("x", "y", "z", "qw", "qx", "qy", "qz")), EFFECTS)
 
 
 @pytest.fixture(scope="module")
-def design(plan: PlannedCase) -> Planned:
+def design(plan: Case) -> Planned:
     return of_case(plan, EFFECTS)
 
 
-def test_a_case_is_foreseen_state_by_state(plan: PlannedCase) -> None:
+def test_a_case_is_foreseen_state_by_state(plan: Case) -> None:
     table = columns(PLAN, 9, ())
     assert [r.trial for r in plan.table] == table["trial"].tolist()
     assert [r.branch for r in plan.table] == table["branch"].tolist()
@@ -75,7 +76,7 @@ def test_a_large_effect_is_told_and_one_that_carries_little_is_not(design: Plann
     assert again.to_dict() == found.to_dict()
 
 
-def test_additions_are_of_the_menu_and_sorted_by_what_they_bring_in_time(plan: PlannedCase) -> None:
+def test_additions_are_of_the_menu_and_sorted_by_what_they_bring_in_time(plan: Case) -> None:
     shares: list[float] = []
     found = additions(plan, EFFECTS, each=6, progress=shares.append)
     assert {"elongation", "tip_mass", "roll", "hold"} <= {a.experiment.id for a in found}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,8 @@ from numpy.typing import NDArray
 from diagnosis.data.noise import Noise
 from diagnosis.inference.discrepancy import Settings, by_channel, columns, settings
 from diagnosis.inference.problem import Parameters, Problem
+from model.effects.parameters import ParameterInfo
+from model.effects.tolerance import Group
 
 Array = NDArray[np.float64]
 
@@ -40,6 +43,19 @@ class Grid:
             object.__setattr__(self, name, column.astype(np.int64) if name == "trial" else column)
 
 
+def parameter(
+    name: str, effect: str = "", sd: float = 1.0, low: float = -np.inf, high: float = np.inf,
+    role: Literal["size", "shape"] = "size",
+) -> ParameterInfo:  # fmt: skip
+    """A parameter of an effect, or a nuisance."""
+    group: Group = "effect" if effect else "nuisance"
+    return ParameterInfo(name, name, effect or name, group, "1", sd, low, high, "both", role, (0.0,), 0)
+
+
+def parameters(*infos: ParameterInfo) -> Parameters:
+    return Parameters(infos, np.array([i.sd for i in infos]))
+
+
 class ToyForward:
     """x, y, z (m) of each state, flattened state by state. Linear but for `ballooning`, which grows with its square."""
 
@@ -64,14 +80,8 @@ class ToyForward:
         trials = np.unique(grid.trial)
         per_trial = [tip(2 * MM * p * (grid.trial == t), zero, zero) for t in trials]
         self.slope = np.column_stack([*effects.values(), tip(-bend, zero, zero) * 0.2, *per_trial])
-        self.parameters = Parameters(
-            names=(*IDS, "area", *(f"trial {t}" for t in trials)),
-            effects=(*IDS, "", *("" for _ in trials)),
-            mean=np.zeros(len(IDS) + 1 + len(trials)),
-            sd=np.array([1.0] * len(IDS) + [1.0] + [0.1] * len(trials)),
-            lower=np.full(len(IDS) + 1 + len(trials), -np.inf),
-            upper=np.full(len(IDS) + 1 + len(trials), np.inf),
-            units=("1",) * (len(IDS) + 1 + len(trials)),
+        self.parameters = parameters(
+            *(parameter(e, e) for e in IDS), parameter("area"), *(parameter(f"trial {t}", sd=0.1) for t in trials)
         )
         self._square = IDS.index("ballooning")
 

@@ -16,11 +16,11 @@ from lab.cli import main
 from lab.files.baseline import from_simulator, from_table, simulator
 from lab.files.config import ConfigError
 from lab.files.inputs import Case, read_case
-from model.condition import conditions
+from model.condition import States, conditions
 from model.effects import CATALOGUE
 from model.rods import FINE, solve
 from model.section import rods_of
-from model.simulators import Readings, States
+from model.simulators import Readings
 
 LENGTHS, PRESSURES = (0.0, 0.2), (0.0, 100e3, 200e3)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model.condition import Condition, conditions
+from model.condition import States, conditions
 from model.robot import Robot, load_robot, robot_from_dict
 
 ROOT = Path(__file__).parents[2]
@@ -35,10 +35,10 @@ def reference_robot(paper_robot: Robot) -> Robot:
 
 
 @pytest.fixture(scope="session")
-def bending() -> Callable[..., Condition]:
+def bending() -> Callable[..., States]:
     """bending(robot, spine lengths, pressures): every combination, the three chambers around azimuth 0 pressurised."""
 
-    def make(robot: Robot, spine_lengths: list[float], pressures: list[float], **more: float) -> Condition:
+    def make(robot: Robot, spine_lengths: list[float], pressures: list[float], **more: float) -> States:
         length, p = (a.ravel() for a in np.meshgrid(spine_lengths, pressures, indexing="ij"))
         nine = np.zeros((length.size, 9))
         nine[:, BENDING_GROUP] = p[:, None]

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from model.calibration import fit_area_factor, fit_area_factor_by_length, fit_body_modulus, fit_spine_modulus
-from model.condition import Condition, conditions
+from model.condition import States, conditions
 from model.errors import BadCondition, NotIdentified
 from model.robot import Robot
 from model.section import body_second_moment
 from tests.model.rods.cases import solved
 
-Bending = Callable[..., Condition]
+Bending = Callable[..., States]
 PRESSURES = [50e3, 150e3, 250e3]
 
 

@@ -7,13 +7,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from model.condition import Condition, conditions
+from model.condition import States, conditions
 from model.errors import BadCondition
 from model.robot import Robot, robot_from_dict
 from model.rods import Paper
 from tests.model.rods.cases import solved
 
-Bending = Callable[..., Condition]
+Bending = Callable[..., States]
 SPINES = [0.0, 0.1, 0.2, 0.3]
 PRESSURES = [50e3, 100e3, 150e3, 200e3, 250e3]
 

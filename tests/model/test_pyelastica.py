@@ -7,22 +7,22 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from model.condition import Condition
+from model.condition import States
 from model.robot import Robot
 from model.rods import FINE, solve
 from model.section import rods_of
-from model.simulators import Forward, Readings, States
+from model.simulators import Forward, Readings
 from model.simulators.pyelastica import PyElastica
 
 
-def read(robot: Robot, at: Condition, elements: int = 20, **parameters: float) -> Readings:
+def read(robot: Robot, at: States, elements: int = 20, **parameters: float) -> Readings:
     own = PyElastica(robot, elements)
     assert isinstance(own, Forward)
     changes = {name.replace("__", "."): value for name, value in parameters.items()}
-    return own.predict(States(at.spine_length, at.pressure, at.tip_mass, at.roll, at.force), changes)
+    return own.predict(at, changes)
 
 
-def test_it_hangs_and_bends_as_the_rod_does(reference_robot: Robot, bending: Callable[..., Condition]) -> None:
+def test_it_hangs_and_bends_as_the_rod_does(reference_robot: Robot, bending: Callable[..., States]) -> None:
     """At 50 kPa the thrust stretches the body by 0.6 %, and its law differs from the rod's by three times as much."""
     at = bending(reference_robot, [0.0, 0.1, 0.3], [0.0, 50e3])
     tip, rod = read(reference_robot, at).tip, solve(rods_of(reference_robot, at), FINE).tip
@@ -30,15 +30,13 @@ def test_it_hangs_and_bends_as_the_rod_does(reference_robot: Robot, bending: Cal
     assert np.abs(tip - rod)[at.pressure.max(axis=1) == 0].max() < 0.05e-3
 
 
-def test_its_own_law_bends_farther_under_high_pressure(
-    reference_robot: Robot, bending: Callable[..., Condition]
-) -> None:
+def test_its_own_law_bends_farther_under_high_pressure(reference_robot: Robot, bending: Callable[..., States]) -> None:
     at = bending(reference_robot, [0.0], [250e3])
     tip, rod = read(reference_robot, at).tip[0], solve(rods_of(reference_robot, at), FINE).tip[0]
     assert tip[0] < rod[0] < -0.2 and abs(tip[0] - rod[0]) < 0.04
 
 
-def test_a_larger_chamber_pushes_more(reference_robot: Robot, bending: Callable[..., Condition]) -> None:
+def test_a_larger_chamber_pushes_more(reference_robot: Robot, bending: Callable[..., States]) -> None:
     at = bending(reference_robot, [0.2], [50e3])
     more = bending(reference_robot, [0.2], [51e3])
     assert read(reference_robot, at, area__excess=0.02).tip == pytest.approx(read(reference_robot, more).tip, abs=2e-5)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_bvp
 
-from model.condition import Condition, conditions
+from model.condition import States, conditions
 from model.errors import BadCondition, SolveFailed
 from model.robot import Robot, robot_from_dict
 from model.rods import FINE, Status, solve
@@ -24,7 +24,7 @@ REFERENCE = """
 -13.519996 402.698634  -32.954293 403.015653   -58.705616 400.997735   -90.861718 395.098990  -128.995021 383.356816
  -7.948362 401.803812  -18.746965 402.537608   -32.568804 402.598711   -49.539904 401.597467   -69.713213 399.040631
 """
-Bending = Callable[..., Condition]
+Bending = Callable[..., States]
 
 
 def rotation(q: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from model.effects.design import USED
+from model.condition import USED
 from model.effects.quantities import Quantities
 from model.effects.shows import by_chambers, chambers_apart, directions_apart
 from model.effects.spec import EffectSpec, Law, Parameter, Values

@@ -10,14 +10,16 @@ import pytest
 from numpy.typing import NDArray
 
 from model import rods as rod
-from model.effects import CATALOGUE, Design, ForwardModel, design_from_columns
+from model.condition import States
+from model.effects import CATALOGUE, ForwardModel, design_from_columns
 from model.effects import layout as at
 from model.effects.history import DRIVES, History, loading_path
 from model.effects.laws.actuation import orders
-from model.effects.quantities import baseline
 from model.effects.solver import METHOD, full_rods
 from model.robot import Robot
+from model.rods import columns as col
 from model.rotation import to_base
+from tests.model.effects.test_history import unchanged
 
 Array = NDArray[np.float64]
 Make = Callable[..., Any]
@@ -99,8 +101,8 @@ def test_a_gain_is_no_area_factor_where_several_sides_are_inflated_and_nothing_e
     assert shown(paper_robot, "chamber_gain", all_at_once) and not shown(paper_robot, "chamber_order", all_at_once)
 
 
-def areas(robot: Robot, design: Design, **values: float) -> Array:
-    q = baseline(robot, design, np.ones(len(design)), np.array([1.0, 0.0]))
+def areas(robot: Robot, design: States, **values: float) -> Array:
+    q = unchanged(robot, design)
     given = {name: np.full((1, 1), values.get(name, 0.0)) for name in ("x", "y", "peak")}
     before = CATALOGUE["chamber_gain"].law.before
     assert before is not None
@@ -175,9 +177,9 @@ def test_the_moment_of_a_payload_is_its_weight_at_a_lever_that_turns_with_the_ti
     final = forward._solved(theta).final
     spring = at.SPRINGS + 3 * at.SPRING_WIDTH
     plain = final.rows.copy()
-    plain[:, spring + at.SPRING_STIFFNESS] = 0.0
+    plain[:, spring + col.SPRING_STIFFNESS] = 0.0
     weight = mass * np.array(paper_robot.gravity)
-    plain[:, at.DEAD_FORCE : at.DEAD_FORCE + 3] += weight
+    plain[:, col.DEAD_FORCE : col.DEAD_FORCE + 3] += weight
     held = full_rods(final.layout, plain)
     turned = to_base(final.result[:, at.ORIENTATION : at.ORIENTATION + 4], np.broadcast_to(lever, (len(plain), 3)))
     held.field("dead_moment")[:] = np.cross(turned, weight)
@@ -206,7 +208,7 @@ def remembered(robot: Robot, columns: Any, inner: Any, outer: Any, rate: float) 
     drive[0, :, 0], drive[0, :, 4] = inner, outer
     firsts = np.array([np.flatnonzero(design.trial == k)[0] for k in range(len(design.trial_id))])
     h = History(
-        baseline(robot, design, np.ones(n), np.array([1.0, 0.0])), loading_path(design, firsts), drive,
+        unchanged(robot, design), loading_path(design, firsts), drive,
         np.ones((1, n, 2)), np.ones((1, n, 2)), np.ones((1, n, DRIVES)), np.zeros((1, n, DRIVES)),
     )  # fmt: skip
     return h.extremes(np.full((1, 1), rate))[0]

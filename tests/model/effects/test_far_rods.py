@@ -11,6 +11,7 @@ from model.effects.forward import ForwardModel
 from model.effects.solver import integration_steps, solve
 from model.robot import Robot
 from model.rods import Fast, Status, rods
+from model.rods import columns as col
 
 LENGTH, BEND = 0.4, 0.5
 CRITICAL = np.pi**2 * BEND / (4 * LENGTH**2)
@@ -26,7 +27,7 @@ def rows(*pushes: float) -> np.ndarray:
     )  # fmt: skip
     values = made.values.copy()
     for element in at.UNIFORM.elements:
-        values[:, element + at.REST_STRAIN + 2] -= 1.0
+        values[:, element + col.REST_STRAIN + 2] -= 1.0
     return values
 
 

@@ -8,10 +8,20 @@ from typing import Any
 import numpy as np
 import pytest
 
+from model.body import body_of
+from model.condition import States
 from model.effects.design import design_from_columns, with_rest
 from model.effects.history import DRIVES, History, Path, loading_path
-from model.effects.quantities import baseline
+from model.effects.layout import layout_of
+from model.effects.quantities import Quantities, baseline
 from model.robot import Robot
+
+
+def unchanged(robot: Robot, design: States) -> Quantities:
+    """The paper's model of a campaign's states."""
+    body = body_of(robot)
+    layout = layout_of(body, robot.spine is not None)
+    return baseline(robot, body, layout, design, np.ones(len(design)), np.array([1.0, 0.0]))
 
 
 def history(robot: Robot, columns: Any, driven: Any, path: Path | None = None) -> History:
@@ -20,7 +30,7 @@ def history(robot: Robot, columns: Any, driven: Any, path: Path | None = None) -
     n = len(design)
     drive = np.zeros((1, n, DRIVES))
     drive[0, :, 0] = driven
-    quantities = baseline(robot, design, np.ones(n), np.array([1.0, 0.0]))
+    quantities = unchanged(robot, design)
     one = np.ones((1, n, 2))
     silicone, rest = np.ones((1, n, DRIVES)), np.zeros((1, n, DRIVES))
     return History(quantities, path or loading_path(design, rest_of), drive, one, one, silicone, rest)

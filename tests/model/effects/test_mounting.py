@@ -13,6 +13,7 @@ from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
 from model.effects.solver import solve as solve_rows
 from model.robot import Robot
+from model.rods import columns as col
 from model.rotation import to_base
 
 LEVELS = (100e3, 200e3)
@@ -136,7 +137,7 @@ def test_an_obstacle_touches_the_body_where_its_lever_says(
     there = solve_rows(here.layout, here.rows, np.array([long - lever]), here.steps).result
     wall = at.SPRINGS + 2 * at.SPRING_WIDTH
     arm = to_base(
-        there[:, at.ORIENTATION : at.ORIENTATION + 4], here.rows[:, wall + at.SPRING_ARM : wall + at.SPRING_ARM + 3]
+        there[:, at.ORIENTATION : at.ORIENTATION + 4], here.rows[:, wall + col.SPRING_ARM : wall + col.SPRING_ARM + 3]
     )
     touched = there[:, :3] - arm
     assert np.abs(touched - there[:, at.MARKERS : at.MARKERS + 3]).max() < 1.5e-3

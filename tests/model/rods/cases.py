@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from model.condition import Condition
+from model.condition import States
 from model.robot import Robot
 from model.rods import FINE, Form, Method, Rods, Solution, rods, solve
 from model.section import rods_of
@@ -111,6 +111,6 @@ def wild_robots(n: int, seed: int) -> Rods:
     )
 
 
-def solved(robot: Robot, states: Condition, arc_lengths: ArrayLike | None = None, method: Method = FINE) -> Solution:
+def solved(robot: Robot, states: States, arc_lengths: ArrayLike | None = None, method: Method = FINE) -> Solution:
     """The states of a robot, finely unless told otherwise."""
     return solve(rods_of(robot, states), method, arc_lengths=arc_lengths)

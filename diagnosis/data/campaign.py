@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from model.condition import Condition, conditions
+from model.condition import States, conditions
 from model.robot import Robot
 from recordings.trials import TrialRow
 
@@ -17,44 +18,68 @@ Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
-class States:
+class Campaign:
     """n states in the order in which they happened, those of the robot before those of stiffness trials; SI, rad."""
 
     rows: tuple[TrialRow, ...]
-    trial: Ints
-    spine_length: Array
-    pressure: Array
-    """(n, chambers) Pa gauge."""
-    branch: Array
-    """1 load, -1 unload."""
-    time: Array
-    """s; NaN where not recorded."""
-    tip: Array
-    """(n, 3) m, base frame; NaN for pushes."""
     condition: Ints
     """States of equal number were meant to be the same."""
     kind: Ints
     """States of equal number belong to the same kind of experiment; 0 is the sweep that most states belong to."""
-    pushed: NDArray[np.bool_]
-    """(n,) states of stiffness trials: force and deflection of a cantilever, no tip."""
     pressure_gap: float
     """Pa within which pressures count as one setting."""
 
     def __len__(self) -> int:
         return len(self.rows)
 
-    def take(self, rows: NDArray[np.bool_]) -> States:
+    def take(self, rows: NDArray[np.bool_]) -> Campaign:
         """The states picked by a mask."""
         kept = tuple(r for r, k in zip(self.rows, rows, strict=True) if k)
-        return States(
-            kept, self.trial[rows], self.spine_length[rows], self.pressure[rows], self.branch[rows], self.time[rows],
-            self.tip[rows], self.condition[rows], self.kind[rows], self.pushed[rows], self.pressure_gap,
-        )  # fmt: skip
+        return Campaign(kept, self.condition[rows], self.kind[rows], self.pressure_gap)
 
-    def conditions(self, robot: Robot) -> Condition:
+    def conditions(self, robot: Robot) -> States:
         """What was done in each state; the robot's own tip mass where none is recorded. Raises `BadCondition`."""
-        mass = [robot.tip_mass if r.tip_mass is None else r.tip_mass for r in self.rows]
-        return conditions(robot, self.spine_length, self.pressure, mass, self.roll, [r.tip_force for r in self.rows])
+        return settings(robot, self.rows)
+
+    @cached_property
+    def pushed(self) -> NDArray[np.bool_]:
+        """(n,) states of stiffness trials: force and deflection of a cantilever, no tip."""
+        return np.array([r.protocol == "stiffness" for r in self.rows], bool)
+
+    @cached_property
+    def trial(self) -> Ints:
+        """(n,) number of the trial."""
+        return np.array([r.trial for r in self.rows], np.int64)
+
+    @cached_property
+    def spine_length(self) -> Array:
+        """(n,) m."""
+        return np.clip([r.spine_length for r in self.rows], 0.0, None)
+
+    @cached_property
+    def pressure(self) -> Array:
+        """(n, chambers) Pa gauge; 0 for pushes."""
+        of_robot = [r.pressures for r, pushed in zip(self.rows, self.pushed, strict=True) if not pushed]
+        out = np.zeros((len(self), len((of_robot or [r.pressures for r in self.rows] or [(0.0,)])[0])))
+        if of_robot:
+            out[~self.pushed] = of_robot
+        return out
+
+    @cached_property
+    def branch(self) -> Array:
+        """(n,) 1 load, -1 unload."""
+        return np.array([-1.0 if r.branch == "unload" else 1.0 for r in self.rows])
+
+    @cached_property
+    def time(self) -> Array:
+        """(n,) s; NaN where not recorded."""
+        return np.array([np.nan if r.t is None else r.t for r in self.rows])
+
+    @cached_property
+    def tip(self) -> Array:
+        """(n, 3) m, base frame; NaN for pushes."""
+        tips = [(np.nan,) * 3 if pushed else r.tip for r, pushed in zip(self.rows, self.pushed, strict=True)]
+        return np.array(tips, float).reshape(len(self), 3)
 
     @cached_property
     def roll(self) -> Array:
@@ -102,3 +127,15 @@ class States:
         # A state read twice in one trial is not repeated: what differs from trial to trial is not in it.
         pairs = np.unique(np.column_stack([self.condition, self.trial])[self.main], axis=0)
         return int(np.median(np.unique(pairs[:, 0], return_counts=True)[1]))
+
+
+def settings(robot: Robot, rows: Sequence[TrialRow]) -> States:
+    """What was done in each row; the robot's own tip mass where none is recorded. Raises `BadCondition`."""
+    return conditions(
+        robot,
+        np.clip([r.spine_length for r in rows], 0.0, None),
+        np.array([r.pressures for r in rows]),
+        np.array([robot.tip_mass if r.tip_mass is None else r.tip_mass for r in rows]),
+        np.radians([r.roll_deg or 0.0 for r in rows]),
+        np.array([r.tip_force for r in rows]),
+    )
