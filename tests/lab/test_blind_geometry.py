@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 from lab.blind.geometry import GEOMETRIES
+
 from lab.blind.make import robot_yaml
 from lab.files.config import check, parse_yaml
 from model.condition import conditions
