@@ -54,13 +54,13 @@ class Wait:
     """The same of the other checkout's code."""
 
 
-def waited(what: str, words: Sequence[str], cache: Path, module: str = "lab.cli", code: Path | None = None) -> Wait:
-    """Run `lab`, or another module, with words in a process of its own, its compiled code kept in `cache`; `code`: of which
-    checkout, this one unless given."""
+def waited(what: str, words: Sequence[str], cache: Path, code: Path | None = None) -> Wait:
+    """Run `lab` with words in a process of its own, its compiled code kept in `cache`; `code`: of which checkout, this one
+    unless given."""
     began = time.monotonic()
     environment = {**os.environ, CACHE: str(cache)}
     with subprocess.Popen(
-        [sys.executable, "-m", module, *words],
+        [sys.executable, "-m", "lab.cli", *words],
         cwd=code,
         env=environment,
         stdout=subprocess.DEVNULL,
