@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     p.add_argument(
         "--clutter",
         type=float,
-        help="every other effect at this share of its scale (default: the world's own)",
+        help="of cluttered kinds: every other effect at this share of its scale (default: the world's own)",
     )
     p.add_argument(
         "--world",

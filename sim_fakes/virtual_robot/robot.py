@@ -1,6 +1,6 @@
 """The virtual robot: reads what the actuators do, moves, and says what the sensors would see.
 
-`advance` serves a plant that fake instruments share; `settle` walks a list of states without any wire. Both use the
+`advance` serves a plant that fake instruments share; `schedule.walk` walks a list of states without any wire. Both use the
 same parts and the same clock of their own, so a robot should be driven one way or the other between two `reset`s.
 """
 

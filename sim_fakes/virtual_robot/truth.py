@@ -8,9 +8,7 @@ instruments.
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 TABLE_II = {0.05: 0.318e6, 0.10: 1.323e6, 0.15: 2.032e6, 0.20: 3.069e6, 0.25: 3.763e6, 0.30: 4.389e6}
@@ -26,7 +24,7 @@ HANGING_STAND = (
 
 
 class RobotTruth(BaseModel):
-    """Constants of one virtual robot; frozen, no unknown keys, readable from YAML."""
+    """Constants of one virtual robot; frozen, no unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -92,11 +90,6 @@ class RobotTruth(BaseModel):
         if len(self.spine_modulus) < 2 or min(self.spine_modulus) <= 0 or min(self.spine_modulus.values()) <= 0:
             raise ValueError("spine_modulus needs two or more lengths (m), all above 0, with moduli (Pa) above 0")
         return self
-
-    @classmethod
-    def from_yaml(cls, path: Path) -> RobotTruth:
-        """Read a file whose keys are the fields of this class, values in SI."""
-        return cls.model_validate(yaml.safe_load(path.read_text()) or {})
 
     @property
     def area(self) -> float:
