@@ -20,11 +20,10 @@ from rich.console import Console
 
 from diagnosis.compare_campaigns import compare_campaigns
 from diagnosis.inference.executor import Executor
-from lab.blind.intervals import clopper_pearson
-from lab.blind.make import described
+from lab.blind.make import described, scatter, table_of, walk_of
+from lab.blind.metrics import clopper_pearson
 from lab.blind.sweeps import BASE
-from lab.blind.worlds.make import scatter, table_of, walk_of
-from lab.blind.worlds.truth import SMALL, THRUST, TOLERANCES, WorldRecipe, draw_robot
+from lab.blind.truth import SMALL, THRUST, TOLERANCES, Recipe, draw_robot
 from lab.files.inputs import Case
 from sim_fakes.worlds.campaign import Response, Sweep, read, respond, tails
 from sim_fakes.worlds.campaign import Robot as Built
@@ -80,7 +79,7 @@ class Drawn:
 
 def campaigns(seed: int, changed: bool) -> Drawn:
     """Of one robot of the world that a seed draws. Raises NoEquilibrium after some attempts."""
-    recipe = WorldRecipe(f"drawn:{seed}", 1, seed, ("cluttered_none",))
+    recipe = Recipe(f"drawn:{seed}", 1, seed, ("cluttered_none",))
     walked = walk_of(BASE)
     for attempt in range(ATTEMPTS):
         rng = np.random.default_rng([seed, 1, attempt])

@@ -5,7 +5,7 @@
 
 Each figure is a fresh process: seconds on the clock, seconds of processors, and the most memory that any of its processes held.
 Machines differ, and the same one from hour to hour: what has become of a command is told by the ratio of both codes in turn.
-Robots are drawn from the virtual robot (seed 7), one alone and one in clutter; of the first also with fewer and more repeats.
+Robots are drawn from the world `bench` (seed 7), one alone and one in clutter; of the first also with more repeats.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from lab.blind.bench_robot import BenchRobot
-from lab.blind.designs import design
-from lab.blind.drive import measure
-from lab.blind.make import robot_yaml, write_case
-from lab.blind.sweeps import BASE
-from lab.blind.truth import Recipe, Truth, draw
+from lab.blind.make import drawn, robot_yaml, table_of, walk_of, write_case
+from lab.blind.options import Stratum
+from lab.blind.sweeps import BASE, design
+from lab.blind.truth import Recipe, draw
+from sim_fakes.worlds.campaign import Robot, read, respond
 
 CACHE = "NUMBA_CACHE_DIR"
+SEED = 7
 REPEATS = (7, 13, 26)
 """Of the sweep of 77 states, besides the usual three: 539 to 2,002 rows."""
 MIB = 1024.0
@@ -54,13 +54,13 @@ class Wait:
     """The same of the other checkout's code."""
 
 
-def waited(what: str, words: Sequence[str], cache: Path, module: str = "lab.cli", code: Path | None = None) -> Wait:
-    """Run `lab`, or another module, with words in a process of its own, its compiled code kept in `cache`; `code`: of which
-    checkout, this one unless given."""
+def waited(what: str, words: Sequence[str], cache: Path, code: Path | None = None) -> Wait:
+    """Run `lab` with words in a process of its own, its compiled code kept in `cache`; `code`: of which checkout, this one
+    unless given."""
     began = time.monotonic()
     environment = {**os.environ, CACHE: str(cache)}
     with subprocess.Popen(
-        [sys.executable, "-m", module, *words],
+        [sys.executable, "-m", "lab.cli", *words],
         cwd=code,
         env=environment,
         stdout=subprocess.DEVNULL,
@@ -72,22 +72,21 @@ def waited(what: str, words: Sequence[str], cache: Path, module: str = "lab.cli"
     return Wait(what, taken, used.ru_utime + used.ru_stime, used.ru_maxrss / MIB, child.returncode)
 
 
-def case_of(truth: Truth, repeats: int, folder: Path) -> Path:
-    """The case folder of a robot swept so often."""
-    robot = BenchRobot(truth)
-    sweep = replace(BASE, chambers=robot.geometry.bend, repeats=repeats)
-    tables = {BASE.name: measure(robot, sweep, np.random.default_rng([truth.seed, 4]))}
-    write_case(folder, tables, design("full"), robot_yaml(robot.geometry, markers=False, per_length=False), menu=False)
+def case_of(robot: Robot, repeats: int, folder: Path) -> Path:
+    """Write the case folder of a robot that was swept this often."""
+    sweep = replace(BASE, repeats=repeats)
+    walked = walk_of(sweep)
+    readings = read(robot, walked, respond(robot, walked), np.random.default_rng([SEED, repeats]))
+    tables = {BASE.name: table_of(sweep, readings)}
+    write_case(folder, tables, design("full"), robot_yaml(markers=False, per_length=False), menu=False)
     return folder
 
 
-def robots() -> tuple[Truth, Truth, Truth]:
-    """The first robot with one cause, alone and with clutter, and the first that tendons bend."""
-    found = []
-    for more in ({}, {"clutter": 0.15}, {"geometry": "tendons"}):
-        drawn = draw(replace(Recipe(n=12, seed=7, wire=0), **more))
-        found.append(next(t for t in drawn if t.kind == "single"))
-    return found[0], found[1], found[2]
+def robot(stratum: Stratum) -> Robot:
+    """Draw a robot with one cause that a sweep shows well, alone or among many small effects."""
+    recipe = Recipe("bench", 1, SEED, (stratum,), causes=("chamber_azimuth",))
+    ((_, causes),) = draw(recipe)
+    return drawn(recipe, 0, stratum, causes, 0).robot
 
 
 def _shares(w: Wait) -> tuple[str, ...]:
@@ -125,9 +124,9 @@ def main() -> int:
         print(text, flush=True)
 
     with tempfile.TemporaryDirectory(prefix="commands-") as place:
-        here, (alone, cluttered, tendons) = Path(place), robots()
+        here, alone = Path(place), robot("clean")
         first = str(case_of(alone, BASE.repeats, here / "alone"))
-        second = str(case_of(cluttered, BASE.repeats, here / "cluttered"))
+        second = str(case_of(robot("cluttered"), BASE.repeats, here / "cluttered"))
         warm, cold = here / "warm", here / "cold"
         do("lab --help", ["--help"], warm)
         do("lab info FILE", ["info", str(RECORDING)], warm)
@@ -137,8 +136,6 @@ def main() -> int:
         do("lab diagnose, 231 rows, first after installation", ["diagnose", first], warm)
         do("lab diagnose, 231 rows, clean", ["diagnose", first], warm, 77 * BASE.repeats)
         do("lab diagnose, 231 rows, cluttered", ["diagnose", second], warm)
-        third = str(case_of(tendons, BASE.repeats, here / "tendons"))
-        do("lab diagnose, tendons instead of chambers", ["diagnose", third], warm)
         for folder in a.case:
             do(f"lab diagnose {folder.name}", ["diagnose", str(folder.resolve())], warm)
         for repeats in a.repeats:

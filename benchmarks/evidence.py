@@ -1,6 +1,6 @@
 """Is the Laplace evidence right? `python -m benchmarks.evidence [--cases N] [--live N] [--json FILE]`.
 
-Robots of the blind bench, small campaigns (tip alone, loading alone), three hypotheses each: none, the true effect and a
+Robots of the world `bench`, small campaigns (tip alone, loading alone), three hypotheses each: none, the true effect and a
 rival. The diagnosis' log evidence of each beside that of a nested sampler (dynesty, J. S. Speagle, MNRAS 493, 2020), with
 the same prior; what both share, and what only the sampler does in full, is told in `benchmarks.sampled`. Needs the extra
 `check`.
@@ -21,15 +21,13 @@ from benchmarks.sampled import Hypothetical, hypothetical
 from diagnosis.data.case import states
 from diagnosis.inference.evidence import NONE, Hypothesis
 from diagnosis.inference.prepare import Prepared, prepare
-from lab.blind.bench_robot import BenchRobot
-from lab.blind.designs import design
-from lab.blind.drive import measure
-from lab.blind.make import described
-from lab.blind.sweeps import Sweep
-from lab.blind.truth import Recipe, draw_one
+from lab.blind.make import described, table_of, walk_of
+from lab.blind.sweeps import Sweep, design
+from lab.blind.truth import Recipe, draw_robot
 from lab.files.inputs import Case
+from sim_fakes.worlds.campaign import read, respond
 
-SWEEP = Sweep("small", "small bending sweep", (0.0, 0.15, 0.30), (50e3, 150e3, 250e3), repeats=2)
+SWEEP = Sweep("small", (0.0, 0.15, 0.30), (50e3, 150e3, 250e3), repeats=2)
 SEED = 90210
 SIZE = 0.1
 """Of the discrepancy, in units of the noise floor."""
@@ -57,11 +55,11 @@ QUESTIONS = (
 
 def case(place: int, true: Hypothesis) -> Prepared:
     """A blind case of the small sweep, tip alone."""
-    recipe = Recipe(len(QUESTIONS), SEED, settled=True)
-    truth = draw_one(recipe, place, "single" if true else "none", true, "direct")
-    table = design("tip").show(measure(BenchRobot(truth), SWEEP, np.random.default_rng([truth.seed, 4])))
+    built, _ = draw_robot(Recipe("bench", len(QUESTIONS), SEED, settled=True), place, "clean" if true else "none", true)
+    walked = walk_of(SWEEP)
+    readings = read(built, walked, respond(built, walked), np.random.default_rng([SEED, 7, place]))
     robot = described()
-    return prepare(robot, states(Case(robot, table))[0])
+    return prepare(robot, states(Case(robot, design("tip").show(table_of(SWEEP, readings))))[0])
 
 
 def nested(h: Hypothetical, live: int, seed: int) -> tuple[float, float, int]:

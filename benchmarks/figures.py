@@ -1,12 +1,14 @@
-"""A figure that was promised, what was measured, and the table of them."""
+"""Figures that were promised, what was measured, and the files and tables of them."""
 
 from __future__ import annotations
 
 import json
 import os
 import platform
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, is_dataclass
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
@@ -24,6 +26,14 @@ class Figure:
     """The numbers behind it."""
 
 
+def write(path: Path, key: str, found: Sequence[Any], **more: Any) -> None:
+    """Write what was measured (dataclasses or tables) as JSON under a key, with the machine that it was measured on."""
+    host = {"system": platform.platform(), "processors": os.cpu_count(), "load": os.getloadavg()}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    rows = [asdict(each) if is_dataclass(each) and not isinstance(each, type) else each for each in found]
+    path.write_text(json.dumps({**more, "host": host, key: rows}, indent=1), encoding="utf-8")
+
+
 def show(title: str, figures: list[Figure], path: Path | None) -> int:
     """Print the table, write it as JSON when a path is given; 0 when every target is met, else 1."""
     table = Table(title=title, title_justify="left")
@@ -34,8 +44,6 @@ def show(title: str, figures: list[Figure], path: Path | None) -> int:
     console = Console(width=None if os.isatty(1) else 150)
     console.print(table)
     if path is not None:
-        host = {"system": platform.platform(), "processors": os.cpu_count(), "load": os.getloadavg()}
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps({"title": title, "host": host, "figures": [asdict(f) for f in figures]}, indent=1))
+        write(path, "figures", figures, title=title)
         console.print(str(path))
     return 0 if all(figure.met for figure in figures) else 1

@@ -23,13 +23,12 @@ from rich.console import Console
 from rich.table import Table
 
 from lab.blind.answers import answer_from
-from lab.blind.diagnose import propose_folder
+from lab.blind.by_mm import Weighed, weighed
 from lab.blind.folder import SetFolder, open_seal
-from lab.blind.intervals import counted
-from lab.blind.run import MENU_OF, Choice, Further, read_rounds, rounds, write_rounds
+from lab.blind.metrics import counted
+from lab.blind.run import MENU_OF, Choice, Further, propose_folder, read_rounds, rounds, write_rounds
 from lab.blind.sweeps import AGAIN
 from lab.blind.workers import Crew, spread
-from lab.blind.worlds.by_mm import Weighed, weighed
 from recordings.table_file import read_csv
 
 WAYS: tuple[Choice, ...] = ("information", "random", "repeat")

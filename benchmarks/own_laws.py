@@ -33,12 +33,12 @@ from diagnosis.criticism.stage_errors import smooth_functions
 from diagnosis.inference.posterior import prior
 from diagnosis.judgement import CAUSE_PROBABILITY, PRIOR_OF_NUMBER
 from lab.blind.answers import Answer
-from lab.blind.intervals import counted
-from lab.blind.make import ATTEMPTS
+from lab.blind.by_mm import APART, FLOORS, HALF, Weighed
+from lab.blind.make import ATTEMPTS, Drawn, Unequal, drawn, noise_floor, table_of
+from lab.blind.metrics import counted
+from lab.blind.options import Stratum
 from lab.blind.sweeps import BASE
-from lab.blind.worlds.by_mm import APART, FLOORS, HALF, Weighed
-from lab.blind.worlds.make import Drawn, Unequal, drawn, noise_floor, table_of
-from lab.blind.worlds.truth import KINDS, LESS_CLUTTER, SMALL, THRUST, TOLERANCES, Stratum, WorldRecipe, draw
+from lab.blind.truth import KINDS, LESS_CLUTTER, SMALL, THRUST, TOLERANCES, Recipe, draw
 from model.effects.catalogue import CATALOGUE
 from sim_fakes.worlds.campaign import (
     DRIFT,
@@ -205,7 +205,7 @@ class Whitening:
         return solve_triangular(self.factor, stacked.reshape(len(stacked), -1), lower=True).reshape(-1, k)
 
 
-def first_drawn(recipe: WorldRecipe, place: int, stratum: Stratum, causes: Sequence[str]) -> tuple[int, Drawn]:
+def first_drawn(recipe: Recipe, place: int, stratum: Stratum, causes: Sequence[str]) -> tuple[int, Drawn]:
     """The first attempt that has an equilibrium, and its robot."""
     for attempt in range(ATTEMPTS):
         try:
@@ -224,7 +224,7 @@ def other_forms(robot: Robot, k: int) -> Robot:
     return replace(robot, world=replace(robot.world, forms=forms))
 
 
-def case(recipe: WorldRecipe, place: int, stratum: Stratum, causes: Sequence[str]) -> Case:
+def case(recipe: Recipe, place: int, stratum: Stratum, causes: Sequence[str]) -> Case:
     """One robot weighed: the one that its set holds. Raises NoEquilibrium where another form of its laws has none."""
     attempt, made = first_drawn(recipe, place, stratum, causes)
     robot, walked = made.robot, made.walked
@@ -382,7 +382,7 @@ def main() -> int:
     orders = []
     for word in a.worlds:
         world, _, seed = word.rpartition("=")
-        recipe = WorldRecipe(world, a.n, int(seed), tuple(a.kind))
+        recipe = Recipe(world, a.n, int(seed), tuple(a.kind))
         orders += [(recipe, place, *chosen) for place, chosen in enumerate(draw(recipe))]
     cases = []
     console = Console(width=150)

@@ -26,10 +26,10 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.figures import write
 from benchmarks.peers_rod import paper_peer, solve_bvp_peer
 from benchmarks.peers_simulators import Solver, pyelastica, soromox_constant, soromox_polynomial
 from benchmarks.rod_cases import eased, paper_rods
-from benchmarks.written import write
 from model.rods import Fast, Paper, Rods, solve
 from tests.model.rods.reference import REFERENCE
 

@@ -1,8 +1,7 @@
-"""Other ways to solve the same rods: the paper's own, a collocation solver, a finite-element code where installed."""
+"""Other ways to solve the same rods: the paper's own, and a collocation solver."""
 
 from __future__ import annotations
 
-import importlib.util
 import time
 
 import numpy as np
@@ -13,8 +12,8 @@ from scipy.optimize import fsolve
 from model.rods import Rods
 
 Array = NDArray[np.float64]
-Peer = tuple[float, Array] | str
-"""Processor seconds for all rods and their tips (n, 3) m, or why there are none."""
+Peer = tuple[float, Array]
+"""Processor seconds for all rods and their tips (n, 3) m."""
 
 EULER_STEPS = 100
 TOLERANCE = 1e-3
@@ -99,10 +98,3 @@ def solve_bvp_peer(rods: Rods, tolerance: float = TOLERANCE) -> Peer:
         guess[2], guess[20] = ends[0] * x, ends[0] + ends[1] * x
         tips[i] = solve_bvp(slope, closed, x, guess, tol=tolerance).y[18:21, -1]
     return time.thread_time() - start, tips
-
-
-def exudyn_peer(rods: Rods) -> Peer:
-    """Geometrically exact beams of Exudyn: measured where it is installed, named where it is not."""
-    if importlib.util.find_spec("exudyn") is None:
-        return f"not installed, so not measured on these {len(rods)} rods"
-    return "installed, but follower loads at its beam tips are not set up here: no number is given"

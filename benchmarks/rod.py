@@ -8,9 +8,7 @@ distance (mm) of a tip from the same rods solved finely.
 from __future__ import annotations
 
 import argparse
-import json
 import os
-import platform
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -20,9 +18,8 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.peers_rod import exudyn_peer, paper_peer, solve_bvp_peer
+from benchmarks.figures import write
 from benchmarks.rod_cases import directions, paper_rods, split, tips_of
-from benchmarks.rod_floor import floor
 from model.rods import FAST, FINE, Fast, Form, Rods, sensitivities, solve
 from model.rods.fast import direct
 from model.rods.fast.batches import full_of, steps_of
@@ -75,8 +72,6 @@ def figures(quick: bool) -> list[dict[str, object]]:
     rods = paper_rods(n, seed=1)
     plain = measure(lambda: solve(rods), rounds)
     lines = [row("batch, cold, 35 conditions", plain, n, ">= 1.5 M/s, <= 0.01 mm", error_of(rods))]
-    least, made_of = floor()
-    lines.append(row("floor of the arithmetic", (least, least), 1, made_of))
     warm = solve(rods, Fast(remember=True))
     lines.append(row("batch, warm", measure(lambda: solve(rods, start=warm), rounds), n))
     two = Fast(cores=2)
@@ -101,15 +96,6 @@ def figures(quick: bool) -> list[dict[str, object]]:
     for elements in (2, 4, 8, 16, 32, 64):
         fine = split(paper_rods(1_600, seed=3), elements // 2)
         lines.append(row(f"{elements} elements", measure(lambda fine=fine: solve(fine), 3), 1_600, "", error_of(fine)))  # type: ignore[misc]
-    peers = paper_rods(35, seed=4)[:: 12 if quick else 5]  # from hardly bent to the highest pressure
-    for name, peer in (("paper's way", paper_peer), ("SciPy solve_bvp", solve_bvp_peer), ("Exudyn", exudyn_peer)):
-        found = peer(peers)
-        if isinstance(found, str):
-            lines.append({"name": name, "skipped": found})
-            continue
-        seconds, tips = found
-        distance = float(1e3 * np.linalg.norm(tips - solve(peers, FINE).tip, axis=1).max())
-        lines.append(row(name, (seconds, seconds), len(peers), "", distance))
     return lines
 
 
@@ -128,9 +114,6 @@ def main() -> int:
         table.add_column(column)
     plain = float(str(lines[0]["us"]))
     for line in lines:
-        if "skipped" in line:
-            table.add_row(str(line["name"]), str(line["skipped"]))
-            continue
         us, least, error = (float(str(line[key])) for key in ("us", "us_least", "error_mm"))
         line["ratio"] = us / plain
         shown = "" if np.isnan(error) else f"{error:.4f}"
@@ -144,14 +127,7 @@ def main() -> int:
             str(line["target"]),
         )
     Console(width=150).print(table)
-    host = {
-        "system": platform.platform(),
-        "processors": os.cpu_count(),
-        "load": os.getloadavg(),
-        "first_solve_s": first,
-    }
-    options.json.parent.mkdir(parents=True, exist_ok=True)
-    options.json.write_text(json.dumps({"host": host, "figures": lines}, indent=1), encoding="utf-8")
+    write(options.json, "figures", lines, first_solve_s=first)
     return 0
 
 

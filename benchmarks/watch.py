@@ -31,8 +31,8 @@ from lab.live.beside import Page
 
 from .browser import Browser, installed
 from .figures import Figure, show
-from .recording_speed import Paced, paced_run
-from .rig_stream import TOTAL
+from .recording.speed import Paced, paced_run
+from .recording.stream import TOTAL
 
 VIEWERS = 10
 TURNS = 3

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ipaddress
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
@@ -75,6 +76,13 @@ class Fake:
     """What its table in rig.yaml says beside `driver`, and of regulators beside chambers and full_scale."""
     full_scale: float = 500e3
     """Of regulators: Pa, unless asked for otherwise."""
+
+
+def loopback(host: str) -> str:
+    """The address itself when it is one of 127.0.0.0/8; ValueError for any other, and for names."""
+    if ipaddress.ip_address(host) not in ipaddress.ip_network("127.0.0.0/8"):
+        raise ValueError(f"{host}: fakes listen on loopback addresses only, 127.x.y.z")
+    return host
 
 
 def faults(fake: object) -> str:

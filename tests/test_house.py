@@ -14,7 +14,7 @@ import grimp
 import pytest
 
 ROOT = Path(__file__).parent.parent
-BLIND_BENCH = ("truth", "bench_robot", "drive", "make", "wire")
+BLIND_BENCH = ("truth", "make")
 """Modules of lab/blind that draw and measure the sealed robot."""
 ROOMS = ("lab", "drivers", "sim_fakes", "protocols", "recordings", "model", "diagnosis")
 

@@ -70,8 +70,9 @@ CAMPAIGN_JOURNAL = """{"campaign_journal": 1, "campaign": "c", "design": "d", "l
 {"run": 1, "outcome": "completed", "seconds": 212.4, "rows": 11, "lost": 0, "inflated": true, "at": 1795449812.4}
 """
 LATCH = '{"since": "2025-03-01 12:00:00", "why": "the arm does not answer", "pid": 4711}'
-SEALED = """{"salt": "00", "seed": 1, "truths": [{"case": "0001", "kind": "single", "effects": {"gravity_tilt": 0.02},
- "clutter": {}, "nuisance": {}, "area_factor": 1.6, "seed": 4, "route": "direct"}]}"""
+SEALED = """{"salt": "00", "seed": 1, "truths": [{"case": "0001", "kind": "single", "stratum": "clean",
+ "effects": {"base_tilt": 0.9}, "clutter": {}, "world": "bench", "area_factor": 1.6, "floor_mm": 0.4,
+ "calibrated_mm": {"base_tilt": 5.1}, "nearest": null, "stage": null}]}"""
 DIAGNOSIS = """{"schema": "diagnosis/1", "statement": "x",
  "data": {"rows": 9, "trials": 3, "channels": ["x"], "noise_mm": 0.1, "noise_from": "repeats"},
  "locate": {"gap_rmse_mm": 1.0, "noise_floor_mm": 0.1, "significant": true, "by": {"axis": [{"value": "x", "rmse_mm": 1,

@@ -1,33 +1,35 @@
-"""`lab blind make`: draw the truth, measure every case, seal the truth, publish its digest."""
+"""`lab blind make`: draw robots of a world, measure them, weigh their effects in mm, seal the truth, publish its digest."""
 
 from __future__ import annotations
 
 import csv
-import shutil
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import yaml
+from scipy.spatial.transform import Rotation
 
 from model.effects.catalogue import CATALOGUE
-from model.robot import Robot
+from model.robot import Robot as Described
 from recordings.table_file import write_csv
-from recordings.trials import Table
-from sim_fakes.virtual_robot import NoEquilibrium
+from recordings.trials import Table, TrialRow
+from sim_fakes.worlds.campaign import Readings, Response, Robot, Trial, courses, read, respond
+from sim_fakes.worlds.campaign import Sweep as Walked
+from sim_fakes.worlds.carried import TRIED, Carried, carried, nearest
+from sim_fakes.worlds.equilibrium import NoEquilibrium
+from sim_fakes.worlds.forms import EFFECTS
+from sim_fakes.worlds.table import world
+from sim_fakes.worlds.walk import Leg
 
 from ..files.baseline import from_simulator, simulator
 from ..files.config import ConfigError, check, parse_yaml
 from ..files.example import paper_robot
 from ..files.inputs import read_case
-from .bench_robot import BenchRobot
-from .designs import Design, design, joined
-from .drive import measure
 from .folder import SetFolder, new_set, seal
-from .geometry import GEOMETRIES, Geometry
-from .sweeps import BASE, BASE_SETTLED, MENU, Sweep
-from .truth import Recipe, Truth, draw, draw_one
-from .wire import measure_by_wire
+from .sweeps import AGAIN, BASE, BASE_SETTLED, MENU, Design, State, Sweep, design, joined
+from .truth import KINDS, THRUST, Recipe, Stratum, Truth, another_cause, draw, draw_robot
 from .workers import Crew, spread
 
 PREDICTED = "predicted.csv"
@@ -35,19 +37,22 @@ PREDICTED = "predicted.csv"
 ATTEMPTS = 20
 """Draws of sizes for one case until the robot keeps its equilibrium through all experiments."""
 NOMINAL_AREA_FACTOR = 1.6
-DESCRIBED = {
-    "outer_radius": ("outer_radius",), "inner_radius": ("inner_radius",), "spine_radius": ("spine", "radius"),
-    "chamber_radius": ("chambers", "radius"), "chamber_path_radius": ("chambers", "path_radius"),
-    "chamber_azimuths_deg": ("chambers", "azimuths_deg"),
-}  # fmt: skip
-"""Where fields of `RobotTruth` stand in robot.yaml."""
+PREPARING = 40.0
+"""s between trials: vent, grow, jam."""
+LATER = 1e6
+"""s: experiments of the menu are done when the campaign of the base sweep is over."""
+LARGEST_BLEND = 1.0
+SMALLEST_PAIR, LARGEST_PAIR = 0.25, 2.0
+"""Plausible scales between which a pair's partners are made comparable."""
 
 
 @dataclass(frozen=True)
 class Order:
     """What one worker makes."""
 
-    truth: Truth
+    place: int
+    stratum: Stratum
+    causes: tuple[str, ...]
     recipe: Recipe
     design: Design
     folder: SetFolder
@@ -69,64 +74,209 @@ def make(
     """Make a set in an empty folder; returns the digest of its truth. Raises ConfigError.
 
     `menu`: measure the experiments that a diagnosis may ask for. `per_length`: robot.yaml asks for an area factor of
-    its own for each spine length, as the paper does, instead of one for all. `simulator`: what it predicts lies in each case,
-    and is the baseline of its diagnosis in the rod's place.
+    its own for each spine length, as the paper does, instead of one for all. `simulator`: its predictions are written into
+    each case, as the baseline of its diagnosis in place of the rod.
     """
+    try:
+        world(recipe.world)
+    except ValueError as e:
+        raise ConfigError(f"--world: {e}") from e
     shown = design(design_name)
     folder = new_set(root)
-    orders = [Order(t, recipe, shown, folder, menu or shown.extras, per_length, simulator) for t in draw(recipe)]
-    # the wired ones take longest and go first
-    orders.sort(key=lambda o: o.truth.route != "wire")
+    orders = [
+        Order(place, stratum, causes, recipe, shown, folder, menu or shown.extras, per_length, simulator)
+        for place, (stratum, causes) in enumerate(draw(recipe))
+    ]
     truths = sorted(spread(make_case, orders, crew, "cases made"), key=lambda t: t.case)
     about = {
-        "design": shown.name, "clutter": recipe.clutter, "sizes": list(recipe.sizes), "settled": recipe.settled,
-        "wired": recipe.wire, "area_factor": "by spine length" if per_length else "one",
+        "design": shown.name, "world": recipe.world, "clutter": _clutter(recipe), "sizes": list(recipe.sizes),
+        "settled": recipe.settled, "area_factor": "by spine length" if per_length else "one",
+        "kinds": sorted({KINDS[o.stratum] for o in orders}), "held_out": recipe.held_out,
         **({"simulator": simulator} if simulator else {}),
-        **({"causes": list(recipe.causes)} if recipe.causes else {}),
-        **({"geometry": recipe.geometry} if recipe.geometry != "paper" else {}),
     }  # fmt: skip
     return seal(folder, truths, recipe.seed, about)
 
 
+def _clutter(recipe: Recipe) -> float:
+    return world(recipe.world).clutter if recipe.clutter is None else recipe.clutter
+
+
 def make_case(order: Order) -> Truth:
-    """Measure one case and write its folder; returns the truth as it was in the end (sizes may be drawn again)."""
-    truth, recipe = order.truth, order.recipe
-    place = int(truth.case) - 1
-    for attempt in range(ATTEMPTS):
-        if attempt:
-            truth = draw_one(recipe, place, truth.kind, tuple(truth.effects), truth.route, attempt)
+    """Measure one case and write its folder; returns its truth. Sizes are drawn again until the robot keeps its equilibrium, and
+    where none does, another cause as well."""
+    for attempt in range(2 * ATTEMPTS):
+        if attempt >= ATTEMPTS:
+            causes = another_cause(order.recipe, order.place, order.stratum, attempt) or order.causes
+            order = replace(order, causes=causes)
         try:
-            tables = _measure(order, truth)
-        except NoEquilibrium:
+            truth, tables = _measured(order, attempt)
+        except (NoEquilibrium, Unequal):
             continue
-        case = order.folder.case(order.truth.case)
-        described = robot_yaml(GEOMETRIES[truth.geometry], markers=order.design.markers, per_length=order.per_length)
-        write_case(case, tables, order.design, described, menu=order.menu)
+        case = order.folder.case(truth.case)
+        robot = robot_yaml(markers=order.design.markers, per_length=order.per_length)
+        write_case(case, tables, order.design, robot, menu=order.menu)
         if order.simulator is not None:
             write_predictions(case, order.simulator)
         return truth
-    raise ConfigError(f"case {truth.case}: no equilibrium in {ATTEMPTS} draws of its sizes; use smaller --sizes")
+    raise ConfigError(
+        f"case {order.place + 1:04d} of world {order.recipe.world}: {2 * ATTEMPTS} draws of its sizes and causes gave no "
+        "equilibrium or no comparable pair; use smaller --sizes"
+    )
 
 
-def _measure(order: Order, truth: Truth) -> dict[str, Table]:
-    robot, rng = BenchRobot(truth), np.random.default_rng([truth.seed, 4])
-    base = replace(BASE_SETTLED if order.recipe.settled else BASE, chambers=robot.geometry.bend)
-    sweeps: tuple[Sweep, ...] = MENU if order.menu else ()
-    # walked first also when it is wired: a robot that snaps must not be found out by instruments that time out
-    tables = {s.name: measure(robot, s, rng) for s in (base, *sweeps)}
-    if truth.route == "wire":
-        tables["base"] = _wired(order, truth, base)
-    return tables
+class Unequal(RuntimeError):
+    """A pair whose partners cannot be made comparable."""
 
 
-def _wired(order: Order, truth: Truth, base: Sweep) -> Table:
-    # the recording holds more than the design shows, so it does not stay
-    work = order.folder.root / "sealed" / f"wire-{truth.case}"
-    work.mkdir(parents=True, exist_ok=True)
-    try:
-        return measure_by_wire(truth, base, robot_yaml(markers=True, per_length=order.per_length), work)
-    finally:
-        shutil.rmtree(work, ignore_errors=True)
+@dataclass(frozen=True)
+class Drawn:
+    """A robot in front of its campaign, before cameras read it."""
+
+    robot: Robot
+    effects: dict[str, float]
+    walked: Walked
+    response: Response
+    weight: Carried
+
+
+def drawn(recipe: Recipe, place: int, stratum: Stratum, causes: Sequence[str], attempt: int) -> Drawn:
+    """A robot and what its effects do; a pair's partners carry alike. Raises NoEquilibrium and Unequal."""
+    robot, effects = draw_robot(recipe, place, stratum, causes, attempt)
+    walked = walk_of(BASE_SETTLED if recipe.settled else BASE)
+    pair = KINDS[stratum] == "pair"
+    if pair:
+        robot, effects = _comparable(robot, effects, walked)
+    others = [e for e in EFFECTS if e not in robot.present and e != THRUST] if robot.outside else []
+    response = respond(robot, walked, tuple(robot.present), dict.fromkeys(others, TRIED))
+    weight = carried(robot, walked, response)
+    if pair and _ratio(weight, [e for e in effects if e != THRUST]) < 0.5:
+        raise Unequal
+    return Drawn(robot, effects, walked, response, weight)
+
+
+def _measured(order: Order, attempt: int) -> tuple[Truth, dict[str, Table]]:
+    recipe = order.recipe
+    base = BASE_SETTLED if recipe.settled else BASE
+    d = drawn(recipe, order.place, order.stratum, order.causes, attempt)
+    robot, walked, response = d.robot, d.walked, d.response
+    rng = np.random.default_rng([recipe.seed, 7, order.place, attempt])
+    readings = read(robot, walked, response, rng)
+    tables = {base.name: table_of(base, readings)}
+    for sweep in (*MENU, replace(base, name=AGAIN)) if order.menu else ():
+        later = walk_of(sweep, late=LATER)
+        changing = respond(robot, later, tuple(courses(robot, later)))
+        tables[sweep.name] = table_of(sweep, read(robot, later, changing, rng))
+    closest = None
+    for outside in robot.outside:
+        effect, left = nearest(robot, walked, response, outside, [e for e in EFFECTS if e != THRUST])
+        closest = {"effect": effect, "leaves_mm": round(left, 3)}
+    truth = Truth(
+        f"{order.place + 1:04d}", order.stratum, robot, d.effects, d.weight.moves, d.weight.calibrated, closest,
+        floor_mm=noise_floor(robot, walked, response, recipe.seed, order.place),
+    )  # fmt: skip
+    return truth, tables
+
+
+def _comparable(robot: Robot, effects: dict[str, float], walked: Walked) -> tuple[Robot, dict[str, float]]:
+    """Sizes of a pair at which both carry alike, within what is plausible. Raises `Unequal`."""
+    one, two = (e for e in effects if e != THRUST)
+    weight = carried(robot, walked, respond(robot, walked, (one, two)))
+    ratio = weight.calibrated[one] / max(weight.calibrated[two], 1e-6)
+    sizes, made = dict(robot.sizes), dict(effects)
+    # half of the way by the one that is too small, half by the other
+    for effect, factor in ((one, ratio**-0.5), (two, ratio**0.5)):
+        most = LARGEST_BLEND if EFFECTS[effect].sign == "blend" else LARGEST_PAIR
+        size = float(np.sign(made[effect]) * np.clip(abs(made[effect]) * factor, SMALLEST_PAIR, most))
+        sizes[effect] += size - made[effect]
+        made[effect] = size
+    return replace(robot, sizes=sizes), made
+
+
+def _ratio(weight: Carried, pair: Sequence[str]) -> float:
+    carry = [weight.calibrated[e] for e in pair]
+    return min(carry) / max(max(carry), 1e-9)
+
+
+def noise_floor(robot: Robot, walked: Walked, response: Response, seed: int, place: int) -> float:
+    """mm, scatter of repeats without causes outside the catalogue: one that comes and goes must not raise the floor that it is
+    judged by."""
+    return scatter(walked, read(replace(robot, outside={}), walked, response, np.random.default_rng([seed, 8, place])))
+
+
+def scatter(walked: Walked, readings: Readings) -> float:
+    """mm, rms distance of a reading from the mean of its repeats, degrees of freedom counted."""
+    groups: dict[tuple[float, float], list[int]] = {}
+    for i, t in enumerate(walked.trials):
+        groups.setdefault((t.spine, t.vacuum), []).append(i)
+    total, freedom = 0.0, 0
+    for rows in groups.values():
+        tips = readings.tip[rows]
+        total += float(np.sum((tips - tips.mean(axis=0)) ** 2))
+        freedom += (len(rows) - 1) * tips.shape[1]
+    return float(np.sqrt(total / max(freedom, 1)) * 1e3)
+
+
+def walk_of(sweep: Sweep, late: float = 0.0) -> Walked:
+    """The sweep as trials and legs, begun `late` seconds into the campaign."""
+    states = list(sweep.states())
+    first = [s for s in states if s.trial == 1]
+    legs: list[Leg] = []
+    for before, s in zip([None, *first[:-1]], first, strict=True):
+        waited = (
+            before.hold if sweep.reading == "hold" and before is not None and before.pressure == s.pressure else 0.0
+        )
+        legs.append(Leg(_pressures(sweep, s.pressure), sweep.rate, s.hold - waited))
+        if s.hold > 0 and sweep.reading != "hold":
+            # What is told of a settled state is the middle of what was averaged.
+            legs.append(Leg(_pressures(sweep, s.pressure), sweep.rate, 0.5 * sweep.average, read=False))
+        if sweep.reading == "fly" and s.branch == "load" and s.pressure == sweep.pressures[-1] - sweep.band:
+            # the ramp goes on to its end before it turns
+            legs.append(Leg(_pressures(sweep, sweep.pressures[-1]), sweep.rate, 0.0, read=False))
+    ramps = sum(leg.hold for leg in legs) + 2 * sweep.pressures[-1] / sweep.rate
+    period = PREPARING + ramps
+    count = max(s.trial for s in states)
+    trials = tuple(
+        Trial(s.spine_length, s.vacuum, s.repeat, late + (s.trial - 1) * period) for s in states if s.step == 1
+    )
+    return Walked(trials, tuple(legs), sweep.tip_mass, float(np.radians(sweep.roll_deg)), count * period)
+
+
+def _pressures(sweep: Sweep, pressure: float) -> tuple[float, ...]:
+    return tuple(pressure if c in sweep.chambers else 0.0 for c in range(1, 10))
+
+
+def table_of(sweep: Sweep, readings: Readings) -> Table:
+    """Rows as the protocol writes them."""
+    states: dict[int, list[State]] = {}
+    for s in sweep.states():
+        states.setdefault(s.trial, []).append(s)
+    rows = []
+    for trial, own in states.items():
+        for k, s in enumerate(own):
+            i = trial - 1
+            x, y, z = (float(v) for v in readings.tip[i, k])
+            q = Rotation.from_matrix(readings.turns[i, k]).as_quat(canonical=True, scalar_first=True)
+            rows.append(
+                TrialRow(
+                    trial=s.trial,
+                    step=s.step,
+                    protocol=sweep.protocol,
+                    repeat=s.repeat,
+                    branch=s.branch,
+                    t=float(readings.t[i, k]),
+                    spine_length=s.spine_length,
+                    pressures=tuple(float(p) for p in readings.pressures[i, k]),
+                    rate=s.rate,
+                    hold=s.hold,
+                    vacuum=float(readings.vacuum[i, k]),
+                    tip_mass=sweep.tip_mass,
+                    roll_deg=sweep.roll_deg,
+                    tip=(x, y, z),
+                    orientation=(float(q[0]), float(q[1]), float(q[2]), float(q[3])),
+                    markers=tuple((float(m[0]), float(m[1]), float(m[2])) for m in readings.markers[i, k]),
+                )  # fmt: skip
+            )
+    return Table(tuple(rows))
 
 
 def write_case(folder: Path, tables: dict[str, Table], shown: Design, robot: str, *, menu: bool) -> None:
@@ -157,21 +307,9 @@ def write_predictions(folder: Path, name: str) -> Path:
     return path
 
 
-def robot_yaml(geometry: Geometry = GEOMETRIES["paper"], *, markers: bool, per_length: bool) -> str:
-    """The robot as a diagnosis is told it; its area factor is a starting value, to be calibrated."""
+def robot_yaml(*, markers: bool, per_length: bool) -> str:
+    """robot.yaml as a diagnosis gets it; its area factor is a starting value, to be calibrated."""
     robot = yaml.safe_load(paper_robot().read_text(encoding="utf-8"))
-    for field, (*table, key) in DESCRIBED.items():
-        if field in geometry.truth:
-            value = geometry.truth[field]
-            (robot[table[0]] if table else robot)[key] = list(value) if isinstance(value, tuple) else value
-    taper = geometry.truth.get("taper", 1.0)
-    if taper != 1.0:
-        radii = {key: robot[key] for key in ("outer_radius", "inner_radius")}
-        radii["path_radius"] = robot["chambers"]["path_radius"]
-        robot["sections"] = [{"length": robot["length"], **{k: [v, taper * v] for k, v in radii.items()}}]
-    if geometry.truth.get("tendons", False):
-        robot["tendons"] = {key: robot["chambers"][key] for key in ("path_radius", "azimuths_deg")}
-        del robot["chambers"]
     if not per_length:
         robot["area_factor"] = NOMINAL_AREA_FACTOR
     if markers:
@@ -179,6 +317,6 @@ def robot_yaml(geometry: Geometry = GEOMETRIES["paper"], *, markers: bool, per_l
     return yaml.safe_dump(robot, sort_keys=False)
 
 
-def described() -> Robot:
+def described() -> Described:
     """That robot as it is read, without markers and with one area factor."""
-    return check(parse_yaml(robot_yaml(markers=False, per_length=False), "robot.yaml"), Robot)
+    return check(parse_yaml(robot_yaml(markers=False, per_length=False), "robot.yaml"), Described)

@@ -1,4 +1,4 @@
-"""What a set of answers is worth, against the truth: the figures of the blind bench, each with its 95 % interval."""
+"""Score answers against the truth: figures with 95 % intervals, exact for shares, by bootstrap for everything else."""
 
 from __future__ import annotations
 
@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import beta
 
 from diagnosis.judgement import CAUSE_PROBABILITY
 
 from .answers import Answer, Effects
-from .intervals import Interval, bootstrap, share
-from .sizes import true_size, within_90
 
 Array = NDArray[np.float64]
 FALSE_FLAGS = 0.10
@@ -22,6 +21,48 @@ FALSE_FLAGS = 0.10
 LEAST_PROBABILITY = 1e-4
 """A truth that was given no probability costs as much as this."""
 BINS = 10
+RESAMPLES = 2000
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A value with its 95 % interval, from n cases; NaN from none."""
+
+    value: float
+    low: float
+    high: float
+    n: int
+
+
+def share(right: Array) -> Interval:
+    """Share of trues with its Clopper-Pearson interval (Biometrika 26, 1934)."""
+    n, k = len(right), int(np.sum(right))
+    if n == 0:
+        return Interval(np.nan, np.nan, np.nan, 0)
+    return Interval(k / n, *clopper_pearson(k, n), n)
+
+
+def counted(right: Sequence[bool] | Array, nothing: str = "none") -> str:
+    """How many of how many are true, with the interval of their share, in words; `nothing` where there are none at all."""
+    found = share(np.array(right, float))
+    return f"{int(np.sum(right))} of {found.n} ({found.low:.2f} .. {found.high:.2f})" if found.n else nothing
+
+
+def clopper_pearson(hits: int, n: int) -> tuple[float, float]:
+    """95 % interval of a share."""
+    low = float(beta.ppf(0.025, hits, n - hits + 1)) if hits else 0.0
+    return low, float(beta.ppf(0.975, hits + 1, n - hits)) if hits < n else 1.0
+
+
+def bootstrap(values: Array, statistic: Callable[[Array], float], seed: int = 0) -> Interval:
+    """A statistic of the cases (first axis) with its percentile interval."""
+    n = len(values)
+    if n == 0:
+        return Interval(np.nan, np.nan, np.nan, 0)
+    rng = np.random.default_rng(seed)
+    drawn = [statistic(values[rng.integers(n, size=n)]) for _ in range(RESAMPLES)]
+    low, high = np.percentile(drawn, [2.5, 97.5])
+    return Interval(float(statistic(values)), float(low), float(high), n)
 
 
 @dataclass(frozen=True)
@@ -32,8 +73,6 @@ class Scored:
     truth: Effects
     sizes: dict[str, float]
     answer: Answer
-    comparable: bool = True
-    """Sizes mean what the model means by them; those of another world do not, there mm are compared."""
 
     @property
     def right(self) -> bool:
@@ -71,7 +110,7 @@ class Scored:
 def scored(truth: dict[str, Any], answer: Answer) -> Scored:
     """A sealed truth beside its answer."""
     effects = frozenset(truth["effects"]) if truth["kind"] in ("single", "pair") else frozenset()
-    return Scored(truth["kind"], effects, dict(truth["effects"]), answer, comparable="world" not in truth)
+    return Scored(truth["kind"], effects, dict(truth["effects"]), answer)
 
 
 @dataclass(frozen=True)
@@ -90,7 +129,6 @@ def metrics(cases: Sequence[Scored]) -> list[Metric]:
     known = single + none
     sure = [c for c in single if c.answer.verdict == "effect" and c.answer.probability > CAUSE_PROBABILITY]
     right = [c for c in single if c.right]
-    intervals = [hit for c in right if (hit := _size_hit(c)) is not None]
     closed = [c.answer.share_closed for c in right if math.isfinite(c.answer.share_closed)]
 
     def shared(group: Sequence[Scored], test: Callable[[Scored], bool]) -> Interval:
@@ -122,21 +160,12 @@ def metrics(cases: Sequence[Scored]) -> list[Metric]:
         Metric("ece", "calibration error of the verdict's probability", bootstrap(confidence(cases), calibration_error)),
         Metric("log_score", "single and none: mean -log p of the truth",
                mean([-math.log(max(c.probability_on_truth, LEAST_PROBABILITY)) for c in known])),
-        Metric("size_90", "single, right: 90 % interval of the size covers", share(np.array(intervals, float))),
         Metric("closed", "single, right: median share of the gap closed",
                bootstrap(np.array(closed), lambda v: float(np.median(v)))),
         Metric("seconds", "median seconds a case",
                bootstrap(np.array([c.answer.seconds for c in cases]), lambda v: float(np.median(v)))),
         Metric("failed", "diagnosis failed", shared(cases, lambda c: c.answer.verdict == "failed")),
     ]  # fmt: skip
-
-
-def _size_hit(c: Scored) -> bool | None:
-    if len(c.truth) != 1 or not c.comparable:
-        return None
-    (name,) = c.truth
-    found = true_size(name, c.answer.sizes.get(name, {}))
-    return None if found is None else within_90(name, c.sizes[name], *found)
 
 
 def flagged_at(known: Sequence[Scored], outside: Sequence[Scored], share_allowed: float = FALSE_FLAGS) -> Interval:

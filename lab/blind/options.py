@@ -4,23 +4,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, get_args
-
-from .geometry import GEOMETRIES
-
-if TYPE_CHECKING:
-    from .truth import Kind
+from typing import Literal, get_args
 
 Stratum = Literal[
     "clean", "none", "cluttered", "cluttered_none", "pairs", "cluttered_pairs", "outside", "cluttered_outside", "walls"
 ]
 STRATA: tuple[Stratum, ...] = get_args(Stratum)
-"""What `--kind` may ask of a world."""
-KINDS: tuple[Kind, ...] = ("single", "pair", "none", "outside")
-
-
-OWN_WORLD = "virtual-robot"
-WIRED = 10
+"""What `--kind` may ask for."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,46 +24,36 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     p.add_argument(
         "--clutter",
         type=float,
-        help="every other effect at this share of its scale (default 0, with --world the world's own)",
+        help="of cluttered kinds: every other effect at this share of its scale (default: the world's own)",
     )
     p.add_argument(
         "--world",
-        default=OWN_WORLD,
+        default="bench",
         metavar="W",
-        help="another physics: bench, workshop, cellar, attic, shared, field, quiet, or drawn:SEED",
+        help="physics of the robots: bench (default), workshop, cellar, attic, shared, field, quiet, or drawn:SEED",
     )
     p.add_argument(
         "--kind",
         action="append",
         choices=STRATA,
-        help="with --world: only cases of this kind (repeatable; default: a mixture)",
+        help="only cases of this kind (repeatable; default: a mixture)",
     )
     p.add_argument(
         "--held-out",
         action="store_true",
-        help="with --world: held-out outside causes, for a final score",
+        help="held-out outside causes, for a final score",
     )
     p.add_argument(
         "--sizes", type=float, nargs=2, default=(0.5, 1.5), metavar=("LOW", "HIGH"), help="effects, in plausible scales"
     )
     p.add_argument("--settled", action="store_true", help="stop and read, instead of reading while ramping slowly")
     p.add_argument("--per-length", action="store_true", help="an area factor of its own for each spine length")
-    p.add_argument(
-        "--wire", type=int, help="cases measured through every wire (default 10, with --world or --geometry 0)"
-    )
-    p.add_argument(
-        "--geometry",
-        default="paper",
-        choices=GEOMETRIES,
-        help="the virtual robot; all but the paper's (default) are not wired and offer no experiments",
-    )
     p.add_argument("--no-menu", action="store_true", help="offer no further experiments")
     p.add_argument(
         "--simulator",
         metavar="NAME|FILE.py",
         help="its predictions are the baseline, in the rod's place; no further experiments",
     )
-    p.add_argument("--only", action="append", choices=KINDS, help="only cases of this kind (repeatable; default: all)")
     p.add_argument(
         "--cause",
         action="append",

@@ -14,17 +14,19 @@ from typing import Any, Literal
 
 import numpy as np
 
+from diagnosis.diagnose import Options, diagnose
 from diagnosis.judgement import LEAST_BITS
 from recordings.own_files import replaced
 from recordings.table_file import read_csv, write_csv
 from recordings.trials import Table
 
+from ..files.baseline import from_table
 from ..files.config import ConfigError
+from ..files.inputs import read_case
 from .answers import answer_from
-from .designs import CHANNELS, joined
 from .folder import SetFolder
 from .make import PREDICTED
-from .sweeps import AGAIN, BASE, BASE_SETTLED, MENU
+from .sweeps import AGAIN, BASE, BASE_SETTLED, CHANNELS, MENU, joined
 from .workers import Crew, spread
 
 Choice = Literal["information", "random", "repeat"]
@@ -53,6 +55,29 @@ class Further:
     most: int = 0
     choose: Choice = "information"
     """What the diagnosis asks for; one of the menu at random; or the sweep measured again, for comparison."""
+
+
+def diagnose_folder(folder: Path) -> dict[str, Any]:
+    """Return diagnosis.json of a case folder, as `lab diagnose` writes it. Raises what the diagnosis raises."""
+    return _answered(folder, Options())
+
+
+def propose_folder(folder: Path) -> dict[str, Any]:
+    """The same without held-out errors."""
+    return _answered(folder, Options(quantify=False))
+
+
+def attribute_folder(folder: Path) -> dict[str, Any]:
+    """The same without held-out errors and without next experiments, for a quick look."""
+    return _answered(folder, Options(quantify=False, experiments=False))
+
+
+def _answered(folder: Path, options: Options) -> dict[str, Any]:
+    case = read_case([folder])
+    if (folder / PREDICTED).exists():
+        options = replace(options, baseline=from_table(folder / PREDICTED, case))
+    found: dict[str, Any] = json.loads(diagnose(case, options).to_json())
+    return found
 
 
 def run(root: Path, diagnose: Diagnose, further: Further = Further(), crew: Crew = Crew()) -> int:  # noqa: B008 (frozen)

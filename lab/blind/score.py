@@ -16,9 +16,9 @@ from recordings.own_files import replaced
 
 from ..files.config import ConfigError
 from .answers import Answer, read_answer
+from .by_mm import mm_metrics, weighed
 from .folder import SetFolder, open_seal
 from .metrics import Metric, Scored, best_temperature, confidence, confusion, metrics, reliability, scored
-from .worlds.by_mm import mm_metrics, weighed
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,6 @@ def targets(about: dict[str, Any], after: int) -> dict[str, Target]:
     found = {
         "coverage": Target(0.93, 0.98),
         "ece": Target(high=0.04),
-        "size_90": Target(0.85, 0.95),
         "failed": Target(high=0.0),
         "false_alarm": Target(high=0.05 if cluttered else 0.01),
         "closed": Target(low=0.85 if cluttered else 0.95),

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from ..console import styled
 from ..pages.figures import STYLE, save
-from .intervals import Interval
+from .metrics import Interval
 from .score import Score
 
 INK = "#33526e"

@@ -1,11 +1,15 @@
-"""What is measured on a blind case: the base sweep, and the menu of further experiments, as the bending protocol does them."""
+"""What is measured on a blind case (the base sweep, the menu of further experiments) and which of it a design shows."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
+
+from recordings.trials import Table, TrialRow
+
+from ..files.config import ConfigError
 
 Reading = Literal["fly", "settled", "hold"]
 BEND = (9, 1, 2)
@@ -35,7 +39,6 @@ class Sweep:
     """Spine lengths by pressures of one chamber group, up and perhaps down again. SI units."""
 
     name: str
-    title: str
     spine_lengths: tuple[float, ...]
     pressures: tuple[float, ...]
     chambers: tuple[int, ...] = BEND
@@ -90,30 +93,10 @@ class Sweep:
             return self.holds
         return (0.0,) if self.reading == "fly" and pressure > 0 else (SETTLED_HOLD,)
 
-    def settings(self) -> list[str]:
-        """The same sweep as KEY=VALUE settings of the protocol."""
-        words = {"fly": "sweep", "settled": "settled", "hold": "hold"}
-        settings = [
-            f"spine_lengths={list(self.spine_lengths)}",
-            f"pressures={list(self.pressures)}",
-            f"chambers={list(self.chambers)}",
-            f"repeats={self.repeats}",
-            f"unload={str(self.unload).lower()}",
-            f"zero_state={str(self.zero_state).lower()}",
-            f"reading={words[self.reading]}",
-            f"rate={self.rate}",
-            f"tip_mass={self.tip_mass}",
-            f"roll_deg={self.roll_deg}",
-            f"vacuums={list(self.vacuums)}",
-            f"settle.average={self.average}",
-            f"settle.band={self.band if self.reading == 'fly' else 1.5e3}",
-        ]
-        return settings + ([f"hold_times={list(self.holds)}"] if self.holds else [])
-
 
 PAPER_LENGTHS = (0.0, 0.05, 0.10, 0.15, 0.20, 0.25, 0.30)
 PAPER_PRESSURES = (50e3, 100e3, 150e3, 200e3, 250e3)
-BASE = Sweep("base", "bending sweep", PAPER_LENGTHS, PAPER_PRESSURES, repeats=3, unload=True, reading="fly", rate=5e3)
+BASE = Sweep("base", PAPER_LENGTHS, PAPER_PRESSURES, repeats=3, unload=True, reading="fly", rate=5e3)
 """The paper's 35 states, loading and unloading, three times, with the state at zero pressure."""
 AGAIN = "again"
 """The base sweep measured once more, as others do instead of choosing."""
@@ -121,13 +104,70 @@ BASE_SETTLED = replace(BASE, reading="settled", rate=25e3)
 
 _FEW = (0.0, 0.15, 0.30)
 MENU: tuple[Sweep, ...] = (
-    Sweep("tip_mass", "100 g more at the tip", _FEW, (50e3, 150e3, 250e3), repeats=2, tip_mass=0.153),
-    Sweep("all_chambers", "all nine chambers at once", _FEW, (50e3, 100e3, 150e3), chambers=ALL, repeats=2),
-    Sweep("other_group", "chambers 3, 4, 5", _FEW, (100e3, 200e3), chambers=(3, 4, 5), repeats=2),
-    Sweep("roll", "robot re-mounted, rolled by 90 deg", _FEW, (100e3, 200e3), repeats=2, roll_deg=90.0),
-    Sweep("hold", "held at pressure", _FEW, (150e3,), repeats=2, zero_state=False, reading="hold",
+    Sweep("tip_mass", _FEW, (50e3, 150e3, 250e3), repeats=2, tip_mass=0.153),
+    Sweep("all_chambers", _FEW, (50e3, 100e3, 150e3), chambers=ALL, repeats=2),
+    Sweep("other_group", _FEW, (100e3, 200e3), chambers=(3, 4, 5), repeats=2),
+    Sweep("roll", _FEW, (100e3, 200e3), repeats=2, roll_deg=90.0),
+    Sweep("hold", _FEW, (150e3,), repeats=2, zero_state=False, reading="hold",
           holds=(2.0, 5.0, 10.0, 30.0)),
-    Sweep("fast", "faster ramp, read on the fly", _FEW, PAPER_PRESSURES, repeats=2, unload=True, reading="fly", rate=20e3),
-    Sweep("vacuum", "less vacuum", (0.10, 0.20, 0.30), (100e3, 200e3), repeats=2, vacuums=(30e3, 50e3)),
+    Sweep("fast", _FEW, PAPER_PRESSURES, repeats=2, unload=True, reading="fly", rate=20e3),
+    Sweep("vacuum", (0.10, 0.20, 0.30), (100e3, 200e3), repeats=2, vacuums=(30e3, 50e3)),
 )  # fmt: skip
 """Experiments a diagnosis may ask for, each measured on the same robot."""
+
+
+@dataclass(frozen=True)
+class Design:
+    """The share of the measurements that a diagnosis is given."""
+
+    name: str
+    both_branches: bool
+    """Unload branch and zero state; without, the paper's own data: loading only, from 50 kPa on."""
+    orientation: bool
+    markers: bool
+    extras: bool
+    """All experiments of the menu at once."""
+
+    def show(self, table: Table) -> Table:
+        """The rows and columns that are shown."""
+        return Table(tuple(self._row(r) for r in table if self.both_branches or _paper_state(r)))
+
+    def _row(self, r: TrialRow) -> TrialRow:
+        return replace(
+            r,
+            orientation=r.orientation if self.orientation else None,
+            markers=r.markers if self.markers else (),
+        )
+
+
+DESIGNS = {
+    d.name: d
+    for d in (
+        Design("tip", False, False, False, False),
+        Design("full", True, True, False, False),
+        Design("full+markers", True, True, True, False),
+        Design("full+extras", True, True, False, True),
+    )
+}
+CHANNELS = ("unload", "orientation", "markers")
+"""Further channels of the base sweep that can be asked for like an experiment."""
+
+
+def design(name: str) -> Design:
+    """By name; raises ConfigError."""
+    if name not in DESIGNS:
+        raise ConfigError(f"--design {name}: must be one of {', '.join(DESIGNS)}")
+    return DESIGNS[name]
+
+
+def _paper_state(r: TrialRow) -> bool:
+    return r.branch == "load" and max(r.pressures) > 20e3
+
+
+def joined(tables: Iterable[Table]) -> Table:
+    """One campaign: trials numbered on."""
+    rows: list[TrialRow] = []
+    for table in tables:
+        first = max((r.trial for r in rows), default=0)
+        rows += [replace(r, trial=r.trial + first) for r in table]
+    return Table(tuple(rows))

@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 
-from ..loopback import loopback
+from ..instrument import loopback
 from ..punctual import punctual
 from .controller import Controller
 from .server import Address, Server

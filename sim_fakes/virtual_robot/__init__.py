@@ -1,7 +1,6 @@
 """The robot behind the fake instruments: a discrete rod with physics of its own, see docs/explanations/virtual-robot.md."""
 
-from .catalogue import EffectInfo, list_effects
-from .effects import Effect, draw_effect
+from .effects import EffectInfo, draw_effect, list_effects
 from .robot import VirtualRobot
 from .rod import NoEquilibrium
 from .schedule import Condition, Reading, walk
@@ -9,7 +8,6 @@ from .truth import RobotTruth
 
 __all__ = [
     "Condition",
-    "Effect",
     "EffectInfo",
     "NoEquilibrium",
     "Reading",

@@ -29,8 +29,6 @@ MAX_ITERATIONS = 30
 MAX_TURN = 0.25
 MAX_MOVE = 0.04
 """Largest correction of a node in one iteration, rad and m: keeps Newton on the branch it started on."""
-COMPLIANCE_STIFFENING = 0.12
-"""Angle (rad) at which a compliant base has become twice as stiff."""
 
 
 @kernel
@@ -65,49 +63,38 @@ def _balance(
     d = np.empty(3)
     strain = np.empty(6)
     stress = np.empty(6)
-    elastic = np.empty(6)
-    t = np.empty(9)
+    t = np.empty(7)
     nw = np.empty(3)
     mw = np.empty(3)
     bow = np.empty(3)
     knn = np.empty((3, 3))
-    kmn = np.empty((3, 3))
     kmm = np.empty((3, 3))
     p = np.empty((3, 3))
     w = np.empty((3, 3))
     tr = np.empty((3, 3))
-    fi = np.empty((3, 3))
-    fj = np.empty((3, 3))
-    ti = np.empty((3, 3))
-    tj = np.empty((3, 3))
+    tp = np.empty((3, 3))
     for k in range(n):
         segment_strain(chain, k, mid, frame, d, strain)
-        respond(s, hist, k, strain, stress, t, elastic, False)
+        respond(s, hist, k, strain, stress, t, False)
         h = chain.h[k]
         for i in range(3):
             a, b, c = frame[i, 0], frame[i, 1], frame[i, 2]
             nw[i] = a * stress[0] + b * stress[1] + c * stress[2]
             mw[i] = a * stress[3] + b * stress[4] + c * stress[5]
-            bend = (a * t[3] + b * t[4]) / h
             for j in range(3):
                 knn[i, j] = (a * t[0] * frame[j, 0] + b * t[1] * frame[j, 1] + c * t[2] * frame[j, 2]) / h
-                kmn[i, j] = bend * frame[j, 2]
                 kmm[i, j] = (
-                    (a * t[5] + b * t[6]) * frame[j, 0] + (a * t[6] + b * t[7]) * frame[j, 1] + c * t[8] * frame[j, 2]
+                    (a * t[3] + b * t[4]) * frame[j, 0] + (a * t[4] + b * t[5]) * frame[j, 1] + c * t[6] * frame[j, 2]
                 ) / h
+                w[i, j] = 0.0
         matrix_cross(knn, d, 0.5, p)
         add_skew(nw, -0.5, p)
-        matrix_cross(kmn, d, 0.5, w)
         add_skew(mw, -0.5, w)
         cross_matrix(d, knn, 0.5, tr)
         add_skew(nw, -0.5, tr)
         for i in range(3):
             bow[i] = -h * h / 12 * (frame[i, 0] * strain[4] - frame[i, 1] * strain[3])
-            for j in range(3):
-                fi[i, j] = p[i, j] - kmn[j, i]
-                fj[i, j] = p[i, j] + kmn[j, i]
-        cross_matrix(d, fi, 0.5, ti)
-        cross_matrix(d, fj, 0.5, tj)
+        cross_matrix(d, p, 0.5, tp)
         arm = (
             0.5 * (d[1] * nw[2] - d[2] * nw[1]),
             0.5 * (d[2] * nw[0] - d[0] * nw[2]),
@@ -128,18 +115,18 @@ def _balance(
                 u[i, j] += knn[i, j]
                 l[i, j] += knn[i, j]
                 db[i, j] -= knn[i, j]
-                da[i, 3 + j] += fi[i, j]
-                u[i, 3 + j] += fj[i, j]
-                l[i, 3 + j] -= fi[i, j]
-                db[i, 3 + j] -= fj[i, j]
-                da[3 + i, j] -= kmn[i, j] + tr[i, j]
-                u[3 + i, j] += kmn[i, j] + tr[i, j]
-                l[3 + i, j] += kmn[i, j] - tr[i, j]
-                db[3 + i, j] += tr[i, j] - kmn[i, j]
-                da[3 + i, 3 + j] += w[i, j] - kmm[i, j] + ti[i, j]
-                u[3 + i, 3 + j] += w[i, j] + kmm[i, j] + tj[i, j]
-                l[3 + i, 3 + j] += ti[i, j] - w[i, j] + kmm[i, j]
-                db[3 + i, 3 + j] += tj[i, j] - w[i, j] - kmm[i, j]
+                da[i, 3 + j] += p[i, j]
+                u[i, 3 + j] += p[i, j]
+                l[i, 3 + j] -= p[i, j]
+                db[i, 3 + j] -= p[i, j]
+                da[3 + i, j] -= tr[i, j]
+                u[3 + i, j] += tr[i, j]
+                l[3 + i, j] -= tr[i, j]
+                db[3 + i, j] += tr[i, j]
+                da[3 + i, 3 + j] += w[i, j] - kmm[i, j] + tp[i, j]
+                u[3 + i, 3 + j] += w[i, j] + kmm[i, j] + tp[i, j]
+                l[3 + i, 3 + j] += tp[i, j] - w[i, j] + kmm[i, j]
+                db[3 + i, 3 + j] += tp[i, j] - w[i, j] - kmm[i, j]
     _external(chain, loads, diag, up, low, g, frame, nw, mw)
 
 
@@ -183,25 +170,6 @@ def _external(
                 up[k, i, j] -= (1 - w) * w * s
                 low[k + 1, i, j] -= (1 - w) * w * s
                 diag[k + 1, i, j] -= w * w * s
-    compliance = loads.base[4]
-    if compliance > 0.0:
-        # the base turns in the frame of the world against a stiffening rotational spring, its position stays
-        relative_rotation(loads.base[:4], chain.q[0], f)
-        rotation(loads.base[:4], frame)
-        angle2 = f[0] * f[0] + f[1] * f[1] + f[2] * f[2]
-        stiff = (1.0 + angle2 / COMPLIANCE_STIFFENING**2) / compliance
-        for i in range(3):
-            m[i] = frame[i, 0] * f[0] + frame[i, 1] * f[1] + frame[i, 2] * f[2]
-        for i in range(3):
-            g[0, 3 + i] += stiff * m[i]
-            g[0, i] = 0.0
-            diag[0, 3 + i, 3 + i] -= stiff
-            for j in range(3):
-                diag[0, 3 + i, 3 + j] -= 2.0 / (compliance * COMPLIANCE_STIFFENING**2) * m[i] * m[j]
-            for j in range(6):
-                diag[0, i, j] = 0.0
-                up[0, i, j] = 0.0
-            diag[0, i, i] = 1.0
 
 
 @kernel
@@ -215,14 +183,12 @@ def equilibrium(chain: Chain, s: Sections, hist: History, loads: Loads) -> int:
     diag = np.empty((n + 1, 6, 6))
     up = np.empty((n + 1, 6, 6))
     g = np.empty((n + 1, 6))
-    compliant = loads.base[4] > 0.0
-    if not compliant:
-        for i in range(4):
-            chain.q[0, i] = loads.base[i]
+    for i in range(4):
+        chain.q[0, i] = loads.base[i]
     tolerance = CONTACT_TOLERANCE if loads.contacts.shape[0] > 0 else TOLERANCE
     for iteration in range(MAX_ITERATIONS):
         _balance(chain, s, hist, loads, low, diag, up, g)
-        solve_chain(low, diag, up, g, not compliant)
+        solve_chain(low, diag, up, g)
         move = 0.0
         angle = 0.0
         for k in range(n + 1):
@@ -274,8 +240,7 @@ def commit(chain: Chain, s: Sections, hist: History) -> None:
     d = np.empty(3)
     strain = np.empty(6)
     stress = np.empty(6)
-    elastic = np.empty(6)
-    t = np.empty(9)
+    t = np.empty(7)
     for k in range(chain.h.shape[0]):
         segment_strain(chain, k, mid, frame, d, strain)
-        respond(s, hist, k, strain, stress, t, elastic, True)
+        respond(s, hist, k, strain, stress, t, True)

@@ -101,10 +101,10 @@ def _divide(b: Array, a: Array, g: Array) -> None:
 
 
 @kernel
-def solve_chain(low: Array, diag: Array, up: Array, g: Array, fixed_base: bool) -> None:
+def solve_chain(low: Array, diag: Array, up: Array, g: Array) -> None:
     """Solve low_i x_(i-1) + diag_i x_i + up_i x_(i+1) = g_i, blocks of 6; x replaces g, the matrix is destroyed.
 
-    Eliminated from the free end towards the base. With `fixed_base` x_0 is zero and row 0 is not used.
+    Eliminated from the free end towards the base, which is fixed: x_0 is zero and row 0 is not used.
     """
     n = diag.shape[0]
     for i in range(n - 1, 0, -1):
@@ -118,10 +118,7 @@ def solve_chain(low: Array, diag: Array, up: Array, g: Array, fixed_base: bool) 
                 for j in range(6):
                     d[p, j] -= f * a[k, j]
                 g[i - 1, p] -= f * g[i, k]
-    if fixed_base:
-        g[0, :] = 0.0
-    else:
-        _divide(diag[0], low[0], g[0])
+    g[0, :] = 0.0
     for i in range(1, n):
         for p in range(6):
             for j in range(6):

@@ -48,7 +48,7 @@ class Loads(NamedTuple):
     stiffness, stiffness (N/m). The point p = (1-w) r_k + w r_(k+1) is pressed along the direction once it falls short
     of the level."""
     base: Array
-    """(5) Orientation of the base without load (quaternion) and its compliance, rad/(N m); 0 = rigid."""
+    """(4) Orientation of the base (quaternion)."""
 
 
 def straight(h: Array) -> Chain:
@@ -100,13 +100,3 @@ def segment_strain(chain: Chain, k: int, mid: Array, frame: Array, d: Array, str
     for i in range(3):
         strain[i] = (frame[0, i] * d[0] + frame[1, i] * d[1] + frame[2, i] * d[2]) / h
     strain[2] -= 1.0
-
-
-@kernel
-def strains(chain: Chain, out: Array) -> None:
-    """Strain of every segment, (n, 6)."""
-    mid = np.empty(4)
-    frame = np.empty((3, 3))
-    d = np.empty(3)
-    for k in range(chain.h.shape[0]):
-        segment_strain(chain, k, mid, frame, d, out[k])

@@ -1,28 +1,62 @@
 """The effects a virtual robot can have beyond the paper's assumptions: one number each, zero means absent.
 
 A set of effects is a `Laws` object: a field per effect, named by its id. The physics reads the field; a zero leaves
-its equation as the paper has it, to the last bit. The laws themselves are where the physics is (material.py, spine.py,
-pneumatics.py, tendons.py, body.py, seen.py, stand.py), as their docstrings and docs/explanations/virtual-robot.md state.
+its equation as the paper has it, to the last bit. The laws themselves are where the physics is (body.py, spine.py,
+pneumatics.py, stand.py), as their docstrings and docs/explanations/virtual-robot.md state.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from typing import Literal
 
 import numpy as np
 
-from .catalogue import list_effects
-
-_BY_ID = {info.id: info for info in list_effects()}
+from .truth import RobotTruth
 
 
 @dataclass(frozen=True)
-class Effect:
-    """An effect switched on: its id and its size in the unit of `list_effects`."""
+class EffectInfo:
+    """One effect: `scale` is its plausible size in `unit`; a `blend` lies between 0 (paper) and 1."""
 
     id: str
-    size: float
+    physics: str
+    scale: float
+    unit: str
+    sign: Literal["both", "+", "blend"] = "both"
+
+
+_BY_ID = {
+    info.id: info
+    for info in (
+        EffectInfo(
+            "spine_slip", "Coulomb friction of the jammed spine against the wall, distributed sliders", 0.15, "N m", "+"
+        ),
+        EffectInfo(
+            "area_moment", "spine stiffens as a composite section instead of by volume share", 1.0, "1", "blend"
+        ),
+        EffectInfo(
+            "spine_shear", "spine has one modulus (6.6 MPa) and little shear stiffness (0.09 MPa)", 1.0, "1", "blend"
+        ),
+        EffectInfo(
+            "vacuum_leak", "share of the vacuum lost on the way into the spine, more in a long one", 0.3, "1", "+"
+        ),
+        EffectInfo("chamber_ballooning", "growth of the effective area at 250 kPa, as P^1.5", 0.15, "1"),
+        EffectInfo("chamber_azimuth", "the chamber pattern is turned about the axis", np.radians(6.0), "rad"),
+        EffectInfo("chamber_twist", "the chambers wind along the body", 0.35, "rad/m"),
+        EffectInfo("tether_load", "side force at the tip, fixed in the world, slackening as the tip yields", 0.35, "N"),
+        EffectInfo("base_tilt", "the base is turned about a horizontal axis", np.radians(1.5), "rad"),
+        EffectInfo("force_bias", "the force sensor's zero moves when it is loaded", 0.1, "N"),
+        EffectInfo("arm_compliance", "arm and probe give under the contact force", 5e-5, "m/N", "+"),
+        EffectInfo("contact_offset", "a soft layer is squeezed before the probe meets the specimen", 0.001, "m", "+"),
+    )
+}
+
+
+def list_effects() -> tuple[EffectInfo, ...]:
+    """All effects with unit and plausible scale."""
+    return tuple(_BY_ID.values())
 
 
 @dataclass(frozen=True)
@@ -33,76 +67,51 @@ class Laws:
     area_moment: float = 0.0
     spine_shear: float = 0.0
     vacuum_leak: float = 0.0
-    spine_length_offset: float = 0.0
-    body_modulus: float = 0.0
-    hyperelastic: float = 0.0
-    viscoelastic: float = 0.0
     chamber_ballooning: float = 0.0
-    pressure_deadband: float = 0.0
-    pressure_offset: float = 0.0
     chamber_azimuth: float = 0.0
     chamber_twist: float = 0.0
-    self_weight: float = 0.0
     tether_load: float = 0.0
-    contact: float = 0.0
     base_tilt: float = 0.0
-    base_compliance: float = 0.0
-    precurvature: float = 0.0
-    frame_misalignment: float = 0.0
-    marker_offset: float = 0.0
-    time_offset: float = 0.0
     force_bias: float = 0.0
     arm_compliance: float = 0.0
     contact_offset: float = 0.0
-    tendon_friction: float = 0.0
-    chamber_gain: float = 0.0
-    chamber_order: float = 0.0
-    tip_payload: float = 0.0
-    rest_shape: float = 0.0
-    weak_chamber: float = 0.0
-    graded_modulus: float = 0.0
-    eccentric_spine: float = 0.0
-    pressure_jamming: float = 0.0
-    drift: float = 0.0
-    temperature_step: float = 0.0
-    chamber_leak: float = 0.0
-    jam_shape_memory: float = 0.0
-    bad_trial: float = 0.0
-
-    @property
-    def history(self) -> bool:
-        """True when the shape depends on the way it was reached, so that ramps must be walked in small steps."""
-        return bool(self.spine_slip or self.viscoelastic or self.tendon_friction or self.tip_payload or self.rest_shape)
 
 
-def laws(effects: Mapping[str, float] | Iterable[Effect]) -> Laws:
-    """Collect effects into laws. Raises ValueError for an unknown id, a repeated id or a size that is not finite."""
-    pairs = list(effects.items()) if isinstance(effects, Mapping) else [(e.id, e.size) for e in effects]
-    sizes: dict[str, float] = {}
-    for name, size in pairs:
+def laws(effects: Mapping[str, float]) -> Laws:
+    """Collect sizes by id into laws. Raises ValueError for an unknown id or a size that is not finite."""
+    for name, size in effects.items():
         if name not in _BY_ID:
             raise ValueError(f"virtual robot: unknown effect {name!r}; known: {', '.join(_BY_ID)}")
-        if name in sizes:
-            raise ValueError(f"virtual robot: effect {name!r} is given twice; give it once")
         if not np.isfinite(size):
             raise ValueError(
                 f"virtual robot: effect {name!r} has size {size} {_BY_ID[name].unit}; give a finite number"
             )
-        sizes[name] = float(size)
-    return Laws(**sizes)
+    return Laws(**{name: float(size) for name, size in effects.items()})
 
 
-def draw_effect(rng: np.random.Generator, ids: Sequence[str] = ()) -> tuple[str, float]:
-    """Draw one effect and its size: 0.5 to 1.5 of the scale, random sign where both make sense; blends 0.6 to 1.
-
-    `ids` limits the choice; without it, all effects of the catalogue.
-    """
-    names = tuple(ids) or tuple(info.id for info in _BY_ID.values() if info.catalogue and not info.on_request)
-    info = _BY_ID[names[int(rng.integers(len(names)))]]
+def draw_effect(rng: np.random.Generator, ids: Sequence[str]) -> tuple[str, float]:
+    """Draw one of the effects and its size: 0.5 to 1.5 of the scale, random sign where both make sense; blends 0.6 to 1."""
+    info = _BY_ID[ids[int(rng.integers(len(ids)))]]
     if info.sign == "blend":
         return info.id, float(rng.uniform(0.6, 1.0)) * info.scale
     size = float(rng.uniform(0.5, 1.5)) * info.scale
     return info.id, -size if info.sign == "both" and rng.random() < 0.5 else size
+
+
+@dataclass(frozen=True)
+class Directions:
+    """What an effect's size leaves open: angles about the robot's axis, rad."""
+
+    tether: float = 0.0
+    tilt: float = 0.0
+
+
+def draw_directions(truth: RobotTruth, seed: int) -> Directions:
+    """Draw the directions of a seed; all along x when `truth.canonical_directions`."""
+    if truth.canonical_directions:
+        return Directions()
+    tether, tilt = np.random.default_rng([seed, 1]).uniform(-np.pi, np.pi, 2)
+    return Directions(float(tether), float(tilt))
 
 
 if {f.name for f in fields(Laws)} != set(_BY_ID):

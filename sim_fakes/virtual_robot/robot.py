@@ -1,25 +1,25 @@
 """The virtual robot: reads what the actuators do, moves, and says what the sensors would see.
 
-`advance` serves a plant that fake instruments share; `settle` walks a list of states without any wire. Both use the
+`advance` serves a plant that fake instruments share; `schedule.walk` walks a list of states without any wire. Both use the
 same parts and the same clock of their own, so a robot should be driven one way or the other between two `reset`s.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..plant import AMBIENT, Plant
 from .body import Body
-from .directions import draw_directions
-from .effects import Effect, laws
+from .effects import draw_directions, laws
 from .pneumatics import Pneumatics
 from .rod import NoEquilibrium
-from .seen import Cameras, Delay, TipView, pack, unpack
+from .seen import TipView, look
 from .spine import Spine
 from .stand import NO_CONTACT, BareSpine, Stand
 from .truth import RobotTruth
@@ -55,22 +55,19 @@ class Hands:
 class VirtualRobot:
     """One robot with its truth, its effects and its memory.
 
-    `effects`: sizes by id, or `Effect` objects (see `list_effects`). `seed` decides directions of effects and trial-
-    to-trial scatter.
+    `effects`: sizes by id (see `list_effects`). `seed` decides directions of effects and trial-to-trial scatter.
     """
 
     def __init__(
-        self, truth: RobotTruth | None = None, effects: Mapping[str, float] | Iterable[Effect] = (), seed: int = 0
+        self, truth: RobotTruth | None = None, effects: Mapping[str, float] = MappingProxyType({}), seed: int = 0
     ) -> None:
         self.truth = truth or RobotTruth()
         self.laws = laws(effects)
         self.directions = draw_directions(self.truth, seed)
-        self.pneumatics = Pneumatics(self.truth, self.laws, self.directions)
-        self.spine = Spine(self.truth, self.laws, self.directions, seed)
+        self.pneumatics = Pneumatics(self.truth, self.laws)
+        self.spine = Spine(self.truth, self.laws, seed)
         self.stand = Stand(self.truth, self.laws)
-        self._cameras = Cameras(self.truth.markers, self.laws, self.directions)
-        self._tip_delay = Delay(self.laws.time_offset)
-        self._pressure_delay = Delay(-self.laws.time_offset)
+        self._markers = np.array(self.truth.markers, dtype=np.float64)
         self._steps = np.concatenate([np.full(len(self.truth.chamber_azimuths_deg), FORCE_STEP), INPUT_STEPS])
         self.reset()
 
@@ -83,8 +80,6 @@ class VirtualRobot:
         self.pneumatics.reset()
         self.spine.reset()
         self.stand.reset()
-        self._tip_delay.clear()
-        self._pressure_delay.clear()
         self.hands = Hands()
         self.remount(self.hands)
 
@@ -121,8 +116,7 @@ class VirtualRobot:
         near = float(self.specimen.rod.chain.r[:, 0].min()) - CLEARANCE
         # a probe that stays clear of the specimen is no input
         level, at = self.hands.probe if self.hands.probe and self.hands.probe[0] > near else (-1.0, 0.0)
-        pressure = float(np.mean(self.pneumatics.pressures))
-        rest = (self.spine.true_length, self.spine.jamming(pressure), self.hands.tip_mass, self.hands.roll, level, at)
+        rest = (self.spine.true_length, self.spine.jamming, self.hands.tip_mass, self.hands.roll, level, at)
         return np.concatenate([self.pneumatics.forces(), rest])
 
     def _solve(self, dt: float) -> None:
@@ -133,29 +127,19 @@ class VirtualRobot:
         if hands.probe and hands.mount != "robot" and not (isinstance(body, BareSpine) and not body.present):
             self._contacts = self.stand.contacts(chain, *hands.probe)
         if isinstance(body, Body):
-            sections = body.sections(self.spine, self.pneumatics, hands.roll, self.time, dt)
             force, moment = self.pneumatics.wrench(hands.roll, chain.h)
-            loads = body.loads(force, moment, hands.tip_mass, hands.roll, self._contacts)
+            loads = body.loads(force, moment, hands.tip_mass, self._contacts)
         else:
-            sections, loads = body.sections(self.spine, dt), body.loads(self._contacts)
+            loads = body.loads(self._contacts)
         self.solves += 1
         self._speed = math.inf  # until it is known; a step that fails is tried again
-        self._speed = body.rod.relax(sections, loads, dt) / dt
+        self._speed = body.rod.relax(body.sections(self.spine, dt), loads, dt) / dt
         self._force = self.stand.force(chain, self._contacts)
 
     # -- what can be seen
     def view(self) -> TipView:
-        """The tip as the cameras see it, without latency."""
-        return self._cameras.look(self.specimen.rod.chain, self.hands.roll)
-
-    def published_view(self) -> TipView:
-        """The tip as it is published now; call once per step."""
-        view = self.view()
-        return unpack(self._tip_delay.pass_through(self.time, pack(view))) if self.laws.time_offset > 0 else view
-
-    def published_pressures(self) -> Array:
-        """Chamber pressures as the sensors publish them now, Pa; call once per step."""
-        return self._pressure_delay.pass_through(self.time, self.pneumatics.seen)
+        """The tip as the cameras see it."""
+        return look(self.specimen.rod.chain, self._markers)
 
     def contact(self) -> float:
         """Force between probe and specimen in the last equilibrium, N."""
@@ -187,12 +171,11 @@ class VirtualRobot:
             self.move(dt)
         except NoEquilibrium:
             self.failures += 1
-        view = self.published_view()
-        pressures = self.published_pressures()
+        view = self.view()
         force = self.stand.on_probe(self.stand.sensed(self.contact(), dt))
         with plant.lock:
             plant.time = self.time
-            plant.chamber_pressure = pressures.copy()
+            plant.chamber_pressure = self.pneumatics.pressures.copy()
             plant.spine_length = self.spine.length
             plant.spine_blocked = self.spine.blocked
             plant.vacuum_absolute = AMBIENT - self.spine.vacuum

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .balance import commit, equilibrium, foresee
-from .chain import Chain, Loads, straight, strains
+from .chain import Chain, Loads, straight
 from .material import History, Sections, fresh_history
 
 Array = NDArray[np.float64]
@@ -16,9 +16,6 @@ Array = NDArray[np.float64]
 FIRST_BRAKE, LAST_BRAKE = 8.0, 0.03
 """Viscosity of the intermediate steps when a step is too large for Newton."""
 MOST_BRAKED_STEPS = 80
-FROZEN_CREEP = np.array([[1.0, 0.0], [1.0, 0.0]])
-
-
 MOST_FORESIGHT = 3.0
 """Longest step, relative to the one before, over which the last motion is carried on."""
 
@@ -66,12 +63,6 @@ class Rod:
         self.chain = Chain(np.ascontiguousarray(r), np.ascontiguousarray(q), np.ascontiguousarray(h))
         self._last_step = math.inf
 
-    def strains(self) -> Array:
-        """Strain of each segment, (n, 6)."""
-        out = np.empty((len(self.chain.h), 6))
-        strains(self.chain, out)
-        return out
-
     def relax(self, sections: Sections, loads: Loads, dt: float) -> float:
         """Go to the equilibrium at the end of dt seconds; returns the largest motion (m). Raises `NoEquilibrium`."""
         # the last motion foretells this one when the steps are alike; a contact could be lost by it, so not there
@@ -96,7 +87,7 @@ class Rod:
         for _ in range(MOST_BRAKED_STEPS):
             before = [a.copy() for a in state]
             last = brake < LAST_BRAKE
-            step = sections if last else sections._replace(viscosity=max(brake, sections.viscosity), creep=FROZEN_CREEP)
+            step = sections if last else sections._replace(viscosity=max(brake, sections.viscosity))
             if equilibrium(self.chain, step, self.history, loads) < 0:
                 _put_back(state, before)
                 brake = 5 * max(brake, LAST_BRAKE)

@@ -78,7 +78,7 @@ def walk(robot: VirtualRobot, conditions: Sequence[Condition]) -> list[Reading]:
     """Walk a schedule of states in order, with history, and read each one before sensor noise. Raises `NoEquilibrium`,
     and ValueError for a state that has not one pressure a chamber.
     """
-    chambers = len(robot.pneumatics.seen)
+    chambers = len(robot.pneumatics.pressures)
     if any(len(state.pressures) != chambers for state in conditions):
         raise ValueError(f"pressures: give {chambers} in every state, one a chamber")
     readings = []
@@ -91,13 +91,13 @@ def walk(robot: VirtualRobot, conditions: Sequence[Condition]) -> list[Reading]:
             _push(robot, touch, state.deflection)
         _hold(robot, state.hold)
         force = robot.stand.sensed(robot.contact(), max(state.hold, 1e-3)) if state.mount != "robot" else 0.0
-        view = robot.published_view()
+        view = robot.view()
         readings.append(
             Reading(
                 t=robot.time,
                 spine_length=robot.spine.length,
                 vacuum=robot.spine.vacuum,
-                pressures=tuple(float(p) for p in robot.published_pressures()),
+                pressures=tuple(float(p) for p in robot.pneumatics.pressures),
                 position=view.position,
                 rotation=view.rotation,
                 markers=view.markers,
@@ -121,7 +121,7 @@ def _prepare(robot: VirtualRobot, state: Condition) -> bool:
             spine.draw(state.vacuum)
         return False
     hands.probe = None
-    _ramp(robot, np.zeros_like(robot.pneumatics.seen), VENT_RATE)
+    _ramp(robot, np.zeros_like(robot.pneumatics.pressures), VENT_RATE)
     if remount:
         robot.remount(Hands(state.mount, state.tip_mass, state.roll))
     hands = robot.hands
@@ -131,21 +131,18 @@ def _prepare(robot: VirtualRobot, state: Condition) -> bool:
     robot.move(travel / GROW_SPEED + JAM_TIME)
     spine.place(state.spine_length, state.vacuum)
     robot.move(JAM_TIME)
-    _sample(robot)
     return True
 
 
 def _ramp(robot: VirtualRobot, goal: Array, rate: float) -> None:
-    start = robot.pneumatics.seen.copy()
+    start = robot.pneumatics.pressures.copy()
     change = float(np.abs(goal - start).max())
     if change == 0.0:
         return
-    steps = math.ceil(change / (FINE_STEP if _watched(robot) else COARSE_STEP))
+    steps = math.ceil(change / (FINE_STEP if robot.laws.spine_slip else COARSE_STEP))
     for i in range(1, steps + 1):
-        robot.pneumatics.seen = start + (goal - start) * (i / steps)
+        robot.pneumatics.pressures = start + (goal - start) * (i / steps)
         robot.move(change / rate / steps)
-        if i < steps:
-            _sample(robot)
 
 
 def _push(robot: VirtualRobot, touch: float, deflection: float) -> None:
@@ -161,20 +158,6 @@ def _hold(robot: VirtualRobot, hold: float) -> None:
     if hold == 0.0:
         return
     before = 0.0
-    for edge in HOLD_EDGES if _watched(robot) else (1.0,):
-        if before:
-            _sample(robot)
+    for edge in HOLD_EDGES if robot.laws.spine_slip else (1.0,):
         robot.move(hold * (edge - before))
         before = edge
-
-
-def _watched(robot: VirtualRobot) -> bool:
-    """True when the shape depends on the way or on when it is looked at, so that small steps are needed."""
-    return robot.laws.history or robot.laws.time_offset != 0.0
-
-
-def _sample(robot: VirtualRobot) -> None:
-    """Let the cameras and pressure sensors see the state in between, for the sake of their latency."""
-    if robot.laws.time_offset:
-        robot.published_view()
-        robot.published_pressures()

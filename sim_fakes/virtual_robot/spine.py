@@ -12,7 +12,6 @@ import math
 
 import numpy as np
 
-from .directions import Directions
 from .effects import Laws
 from .truth import RobotTruth
 
@@ -41,10 +40,9 @@ def table_modulus(truth: RobotTruth, length: float) -> float:
 class Spine:
     """State of the spine; lengths in m, vacuum in Pa below ambient."""
 
-    def __init__(self, truth: RobotTruth, laws: Laws, directions: Directions, seed: int) -> None:
+    def __init__(self, truth: RobotTruth, laws: Laws, seed: int) -> None:
         self._truth = truth
         self._laws = laws
-        self._bad_jam = directions.bad_jam
         self._seed = seed
         self.reset()
 
@@ -54,7 +52,6 @@ class Spine:
         self.length = 0.0
         self.vacuum = 0.0
         self.blocked = False
-        self.jams = 0
         self._jammed = False
         self._length_error = 0.0
         self._stiffness_factor = 1.0
@@ -92,9 +89,6 @@ class Spine:
             length, stiffness = self._rng.normal(size=2)
             self._length_error = self._truth.scatter_length * float(length)
             self._stiffness_factor = max(0.3, 1 + self._truth.scatter_stiffness * float(stiffness))
-            if self.jams == self._bad_jam:
-                self._stiffness_factor *= 1 - self._laws.bad_trial
-            self.jams += 1
             self._jammed = True
         elif self._jammed and self.vacuum < 0.7 * threshold:
             self._jammed = False
@@ -115,17 +109,16 @@ class Spine:
 
     @property
     def true_length(self) -> float:
-        """Length inside the body, m; a length offset fades out below 1 cm, where there is no spine to speak of."""
-        offset = self._laws.spine_length_offset * (1 - math.exp(-((self.length / 0.01) ** 2)))
-        return max(0.0, self.length + offset + (self._length_error if self.length > 0 else 0.0))
+        """Length inside the body, m."""
+        return max(0.0, self.length + (self._length_error if self.length > 0 else 0.0))
 
-    def jamming(self, pressure: float) -> float:
-        """Jammed stiffness relative to nominal; `pressure` is the mean of all nine chambers, Pa."""
+    @property
+    def jamming(self) -> float:
+        """Jammed stiffness relative to nominal."""
         share = self.vacuum / self._truth.nominal_vacuum
         if self._laws.vacuum_leak:
             share *= (1 - self._leak()) / (1 - GAUGE_SHARE * self._leak())
-        squeeze = 1 + self._laws.pressure_jamming * pressure / (250e3 / 3)
-        return share * (1 + JAM_CURVE) / (share + JAM_CURVE) * self._stiffness_factor * squeeze
+        return share * (1 + JAM_CURVE) / (share + JAM_CURVE) * self._stiffness_factor
 
     @property
     def modulus(self) -> float:

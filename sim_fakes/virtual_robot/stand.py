@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .balance import contact_force
-from .body import approach
 from .chain import Chain, Loads
 from .effects import Laws
-from .material import CREEP_TIMES, SLIP_CURVATURES, SLIP_STRAINS, Sections
+from .material import Sections, approach, without_friction
 from .rod import Rod
 from .spine import SHEAR_STIFFNESS, Spine
 from .truth import RobotTruth
@@ -66,32 +65,17 @@ class BareSpine:
     def sections(self, spine: Spine, dt: float) -> Sections:
         """Material during a step of dt seconds."""
         n, radius, area = self._truth.segments, self._truth.spine_radius, self._truth.spine_area
-        jamming = max(spine.jamming(0.0), LIMP)
+        jamming = max(spine.jamming, LIMP)
         e = jamming * spine.modulus
         shear = area / (1 / (SHEAR_STIFF * e) + self._laws.spine_shear / (jamming * SHEAR_STIFFNESS))
         inertia = math.pi / 4 * radius**4
-        stiffness = np.array([shear, shear, e * area, 0.0, 0.0, e * inertia, 0.0, e * inertia, 2 * e * inertia])
-        return Sections(
-            silicone=np.zeros(n),
-            annulus=np.zeros((n, 4)),
-            fibres=np.zeros((0, 3)),
-            scale=np.ones(n),
-            tendons=np.zeros((n, 6)),
-            law=np.zeros(3),
-            rest=np.zeros((n, 6)),
-            spine=np.tile(stiffness, (n, 1)),
-            spine_rest=np.zeros((n, 6)),
-            slips=False,
-            slip_moment=np.zeros((n, len(SLIP_CURVATURES))),
-            slip_force=np.zeros((n, len(SLIP_STRAINS))),
-            creep=np.zeros((len(CREEP_TIMES), 2)),
-            viscosity=approach(dt, self._truth.settling_time),
-        )
+        stiffness = np.array([shear, shear, e * area, e * inertia, e * inertia, 2 * e * inertia])
+        return without_friction(np.tile(stiffness, (n, 1)), approach(dt, self._truth.settling_time))
 
     def loads(self, contacts: Array) -> Loads:
         """Nothing but the probe."""
         n = self._truth.segments
-        clamp = np.array([1.0, 0.0, 0.0, 0.0, 0.0])
+        clamp = np.array([1.0, 0.0, 0.0, 0.0])
         return Loads(np.zeros((n + 1, 3)), np.zeros(3), np.zeros((n + 1, 3)), np.zeros(4), contacts, clamp)
 
 

@@ -8,16 +8,11 @@ instruments.
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 TABLE_II = {0.05: 0.318e6, 0.10: 1.323e6, 0.15: 2.032e6, 0.20: 3.069e6, 0.25: 3.763e6, 0.30: 4.389e6}
 """Apparent modulus of the jammed spine (Pa) over its length (m), Table II of the paper."""
-
-TENDON_AREA = 1e-4
-"""m^2: 10 N are written as 100 kPa."""
 
 HANGING_STAND = (
     (1.0, 0.0, 0.0, 0.50),
@@ -29,7 +24,7 @@ HANGING_STAND = (
 
 
 class RobotTruth(BaseModel):
-    """Constants of one virtual robot; frozen, no unknown keys, readable from YAML."""
+    """Constants of one virtual robot; frozen, no unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -37,8 +32,6 @@ class RobotTruth(BaseModel):
     length: float = Field(default=0.40, gt=0.05, le=2, json_schema_extra={"unit": "m"})
     outer_radius: float = Field(default=0.05, gt=0, le=0.5, json_schema_extra={"unit": "m"})
     inner_radius: float = Field(default=0.029, gt=0, le=0.5, json_schema_extra={"unit": "m"})
-    taper: float = Field(default=1.0, gt=0.2, le=2)
-    """Radii of body, channel and chambers' paths at the tip over those at the base, linear in between."""
     density: float = Field(default=1300.0, ge=0, le=20_000, json_schema_extra={"unit": "kg/m^3"})
     youngs_modulus: float = Field(default=0.507147e6, gt=1e3, le=1e9, json_schema_extra={"unit": "Pa"})
     shear_ratio: float = Field(default=1 / 3, gt=0, le=1)
@@ -54,9 +47,6 @@ class RobotTruth(BaseModel):
     chamber_azimuths_deg: tuple[float, ...] = tuple(40.0 * i for i in range(9))
     area_factor: float = Field(default=1.6, gt=0, le=10)
     """Effective chamber area / (pi chamber_radius^2), one number for all spine lengths."""
-    tendons: bool = False
-    """Tendons in the chambers' places: each pulls with as many N as its chamber would hold in units of 10 kPa, times
-    `area_factor`."""
     fill_time: float = Field(default=0.25, gt=0, le=60, json_schema_extra={"unit": "s"})
     supply_pressure: float = Field(default=400e3, gt=0, le=1e6, json_schema_extra={"unit": "Pa"})
 
@@ -93,10 +83,6 @@ class RobotTruth(BaseModel):
             raise ValueError(f"inner_radius {self.inner_radius} m must be below outer_radius {self.outer_radius} m")
         if not 1 <= len(self.chamber_azimuths_deg) <= 64:
             raise ValueError(f"chamber_azimuths_deg has {len(self.chamber_azimuths_deg)} entries, must have 1 to 64")
-        if self.taper < 1 and self.spine_radius > self.inner_radius * self.taper * (1 + 1e-9):
-            raise ValueError(
-                f"spine_radius {self.spine_radius} m must fit the channel all along the taper {self.taper}"
-            )
         if any(not 0 < s < self.length for s in self.markers) or list(self.markers) != sorted(self.markers):
             raise ValueError(f"markers {self.markers} m must rise and lie inside the body of {self.length} m")
         if len(self.stand) != 4 or self.stand[3] != (0.0, 0.0, 0.0, 1.0):
@@ -104,11 +90,6 @@ class RobotTruth(BaseModel):
         if len(self.spine_modulus) < 2 or min(self.spine_modulus) <= 0 or min(self.spine_modulus.values()) <= 0:
             raise ValueError("spine_modulus needs two or more lengths (m), all above 0, with moduli (Pa) above 0")
         return self
-
-    @classmethod
-    def from_yaml(cls, path: Path) -> RobotTruth:
-        """Read a file whose keys are the fields of this class, values in SI."""
-        return cls.model_validate(yaml.safe_load(path.read_text()) or {})
 
     @property
     def area(self) -> float:
@@ -122,5 +103,5 @@ class RobotTruth(BaseModel):
 
     @property
     def chamber_area(self) -> float:
-        """Effective area of one chamber, m^2; of a tendon, what turns its pressure into a pull."""
-        return self.area_factor * (TENDON_AREA if self.tendons else math.pi * self.chamber_radius**2)
+        """Effective area of one chamber, m^2."""
+        return self.area_factor * math.pi * self.chamber_radius**2

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.changes import Pair, another_day, summary
-from lab.blind.worlds.truth import WorldRecipe, draw_robot
+from lab.blind.truth import Recipe, draw_robot
 
 STILL = Pair("w", "", 0.0, {}, (), 0.95, 0.95, 1.0)
 FALSE = Pair("w", "", 0.0, {"base_tilt": 3.0}, ("contact",), 0.6, 0.3, 1.0)
@@ -16,7 +16,7 @@ SMALL = Pair("w", "self_weight", 0.5, {}, (), 0.8, 0.8, 1.0)
 
 
 def test_another_day_is_the_same_robot_mounted_and_seen_anew() -> None:
-    robot, _ = draw_robot(WorldRecipe("cellar", 1, 3, ("cluttered_none",)), 0, "cluttered_none", ())
+    robot, _ = draw_robot(Recipe("cellar", 1, 3, ("cluttered_none",)), 0, "cluttered_none", ())
     other = another_day(robot, np.random.default_rng(1))
     differs = {e for e in robot.sizes if robot.sizes[e] != other.sizes[e]}
     assert differs == {"base_tilt", "frame_misalignment"} and robot.offset != other.offset

@@ -163,7 +163,7 @@ def test_a_full_disk_ends_the_run_safe_and_says_so(virtual_lab: VirtualLab, tmp_
     safe = time.monotonic() - full
     output, _ = process.communicate(timeout=600)
     assert process.returncode == 1 and "recording stopped" in output and "lab recover" in output
-    assert safe < 30.0, f"{safe:.1f} s"  # a second on an idle machine; measured by benchmarks/recording.py
+    assert safe < 30.0, f"{safe:.1f} s"  # a second on an idle machine; measured by benchmarks.recording
     assert file.stat().st_size <= 60_000
     assert lab("recover", file, "--out", tmp_path / "saved.mcap", "--json") == 3
     assert len(Recording.open(tmp_path / "saved.mcap").stream("/tip")) > 10

@@ -6,16 +6,21 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
 from lab.cli import main
 from lab.files.config import load
 from lab.verbs.fakes import PATIENT, PATIENT_SETTLE, played, write_rig
+from model.condition import conditions
 from model.robot import Robot
+from model.rods import FINE, solve
+from model.section import rods_of
 from recordings.campaign.replay import table_of
 from recordings.file.reader import Recording
 from sim_fakes.rig import FakeRig
+from sim_fakes.virtual_robot import Condition, VirtualRobot, walk
 
 ROBOT = Path(__file__).parents[2] / "examples/three_chambers/robot.yaml"
 SWEEP = ("pressures=[30 kPa, 60 kPa]", "repeats=2", "settle.min_samples=3", *PATIENT_SETTLE)
@@ -41,6 +46,17 @@ def files(rig: Path) -> list[Path]:
         code = main(["run", "bending", "--rig", str(rig), *settings(f"chambers=[{chamber}]"), "--out", str(rig.parent)])
         assert code in (0, 3)
     return sorted(rig.parent.glob("*.mcap"))
+
+
+def test_the_virtual_robot_puts_its_tip_where_the_rod_does() -> None:
+    robot = load(ROBOT, Robot)
+    pressures = np.array([(p, 0.4 * p, 0.0) for p in (0.0, 40e3, 80e3)])
+    states = conditions(robot, np.zeros(3), pressures, tip_mass=0.053)
+    expected = solve(rods_of(robot, states), FINE).trusted().tip
+    finer = played(robot).model_copy(update={"segments": 80})
+    read = walk(VirtualRobot(finer), [Condition(0.0, tuple(p), hold=60.0) for p in pressures.tolist()])
+    assert np.array([r.position for r in read]) == pytest.approx(expected, abs=0.15e-3)
+    assert np.linalg.norm(expected[-1] - expected[0]) > 0.02
 
 
 def test_the_fakes_have_no_length_unit_and_the_plan_asks_for_none(

@@ -13,9 +13,8 @@ import numpy as np
 import pytest
 
 from sim_fakes.clock import SimClock
-from sim_fakes.motive import CLIENT_TIMEOUT, MotiveFake
+from sim_fakes.motive import CLIENT_TIMEOUT, MotiveFake, quaternion_xyzw, rotation_matrix
 from sim_fakes.plant import Plant
-from sim_fakes.rotations import quaternion_xyzw, rotation_matrix
 
 CONNECT, SERVERINFO, REQUEST_MODELDEF, MODELDEF, FRAME, KEEPALIVE = 0, 1, 4, 5, 7, 10
 ECHO_REQUEST, ECHO_RESPONSE, UNRECOGNIZED, DISCONNECT = 12, 13, 100, 9

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from model import rods
 from model.condition import conditions
+from model.effects.catalogue import CATALOGUE
 from model.robot import load_robot
 from model.section import rods_of
-from sim_fakes.virtual_robot import list_effects
 from sim_fakes.worlds.campaign import STEPS, Robot, Sweep, Trial, read, respond
 from sim_fakes.worlds.carried import carried, nearest
 from sim_fakes.worlds.forms import EFFECTS, FORMS, ON_REQUEST, physics
@@ -33,7 +33,10 @@ PAPER = Path(__file__).parents[2] / "examples" / "paper" / "robot.yaml"
 SPINES = np.array([0.0, 0.05, 0.10, 0.15, 0.20, 0.25, 0.30])
 PLACES = Places(0.5, 0.3, 0.4, 1.0, 0.8, (0.6, 0.64, 0.48))
 BENCH = WORLDS["bench"]
-STAND = {"force_bias", "arm_compliance", "contact_offset"}
+NOT_OF_A_SWEEP = {"force_bias", "arm_compliance", "contact_offset", "tendon_friction", "tendon_slack"}
+"""Effects of pushes and of robots with tendons."""
+UNDRAWN = {"rest_shape"}
+"""Of the catalogue, without a form in any world."""
 
 
 def bent(kilopascal: float) -> tuple[float, ...]:
@@ -91,8 +94,7 @@ def test_with_no_effect_on_the_tip_agrees_with_the_model_to_a_hundredth_of_a_mil
 
 # ------------------------------------------------------------------ forms
 def test_every_effect_that_a_sweep_shows_has_three_forms_or_more() -> None:
-    named = {e.id for e in list_effects() if e.catalogue and not e.on_request} - STAND | {"chamber_thrust"}
-    assert set(FORMS) == set(EFFECTS) == named
+    assert set(FORMS) == set(EFFECTS) == set(CATALOGUE) - NOT_OF_A_SWEEP - UNDRAWN - set(ON_REQUEST)
     assert all(len(forms) >= 3 for forms in FORMS.values())
 
 

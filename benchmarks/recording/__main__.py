@@ -11,11 +11,10 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from . import recording_safety as safety
-from . import recording_speed as speed
-from .figures import Figure, show
-from .recording_run import full_disk_in_a_run, replays
-from .rig_stream import record
+from ..figures import Figure, show
+from . import safety, speed
+from .run import full_disk_in_a_run, replays
+from .stream import record
 
 HOUR, SHORT = 3600.0, 120.0
 

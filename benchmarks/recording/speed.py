@@ -22,8 +22,8 @@ from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
 from recordings.messages import streams
 
-from .figures import Figure
-from .rig_stream import RATES, START_NS, TOTAL, Values, schedule
+from ..figures import Figure
+from .stream import RATES, START_NS, TOTAL, Values, schedule
 
 TEN_MINUTES = 600.0
 LEAD_NS = 500_000_000

@@ -17,7 +17,7 @@ from recordings.file.recover import recover
 from sim_fakes.plant import Plant
 from sim_fakes.rig import FakeRig
 
-from .figures import Figure
+from ..figures import Figure
 
 SPEED = 20.0
 MORE = 30_000

@@ -14,9 +14,8 @@ import numpy as np
 
 from diagnosis.judgement import CAUSE_PROBABILITY
 
-from ..answers import Answer
-from ..intervals import Interval, bootstrap, share
-from ..metrics import Metric
+from .answers import Answer
+from .metrics import Interval, Metric, bootstrap, share
 
 HALF, FLOORS = 0.5, 2.0
 APART = 1.5

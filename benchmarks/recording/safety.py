@@ -22,8 +22,8 @@ from recordings.file.recover import recover
 from recordings.file.verify import verify
 from recordings.file.writer import Recorder
 
-from .figures import Figure
-from .rig_stream import TOTAL, record
+from ..figures import Figure
+from .stream import TOTAL, record
 
 LOAD = 1500.0
 """Messages a second of all streams together, while the process is killed."""
@@ -31,7 +31,7 @@ LOAD = 1500.0
 CHILD = textwrap.dedent(
     """
     import os, struct, sys, time
-    from benchmarks.rig_stream import Values, schedule
+    from benchmarks.recording.stream import Values, schedule
     from recordings.file.writer import Recorder
     path, fd, factor = sys.argv[1], int(sys.argv[2]), float(sys.argv[3])
     values, recorder = Values(), Recorder(path, start_wall_ns=time.time_ns(), keep=60.0)
@@ -130,7 +130,7 @@ def flips(folder: Path, count: int, seed: int = 2) -> Figure:
 FULL = textwrap.dedent(
     """
     import resource, sys, time
-    from benchmarks.rig_stream import Values, schedule
+    from benchmarks.recording.stream import Values, schedule
     from recordings.errors import WriteFailed
     from recordings.file.writer import Recorder
     values, recorder = Values(), Recorder(sys.argv[1], start_wall_ns=time.time_ns(), keep=60.0)

@@ -1,0 +1,1 @@
+"""The figures of the recordings: `python -m benchmarks.recording`."""
