@@ -15,9 +15,8 @@ import numpy as np
 from ..errors import BadMessage, BadTable, Damaged, Foreign, NotARecording, OtherVersion
 from ..events import Request
 from ..file.clocks import ClockModel, clocks
-from ..file.counts import counted
+from ..file.counts import Timing, counted, timing
 from ..file.reader import Recording
-from ..file.timing import Timing, timing
 from ..json_text import read_json
 from ..states.concluding import of_sensor
 

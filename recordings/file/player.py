@@ -20,8 +20,8 @@ from google.protobuf.json_format import MessageToDict, SerializeToJsonError
 from ..errors import Damaged
 from ..events import EVENTS
 from ..messages import is_stream
-from . import protobuf_runtime
 from .reader import Recording
+from .samples import parse
 
 Fields = dict[str, Any]
 
@@ -106,7 +106,7 @@ def _events(recording: Recording, topic: str) -> Callable[[int], Fields]:
 
     def fields(row: int) -> Fields:
         # One at a time: as dictionaries all of them would be many times as large.
-        message = protobuf_runtime.parse(event.message_class, found[row][1], topic)
+        message = parse(event.message_class, found[row][1], topic)
         try:
             return MessageToDict(message, preserving_proto_field_name=True)
         except (ValueError, SerializeToJsonError) as error:

@@ -21,13 +21,11 @@ from mcap.writer import CompressionType, Writer
 from ..errors import Oversized, RecordingError, WriteFailed
 from ..messages import is_stream
 from ..own_files import replacing
-from .chunks import MESSAGE, Record
-from .contents import Contents, Fields, Hole
-from .counts import StreamCounts, counted
-from .reader import mapped
-from .records import demand_mcap, records
+from .chunks import Record
+from .contents import Contents, mapped
+from .counts import StreamCounts, counted, timing
+from .records import Hole, records
 from .samples import ours
-from .timing import timing
 from .verify import check
 
 OWN = ("counts", "outcome", "recovery")
@@ -115,12 +113,11 @@ def recover(source: str | os.PathLike[str], target: str | os.PathLike[str] | Non
     source = Path(source)
     target = source.with_name(f"{source.stem}-recovered.mcap") if target is None else Path(target)
     data = mapped(source)
-    demand_mcap(data, str(source))
-    if target.exists():
-        raise WriteFailed(f"{target} exists; recordings are never overwritten, choose another name with --out")
     found = Contents(str(source), len(data))
     for _ in records(data, found, unpack=True):
         pass  # what describes the messages may stand behind them
+    if target.exists():
+        raise WriteFailed(f"{target} exists; recordings are never overwritten, choose another name with --out")
     try:
         with replacing(target) as (file, partial):
             result = _write(data, found, target, file)
@@ -146,26 +143,27 @@ def _write(data: memoryview, found: Contents, target: Path, file: Any) -> Recove
     before: float | None = None
     """Newest log time when a hole began, while no message has come behind it."""
     for item in records(data, Contents(found.name, found.size), unpack=True):
-        if isinstance(item, Record) and item.opcode == Opcode.MESSAGE:
-            number, sequence, log_time, publish_time = MESSAGE.unpack_from(item.source, item.body)
-            entry = kept.get(number)
-            if entry is None:
-                nameless += 1
-                continue
-            entry.numbers.append(sequence)
-            entry.log_times.append(log_time)
-            payload = bytes(item.source[item.body + MESSAGE.size : item.end])
-            writer.add_message(entry.channel, log_time, payload, publish_time, sequence)
-            if before is not None and math.isfinite(before):
-                seconds_lost += max(0.0, (log_time - before) / 1e9)
-            before, first, newest = None, min(first, log_time), max(newest, log_time)
-        elif isinstance(item, Record):
+        if isinstance(item, Record):
             _outside(writer, item)
-        else:
+        elif isinstance(item, Hole):
             holes.append(item)
             before = newest if before is None else before
             if item.torn is not None and math.isfinite(newest):
                 seconds_lost += max(0.0, (item.torn.last_time - newest) / 1e9)
+        else:
+            for (_, _, number, sequence, log_time, publish_time), payload in zip(
+                item.heads.tolist(), item.payloads(), strict=True
+            ):
+                entry = kept.get(number)
+                if entry is None:
+                    nameless += 1
+                    continue
+                entry.numbers.append(sequence)
+                entry.log_times.append(log_time)
+                writer.add_message(entry.channel, log_time, payload, publish_time, sequence)
+                if before is not None and math.isfinite(before):
+                    seconds_lost += max(0.0, (log_time - before) / 1e9)
+                before, first, newest = None, min(first, log_time), max(newest, log_time)
     topics: dict[str, list[_Kept]] = {}
     for entry in kept.values():
         topics.setdefault(entry.topic, []).append(entry)
@@ -200,10 +198,10 @@ def _write(data: memoryview, found: Contents, target: Path, file: Any) -> Recove
 def _outside(writer: Writer, record: Record) -> None:
     """Write an attachment or metadata."""
     if record.opcode == Opcode.ATTACHMENT:
-        found = Attachment.read(Fields(record))
+        found = record.read(Attachment)
         writer.add_attachment(found.create_time, found.log_time, found.name, found.media_type, found.data)
     elif record.opcode == Opcode.METADATA:
-        texts = Metadata.read(Fields(record))
+        texts = record.read(Metadata)
         if texts.name not in OWN:
             writer.add_metadata(texts.name, texts.metadata)
 

@@ -40,11 +40,11 @@ from ..states.buffer import KEEP, Buffers
 from ..states.rules import Crossing, State
 from ..states.zeros import Drift, Zeros
 from ..trials import TrialRow
+from ..views import PERIOD, VIEWS
 from .clocks import STAMP, fit, has_stamp
 from .counts import StreamCounts, Tally
 from .disk import Companion, Disk
 from .mcap_file import McapFile
-from .views import VIEWS, Pace
 
 FLUSH_PERIOD = 0.1
 """Host seconds between finished chunks."""
@@ -106,7 +106,8 @@ class Recorder:
         self._failure: BaseException | None = None
         self._outcome: dict[str, str] | None = None
         self._states = 0
-        self._paces = {topic: Pace() for topic in VIEWS}
+        self._views_due = dict.fromkeys(VIEWS, -math.inf)
+        """Stream -> rig time (s) of its next message that viewers see."""
         self._event_lock = threading.Lock()
         self._disk = Disk(self.path)
         about = {
@@ -380,7 +381,8 @@ class Recorder:
             self.buffers[topic].append(ns / 1e9, payload)
         entry.note(ns, payload)
         self._mcap.message(entry.channel, entry.generated & 0xFFFFFFFF, self.start_wall_ns + ns, payload)
-        if topic in self._paces and self._paces[topic].due(ns / 1e9):
+        if topic in VIEWS and ns / 1e9 >= self._views_due[topic]:
+            self._views_due[topic] = ns / 1e9 + PERIOD
             self._put_views(topic, ns, payload)
 
     def _put_views(self, stream: str, ns: int, payload: bytes) -> None:
