@@ -157,9 +157,9 @@ def inside(data: memoryview, chunk: Chunk, contents: Contents) -> Iterator[Messa
 
 
 def _messages(raw: bytes, chunk: Chunk, contents: Contents) -> Iterator[Messages | Hole]:
-    starts, others, error = scan(raw, 0, len(raw), contents.budget)
+    starts, others, error = scan(raw, contents.budget)
     wrong: list[tuple[int, Exception]] = [] if error is None else [(len(raw), error)]
-    found = Messages.at(raw, starts, chunk)
+    found = Messages.at(raw, np.array(starts, np.int64), chunk)
     if (short := found.sizes < 0).any():
         wrong += [(at, struct.error("a message shorter than its head")) for at in found.starts[short].tolist()]
         found = found.which(~short)
@@ -230,14 +230,14 @@ def _batches(chunks: Sequence[Chunk]) -> Iterator[list[Chunk]]:
 
 
 def _joined(batch: list[Chunk], raws: list[bytes], budget: Budget) -> Messages:
-    whole, starts, at = b"".join(raws), list[int](), 0
+    starts, base = [], 0
     for chunk, raw in zip(batch, raws, strict=True):
-        messages, _, error = scan(whole, at, at + len(raw), budget)
+        messages, _, error = scan(raw, budget)
         if error is not None:
             raise _named(error, f"{budget.name}: the chunk at byte {chunk.start}", "recover")
-        starts += messages
-        at += len(raw)
-    found = Messages.at(whole, starts, batch[0])
+        starts.append(np.array(messages, np.int64) + base)
+        base += len(raw)
+    found = Messages.at(b"".join(raws), np.concatenate(starts), batch[0])
     if (found.sizes < 0).any():
         raise Damaged(f"{budget.name}: a message is shorter than its head; run `lab recover` to leave it out")
     return found
