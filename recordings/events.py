@@ -83,35 +83,28 @@ def _published(topic: str, message_class: type[Any]) -> EventType:
 
 
 STATE = _ours(
-    "State",
-    "/state",
+    "State", "/state",
     "t double s, number int64, trial int64, step int64, protocol string, repeat int64, branch string, rule string, "
-    "t_start double s, rate double Pa/s, targets double* Pa, spine_length double m, json string, clipped bool, "
-    "repeats int64, vacuum_since double s, vacuum_lowest double Pa, vacuum_highest double Pa, least_force double N, "
-    "bodies_since double s, bodies_arcs double* m, bodies_stretch double",
-)
+    "t_start double s, rate double Pa/s, targets double* Pa, spine_length double m, json string, clipped bool, repeats int64, "
+    "vacuum_since double s, vacuum_lowest double Pa, vacuum_highest double Pa, least_force double N, bodies_since double s, "
+    "bodies_arcs double* m, bodies_stretch double",
+)  # fmt: skip
 TRIAL = _ours(
-    "Trial",
-    "/trial",
+    "Trial", "/trial",
     "t double s, number int64, trial int64, step int64, pressures double* Pa, tip double* m, force double N, "
     "deflection double m, json string, clipped bool, repeats int64",
-)
+)  # fmt: skip
 PROGRESS = _ours(
-    "Progress",
-    "/progress",
-    "t double s, steps int64, steps_planned int64, seconds double s, seconds_planned double s",
+    "Progress", "/progress", "t double s, steps int64, steps_planned int64, seconds double s, seconds_planned double s"
 )
 REQUEST = _ours(
-    "Request",
-    "/request",
-    "t double s, kind string, by string, text string, done bool, trial int64, step int64",
+    "Request", "/request", "t double s, kind string, by string, text string, done bool, trial int64, step int64"
 )
 ZERO = _ours(
-    "Zero",
-    "/zero",
+    "Zero", "/zero",
     "t double s, trial int64, direction double*, before double* s, start double* s, end double* s, offset_at double s, "
     "drift double N, rate double N/s, linear bool",
-)
+)  # fmt: skip
 MARK = _ours("Mark", "/mark", "t double s, trial int64, doubt string, text string")
 LOG = _published("/log", Log)
 POSE = _published("/tip/pose", PoseInFrame)
@@ -208,73 +201,39 @@ def marked(rows: Iterable[TrialRow], marks: Sequence[Mark]) -> list[TrialRow]:
 
 
 # -- to bytes
+def encoded(event: EventType, source: object = None, **fields: object) -> bytes:
+    """A message of these fields; any other is the attribute of its name of `source`, where that has one."""
+    names = [field.name for field in event.message_class.DESCRIPTOR.fields]
+    values = {name: fields[name] if name in fields else getattr(source, name, None) for name in names}
+    return bytes(event.message_class(**values).SerializeToString())
+
+
 def encode_request(request: Request) -> bytes:
     """A message of /request."""
-    texts = {name: bounded(getattr(request, name)) for name in ("kind", "by", "text")}
-    message = REQUEST.message_class(t=request.t, done=request.done, trial=request.trial, step=request.step, **texts)
-    return bytes(message.SerializeToString())
+    return encoded(REQUEST, request, **{name: bounded(getattr(request, name)) for name in ("kind", "by", "text")})
 
 
 def encode_zero(t: float, zeros: Zeros, drift: Drift) -> bytes:
     """A message of /zero."""
-    message = ZERO.message_class(t=t, drift=drift.force, rate=drift.rate, linear=drift.linear, **asdict(zeros))
-    return bytes(message.SerializeToString())
+    return encoded(ZERO, zeros, t=t, drift=drift.force, rate=drift.rate, linear=drift.linear)
 
 
 def encode_mark(mark: Mark) -> bytes:
     """A message of /mark."""
-    return bytes(MARK.message_class(**asdict(mark) | {"text": bounded(mark.text)}).SerializeToString())
+    return encoded(MARK, mark, text=bounded(mark.text))
 
 
 def encode_state(t: float, number: int, state: State, repeats: int = 0) -> bytes:
     """`number` counts the states of a recording; the row that comes of it carries the same number."""
-    message = STATE.message_class(
-        t=t,
-        number=number,
-        trial=state.trial,
-        step=state.step,
-        protocol=state.protocol,
-        repeat=state.repeat,
-        branch=state.branch,
-        rule=state.rule_name,
-        t_start=state.t_start,
-        rate=state.rate,
-        targets=state.targets,
-        spine_length=state.spine_length,
-        json=state.to_json(),
-        clipped=state.clipped,
-        repeats=repeats,
-        least_force=state.least_force,
-        **({} if state.vacuum is None else {f"vacuum_{name}": x for name, x in asdict(state.vacuum).items()}),
-        **({} if state.bodies is None else {f"bodies_{name}": x for name, x in asdict(state.bodies).items()}),
-    )
-    return bytes(message.SerializeToString())
+    parts = (("vacuum", state.vacuum), ("bodies", state.bodies))
+    limits = {f"{part}_{name}": x for part, of in parts if of is not None for name, x in asdict(of).items()}
+    own = {"t": t, "number": number, "rule": state.rule_name, "json": state.to_json(), "repeats": repeats}
+    return encoded(STATE, state, **own, **limits)
 
 
 def encode_trial(t: float, number: int, row: TrialRow, repeats: int = 0) -> bytes:
     """The row that was concluded for state `number`."""
-    message = TRIAL.message_class(
-        t=t,
-        number=number,
-        trial=row.trial,
-        step=row.step,
-        pressures=row.pressures,
-        tip=row.tip or (),
-        force=row.force,
-        deflection=row.deflection,
-        json=row.to_json(),
-        clipped=row.clipped,
-        repeats=repeats,
-    )
-    return bytes(message.SerializeToString())
-
-
-def encode_progress(t: float, steps: int, steps_planned: int, seconds: float, seconds_planned: float) -> bytes:
-    """So many of the planned steps are done, and so many of the planned seconds of rig time."""
-    message = PROGRESS.message_class(
-        t=t, steps=steps, steps_planned=steps_planned, seconds=seconds, seconds_planned=seconds_planned
-    )
-    return bytes(message.SerializeToString())
+    return encoded(TRIAL, row, t=t, number=number, json=row.to_json(), repeats=repeats)
 
 
 def writable(text: str) -> str:

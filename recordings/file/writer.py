@@ -285,8 +285,13 @@ class Recorder:
 
     def progress(self, t: float, steps: int, steps_planned: int, seconds: float, seconds_planned: float) -> None:
         """Record how much of the plan is done: steps, and s of rig time."""
-        payload = events.encode_progress(t, steps, steps_planned, seconds, seconds_planned)
-        self._event("/progress", self._nanoseconds("/progress", t), payload)
+        fields = {
+            "steps": steps,
+            "steps_planned": steps_planned,
+            "seconds": seconds,
+            "seconds_planned": seconds_planned,
+        }
+        self._event("/progress", self._nanoseconds("/progress", t), events.encoded(events.PROGRESS, t=t, **fields))
 
     def _newest(self) -> int:
         with self.buffers.lock:
