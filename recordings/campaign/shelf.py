@@ -12,16 +12,17 @@ import json
 import os
 import sqlite3
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 from ..errors import RecordingError
 from ..file.reader import Recording
 from ..json_text import read_json
 from .info import info, planned_of
 from .labels import MOST, labels_of
+from .resumed import campaign_of
 
 INDEX = ".recordings.sqlite"
 VERSION = 5
@@ -36,10 +37,6 @@ _TABLE = """CREATE TABLE runs (
     detail TEXT NOT NULL, states INTEGER NOT NULL, rows INTEGER NOT NULL, lost INTEGER NOT NULL, campaign TEXT NOT NULL,
     labels TEXT NOT NULL, notes INTEGER NOT NULL, planned INTEGER NOT NULL
 )"""
-_COLUMNS = (
-    "path, size, changed, start, duration, protocol, spines, outcome, detail, states, rows, lost, campaign, labels, notes, "
-    "planned"
-)
 
 
 @dataclass(frozen=True)
@@ -95,9 +92,8 @@ def runs(
         try:
             with contextlib.closing(_opened(place)) as index:
                 _refresh(index, folder)
-                query = (
-                    f"SELECT {_COLUMNS} FROM runs WHERE start >= ? AND (? = '' OR protocol = ?) ORDER BY start, path"
-                )
+                columns = ", ".join(field.name for field in fields(Run))
+                query = f"SELECT {columns} FROM runs WHERE start >= ? AND (? = '' OR protocol = ?) ORDER BY start, path"
                 out = [_run(row) for row in index.execute(query, (since, protocol, protocol))]
         except (sqlite3.DatabaseError, sqlite3.DataError, ValueError, TypeError, OverflowError):
             # An index that is damaged is of no use: it is made anew, in memory where the folder cannot be written.
@@ -114,19 +110,16 @@ def runs(
 
 def _run(row: tuple[Any, ...]) -> Run:
     """A line of the index; ValueError or TypeError when it is none."""
-    (
-        path, size, _, start, duration, protocol, spines, outcome, detail, states, rows, lost, campaign, labels, notes, planned
-    ) = row  # fmt: skip
-    texts, counts = (path, start, protocol, outcome, detail, campaign), (size, states, rows, lost, notes, planned)
-    lengths, said = read_json(spines), read_json(labels)
+    names = [field.name for field in fields(Run)]
+    values = dict(zip(names, row, strict=True))
+    values |= {"duration": float(values["duration"]), "spines": tuple(map(float, read_json(values["spines"])))}
+    values["labels"] = said = read_json(values["labels"])
+    run, hints = Run(**values), get_type_hints(Run)
     if not isinstance(said, dict) or not all(isinstance(text, str) for text in said.values()):
-        raise TypeError(f"{path!r}: not a line of this index")
-    if not (all(isinstance(t, str) for t in texts) and all(isinstance(n, int) for n in counts)):
-        raise TypeError(f"{path!r}: not a line of this index")
-    return Run(
-        path, size, start, float(duration), protocol, tuple(float(x) for x in lengths), outcome, detail, states, rows,
-        lost, campaign, said, notes, planned,
-    )  # fmt: skip
+        raise TypeError(f"{run.path!r}: not a line of this index")
+    if not all(isinstance(values[name], hints[name]) for name in names if hints[name] in (str, int)):
+        raise TypeError(f"{run.path!r}: not a line of this index")
+    return run
 
 
 def _opened(path: Path | None) -> sqlite3.Connection:
@@ -169,7 +162,7 @@ def _refresh(index: sqlite3.Connection, folder: Path) -> None:
         if known.get(name) != (status.st_size, status.st_mtime_ns):
             values = (name, status.st_size, status.st_mtime_ns, *_entry(file))
             with index:
-                index.execute(f"REPLACE INTO runs ({_COLUMNS}) VALUES ({', '.join('?' * len(values))})", values)
+                index.execute(f"REPLACE INTO runs VALUES ({', '.join('?' * len(values))})", values)
     with index:
         index.executemany("DELETE FROM runs WHERE path = ?", [(name,) for name in known.keys() - there])
 
@@ -186,19 +179,10 @@ def _entry(file: Path) -> tuple[Any, ...]:
     outcome = (summary.outcome or "finished") if summary.finished else "abrupt"
     protocols = ", ".join(sorted({state.protocol for state in states})) or planned_of(recording)[0]
     spines = json.dumps(sorted({state.spine_length for state in states}))
-    campaign = summary.metadata.get("campaign", {}).get("id", "")
-    when = (summary.start, summary.duration)
+    labels = json.dumps(dict(itertools.islice(labels_of(recording).items(), MOST)))
+    campaign, detail = (campaign_of(recording) or "")[:200], summary.detail[:2000]
+    notes = sum(request.kind == "note" for request in summary.requests)
     return (
-        *when,
-        protocols,
-        spines,
-        outcome,
-        summary.detail[:2000],
-        summary.states,
-        summary.rows,
-        lost,
-        campaign[:200],
-        json.dumps(dict(itertools.islice(labels_of(recording).items(), MOST))),
-        sum(request.kind == "note" for request in summary.requests),
-        summary.planned,
-    )
+        summary.start, summary.duration, protocols, spines, outcome, detail, summary.states, summary.rows, lost, campaign,
+        labels, notes, summary.planned,
+    )  # fmt: skip

@@ -9,13 +9,13 @@ Layout: https://mcap.dev/spec
 from __future__ import annotations
 
 import struct
-import sys
 import zlib
 from array import array
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any
 
+import numpy as np
 import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
@@ -35,6 +35,7 @@ from mcap.records import (
     SummaryOffset,
 )
 
+from .disk import Disk
 from .records import MAGIC
 
 MOST = 2**20
@@ -51,20 +52,10 @@ _COUNTED = _MESSAGE.size - 9
 """Bytes of a message record's head that its length counts."""
 
 
-class Output(Protocol):
-    """Where the bytes go."""
-
-    def write(self, data: bytes) -> int:
-        """All of it, or OSError."""
-
-    def tell(self) -> int:
-        """Bytes written so far."""
-
-
 class McapFile:
     """One file being written: zstd chunks, checksums over everything, all indexes."""
 
-    def __init__(self, output: Output, library: str) -> None:
+    def __init__(self, output: Disk, library: str) -> None:
         self._output = output
         self._crc = 0
         self._schemas: list[Schema] = []
@@ -110,14 +101,9 @@ class McapFile:
         attachment = Attachment(create_time=create_time, log_time=log_time, name=name, media_type=media_type, data=data)
         record = _bytes(attachment)
         index = AttachmentIndex(
-            offset=self._output.tell(),
-            length=len(record),
-            log_time=log_time,
-            create_time=create_time,
-            data_size=len(data),
-            name=name,
-            media_type=media_type,
-        )
+            offset=self._output.tell(), length=len(record), log_time=log_time, create_time=create_time, data_size=len(data),
+            name=name, media_type=media_type,
+        )  # fmt: skip
         self._attachments.append(index)
         self._write(record)
 
@@ -152,34 +138,24 @@ class McapFile:
         first, last = min(times), max(times)
         packed = self._packer.compress(raw)
         record = Chunk(
-            compression="zstd",
-            data=packed,
-            message_end_time=last,
-            message_start_time=first,
-            uncompressed_crc=zlib.crc32(raw),
+            compression="zstd", data=packed, message_start_time=first, message_end_time=last, uncompressed_crc=zlib.crc32(raw),
             uncompressed_size=len(raw),
-        )
+        )  # fmt: skip
         chunk = _bytes(record)
         start = self._output.tell()
         places, parts, at = {}, [chunk], start + len(chunk)
         for channel, index in self._index.items():
-            body = struct.pack("<HI", channel, 8 * len(index)) + _little(index)
-            parts.append(struct.pack("<BQ", Opcode.MESSAGE_INDEX, len(body)) + body)
+            parts.append(_INDEX.pack(Opcode.MESSAGE_INDEX, 6 + 8 * len(index), channel, 8 * len(index)))
+            parts.append(np.array(index, "<u8").tobytes())
             places[channel] = at
-            at += len(parts[-1])
+            at += _INDEX.size + 8 * len(index)
         block = b"".join(parts)
         self._write(block)
         entry = ChunkIndex(
-            chunk_length=len(chunk),
-            chunk_start_offset=start,
-            compression="zstd",
-            compressed_size=len(packed),
-            message_end_time=last,
-            message_index_length=at - start - len(chunk),
-            message_index_offsets=places,
-            message_start_time=first,
-            uncompressed_size=len(raw),
-        )
+            chunk_start_offset=start, chunk_length=len(chunk), compression="zstd", compressed_size=len(packed),
+            message_start_time=first, message_end_time=last, message_index_offsets=places,
+            message_index_length=at - start - len(chunk), uncompressed_size=len(raw),
+        )  # fmt: skip
         self._enter(entry, block)
         self._records, self._size, self._index = [], 0, {}
 
@@ -219,16 +195,10 @@ class McapFile:
         start = self._output.tell()
         first, last = self._times or (0, 0)
         statistics = Statistics(
-            attachment_count=len(self._attachments),
-            channel_count=len(self._channels),
-            channel_message_counts=dict(self._counts),
-            chunk_count=len(self._chunk_indexes),
-            message_count=sum(self._counts.values()),
-            message_end_time=last,
-            message_start_time=first,
-            metadata_count=len(self._metadata),
-            schema_count=len(self._schemas),
-        )
+            attachment_count=len(self._attachments), channel_count=len(self._channels), schema_count=len(self._schemas),
+            chunk_count=len(self._chunk_indexes), metadata_count=len(self._metadata), message_count=sum(self._counts.values()),
+            channel_message_counts=dict(self._counts), message_start_time=first, message_end_time=last,
+        )  # fmt: skip
         groups: list[tuple[Opcode, list[Any]]] = [
             (Opcode.SCHEMA, self._schemas),
             (Opcode.CHANNEL, self._channels),
@@ -237,18 +207,15 @@ class McapFile:
             (Opcode.ATTACHMENT_INDEX, self._attachments),
             (Opcode.METADATA_INDEX, self._metadata),
         ]
-        summary, offsets, at = [], [], start
+        summary, offsets = b"", b""
         for opcode, records in groups:
-            part = b"".join(_bytes(record) for record in records)
-            if part:
-                offsets.append(_bytes(SummaryOffset(group_opcode=opcode, group_start=at, group_length=len(part))))
-                summary.append(part)
-                at += len(part)
-        whole = b"".join([*summary, *offsets])
-        head = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, at)
-        crc = zlib.crc32(head, zlib.crc32(whole))
-        footer = _bytes(Footer(summary_start=start, summary_offset_start=at, summary_crc=crc))
-        self._output.write(whole + footer + MAGIC)
+            if part := b"".join(map(_bytes, records)):
+                offset = SummaryOffset(group_opcode=opcode, group_start=start + len(summary), group_length=len(part))
+                offsets += _bytes(offset)
+                summary += part
+        footer = Footer(summary_start=start, summary_offset_start=start + len(summary), summary_crc=0)
+        crc = zlib.crc32(summary + offsets + _bytes(footer)[:-4])
+        self._output.write(summary + offsets + _bytes(replace(footer, summary_crc=crc)) + MAGIC)
 
     def _write(self, data: bytes) -> None:
         self._crc = zlib.crc32(data, self._crc)
@@ -267,11 +234,3 @@ def _counts(entry: ChunkIndex, block: bytes) -> dict[int, int]:
     """Messages by channel in a chunk, by the lengths of the message indexes that follow it in `block`."""
     places = {channel: at - entry.chunk_start_offset for channel, at in entry.message_index_offsets.items()}
     return {channel: _INDEX.unpack_from(block, at)[3] // _ENTRY for channel, at in places.items()}
-
-
-def _little(numbers: array[int]) -> bytes:
-    """Little-endian, whatever the machine is."""
-    if sys.byteorder == "big":
-        numbers = array("Q", numbers)
-        numbers.byteswap()
-    return numbers.tobytes()

@@ -110,13 +110,11 @@ class Recorder:
         """Stream -> rig time (s) of its next message that viewers see."""
         self._event_lock = threading.Lock()
         self._disk = Disk(self.path)
-        about = {
-            "schema_version": SCHEMA_VERSION,
-            "start_wall_ns": str(start_wall_ns),
-            "chambers": str(chambers),
-            "markers": str(markers),
+        about = {"start_wall_ns": str(start_wall_ns), "chambers": str(chambers), "markers": str(markers)}
+        self._metadata = {
+            "recording": {"schema_version": SCHEMA_VERSION, **about},
+            **{name: dict(texts) for name, texts in (metadata or {}).items()},
         }
-        self._metadata = {"recording": about, **{name: dict(texts) for name, texts in (metadata or {}).items()}}
         self._attachments = dict(attachments or {})
         if self._attachments:
             sums = {name: hashlib.sha256(data).hexdigest() for name, data in self._attachments.items()}
@@ -187,7 +185,7 @@ class Recorder:
             self._queue.append((topic, ns, payload))
         else:
             self._topics[topic].refuse()
-            self._check()
+            self.check()
 
     def _in_order(self, message: MessageType, fields: Mapping[str, object]) -> tuple[object, ...]:
         if fields.keys() != set(message.value_names):
@@ -245,10 +243,11 @@ class Recorder:
 
         The text is kept as it is, up to `events.LONGEST_TEXT` characters.
         """
+        self.check()
         if level not in events.LEVELS:
             raise BadMessage(f"log level {level!r} is unknown; one of {', '.join(events.LEVELS)}")
         ns = self._newest() if t is None else self._nanoseconds("/log", t)
-        self._event("/log", ns, events.encode_log(self.start_wall_ns + ns, level, events.bounded(text), name))
+        self._queue.append(("/log", ns, events.encode_log(self.start_wall_ns + ns, level, events.bounded(text), name)))
 
     def state(self, t: float, state: State, repeats: int = 0) -> int:
         """Record what is asked for, before it is read; returns the state's number in this recording. `repeats`: the number
@@ -264,43 +263,38 @@ class Recorder:
         with self._event_lock:
             self._states += 1
             number = self._states
-        self._event("/state", self._nanoseconds("/state", t), events.encode_state(t, number, state, repeats))
+        self._event("/state", t, events.encode_state(t, number, state, repeats))
         return number
 
     def trial(self, t: float, number: int, row: TrialRow, repeats: int = 0) -> None:
         """Record the row that was concluded for state `number`."""
-        self._event("/trial", self._nanoseconds("/trial", t), events.encode_trial(t, number, row, repeats))
+        self._event("/trial", t, events.encode_trial(t, number, row, repeats))
 
     def zero(self, t: float, zeros: Zeros, drift: Drift) -> None:
         """Record how the force sensor's zero moved during a trial."""
-        self._event("/zero", self._nanoseconds("/zero", t), events.encode_zero(t, zeros, drift))
+        self._event("/zero", t, events.encode_zero(t, zeros, drift))
 
     def mark(self, mark: events.Mark) -> None:
         """Record why the states that a trial has up to now are in doubt."""
-        self._event("/mark", self._nanoseconds("/mark", mark.t), events.encode_mark(mark))
+        self._event("/mark", mark.t, events.encode_mark(mark))
 
     def request(self, request: events.Request) -> None:
         """Record what somebody asked of the run, or that it was carried out; from any thread."""
-        self._event("/request", self._nanoseconds("/request", request.t), events.encode_request(request))
+        self._event("/request", request.t, events.encode_request(request))
 
     def progress(self, t: float, steps: int, steps_planned: int, seconds: float, seconds_planned: float) -> None:
         """Record how much of the plan is done: steps, and s of rig time."""
-        fields = {
-            "steps": steps,
-            "steps_planned": steps_planned,
-            "seconds": seconds,
-            "seconds_planned": seconds_planned,
-        }
-        self._event("/progress", self._nanoseconds("/progress", t), events.encoded(events.PROGRESS, t=t, **fields))
+        planned = {"steps_planned": steps_planned, "seconds_planned": seconds_planned}
+        self._event("/progress", t, events.encoded(events.PROGRESS, t=t, steps=steps, seconds=seconds, **planned))
 
     def _newest(self) -> int:
         with self.buffers.lock:
             return max(*(ns for _, ns, _ in self._not_taken()), *(entry.last for entry in self._topics.values()))
 
-    def _event(self, topic: str, ns: int, payload: bytes) -> None:
+    def _event(self, topic: str, t: float, payload: bytes) -> None:
         """Events are few, and neither dropped for their order nor for a full queue."""
-        self._check()
-        self._queue.append((topic, ns, payload))
+        self.check()
+        self._queue.append((topic, self._nanoseconds(topic, t), payload))
 
     def _waiting(self, topic: str) -> list[tuple[float, bytes]]:
         """What the writer has not taken yet of a stream, in order: stamps (s) and payloads; `buffers.lock` is held."""
@@ -317,18 +311,15 @@ class Recorder:
 
     def sync(self) -> None:
         """Return when everything pushed so far is on the disk; raises `WriteFailed` when it does not get there."""
-        self._check()
+        self.check()
         done = threading.Event()
         self._queue.append(done)
         self._wake.set()
         while not done.wait(0.1):
-            self._check()
+            self.check()
 
     def check(self) -> None:
         """Raises `WriteFailed` when the file can no longer be written."""
-        self._check()
-
-    def _check(self) -> None:
         if self._failure is not None:
             raise WriteFailed(
                 f"{self.path}: recording stopped: {self._failure}; what was written before stays readable with "
@@ -525,7 +516,7 @@ class Recorder:
             self._wake.set()
         self._thread.join()
         if self._failure is not None:
-            self._check()
+            self.check()
         return self.counts()
 
     def __enter__(self) -> Recorder:
