@@ -110,7 +110,7 @@ def info(path: str | os.PathLike[str]) -> Info:
     metadata.pop("counts", None)
     outcome = metadata.pop("outcome", {})
     notes: list[str] = []
-    damage = [*recording.damage, *recording.undescribed()]
+    damage = [*(recording.damage or ()), *recording.undescribed()]
     times = {topic: recording.log_times(topic) for topic in recording.topics}
     first = min((int(t[0]) for t in times.values() if len(t)), default=None)
     last = max((int(t[-1]) for t in times.values() if len(t)), default=0)

@@ -164,15 +164,8 @@ class Messages:
 
     def payloads(self) -> list[bytes]:
         """The payloads one by one."""
-        return self._cut(_MESSAGE.itemsize)
-
-    def records(self) -> list[bytes]:
-        """The records one by one."""
-        return self._cut(0)
-
-    def _cut(self, skip: int) -> list[bytes]:
-        ends = self.starts + _MESSAGE.itemsize + self.sizes
-        return [self.data[a:b] for a, b in zip((self.starts + skip).tolist(), ends.tolist(), strict=True)]
+        begins = self.starts + _MESSAGE.itemsize
+        return [self.data[a:b] for a, b in zip(begins.tolist(), (begins + self.sizes).tolist(), strict=True)]
 
 
 def _windows(data: bytes, size: int) -> NDArray[np.void]:

@@ -60,8 +60,6 @@ class Contents:
     channels: dict[int, Channel] = field(default_factory=dict)
     attachments: dict[str, bytes] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
-    broken: set[int] = field(default_factory=set)
-    """Where chunks begin of which only the records that make sense are read; of all others everything must."""
 
     def __post_init__(self) -> None:
         self.budget = Budget(self.name, self.size)

@@ -20,8 +20,9 @@ from ..errors import Damaged, Foreign, MissingStream, NotARecording, Truncated
 from ..events import EVENTS, EventType
 from ..messages import SCHEMA_VERSION, STREAMS, MessageType, is_stream
 from .budget import Budget, Cost
+from .chunks import Messages
 from .contents import Contents, mapped
-from .records import Hole, gathered, holes, index, inside
+from .records import Hole, gathered, holes, index, inside, records
 from .samples import Samples, check_version, decode, message_of, ordered, ours, parse, version_of, written_name
 
 COUNTERS = ("device_time", "frame")
@@ -40,12 +41,10 @@ class Recording:
     """One recording, read. Streams are decoded when they are used and then kept: the first one alone, all the others at
     the use of the second; `load` takes them in one go."""
 
-    def __init__(self, path: Path, data: memoryview, contents: Contents, damage: Sequence[str] = ()) -> None:
-        self.path = path
-        self.contents = contents
-        self.damage = tuple(damage)
-        """What `salvaged` left out, and why."""
-        self._data = data
+    def __init__(self, path: Path, data: memoryview, contents: Contents) -> None:
+        self.path, self.contents, self._data = path, contents, data
+        self.damage: tuple[str, ...] | None = None
+        """What `salvaged` left out, and why; None of a recording of which everything is read."""
         self._loaded: set[int] = set()
         """Channels whose messages were read."""
         self._budget = Budget(str(path), len(data))
@@ -60,8 +59,9 @@ class Recording:
         data = mapped(path)
         contents = Contents(str(path), len(data))
         found = holes(data, contents, unpack=True)
-        contents.broken = {hole.start for hole in found}
-        return cls(Path(path), data, contents, [str(hole.error) for hole in found if hole.start < contents.end])
+        recording = cls(Path(path), data, contents)
+        recording.damage = tuple(str(hole.error) for hole in found if hole.start < contents.end)
+        return recording
 
     def __repr__(self) -> str:
         first, last = self.contents.span or (0, 0)
@@ -211,11 +211,19 @@ class Recording:
 
     def messages(self, topics: Container[str]) -> Iterator[tuple[Channel, NDArray[np.int64], list[bytes]]]:
         """Messages of topics as they stand in the file, batch by batch: their channel, log times (ns), and bytes."""
-        for batch in gathered(self._data, self.contents):
+        for batch in self._batches():
             for number, found in batch.by_channel():
                 channel = self.contents.channels.get(number)
                 if channel is not None and channel.topic in topics:
                     yield channel, found.heads["log"].astype(np.int64), found.payloads()
+
+    def _batches(self) -> Iterator[Messages]:
+        """All messages in the order of the file; not those of a chunk that is cut off."""
+        if self.damage is None:
+            return gathered(self._data, self.contents)
+        size = len(self._data)
+        walk = records(self._data, Contents(str(self.path), size), unpack=True)
+        return (item for item in walk if isinstance(item, Messages) and item.chunk.end <= size)
 
     def load(self) -> None:
         """Read everything at once, for a use that needs most of it."""
@@ -262,7 +270,7 @@ class Recording:
         channels = self.contents.channels
         kept = {n for n in wanted if channels[n].topic in EVENTS and self._ours(channels[n])}
         first = not self._loaded
-        for batch in gathered(self._data, self.contents):
+        for batch in self._batches():
             for number, found in batch.by_channel():
                 if first:
                     self._times.setdefault(number, []).append(found.heads[["sequence", "log"]].astype(_TIMES))

@@ -203,18 +203,10 @@ def gathered(data: memoryview, contents: Contents) -> Iterator[Messages]:
     with ThreadPoolExecutor(UNPACKERS, "unpack") as pool:
         ahead: list[tuple[list[Chunk], list[Future[bytes]]]] = []
         for batch in [*_batches(contents.chunks), []]:
-            ahead.append((batch, [pool.submit(_raw, data, chunk, contents, budget) for chunk in batch]))
+            ahead.append((batch, [pool.submit(unpacked, data, chunk, budget) for chunk in batch]))
             if len(ahead) > 1:
                 chunks, raws = ahead.pop(0)
                 yield _joined(chunks, [raw.result() for raw in raws], budget)
-
-
-def _raw(data: memoryview, chunk: Chunk, contents: Contents, budget: Budget) -> bytes:
-    """The records of a chunk; raises like `unpacked`, unless the chunk is known to be broken."""
-    if chunk.start not in contents.broken:
-        return unpacked(data, chunk, budget)
-    whole = (part for part in inside(data, chunk, contents) if isinstance(part, Messages))
-    return b"".join(record for part in whole for record in part.records())
 
 
 def _batches(chunks: Sequence[Chunk]) -> Iterator[list[Chunk]]:
