@@ -28,9 +28,8 @@ from google.protobuf.message_factory import GetMessageClass
 
 from .errors import BadMessage, Damaged
 from .messages import PACKAGE, SCHEMA_VERSION
-from .states.bodies import Bodies
+from .states.demands import Bodies, VacuumBand
 from .states.rules import LARGEST, State, checked
-from .states.vacuum import VacuumBand
 from .states.zeros import Drift, Zeros
 from .trials import DOUBTS, TrialRow
 

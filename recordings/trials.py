@@ -77,19 +77,8 @@ def column_order(name: str) -> tuple[int, int, int] | None:
     return None
 
 
-UNITS = {
-    "force_x": "N",
-    "force_y": "N",
-    "force_z": "N",
-    "t": "s",
-    "hold": "s",
-    "rate": "Pa/s",
-    "vacuum": "Pa",
-    "tip_mass": "kg",
-    "roll_deg": "deg",
-    "force": "N",
-    "force_drift": "N",
-}
+UNITS = dict.fromkeys(("force_x", "force_y", "force_z", "force", "force_drift"), "N")
+UNITS |= {"t": "s", "hold": "s", "rate": "Pa/s", "vacuum": "Pa", "tip_mass": "kg", "roll_deg": "deg"}
 """Of columns; pressures are in Pa, lengths and positions in m, quaternions and numbers of trials in 1."""
 
 

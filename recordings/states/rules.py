@@ -21,8 +21,7 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 from ..errors import BadMessage
 from ..json_text import read_json
 from ..messages import STREAMS, is_stream
-from .bodies import Bodies
-from .vacuum import VacuumBand
+from .demands import Bodies, VacuumBand
 
 PROTOCOL = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,39}")
 PROTOCOL_IS = "must be letters, digits, _ and -, at most 40"

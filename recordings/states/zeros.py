@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 
 from ..errors import NotSettled, TooFewSamples
 from ..trials import TrialRow
+from .averaging import along_push
 from .buffer import Streams
-from .pushing import along_push
 
 SIGMAS = 4.0
 """Standard errors by which two paces must differ to count as different: one constant drift in 15 000 is mistaken."""
