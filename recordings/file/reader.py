@@ -23,7 +23,7 @@ from .budget import Budget, Cost
 from .chunks import Messages
 from .contents import Contents, mapped
 from .records import Hole, gathered, holes, index, inside, records
-from .samples import Samples, check_version, decode, message_of, ordered, ours, parse, version_of, written_name
+from .samples import check_version, decode, message_of, ordered, ours, parse, version_of, written_name
 
 COUNTERS = ("device_time", "frame")
 """Fields that count up at the instrument until it restarts."""
@@ -48,7 +48,8 @@ class Recording:
         self._loaded: set[int] = set()
         """Channels whose messages were read."""
         self._budget = Budget(str(path), len(data))
-        self._samples: dict[int, Samples] = {}
+        self._samples: dict[int, list[NDArray[np.void]] | None] = {}
+        """Of channels of ours, batch by batch; None where some message has another layout."""
         self._payloads: dict[int, list[bytes]] = {}
         self._times: dict[int, list[NDArray[np.void]]] = {}
         self._streams: dict[str, NDArray[np.void]] = {}
@@ -263,19 +264,23 @@ class Recording:
         """Read the file once: wanted streams to arrays, the messages of other wanted channels as bytes."""
         if not wanted:
             return
+        channels, layouts = self.contents.channels, dict[int, MessageType]()
         for number in wanted:
-            channel = self.contents.channels[number]
+            channel = channels[number]
             if is_stream(channel.topic) and self._ours(channel) and version_of(channel) == SCHEMA_VERSION:
-                self._samples[number] = Samples(self._message(channel))
-        channels = self.contents.channels
+                layouts[number], self._samples[number] = self._message(channel), []
         kept = {n for n in wanted if channels[n].topic in EVENTS and self._ours(channels[n])}
         first = not self._loaded
         for batch in self._batches():
             for number, found in batch.by_channel():
                 if first:
                     self._times.setdefault(number, []).append(found.heads[["sequence", "log"]].astype(_TIMES))
-                if number in self._samples and number in wanted:
-                    self._samples[number].add(found.rows())
+                if number in layouts:
+                    parts, rows = self._samples[number], found.rows()
+                    if parts is None or rows is None or not layouts[number].fits(rows):
+                        self._samples[number] = None
+                    else:
+                        parts.append(layouts[number].decode(rows.reshape(-1)))
                 elif number in kept:
                     if channels[number].topic in events.READ:
                         self._budget.take(Cost.EVENTS, int(found.sizes.sum()))
@@ -289,14 +294,16 @@ class Recording:
         self.need(topic)
         check_version(channel, str(self.path))
         self._need(channel)
-        samples = self._samples[channel.id].array
-        if samples is None:
+        message, parts = self._message(channel), self._samples.pop(channel.id, None)
+        if parts is not None:
+            samples = np.concatenate([np.zeros(0, message.dtype), *parts])
+        else:
             schema = self.contents.schemas.get(channel.schema_id)
             if schema is None:
                 raise Damaged(f"{self.path}: {channel.topic} names the schema {channel.schema_id}, which is missing")
             found = (held for carrier, _, held in self.messages({topic}) if carrier.id == channel.id)
             count = sum(map(len, self._times.get(channel.id, [])))
-            samples = decode(self._message(channel), schema, chain.from_iterable(found), count)
+            samples = decode(message, schema, chain.from_iterable(found), count)
         return self._in_order(channel, samples)
 
     def _in_order(self, channel: Channel, samples: NDArray[np.void]) -> NDArray[np.void]:

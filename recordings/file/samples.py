@@ -11,10 +11,10 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message import DecodeError
-from google.protobuf.message_factory import GetMessageClass
+from google.protobuf.message_factory import GetMessageClass, GetMessages
 from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
@@ -65,7 +65,13 @@ def message_of(channel: Channel, schema: Schema | None, file: str) -> MessageTyp
         raise Damaged(f"{file}: {channel.topic} has an invalid array shape: {error}") from error
     if any(min(shape) < 0 or math.prod(shape) > MAX_NUMBERS for shape in shapes.values()):
         raise Oversized(f"{file}: {channel.topic} has arrays of shape {shapes}, limit {MAX_NUMBERS} numbers")
-    message = _stream_message(channel, schema, file)
+    if schema is None and channel.topic not in STREAMS:
+        raise Damaged(f"{file}: {channel.topic} names the schema {channel.schema_id}, which is missing")
+    units = {key.removeprefix("unit."): text for key, text in channel.metadata.items() if key.startswith("unit.")}
+    try:
+        message = stream_message(channel.topic, b"" if schema is None else schema.data, units)
+    except BadMessage as error:
+        raise Damaged(f"{file}: {error}") from error
     usual = {field.name: field.shape for field in message.fields}
     for name, shape in shapes.items():
         like = usual.get(name, ())
@@ -76,68 +82,16 @@ def message_of(channel: Channel, schema: Schema | None, file: str) -> MessageTyp
     return message.sized(**shapes)
 
 
-def _stream_message(channel: Channel, schema: Schema | None, file: str) -> MessageType:
-    if schema is None and channel.topic not in STREAMS:
-        raise Damaged(f"{file}: {channel.topic} names the schema {channel.schema_id}, which is missing")
-    units = {key.removeprefix("unit."): text for key, text in channel.metadata.items() if key.startswith("unit.")}
-    try:
-        return stream_message(channel.topic, b"" if schema is None else schema.data, units)
-    except BadMessage as error:
-        raise Damaged(f"{file}: {error}") from error
-
-
-class Samples:
-    """Collects messages of fixed layout."""
-
-    def __init__(self, message: MessageType) -> None:
-        self.message = message
-        self._out = np.zeros(0, message.dtype)
-        self._count = 0
-        self._other = False
-
-    def add(self, rows: NDArray[np.uint8] | None) -> None:
-        """Messages as rows of bytes, shape (n, size); None when their sizes differ."""
-        if self._other or rows is None or not self.message.fits(rows):
-            self._other = True
-            return
-        end = self._count + len(rows)
-        if end > len(self._out):
-            larger = np.zeros(end + len(self._out) // 2, self.message.dtype)
-            larger[: self._count] = self._out[: self._count]
-            self._out = larger
-        self.message.decode(rows.reshape(-1), self._out[self._count : end])
-        self._count = end
-
-    @property
-    def array(self) -> NDArray[np.void] | None:
-        """All samples; None when some message has another layout."""
-        return None if self._other else self._out[: self._count]
-
-
 # -- by the protobuf runtime
 def message_class(schema: Schema) -> type[Any]:
     """The protobuf class that a schema record describes; raises `Damaged` when it describes none."""
-    try:
-        return _class(schema)
-    except (DecodeError, TypeError, KeyError, ValueError, RecursionError) as error:
-        raise Damaged(
-            f"the schema {schema.name} in the file describes no message: {error}; run `lab verify`"
-        ) from error
-
-
-def _class(schema: Schema) -> type[Any]:
-    files = {file.name: file for file in FileDescriptorSet.FromString(schema.data).file}
     pool = DescriptorPool()
-
-    def add(file: FileDescriptorProto) -> None:
-        for dependency in file.dependency:
-            if dependency in files:
-                add(files.pop(dependency))
-        pool.Add(file)  # type: ignore[no-untyped-call]
-
-    while files:
-        add(files.pop(next(iter(files))))
-    return GetMessageClass(pool.FindMessageTypeByName(schema.name))  # type: ignore[no-untyped-call, no-any-return]
+    try:
+        GetMessages(FileDescriptorSet.FromString(schema.data).file, pool)
+        return GetMessageClass(pool.FindMessageTypeByName(schema.name))  # type: ignore[no-untyped-call, no-any-return]
+    except (DecodeError, TypeError, KeyError, ValueError, RecursionError) as error:
+        why = f"describes no message: {error}; run `lab verify`"
+        raise Damaged(f"the schema {schema.name} in the file {why}") from error
 
 
 def parse(kind: type[Any], payload: bytes, topic: str) -> Any:
@@ -184,22 +138,19 @@ def decode(message: MessageType, schema: Schema, payloads: Iterable[bytes], coun
 
 def _table(message: MessageType, first: Any, known: Sequence[Field], count: int) -> NDArray[np.void]:
     """Room for all messages, arrays as long as those of the first; NaN where the file has no such numbers."""
-    shapes = {f.name: _shape(f.shape, len(getattr(first, f.name)), message.topic) for f in known if f.shape}
+    shapes = {}
+    for field in known:
+        if field.shape:  # its first dimension is free
+            length, width = len(getattr(first, field.name)), math.prod(field.shape[1:])
+            if length > MAX_NUMBERS or length % width:
+                limits = f"must be a multiple of {width} and at most {MAX_NUMBERS}"
+                raise OtherVersion(f"{message.topic}: an array of {length} numbers, {limits}")
+            shapes[field.name] = (length // width, *field.shape[1:])
     out = np.zeros(count, message.sized(**shapes).dtype)
     for field in message.fields:
         if field not in known and field.kind == "double":
             out[field.name] = np.nan
     return out
-
-
-def _shape(like: tuple[int, ...], count: int, topic: str) -> tuple[int, ...]:
-    """The first dimension is free."""
-    width = int(np.prod(like[1:], dtype=int))
-    if count > MAX_NUMBERS or count % width:
-        raise OtherVersion(
-            f"{topic}: an array of {count} numbers, must be a multiple of {width} and at most {MAX_NUMBERS}"
-        )
-    return (count // width, *like[1:])
 
 
 def ordered(keys: Sequence[NDArray[Any]], content: Callable[[int], bytes]) -> NDArray[np.int64]:
