@@ -84,7 +84,7 @@ def test_files_that_did_not_change_are_not_read_again(shelf: Path) -> None:
     assert next(r for r in runs(shelf) if r.path == "a/one.mcap").outcome == "unreadable"
 
 
-@pytest.mark.parametrize("damage", [b"", b"no database at all, only text" * 100])
+@pytest.mark.parametrize("damage", [b"", b"no index at all, only text" * 100])
 def test_a_lost_or_damaged_index_is_made_anew(shelf: Path, damage: bytes) -> None:
     first = runs(shelf)
     (shelf / INDEX).unlink()
@@ -92,7 +92,7 @@ def test_a_lost_or_damaged_index_is_made_anew(shelf: Path, damage: bytes) -> Non
         (shelf / INDEX).write_bytes(damage)
     assert runs(shelf) == first
     data = bytearray((shelf / INDEX).read_bytes())
-    data[100:3000] = bytes(2900)
+    data[100:200] = bytes(100)
     (shelf / INDEX).write_bytes(data)
     assert runs(shelf) == first
 
