@@ -39,8 +39,6 @@ class Comparison:
     replayed: int
     differences: tuple[str, ...]
     """Live rows that replay gives otherwise or not at all."""
-    only_replayed: tuple[int, ...]
-    """Numbers of states that have a row in replay only: the run ended or gave up before it was concluded."""
 
     @property
     def equal(self) -> bool:
@@ -99,18 +97,15 @@ AVERAGING = 20
 """Times of what looking at a sample costs, averaging it costs."""
 
 
-@dataclass(frozen=True)
 class _Counted:
     """The streams of a recording; what states look at is taken from a budget.
 
     A file of many states that each look at all of it would keep a computer busy for hours.
     """
 
-    recording: Recording
-    budget: Budget
-
-    def newest(self, topic: str) -> float:
-        return self.recording.newest(topic)
+    def __init__(self, recording: Recording) -> None:
+        self.recording, self.newest = recording, recording.newest
+        self.budget = Budget(str(recording.path), recording.contents.size)
 
     def window(self, topic: str, t0: float, t1: float) -> NDArray[np.void]:
         samples = self.recording.window(topic, t0, t1)
@@ -127,14 +122,13 @@ def replay_states(recording: Recording) -> list[Replayed]:
     out = []
     recording.need(events.STATE.topic, events.TRIAL.topic)
     recording.load()
-    looked = _Counted(recording, Budget(str(recording.path), recording.contents.size))
+    looked = _Counted(recording)
     for event in recording.states:
         try:
             row = conclude(looked, event.state, looked.average)
+            why = "" if row else "the recording ends before the reading does"
         except NotSettled as error:
-            out.append(Replayed(event.number, None, str(error), event.repeats))
-            continue
-        why = "" if row else "the recording ends before the reading does"
+            row, why = None, str(error)
         out.append(Replayed(event.number, row, why, event.repeats))
     return out
 
@@ -155,7 +149,7 @@ def replay(path: str | os.PathLike[str], *, truncated: bool = False) -> Table:
 def replay_zeros(recording: Recording) -> list[tuple[Zeros, Drift | None]]:
     """How the force sensor's zero moved during each trial, from the file's samples; None where they do not tell."""
     out: list[tuple[Zeros, Drift | None]] = []
-    looked = _Counted(recording, Budget(str(recording.path), recording.contents.size))
+    looked = _Counted(recording)
     for zeros in (event.zeros for event in recording.zeros):
         moved = None
         with contextlib.suppress(NotSettled):
@@ -187,16 +181,11 @@ def compare(recording: Recording, states: list[Replayed] | None = None) -> Compa
             differences.append(f"{name}: no row in replay: {replayed.reason}")
         elif replayed.row.to_json() != event.row.to_json() or replayed.row.clipped != event.row.clipped:
             differences.append(f"{name}: {_first_difference(event.row, replayed.row)}")
-    for event_of_zero, (zeros, moved) in zip(recording.zeros, replay_zeros(recording), strict=True):
-        if moved != event_of_zero.drift:
-            differences.append(
-                f"trial {zeros.trial}: drift of the zero was {event_of_zero.drift} live, is {moved} in replay"
-            )
-    numbers = {event.number for event in live}
-    rows = [replayed for replayed in again.values() if replayed.row is not None]
-    return Comparison(
-        len(live), len(rows), tuple(differences), tuple(r.number for r in rows if r.number not in numbers)
-    )
+    for zero, (_, moved) in zip(recording.zeros, replay_zeros(recording), strict=True):
+        if moved != zero.drift:
+            text = f"drift of the zero was {zero.drift} live, is {moved} in replay"
+            differences.append(f"trial {zero.zeros.trial}: {text}")
+    return Comparison(len(live), sum(replayed.row is not None for replayed in again.values()), tuple(differences))
 
 
 def _first_difference(live: TrialRow, replayed: TrialRow) -> str:

@@ -6,8 +6,9 @@ import contextlib
 import struct
 import threading
 from array import array
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,19 +53,8 @@ def timing(stamps: NDArray[np.float64]) -> Timing:
     gap = intervals > GAP * median if median > 0 else np.zeros(n - 1, dtype=bool)
     missing = int(np.sum(np.round(intervals[gap] / median) - 1)) if gap.any() else 0
     p50, p99, most = np.quantile(np.abs(intervals[~gap] - median), (0.5, 0.99, 1.0)).tolist()
-    return Timing(
-        count=n,
-        start=start,
-        end=end,
-        rate=(n - 1) / (end - start) if end > start else 0.0,
-        interval=median,
-        jitter_p50=p50,
-        jitter_p99=p99,
-        jitter_max=most,
-        gaps=int(gap.sum()),
-        longest=float(intervals.max()),
-        missing=missing,
-    )
+    rate = (n - 1) / (end - start) if end > start else 0.0
+    return Timing(n, start, end, rate, median, p50, p99, most, int(gap.sum()), float(intervals.max()), missing)
 
 
 @dataclass(frozen=True)
@@ -100,29 +90,30 @@ class StreamCounts:
         return self.dropped == 0 and self.lost == 0
 
 
+def _stated(metadata: Mapping[str, Mapping[str, str]]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """By topic what a file tells, where it can be read."""
+    for topic, text in metadata.get("counts", {}).items():
+        with contextlib.suppress(ValueError):
+            if isinstance(stated := read_json(text), dict):
+                yield topic, stated
+
+
 def counted(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, dict[str, int]]:
     """The counts that a file tells, by topic; what is no count (text, below zero) is left out."""
-    out: dict[str, dict[str, int]] = {}
-    for topic, text in metadata.get("counts", {}).items():
-        try:
-            stated = read_json(text)
-        except ValueError:
-            continue
-        if isinstance(stated, dict):
-            out[topic] = {name: value for name, value in stated.items() if type(value) is int and 0 <= value <= LARGEST}
-    return out
+    return {
+        topic: {name: n for name, n in stated.items() if type(n) is int and 0 <= n <= LARGEST}
+        for topic, stated in _stated(metadata)
+    }
 
 
 def below_zero(metadata: Mapping[str, Mapping[str, str]]) -> list[str]:
     """What is wrong with the counts that a file tells: nothing can have been lost less than never."""
-    found = []
-    for topic, text in metadata.get("counts", {}).items():
-        with contextlib.suppress(ValueError):
-            stated = read_json(text)
-            for name in ("generated", "written", "dropped", "lost"):
-                if isinstance(stated, dict) and type(stated.get(name)) is int and stated[name] < 0:
-                    found.append(f"{topic}: {name} is given as {stated[name]}, which is not a count")
-    return found
+    return [
+        f"{topic}: {name} is given as {stated[name]}, which is not a count"
+        for topic, stated in _stated(metadata)
+        for name in ("generated", "written", "dropped", "lost")
+        if type(stated.get(name)) is int and stated[name] < 0
+    ]
 
 
 @dataclass

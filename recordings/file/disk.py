@@ -146,7 +146,7 @@ def displaced(path: str, handle: int, size: int) -> str:
         return "was renamed or moved" if own.st_nlink else "was deleted"
     except OSError as error:
         return f"cannot be reached ({error.strerror})"
-    if (there.st_dev, there.st_ino) != (own.st_dev, own.st_ino):
+    if not os.path.samestat(there, own):
         return "was replaced by another file"
     if own.st_size < size:
         return f"was truncated to {own.st_size} of {size} bytes"

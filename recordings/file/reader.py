@@ -296,7 +296,9 @@ class Recording:
         self._need(channel)
         message, parts = self._message(channel), self._samples.pop(channel.id, None)
         if parts is not None:
-            samples = np.concatenate([np.zeros(0, message.dtype), *parts])
+            samples = np.zeros(sum(map(len, parts)), message.dtype)  # no stray bytes between the fields
+            if parts:
+                np.concatenate(parts, out=samples)
         else:
             schema = self.contents.schemas.get(channel.schema_id)
             if schema is None:
