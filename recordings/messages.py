@@ -11,6 +11,7 @@ Every message begins with `t`: rig time in seconds, a whole number of nanosecond
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 import struct
@@ -155,22 +156,15 @@ class MessageType:
     @cached_property
     def constants(self) -> tuple[tuple[int, bytes], ...]:
         """(offset, bytes) of everything in the message that never changes."""
-        out, offset = [], 0
-        for head, field in self._parts:
-            out.append((offset, head))
-            offset += len(head) + _KINDS[field.kind][4] * field.count
-        return tuple(out)
+        ends = itertools.accumulate((len(head) + _KINDS[f.kind][4] * f.count for head, f in self._parts), initial=0)
+        return tuple((offset, head) for offset, (head, _) in zip(ends, self._parts, strict=False))
 
     @cached_property
     def wire_dtype(self) -> np.dtype[np.void]:
         """The message's own bytes as a structured type: values at their offsets, tags as gaps."""
-        names, formats, offsets, offset = [], [], [], 0
-        for head, field in self._parts:
-            offset += len(head)
-            names.append(field.name)
-            formats.append((_KINDS[field.kind][2], field.shape))
-            offsets.append(offset)
-            offset += _KINDS[field.kind][4] * field.count
+        names = [field.name for _, field in self._parts]
+        formats = [(_KINDS[field.kind][2], field.shape) for _, field in self._parts]
+        offsets = [offset + len(head) for offset, head in self.constants]
         return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": self.size})
 
     @cached_property

@@ -70,15 +70,8 @@ def fit(device: Numbers, host: Numbers) -> ClockModel | None:
     drift = float((y[b] - y[a]) / (x[b] - x[a]))
     delay = y - (y[a] + drift * (x - x[a]))
     at_reference = float(y[a] - drift * x[a])
-    return ClockModel(
-        reference=reference,
-        offset=float(host[0]) - reference + at_reference,
-        drift=drift,
-        residual=float(np.median(delay)),
-        residual_p99=float(np.quantile(delay, 0.99)),
-        samples=len(device),
-        restarts=len(back),
-    )
+    offset, p99 = float(host[0]) - reference + at_reference, float(np.quantile(delay, 0.99))
+    return ClockModel(reference, offset, drift, float(np.median(delay)), p99, len(device), len(back))
 
 
 def _edge(x: Numbers, y: Numbers) -> tuple[int, int]:

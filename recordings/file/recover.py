@@ -122,11 +122,9 @@ def recover(source: str | os.PathLike[str], target: str | os.PathLike[str] | Non
         with replacing(target) as (file, partial):
             result = _write(data, found, target, file)
             file.flush()
-            problems = check(partial).problems
-            if problems:
-                raise RecordingError(
-                    f"{target}: the recovered file is wrong: {problems[0].text}; the source is untouched"
-                )
+            if problems := check(partial).problems:
+                wrong = f"the recovered file is wrong: {problems[0].text}"
+                raise RecordingError(f"{target}: {wrong}; the source is untouched")
     except OSError as error:
         raise WriteFailed(f"{target} cannot be written: {error.strerror}") from error
     return result
@@ -151,9 +149,8 @@ def _write(data: memoryview, found: Contents, target: Path, file: Any) -> Recove
             if item.torn is not None and math.isfinite(newest):
                 seconds_lost += max(0.0, (item.torn.last_time - newest) / 1e9)
         else:
-            for (_, _, number, sequence, log_time, publish_time), payload in zip(
-                item.heads.tolist(), item.payloads(), strict=True
-            ):
+            for head, payload in zip(item.heads.tolist(), item.payloads(), strict=True):
+                _, _, number, sequence, log_time, publish_time = head
                 entry = kept.get(number)
                 if entry is None:
                     nameless += 1
@@ -169,20 +166,14 @@ def _write(data: memoryview, found: Contents, target: Path, file: Any) -> Recove
         topics.setdefault(entry.topic, []).append(entry)
     counts = _counts(topics, found)
     result = Recovery(
-        source=found.name,
-        target=str(target),
-        finished=found.finished,
-        library="" if header is None else header.library,
+        source=found.name, target=str(target), finished=found.finished, library="" if header is None else header.library,
         messages={topic: sum(entry.count for entry in entries) for topic, entries in topics.items()},
-        lost={topic: c.dropped + c.lost for topic, c in counts.items() if not c.complete},
-        nameless=nameless,
+        lost={topic: c.dropped + c.lost for topic, c in counts.items() if not c.complete}, nameless=nameless,
         schemaless=tuple(sorted({entry.topic for entry in kept.values() if entry.schemaless})),
-        seconds_kept=max(0.0, (newest - first) / 1e9) if math.isfinite(newest) else 0.0,
-        seconds_lost=seconds_lost,
-        bytes_skipped=sum(hole.end - hole.start for hole in holes),
-        holes=len(holes),
+        seconds_kept=max(0.0, (newest - first) / 1e9) if math.isfinite(newest) else 0.0, seconds_lost=seconds_lost,
+        bytes_skipped=sum(hole.end - hole.start for hole in holes), holes=len(holes),
         oversized=next((str(hole.error) for hole in holes if isinstance(hole.error, Oversized)), ""),
-    )
+    )  # fmt: skip
     if counts:
         writer.add_metadata("counts", {topic: json.dumps(asdict(c)) for topic, c in counts.items()})
     writer.add_metadata("recovery", {name: json.dumps(value) for name, value in result.to_dict().items()})
@@ -211,15 +202,12 @@ def _register(writer: Writer, found: Contents) -> dict[int, _Kept]:
     schemas = {0: 0}
     for number, schema in sorted(found.schemas.items()):
         schemas[number] = writer.register_schema(schema.name, schema.encoding, schema.data)
-    return {
-        number: _Kept(
-            c.topic,
-            writer.register_channel(c.topic, c.message_encoding, schemas.get(c.schema_id, 0), c.metadata),
-            ours(c, found.schemas.get(c.schema_id)),
-            c.schema_id not in schemas,
-        )
-        for number, c in sorted(found.channels.items())
-    }
+    kept = {}
+    for number, c in sorted(found.channels.items()):
+        channel = writer.register_channel(c.topic, c.message_encoding, schemas.get(c.schema_id, 0), c.metadata)
+        numbered = ours(c, found.schemas.get(c.schema_id))
+        kept[number] = _Kept(c.topic, channel, numbered, c.schema_id not in schemas)
+    return kept
 
 
 def _counts(topics: dict[str, list[_Kept]], found: Contents) -> dict[str, StreamCounts]:

@@ -88,11 +88,7 @@ class Crossing:
 
 
 Rule = Settled | Window | Crossing
-_RULES: dict[str, type[Settled] | type[Window] | type[Crossing]] = {
-    "settled": Settled,
-    "window": Window,
-    "crossing": Crossing,
-}
+_RULES: dict[str, type[Rule]] = {"settled": Settled, "window": Window, "crossing": Crossing}
 
 
 @dataclass(frozen=True)
@@ -163,16 +159,16 @@ class State:
                 _one_of("topic", topic, tuple(STREAMS))
         if self.specimen is not None:
             _one_of("specimen", self.specimen, SPECIMENS)
-        if isinstance(self.rule, Settled) and not {"/pressure", "/tip"} <= set(self.topics):
-            raise BadMessage(f"state {self.trial}/{self.step}: rule settled needs /pressure and /tip among the topics")
-        if isinstance(self.rule, Crossing) and "/pressure" not in self.topics:
-            raise BadMessage(f"state {self.trial}/{self.step}: rule crossing needs /pressure among the topics")
-        if self.probe is not None and not {"/force", "/arm"} <= set(self.topics):
-            raise BadMessage(f"state {self.trial}/{self.step}: a probe needs /force and /arm among the topics")
-        if self.vacuum is not None and "/vacuum" not in self.topics:
-            raise BadMessage(f"state {self.trial}/{self.step}: a vacuum to keep needs /vacuum among the topics")
-        if self.bodies is not None and "/tip" not in self.topics:
-            raise BadMessage(f"state {self.trial}/{self.step}: bodies to judge need /tip among the topics")
+        for what, there, needed in (
+            ("rule settled needs", isinstance(self.rule, Settled), ("/pressure", "/tip")),
+            ("rule crossing needs", isinstance(self.rule, Crossing), ("/pressure",)),
+            ("a probe needs", self.probe is not None, ("/force", "/arm")),
+            ("a vacuum to keep needs", self.vacuum is not None, ("/vacuum",)),
+            ("bodies to judge need", self.bodies is not None, ("/tip",)),
+        ):
+            if there and not set(needed) <= set(self.topics):
+                of = f"state {self.trial}/{self.step}"
+                raise BadMessage(f"{of}: {what} {' and '.join(needed)} among the topics")
         if self.least_force is not None and self.probe is None:
             raise BadMessage(f"state {self.trial}/{self.step}: a least force needs a probe")
 
