@@ -244,79 +244,46 @@ class MessageType:
 
 _T = Field("t", "double", (), "s", "rig time, a whole number of nanoseconds")
 
-PRESSURE = MessageType(
-    "Pressure",
-    "/pressure",
-    (
-        _T,
-        Field("setpoint", "double", (9,), "Pa", "set-point the regulator confirmed, gauge, by chamber", "chamber"),
-        Field("measured", "double", (9,), "Pa", "pressure at the regulator, gauge, by chamber", "chamber"),
-    ),
-    "all chambers of the robot",
-)
-SPINE = MessageType(
-    "Spine",
-    "/spine",
-    (
-        _T,
-        Field("length", "double", (), "m", "length of the spine"),
-        Field("speed", "double", (), "m/s", "of the spine, outwards positive"),
-        Field("goal", "double", (), "m", "length it was told to go to"),
-        Field("moving", "bool", doc="the spine moves"),
-        Field("homed", "bool", doc="the zero of the length is known"),
-    ),
-    "the length unit",
-)
+PRESSURE = MessageType("Pressure", "/pressure", (
+    _T,
+    Field("setpoint", "double", (9,), "Pa", "set-point the regulator confirmed, gauge, by chamber", "chamber"),
+    Field("measured", "double", (9,), "Pa", "pressure at the regulator, gauge, by chamber", "chamber"),
+), "all chambers of the robot")  # fmt: skip
+SPINE = MessageType("Spine", "/spine", (
+    _T,
+    Field("length", "double", (), "m", "length of the spine"),
+    Field("speed", "double", (), "m/s", "of the spine, outwards positive"),
+    Field("goal", "double", (), "m", "length it was told to go to"),
+    Field("moving", "bool", doc="the spine moves"),
+    Field("homed", "bool", doc="the zero of the length is known"),
+), "the length unit")  # fmt: skip
 VALVE = MessageType("Valve", "/valve", (_T, Field("on", "bool", doc="vacuum applied to the spine, read back")))
 VACUUM = MessageType("Vacuum", "/vacuum", (_T, Field("absolute", "double", (), "Pa", "pressure in the spine")))
-FORCE = MessageType(
-    "Force",
-    "/force",
-    (
-        _T,
-        Field(
-            "raw",
-            "double",
-            (6,),
-            "N, N m",
-            "as the sensor sends it: fx fy fz mx my mz, sensor frame",
-            "fx fy fz mx my mz",
-        ),
-        Field("zero", "double", (6,), "N, N m", "software zero to subtract", "fx fy fz mx my mz"),
-    ),
-    "force-torque sensor",
-)
-ARM = MessageType(
-    "Arm",
-    "/arm",
-    (
-        _T,
-        Field("device_time", "double", (), "s", "the controller's own stamp"),
-        Field("joints", "double", (6,), "rad", "angles of the joints, from the base on", "joint"),
-        Field("tcp_pose", "double", (6,), "m, rad", "position and rotation vector, arm base frame", "x y z rx ry rz"),
-        Field("tcp_speed", "double", (6,), "m/s, rad/s", "of the TCP, arm base frame", "vx vy vz wx wy wz"),
-        Field("safety_bits", "fixed32", doc="safety status bits of the controller"),
-        Field("program_running", "bool", doc="a program runs on the controller"),
-    ),
-    "state of the robot arm",
-)
-TIP = MessageType(
-    "Tip",
-    "/tip",
-    (
-        _T,
-        Field("device_time", "double", (), "s", "the camera system's own stamp"),
-        Field("frame", "sfixed64", doc="the camera system's frame number"),
-        Field("position", "double", (3,), "m", "of the tip, base frame", "x y z"),
-        Field("orientation", "double", (4,), "1", "w x y z, body in base frame", "w x y z"),
-        Field(
-            "marker_error", "double", (), "m", "mean distance of the markers from the rigid body, by the camera system"
-        ),
-        Field("valid", "bool", doc="False: not tracked, do not use the pose"),
-        Field("markers", "double", (0, 3), "m", "body markers, base frame; NaN where one was not seen", "x y z"),
-    ),
-    "the tip as motion capture sees it",
-)
+_WRENCH = "fx fy fz mx my mz"
+FORCE = MessageType("Force", "/force", (
+    _T,
+    Field("raw", "double", (6,), "N, N m", "as the sensor sends it: fx fy fz mx my mz, sensor frame", _WRENCH),
+    Field("zero", "double", (6,), "N, N m", "software zero to subtract", _WRENCH),
+), "force-torque sensor")  # fmt: skip
+ARM = MessageType("Arm", "/arm", (
+    _T,
+    Field("device_time", "double", (), "s", "the controller's own stamp"),
+    Field("joints", "double", (6,), "rad", "angles of the joints, from the base on", "joint"),
+    Field("tcp_pose", "double", (6,), "m, rad", "position and rotation vector, arm base frame", "x y z rx ry rz"),
+    Field("tcp_speed", "double", (6,), "m/s, rad/s", "of the TCP, arm base frame", "vx vy vz wx wy wz"),
+    Field("safety_bits", "fixed32", doc="safety status bits of the controller"),
+    Field("program_running", "bool", doc="a program runs on the controller"),
+), "state of the robot arm")  # fmt: skip
+TIP = MessageType("Tip", "/tip", (
+    _T,
+    Field("device_time", "double", (), "s", "the camera system's own stamp"),
+    Field("frame", "sfixed64", doc="the camera system's frame number"),
+    Field("position", "double", (3,), "m", "of the tip, base frame", "x y z"),
+    Field("orientation", "double", (4,), "1", "w x y z, body in base frame", "w x y z"),
+    Field("marker_error", "double", (), "m", "mean distance of the markers from the rigid body, by the camera system"),
+    Field("valid", "bool", doc="False: not tracked, do not use the pose"),
+    Field("markers", "double", (0, 3), "m", "body markers, base frame; NaN where one was not seen", "x y z"),
+), "the tip as motion capture sees it")  # fmt: skip
 
 STREAMS: dict[str, MessageType] = {m.topic: m for m in (PRESSURE, SPINE, VALVE, VACUUM, FORCE, ARM, TIP)}
 """The streams of a recording with nine chambers and no body markers, by topic."""
