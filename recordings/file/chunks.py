@@ -204,13 +204,16 @@ def scan(data: bytes, budget: Budget) -> tuple[list[int], list[int], Exception |
 
 
 def unpacked(data: memoryview, chunk: Chunk, budget: Budget) -> bytes:
-    """The records of a chunk; raises `Damaged` when they are not what was written, `Oversized` when too many.
+    """The records of a chunk, or what can be had of them where the file ends before the chunk does. Raises `Damaged` when they
+    are not what was written, `Oversized` when too many.
 
-    The caller has counted `chunk.size` against the file's budget.
+    The caller has counted `chunk.size` of a whole chunk against the file's budget.
     """
     where, packed = f"{budget.name}: chunk at byte {chunk.start}", data[chunk.data_start : chunk.data_end]
     if chunk.bare:
         return bytes(packed)
+    if chunk.data_end > len(data):
+        return _torn(packed, chunk, budget)
     if chunk.compression not in ("", "lz4", "zstd"):
         raise Damaged(f"{where} is compressed by {chunk.compression!r}, not zstd or lz4")
     try:
@@ -220,7 +223,7 @@ def unpacked(data: memoryview, chunk: Chunk, budget: Budget) -> bytes:
             raise Damaged(text)
         if chunk.size > (most := largest_chunk(budget.size)):
             raise Oversized(f"{where} claims to hold {chunk.size} bytes, limit {most}; {OPTION} lifts the limit")
-        raw = _unpacked(packed, chunk)
+        raw = _unpacked(packed, chunk, chunk.size + 1)  # a byte more shows that there is more
     except (zstandard.ZstdError, RuntimeError) as error:
         raise Damaged(f"{where} does not decompress: {error}; run `lab verify`") from error
     if len(raw) != chunk.size or (chunk.crc and zlib.crc32(raw) != chunk.crc):
@@ -238,15 +241,14 @@ def _stated_size(packed: memoryview, compression: str) -> int | None:
     return None if size < 0 else size
 
 
-def _unpacked(packed: memoryview, chunk: Chunk) -> bytes:
-    """Never more than one byte beyond the size that the chunk states."""
+def _unpacked(packed: memoryview, chunk: Chunk, most: int) -> bytes:
     if chunk.compression == "":
-        return bytes(packed)
+        return bytes(packed[:most])
     if chunk.compression == "lz4":
-        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=chunk.size + 1))
+        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=most))
     if not hasattr(_LOCAL, "zstd"):
         _LOCAL.zstd = _zstd()
-    return bytes(_LOCAL.zstd.decompress(packed, max_output_size=chunk.size + 1)) if chunk.size else b""
+    return bytes(_LOCAL.zstd.decompress(packed, max_output_size=most)) if chunk.size else b""
 
 
 _LOCAL = threading.local()
@@ -258,22 +260,17 @@ def _zstd() -> zstandard.ZstdDecompressor:
     return zstandard.ZstdDecompressor(max_window_size=min(1 << (largest_chunk(2**31).bit_length() - 1), 2**31))
 
 
-def torn(data: memoryview, chunk: Chunk, budget: Budget) -> bytes:
-    """The bytes that can be unpacked of a chunk that is cut off by the end of the file."""
-    most = min(chunk.size, largest_chunk(budget.size), budget.left(Cost.UNPACKED))
-    packed, raw = data[chunk.data_start :], b""
+def _torn(packed: memoryview, chunk: Chunk, budget: Budget) -> bytes:
+    most, parts = min(chunk.size, largest_chunk(budget.size), budget.left(Cost.UNPACKED)), list[bytes]()
     try:
-        if chunk.compression == "":
-            raw = bytes(packed[:most])
-        elif chunk.compression == "lz4":
-            raw = bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=most))
-        elif chunk.compression == "zstd":
-            parts: list[bytes] = []
+        if chunk.compression == "zstd":
             with _zstd().stream_reader(packed) as unpacking:
                 while most > 0 and (part := unpacking.read(min(most, _PIECE))):
                     parts.append(part)
                     most -= len(part)
-            raw = b"".join(parts)
+        elif chunk.compression in ("", "lz4"):
+            parts.append(_unpacked(packed, chunk, most))
+        raw = b"".join(parts)
         budget.take(Cost.UNPACKED, len(raw))
     except (zstandard.ZstdError, RuntimeError, Oversized):
         return b""

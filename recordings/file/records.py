@@ -14,9 +14,10 @@ import contextlib
 import os
 import re
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import accumulate, groupby
 from operator import itemgetter
 
 import numpy as np
@@ -24,7 +25,7 @@ from mcap.opcode import Opcode
 
 from ..errors import Damaged, NotARecording, Oversized, RecordingError
 from .budget import Budget
-from .chunks import HEAD, UNPARSABLE, Chunk, Messages, Record, scan, torn, unpacked
+from .chunks import HEAD, UNPARSABLE, Chunk, Messages, Record, scan, unpacked
 from .contents import Contents
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -123,8 +124,7 @@ def records(
         if hole is not None:
             contents.indexed = None
             if unpack and hole.torn is not None:
-                raw = torn(data, hole.torn, contents.budget)
-                yield from (item for item in _messages(raw, hole.torn, contents) if isinstance(item, Messages))
+                yield from (item for item in inside(data, hole.torn, contents) if isinstance(item, Messages))
             yield hole
             at = hole.end - base
         if record is None:
@@ -147,16 +147,12 @@ def records(
 
 
 def inside(data: memoryview, chunk: Chunk, contents: Contents) -> Iterator[Messages | Hole]:
-    """The messages of a chunk, or a hole where it does not hold what was written; `contents` takes note of definitions."""
+    """The messages of a chunk, with a hole where it does not hold what was written; `contents` takes note of definitions."""
     try:
         raw = unpacked(data, chunk, contents.budget)
-    except RecordingError as error:
-        yield Hole(chunk.start, chunk.end, error)
-    else:
-        yield from _messages(raw, chunk, contents)
-
-
-def _messages(raw: bytes, chunk: Chunk, contents: Contents) -> Iterator[Messages | Hole]:
+    except RecordingError as problem:
+        yield Hole(chunk.start, chunk.end, problem)
+        return
     starts, others, error = scan(raw, contents.budget)
     wrong: list[tuple[int, Exception]] = [] if error is None else [(len(raw), error)]
     found = Messages.at(raw, np.array(starts, np.int64), chunk)
@@ -180,9 +176,8 @@ def _messages(raw: bytes, chunk: Chunk, contents: Contents) -> Iterator[Messages
     for at, reason in sorted(wrong, key=itemgetter(0)):
         end = int(np.searchsorted(found.starts, at))
         yield found.which(slice(begin, end))
-        yield Hole(
-            chunk.start, chunk.end, _named(reason, f"{contents.name}: the chunk at byte {chunk.start}", "recover")
-        )
+        place = f"{contents.name}: the chunk at byte {chunk.start}"
+        yield Hole(chunk.start, chunk.end, _named(reason, place, "recover"))
         begin = end
     yield found.which(slice(begin, None))
 
@@ -200,25 +195,16 @@ def gathered(data: memoryview, contents: Contents) -> Iterator[Messages]:
     Chunks are unpacked by threads, one batch ahead of what is handed out.
     """
     budget = Budget(contents.name, len(data))
+    ends = accumulate(chunk.size for chunk in contents.chunks)
+    groups = groupby(zip(contents.chunks, ends, strict=True), lambda pair: pair[1] // BATCH)
+    batches = [[chunk for chunk, _ in group] for _, group in groups]
     with ThreadPoolExecutor(UNPACKERS, "unpack") as pool:
         ahead: list[tuple[list[Chunk], list[Future[bytes]]]] = []
-        for batch in [*_batches(contents.chunks), []]:
+        for batch in [*batches, []]:
             ahead.append((batch, [pool.submit(unpacked, data, chunk, budget) for chunk in batch]))
             if len(ahead) > 1:
                 chunks, raws = ahead.pop(0)
                 yield _joined(chunks, [raw.result() for raw in raws], budget)
-
-
-def _batches(chunks: Sequence[Chunk]) -> Iterator[list[Chunk]]:
-    batch, size = list[Chunk](), 0
-    for chunk in chunks:
-        if batch and size + chunk.size > BATCH:
-            yield batch
-            batch, size = [], 0
-        batch.append(chunk)
-        size += chunk.size
-    if batch:
-        yield batch
 
 
 def _joined(batch: list[Chunk], raws: list[bytes], budget: Budget) -> Messages:
