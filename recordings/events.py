@@ -14,7 +14,7 @@ What is only known at the end of a trial, or later than a row, is an event of it
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
@@ -205,34 +205,6 @@ def encoded(event: EventType, source: object = None, **fields: object) -> bytes:
     names = [field.name for field in event.message_class.DESCRIPTOR.fields]
     values = {name: fields[name] if name in fields else getattr(source, name, None) for name in names}
     return bytes(event.message_class(**values).SerializeToString())
-
-
-def encode_request(request: Request) -> bytes:
-    """A message of /request."""
-    return encoded(REQUEST, request, **{name: bounded(getattr(request, name)) for name in ("kind", "by", "text")})
-
-
-def encode_zero(t: float, zeros: Zeros, drift: Drift) -> bytes:
-    """A message of /zero."""
-    return encoded(ZERO, zeros, t=t, drift=drift.force, rate=drift.rate, linear=drift.linear)
-
-
-def encode_mark(mark: Mark) -> bytes:
-    """A message of /mark."""
-    return encoded(MARK, mark, text=bounded(mark.text))
-
-
-def encode_state(t: float, number: int, state: State, repeats: int = 0) -> bytes:
-    """`number` counts the states of a recording; the row that comes of it carries the same number."""
-    parts = (("vacuum", state.vacuum), ("bodies", state.bodies))
-    limits = {f"{part}_{name}": x for part, of in parts if of is not None for name, x in asdict(of).items()}
-    own = {"t": t, "number": number, "rule": state.rule_name, "json": state.to_json(), "repeats": repeats}
-    return encoded(STATE, state, **own, **limits)
-
-
-def encode_trial(t: float, number: int, row: TrialRow, repeats: int = 0) -> bytes:
-    """The row that was concluded for state `number`."""
-    return encoded(TRIAL, row, t=t, number=number, json=row.to_json(), repeats=repeats)
 
 
 def writable(text: str) -> str:

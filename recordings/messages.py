@@ -82,20 +82,6 @@ class Field:
         return _varint(number << 3 | _PACKED) + _varint(size * self.count)
 
 
-_NESTED = -1
-_Part = tuple[tuple[bytes, ...], int | None, Field]
-"""Constant bytes (none where an array is empty), how long a tuple is that needs no further check (None: one number, `_NESTED`:
-rows of several), field."""
-
-
-def _part(head: bytes, field: Field) -> _Part:
-    heads = (head,) if field.count else ()
-    if not field.shape:
-        return heads, None, field
-    flat = len(field.shape) == 1 or not field.count
-    return heads, field.count if flat else _NESTED, field
-
-
 @dataclass(frozen=True)
 class MessageType:
     """A message of fixed layout. Encodes from values in field order, decodes to a structured numpy array."""
@@ -200,10 +186,16 @@ class MessageType:
             raise BadMessage(f"{self.topic}: {error} in {dict(zip(self.value_names, values, strict=True))}") from error
 
     @cached_property
-    def _layout(self) -> tuple[bytes, tuple[_Part, ...], Callable[..., bytes]]:
-        """All that encoding needs, in one look-up: constant bytes of `t`, the fields after it, what packs them."""
-        parts = [_part(head, field) for head, field in zip(self._heads[1:], self.fields[1:], strict=True)]
-        return self._heads[0], tuple(parts), self._struct.pack
+    def _layout(self) -> tuple[bytes, list[tuple[tuple[bytes, ...], int | None, Field]], Callable[..., bytes]]:
+        """All that encoding needs, in one look-up: constant bytes of `t`; of each field after it the constant bytes (none where
+        an array is empty), and how long a tuple is that needs no check (None: a number, -1: rows of several); what packs."""
+        parts: list[tuple[tuple[bytes, ...], int | None, Field]] = []
+        for head, field in zip(self._heads[1:], self.fields[1:], strict=True):
+            flat = len(field.shape) == 1 or not field.count
+            parts.append(
+                ((head,) if field.count else (), (field.count if flat else -1) if field.shape else None, field)
+            )
+        return self._heads[0], parts, self._struct.pack
 
     @cached_property
     def _heads(self) -> tuple[bytes, ...]:

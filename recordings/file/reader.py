@@ -33,16 +33,14 @@ _TIMES = np.dtype([("sequence", "<i8"), ("log", "<i8")])
 """Number and log time (ns) of a message."""
 
 
-def _name(topic: str) -> str:
-    return f"{topic} ({written_name(topic)}, protobuf)"
-
-
 class Recording:
     """One recording, read. Streams are decoded when they are used and then kept: the first one alone, all the others at
     the use of the second; `load` takes them in one go."""
 
     def __init__(self, path: Path, data: memoryview, contents: Contents) -> None:
         self.path, self.contents, self._data = path, contents, data
+        self.attachments: Mapping[str, bytes] = contents.attachments
+        self.metadata: Mapping[str, dict[str, str]] = contents.metadata
         self.damage: tuple[str, ...] | None = None
         """What `salvaged` left out, and why; None of a recording of which everything is read."""
         self._loaded: set[int] = set()
@@ -111,16 +109,6 @@ class Recording:
         return found
 
     @property
-    def attachments(self) -> Mapping[str, bytes]:
-        """Name -> bytes."""
-        return self.contents.attachments
-
-    @property
-    def metadata(self) -> Mapping[str, dict[str, str]]:
-        """Metadata records by name."""
-        return self.contents.metadata
-
-    @property
     def outcome(self) -> str | None:
         """completed, stopped or failed; None when the recording ended abruptly."""
         return self.metadata.get("outcome", {}).get("outcome")
@@ -139,9 +127,10 @@ class Recording:
     def need(self, *topics: str) -> None:
         """Raises `Foreign` when the file does not have these topics as this software writes them."""
         if not all(map(self.knows, topics)):
+            needed = ", ".join(f"{topic} ({written_name(topic)}, protobuf)" for topic in topics)
             raise Foreign(
-                f"{self.path} was not recorded by this software: it needs {', '.join(map(_name, topics))}, but has "
-                f"{self._described()}; write its states into a case folder (robot.yaml and trials.csv) instead"
+                f"{self.path} was not recorded by this software: it needs {needed}, but has {self._described()}; "
+                "write its states into a case folder (robot.yaml and trials.csv) instead"
             )
 
     def knows(self, topic: str) -> bool:

@@ -31,7 +31,6 @@ from types import TracebackType
 from typing import Any
 
 import numpy as np
-from mcap.well_known import MessageEncoding, SchemaEncoding
 
 from .. import events
 from ..errors import BadMessage, RecordingError, WriteFailed
@@ -140,15 +139,13 @@ class Recorder:
     def _begin(self, ns: int) -> None:
         """Everything that must be on disk before the first sample; `ns`: rig time now."""
         self._mcap = mcap = self._headed(self._disk, self._metadata)
-        for message in self.messages.values():
-            schema = mcap.schema(message.full_name, SchemaEncoding.Protobuf, message.schema)
-            self._register(message.topic, schema, message.metadata)
-            if has_stamp(message.topic):
+        written: list[MessageType | events.EventType] = [*self.messages.values(), *events.EVENTS.values()]
+        for message in written:
+            topic, schema = self._topics[message.topic], mcap.schema(message.full_name, "protobuf", message.schema)
+            topic.channel = mcap.channel(message.topic, "protobuf", schema, message.metadata)
+            if isinstance(message, MessageType) and has_stamp(message.topic):
                 fields: Any = message.wire_dtype.fields
-                self._topics[message.topic].stamp_at = fields[STAMP][1]
-        for event in events.EVENTS.values():
-            schema = mcap.schema(event.full_name, SchemaEncoding.Protobuf, event.schema)
-            self._register(event.topic, schema, event.metadata)
+                topic.stamp_at = fields[STAMP][1]
         # Schemas and channels reach the file with the first message's chunk.
         first = events.encode_log(self.start_wall_ns + ns, "info", "recording starts", "recorder")
         self._queue.append(("/log", ns, first))
@@ -156,10 +153,6 @@ class Recorder:
         self._flush()
         self._disk.sync()
         self._disk.sync_name()
-
-    def _register(self, topic: str, schema: int, metadata: dict[str, str]) -> None:
-        channel = self._mcap.channel(topic, MessageEncoding.Protobuf, schema, metadata)
-        self._topics[topic].channel = channel
 
     # -- from any thread
     def push(self, topic: str, t: float, values: tuple[object, ...] | None = None, /, **fields: object) -> None:
@@ -238,7 +231,7 @@ class Recorder:
         with entry.lock:
             entry.lost += count
 
-    def log(self, level: str, text: str, t: float | None = None, name: str = "lab") -> None:
+    def log(self, level: str, text: str, t: float | None = None) -> None:
         """A line on /log; `level` one of debug, info, warning, error, fatal; `t` (s) defaults to the newest stamp.
 
         The text is kept as it is, up to `events.LONGEST_TEXT` characters.
@@ -247,7 +240,7 @@ class Recorder:
         if level not in events.LEVELS:
             raise BadMessage(f"log level {level!r} is unknown; one of {', '.join(events.LEVELS)}")
         ns = self._newest() if t is None else self._nanoseconds("/log", t)
-        self._queue.append(("/log", ns, events.encode_log(self.start_wall_ns + ns, level, events.bounded(text), name)))
+        self._queue.append(("/log", ns, events.encode_log(self.start_wall_ns + ns, level, events.bounded(text), "lab")))
 
     def state(self, t: float, state: State, repeats: int = 0) -> int:
         """Record what is asked for, before it is read; returns the state's number in this recording. `repeats`: the number
@@ -263,38 +256,43 @@ class Recorder:
         with self._event_lock:
             self._states += 1
             number = self._states
-        self._event("/state", t, events.encode_state(t, number, state, repeats))
+        parts = (("vacuum", state.vacuum), ("bodies", state.bodies))
+        limits = {f"{part}_{name}": x for part, of in parts if of is not None for name, x in asdict(of).items()}
+        own = {"t": t, "number": number, "rule": state.rule_name, "json": state.to_json(), "repeats": repeats}
+        self._event(events.STATE, t, state, **own, **limits)
         return number
 
     def trial(self, t: float, number: int, row: TrialRow, repeats: int = 0) -> None:
         """Record the row that was concluded for state `number`."""
-        self._event("/trial", t, events.encode_trial(t, number, row, repeats))
+        self._event(events.TRIAL, t, row, t=t, number=number, json=row.to_json(), repeats=repeats)
 
     def zero(self, t: float, zeros: Zeros, drift: Drift) -> None:
         """Record how the force sensor's zero moved during a trial."""
-        self._event("/zero", t, events.encode_zero(t, zeros, drift))
+        self._event(events.ZERO, t, zeros, t=t, drift=drift.force, rate=drift.rate, linear=drift.linear)
 
     def mark(self, mark: events.Mark) -> None:
         """Record why the states that a trial has up to now are in doubt."""
-        self._event("/mark", mark.t, events.encode_mark(mark))
+        self._event(events.MARK, mark.t, mark, text=events.bounded(mark.text))
 
     def request(self, request: events.Request) -> None:
         """Record what somebody asked of the run, or that it was carried out; from any thread."""
-        self._event("/request", request.t, events.encode_request(request))
+        texts = {name: events.bounded(getattr(request, name)) for name in ("kind", "by", "text")}
+        self._event(events.REQUEST, request.t, request, **texts)
 
     def progress(self, t: float, steps: int, steps_planned: int, seconds: float, seconds_planned: float) -> None:
         """Record how much of the plan is done: steps, and s of rig time."""
         planned = {"steps_planned": steps_planned, "seconds_planned": seconds_planned}
-        self._event("/progress", t, events.encoded(events.PROGRESS, t=t, steps=steps, seconds=seconds, **planned))
+        self._event(events.PROGRESS, t, t=t, steps=steps, seconds=seconds, **planned)
 
     def _newest(self) -> int:
         with self.buffers.lock:
             return max(*(ns for _, ns, _ in self._not_taken()), *(entry.last for entry in self._topics.values()))
 
-    def _event(self, topic: str, t: float, payload: bytes) -> None:
-        """Events are few, and neither dropped for their order nor for a full queue."""
+    def _event(self, event: events.EventType, at: float, source: object = None, **fields: object) -> None:
+        """Record an event of rig time `at` (s), see `events.encoded`. They are few, and neither dropped for their order nor for
+        a full queue."""
         self.check()
-        self._queue.append((topic, self._nanoseconds(topic, t), payload))
+        self._queue.append((event.topic, self._nanoseconds(event.topic, at), events.encoded(event, source, **fields)))
 
     def _waiting(self, topic: str) -> list[tuple[float, bytes]]:
         """What the writer has not taken yet of a stream, in order: stamps (s) and payloads; `buffers.lock` is held."""
