@@ -16,6 +16,7 @@ from typing import Any, Protocol
 
 import numpy as np
 from google.protobuf.json_format import MessageToDict, SerializeToJsonError
+from numpy.typing import NDArray
 
 from ..errors import Damaged
 from ..events import EVENTS
@@ -57,11 +58,10 @@ def messages(recording: Recording) -> Iterator[Played]:
     start = recording.start_wall_ns
     recording.load()
     topics = [topic for topic in recording.topics if recording.knows(topic)]
-    makers = [_stream(recording, topic) if is_stream(topic) else _events(recording, topic) for topic in topics]
-    times = [_times(recording, topic) for topic in topics]
+    times, makers = zip(*(_played(recording, topic) for topic in topics), strict=True) if topics else ((), ())
     of = np.repeat(np.arange(len(topics)), [len(t) for t in times])
-    rows = np.concatenate([np.arange(len(t)) for t in times]) if times else np.zeros(0, np.int64)
-    log_times = np.concatenate(times) if times else np.zeros(0, np.int64)
+    rows = np.concatenate([np.zeros(0, np.int64), *(np.arange(len(t)) for t in times)])
+    log_times = np.concatenate([np.zeros(0, np.int64), *times])
     for i in np.lexsort((rows, of, log_times)).tolist():
         log_time = int(log_times[i])
         yield Played(topics[of[i]], (log_time - start) / 1e9, log_time, makers[of[i]](int(rows[i])))
@@ -86,21 +86,13 @@ def play(recording: Recording, sink: Callable[[Played], None], speed: float = ma
     return count
 
 
-def _times(recording: Recording, topic: str) -> np.ndarray[Any, np.dtype[np.int64]]:
-    if is_stream(topic):
-        return recording.log_times(
-            topic, samples=True
-        )  # in the order of the stream's own stamps, from which they are made
-    return np.array([log_time for log_time, _ in recording.payloads(EVENTS[topic])], dtype=np.int64)
-
-
-def _stream(recording: Recording, topic: str) -> Callable[[int], Fields]:
-    samples = recording.stream(topic)
-    names = samples.dtype.names or ()
-    return lambda row: {name: samples[row][name].tolist() for name in names}
-
-
-def _events(recording: Recording, topic: str) -> Callable[[int], Fields]:
+def _played(recording: Recording, topic: str) -> tuple[NDArray[np.int64], Callable[[int], Fields]]:
+    """Log times (ns) of a topic's messages, and what makes the fields of each."""
+    if is_stream(topic):  # in the order of the stream's own stamps, from which the log times are made
+        samples = recording.stream(topic)
+        names = samples.dtype.names or ()
+        times = recording.log_times(topic, samples=True)
+        return times, lambda row: {name: samples[row][name].tolist() for name in names}
     event = EVENTS[topic]
     found = recording.payloads(event)
 
@@ -112,7 +104,7 @@ def _events(recording: Recording, topic: str) -> Callable[[int], Fields]:
         except (ValueError, SerializeToJsonError) as error:
             raise Damaged(f"{topic}: a message cannot be written as JSON ({error}); run `lab verify`") from error
 
-    return fields
+    return np.array([log_time for log_time, _ in found], dtype=np.int64), fields
 
 
 def plain_numbers(value: Any) -> Any:
