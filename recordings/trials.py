@@ -5,16 +5,8 @@ Columns, in this order (SI; a column that was never measured is absent, a cell t
     trial step protocol repeat branch t rate hold spine_length vacuum tip_mass roll_deg force_x force_y force_z p1..pN x y z
     qw qx qy qz  m1x m1y m1z ..  specimen force deflection clipped force_drift doubt  sensor_<name>_<quantity> ..  sd_<column> ..
 
-`t` s, middle of the time that was averaged; `rate` Pa/s of the ramp that led here; `hold` s from the ramp's end to the
-reading, 0 when read while ramping; `vacuum` Pa below ambient; `p` Pa gauge, measured; tip and markers m, base frame;
-`force_x` .. a known force on the tip, N, base frame;
-`clipped` 1 where the rig's limits clipped set-points on the way to the state, else empty;
-`force_drift` N by which the zero of the force sensor moved over the trial along the push (above 0: the sensor reads more in
-the end), empty where it was not read again; it is removed from `force` as a line in time unless `doubt` is "drift";
-`doubt` why a state is not to be relied on, else empty: "soft", the jammed spine did not push back, or its shape showed that it
-was soft; "drift", the force sensor's zero moved by `force_drift`, and not at a constant pace; `sensor_` what sensors of the
-lab's own measured, in their units; `sd_` the standard deviation of
-the samples that were averaged (not of their mean).
+`COLUMNS` has unit and meaning of each, `TrialRow` what else there is to say. `sd_`: the standard deviation of the samples that
+were averaged (not of their mean).
 """
 
 from __future__ import annotations
@@ -44,7 +36,8 @@ HEAD += ("tip_mass", "roll_deg", "force_x", "force_y", "force_z")
 INTEGERS = frozenset({"trial", "step", "repeat"})
 TEXTS = frozenset({"protocol", "branch", "specimen", "doubt"})
 DOUBTS = ("soft", "bodies", "drift")
-"""Why a state is not to be relied on; the first that holds counts."""
+"""Why a state is not to be relied on; the first that holds counts: the jammed spine did not push back, or its shape showed that
+it was soft; a body was elsewhere; the force sensor's zero moved, and not at a constant pace."""
 TIP = ("x", "y", "z")
 ORIENTATION = ("qw", "qx", "qy", "qz")
 TAIL = ("specimen", "force", "deflection", "clipped", "force_drift", "doubt")
@@ -77,23 +70,37 @@ def column_order(name: str) -> tuple[int, int, int] | None:
     return None
 
 
-UNITS = dict.fromkeys(("force_x", "force_y", "force_z", "force", "force_drift"), "N")
-UNITS |= {"t": "s", "hold": "s", "rate": "Pa/s", "vacuum": "Pa", "tip_mass": "kg", "roll_deg": "deg"}
-"""Of columns; pressures are in Pa, lengths and positions in m, quaternions and numbers of trials in 1."""
+COLUMNS = (
+    (r"trial|step|repeat", "1", "number, from 1"),
+    (r"protocol|branch|specimen|doubt", "1", "text"),
+    (r"t", "s", "rig time of the reading"),
+    (r"rate", "Pa/s", "of the pressure ramp that led here, negative downwards"),
+    (r"hold", "s", "time from the end of the ramp to the reading"),
+    (r"spine_length", "m", "length of the spine"),
+    (r"vacuum", "Pa", "of the spine, below ambient"),
+    (r"tip_mass", "kg", "mass hung at the tip"),
+    (r"roll_deg", "deg", "turn of the body in its mount about the robot's axis"),
+    (r"force_[xyz]", "N", "known force on the tip, base frame"),
+    (r"p[0-9]+", "Pa", "pressure of this chamber, gauge, measured"),
+    (r"[xyz]", "m", "position of the tip, base frame"),
+    (r"q[wxyz]", "1", "orientation of the tip, unit quaternion, base frame"),
+    (r"m[0-9]+[xyz]", "m", "position of this marker, base frame"),
+    (r"force", "N", "on the specimen along the push"),
+    (r"deflection", "m", "of the specimen along the push"),
+    (r"clipped", "1", "1 where the rig's limits clipped set-points on the way to this state"),
+    (r"force_drift", "N", "by which the force sensor's zero moved over the trial"),
+    (r"sensor_.*", "", ""),
+)
+"""Pattern, SI unit and meaning of columns; of a sensor of the lab's own the table does not tell them."""
 
 
 def unit_of(name: str) -> str:
-    """SI unit of a column; of a sensor of the lab's own the table does not tell it.
+    """SI unit of a column.
 
     >>> unit_of("p1"), unit_of("sd_x"), unit_of("trial")
     ('Pa', 'm', '1')
     """
-    name = name.removeprefix("sd_")
-    if name in INTEGERS or name in TEXTS or name in ORIENTATION or name == "clipped":
-        return "1"
-    if name.startswith("sensor_"):
-        return ""
-    return "Pa" if _PRESSURE.fullmatch(name) else UNITS.get(name, "m")
+    return next((unit for pattern, unit, _ in COLUMNS if re.fullmatch(pattern, name.removeprefix("sd_"))), "m")
 
 
 @dataclass(frozen=True)
@@ -128,7 +135,8 @@ class TrialRow:
     clipped: bool = False
     """The rig's limits clipped set-points on the way here."""
     force_drift: float | None = None
-    """N, by which the force sensor's zero moved over the trial; removed from `force` unless `doubt` is "drift"."""
+    """N, by which the force sensor's zero moved over the trial along the push (above 0: it reads more in the end); removed from
+    `force` as a line in time unless `doubt` is "drift"."""
     doubt: str | None = None
     """One of `DOUBTS`."""
     sensors: Mapping[str, float] = field(default_factory=dict)

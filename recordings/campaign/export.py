@@ -23,34 +23,13 @@ from ..file.reader import Recording
 from ..messages import SENSORS, STREAMS, Field
 from ..own_files import replaced, replacing
 from ..table_file import write_csv
-from ..trials import Table
+from ..trials import COLUMNS, Table
 from .replay import table_of
 
 StreamFormat = Literal["csv", "parquet", "mat"]
 ROWS = 10_000
 """Of a table that are written at a time."""
 Columns = dict[str, NDArray[Any]]
-MEANINGS = (
-    (r"trial|step|repeat", "number, from 1"),
-    (r"protocol|branch|specimen|doubt", "text"),
-    (r"t", "rig time of the reading"),
-    (r"rate", "of the pressure ramp that led here, negative downwards"),
-    (r"hold", "time from the end of the ramp to the reading"),
-    (r"spine_length", "length of the spine"),
-    (r"vacuum", "of the spine, below ambient"),
-    (r"tip_mass", "mass hung at the tip"),
-    (r"roll_deg", "turn of the body in its mount about the robot's axis"),
-    (r"force_[xyz]", "known force on the tip, base frame"),
-    (r"p[0-9]+", "pressure of this chamber, gauge, measured"),
-    (r"[xyz]", "position of the tip, base frame"),
-    (r"q[wxyz]", "orientation of the tip, unit quaternion, base frame"),
-    (r"m[0-9]+[xyz]", "position of this marker, base frame"),
-    (r"force", "on the specimen along the push"),
-    (r"deflection", "of the specimen along the push"),
-    (r"clipped", "1 where the rig's limits clipped set-points on the way to this state"),
-    (r"force_drift", "by which the force sensor's zero moved over the trial"),
-)
-"""Of columns of the table of trials, by pattern."""
 
 
 def export_streams(recording: Recording, folder: str | os.PathLike[str], form: StreamFormat = "csv") -> list[Path]:
@@ -147,7 +126,7 @@ def _part(field: Field, index: int) -> str:
 def _meaning(column: str) -> str:
     """Of a column of the table of trials."""
     of = column.removeprefix("sd_")
-    found = next((text for pattern, text in MEANINGS if re.fullmatch(pattern, of)), "")
+    found = next((text for pattern, _, text in COLUMNS if re.fullmatch(pattern, of)), "")
     if of.startswith("sensor_"):
         found = f"{of.removeprefix('sensor_')}: sensor and quantity, averaged"
     return f"standard deviation of {of}" if of != column else found
