@@ -10,7 +10,7 @@ itself cannot be told from an offset and is part of it.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,10 +48,6 @@ class ClockModel:
     def host(self, device: Numbers) -> Numbers:
         """Rig time (s) at which samples with these device stamps (s) were taken (and could have arrived at best)."""
         return np.asarray(device + self.offset + self.drift * (device - self.reference))
-
-    def to_dict(self) -> dict[str, float]:
-        """Plain values for JSON."""
-        return asdict(self)
 
 
 def fit(device: Numbers, host: Numbers) -> ClockModel | None:
@@ -96,14 +92,9 @@ def _edge(x: Numbers, y: Numbers) -> tuple[int, int]:
 
 def clocks(recording: Recording) -> dict[str, ClockModel]:
     """The models of all streams that carry device stamps, from the samples in the file."""
-    found = {}
-    for topic in recording.streams:
-        if has_stamp(topic):
-            samples = recording.stream(topic)
-            model = fit(samples[STAMP], samples["t"])
-            if model is not None:
-                found[topic] = model
-    return found
+    samples = {topic: recording.stream(topic) for topic in recording.streams if has_stamp(topic)}
+    models = {topic: fit(found[STAMP], found["t"]) for topic, found in samples.items()}
+    return {topic: model for topic, model in models.items() if model is not None}
 
 
 def aligned(recording: Recording, topic: str) -> Numbers:
@@ -115,15 +106,11 @@ def aligned(recording: Recording, topic: str) -> Numbers:
     if not has_stamp(topic):
         raise MissingStream(f"{topic} has no time stamp of its instrument; use its field t")
     samples = recording.stream(topic)
-    device: Numbers = samples[STAMP]
-    host: Numbers = samples["t"]
-    model = fit(device, host)
-    if model is None:
-        return host.copy()
-    begin = len(device) - model.samples
-    out = np.where(np.isfinite(device), model.host(device), host)
-    out[:begin] = host[:begin]
-    return out
+    device, out = samples[STAMP], samples["t"].copy()
+    if (model := fit(device, out)) is not None:
+        begin = len(device) - model.samples
+        out[begin:] = np.where(np.isfinite(device), model.host(device), out)[begin:]
+    return np.asarray(out)
 
 
 def has_stamp(topic: str) -> bool:

@@ -126,6 +126,12 @@ class Contents:
         channel = self.channels.get(number)
         return channel is not None and (channel.schema_id == 0 or channel.schema_id in self.schemas)
 
+    @property
+    def schemaless(self) -> list[str]:
+        """What is wrong with channels whose schema the file does not hold."""
+        lost = [c for c in self.channels.values() if c.schema_id and c.schema_id not in self.schemas]
+        return [f"channel {c.topic} names the schema {c.schema_id}, which is missing" for c in lost]
+
     def _message(self, record: Record) -> None:
         """Add a message outside chunks to the run of those before it, or begin one."""
         (log_time,) = _U64.unpack_from(record.source, record.body + 6)

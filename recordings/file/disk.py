@@ -98,18 +98,14 @@ class Disk:
         finally:
             os.close(self._fd)
 
-    def give_up(self) -> None:
-        """Cut off what is not committed, so that the file ends with a whole record, and close. Never raises."""
+    def give_up(self, cut: bool = True) -> None:
+        """Close without an error. `cut`: cut off what is not committed, so that the file ends with a whole record; a file that
+        is no longer what its path names is left as it is."""
         self._stop()
         with contextlib.suppress(OSError):
-            os.ftruncate(self._fd, min(self._committed, os.fstat(self._fd).st_size))
-            os.fsync(self._fd)
-        with contextlib.suppress(OSError):
-            os.close(self._fd)
-
-    def abandon(self) -> None:
-        """Close a file that is no longer what its path names, as it is. Never raises."""
-        self._stop()
+            if cut:
+                os.ftruncate(self._fd, min(self._committed, os.fstat(self._fd).st_size))
+                os.fsync(self._fd)
         with contextlib.suppress(OSError):
             os.close(self._fd)
 

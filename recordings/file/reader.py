@@ -221,17 +221,11 @@ class Recording:
 
     def undescribed(self) -> list[str]:
         """What the loaded messages and the channels refer to and the file does not describe."""
-        channels, schemas = self.contents.channels, self.contents.schemas
-        found = [
+        return [
             f"{sum(map(len, parts))} messages are of channel {number}, which is not described"
             for number, parts in sorted(self._times.items())
-            if number not in channels
-        ]
-        return found + [
-            f"channel {c.topic} names the schema {c.schema_id}, which is missing"
-            for c in channels.values()
-            if c.schema_id and c.schema_id not in schemas
-        ]
+            if number not in self.contents.channels
+        ] + self.contents.schemaless
 
     def _need(self, channel: Channel) -> None:
         """Have the messages of a channel read: of it alone when it is the first."""

@@ -130,7 +130,9 @@ class _Check:
         self._close_chunk()
         if self.oversized is not None:
             self.problem(0, str(self.oversized))
-        self._definitions()
+        for number in self.messages.keys() - self.contents.channels.keys():
+            self.problem(0, f"messages of channel {number}, which is not described")
+        self.problems += [Problem(0, text) for text in self.contents.schemaless]
         if not self.contents.finished:
             end = self.contents.end
             left = f"{len(self.data) - end} bytes are left and the file was not finished"
@@ -201,15 +203,6 @@ class _Check:
         if there and chunk.indexes:
             missing = ", ".join(map(str, there))
             self.problem(chunk.start, f"the chunk has no index of its messages of channel {missing}")
-
-    def _definitions(self) -> None:
-        """What messages and channels refer to must be described somewhere in the file."""
-        channels, schemas = self.contents.channels, self.contents.schemas
-        for number in self.messages.keys() - channels.keys():
-            self.problem(0, f"messages of channel {number}, which is not described")
-        for channel in channels.values():
-            if channel.schema_id and channel.schema_id not in schemas:
-                self.problem(0, f"channel {channel.topic} names the schema {channel.schema_id}, which is missing")
 
     # -- the end
     def _footer(self, record: Record) -> None:

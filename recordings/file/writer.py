@@ -453,7 +453,7 @@ class Recorder:
             disk.give_up()
             path.unlink(missing_ok=True)
             raise
-        self._disk.abandon()
+        self._disk.give_up(cut=False)
         self._disk, self._mcap, self._metadata, self.path = disk, mcap, metadata, path
         return lost
 
@@ -483,12 +483,12 @@ class Recorder:
 
     def _clocks(self) -> dict[str, str]:
         """The model of each instrument's clock, as JSON text by topic."""
-        stamped = {name: topic for name, topic in self._topics.items() if topic.stamp_at is not None}
         models = {
             name: fit(np.array(topic.device_stamps), np.array(topic.stamps, np.int64) / 1e9)
-            for name, topic in stamped.items()
+            for name, topic in self._topics.items()
+            if topic.stamp_at is not None
         }
-        return {name: json.dumps(model.to_dict()) for name, model in models.items() if model is not None}
+        return {name: json.dumps(asdict(model)) for name, model in models.items() if model is not None}
 
     def counts(self) -> dict[str, StreamCounts]:
         """What became of each topic's messages so far."""

@@ -9,7 +9,7 @@ a line; at another pace (a step, a sensor that warms up) no line is right, and t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from ..errors import NotSettled, TooFewSamples
@@ -61,9 +61,6 @@ class Drift:
     """N/s over that time."""
     linear: bool
     """It moved at a constant pace, as far as the readings can tell."""
-
-
-Read = Callable[[Span], Unloaded | None]
 
 
 def unloaded(streams: Streams, direction: Sequence[float], span: Span) -> Unloaded | None:
