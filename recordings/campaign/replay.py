@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .. import events
 from ..errors import NotSettled, RecordingError
-from ..events import marked
+from ..events import TrialEvent, marked
 from ..file.budget import Budget, Cost
 from ..file.reader import Recording
 from ..states.concluding import conclude, of_sensor, sensor_column
@@ -54,24 +54,24 @@ def table_of(recording: Recording) -> Table:
     """
     recording.need(events.STATE.topic, events.TRIAL.topic)
     drifts = [(event.zeros, event.drift) for event in recording.zeros]
-    return _table(recording, [(event.number, event.repeats, event.row) for event in recording.trials], drifts)
+    return _table(recording, [(event, event.row) for event in recording.trials], drifts)
 
 
 def _table(
-    recording: Recording, read: Sequence[tuple[int, int, TrialRow]], drifts: Sequence[tuple[Zeros, Drift]]
+    recording: Recording, read: Sequence[tuple[TrialEvent | Replayed, TrialRow]], drifts: Sequence[tuple[Zeros, Drift]]
 ) -> Table:
-    """Of all rows that were read, each with the number of its state and of the one that it repeats, those that count: of a
-    state that was read again the last one, and none of a trial that a person left out. The table's warnings say so.
+    """Of all rows that were read, those that count: of a state that was read again the last one, and none of a trial that a
+    person left out. The table's warnings say so.
 
     Forces are freed from the drift of the sensor's zero, and doubts about rows stand in them.
     """
-    again = {repeats for _, repeats, _ in read if repeats}
+    again = {event.repeats for event, _ in read if event.repeats}
     skipped = {request.trial for request in recording.requests if request.kind == "skip" and request.done}
-    rows = [(number, row) for number, _, row in read if row.trial not in skipped]
+    rows = [(event.number, row) for event, row in read if row.trial not in skipped]
     doubts = [
         f"trial {trial}: was skipped by a person; the {n} states read in it are left out"
         for trial in sorted(skipped)
-        if (n := sum(row.trial == trial for *_, row in read))
+        if (n := sum(row.trial == trial for _, row in read))
     ]
     doubts += [
         f"trial {row.trial} step {row.step}: was read again; the last reading counts"
@@ -85,12 +85,8 @@ def _table(
 def units_of(recording: Recording) -> dict[str, str]:
     """Unit of each column that a sensor of the lab's own fills."""
     topics = [topic for topic in recording.streams if of_sensor(topic)]
-    return {
-        sensor_column(topic, name): unit
-        for topic in topics
-        for name, unit in recording.units(topic).items()
-        if name != "t"
-    }
+    units = ((topic, name, unit) for topic in topics for name, unit in recording.units(topic).items())
+    return {sensor_column(topic, name): unit for topic, name, unit in units if name != "t"}
 
 
 AVERAGING = 20
@@ -140,8 +136,7 @@ def replay(path: str | os.PathLike[str], *, truncated: bool = False) -> Table:
     (1,)
     """
     recording = Recording.open(path, truncated=truncated)
-    read = replay_states(recording)
-    rows = [(again.number, again.repeats, again.row) for again in read if again.row is not None]
+    rows = [(again, again.row) for again in replay_states(recording) if again.row is not None]
     drifts = [(zeros, moved) for zeros, moved in replay_zeros(recording) if moved is not None]
     return _table(recording, rows, drifts)
 

@@ -3,11 +3,6 @@
 A state holds everything a reading needs besides the samples: where to look in time (`rule`), which streams the reading
 relies on (`topics`), and the columns that are set rather than measured. With it the reading can be done again from the
 file.
-
-Rules
-- `Settled`: read once the robot has come to rest after `t_start`.
-- `Window`: read at a fixed time after `t_start` (creep and hold readings; force at a stiffness step).
-- `Crossing`: read while ramping, when the driven chambers' mean pressure first crosses a level after `t_start`.
 """
 
 from __future__ import annotations
