@@ -5,8 +5,11 @@ Columns, in this order (SI; a column that was never measured is absent, a cell t
     trial step protocol repeat branch t rate hold spine_length vacuum tip_mass roll_deg force_x force_y force_z p1..pN x y z
     qw qx qy qz  m1x m1y m1z ..  specimen force deflection clipped force_drift doubt  sensor_<name>_<quantity> ..  sd_<column> ..
 
-`COLUMNS` has unit and meaning of each, `TrialRow` what else there is to say. `sd_`: the standard deviation of the samples that
-were averaged (not of their mean).
+`t` is the middle of the time that was averaged, and `hold` 0 where a state was read while ramping. `doubt` says why a state is
+not to be relied on: "soft", the jammed spine did not push back, or its shape showed that it was soft; "bodies", a body was
+elsewhere; "drift", the zero of the force sensor moved by `force_drift` (above 0: it reads more in the end), and not at a constant
+pace. A constant drift is removed from `force` as a line in time. `sensor_` is what sensors of the lab's own measured, in their
+units; `sd_` the standard deviation of the samples that were averaged (not of their mean).
 """
 
 from __future__ import annotations
@@ -36,8 +39,7 @@ HEAD += ("tip_mass", "roll_deg", "force_x", "force_y", "force_z")
 INTEGERS = frozenset({"trial", "step", "repeat"})
 TEXTS = frozenset({"protocol", "branch", "specimen", "doubt"})
 DOUBTS = ("soft", "bodies", "drift")
-"""Why a state is not to be relied on; the first that holds counts: the jammed spine did not push back, or its shape showed that
-it was soft; a body was elsewhere; the force sensor's zero moved, and not at a constant pace."""
+"""Why a state is not to be relied on; the first that holds counts."""
 TIP = ("x", "y", "z")
 ORIENTATION = ("qw", "qx", "qy", "qz")
 TAIL = ("specimen", "force", "deflection", "clipped", "force_drift", "doubt")
@@ -135,8 +137,7 @@ class TrialRow:
     clipped: bool = False
     """The rig's limits clipped set-points on the way here."""
     force_drift: float | None = None
-    """N, by which the force sensor's zero moved over the trial along the push (above 0: it reads more in the end); removed from
-    `force` as a line in time unless `doubt` is "drift"."""
+    """N, by which the force sensor's zero moved over the trial; removed from `force` unless `doubt` is "drift"."""
     doubt: str | None = None
     """One of `DOUBTS`."""
     sensors: Mapping[str, float] = field(default_factory=dict)
