@@ -12,7 +12,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from google.protobuf.json_format import MessageToDict, SerializeToJsonError
@@ -43,16 +43,6 @@ class Played:
         )
 
 
-class Pace(Protocol):
-    """Host time, passed in so that a test takes none."""
-
-    def monotonic(self) -> float:
-        """Seconds that never go back."""
-
-    def sleep(self, seconds: float) -> None:
-        """Wait."""
-
-
 def messages(recording: Recording) -> Iterator[Played]:
     """All messages in the order of their log time; at equal times in the order of the channels."""
     start = recording.start_wall_ns
@@ -67,8 +57,9 @@ def messages(recording: Recording) -> Iterator[Played]:
         yield Played(topics[of[i]], (log_time - start) / 1e9, log_time, makers[of[i]](int(rows[i])))
 
 
-def play(recording: Recording, sink: Callable[[Played], None], speed: float = math.inf, pace: Pace = time) -> int:
-    """Send every message to `sink`; `speed` 1 is rig time, inf is at once. Returns how many were sent.
+def play(recording: Recording, sink: Callable[[Played], None], speed: float = math.inf, pace: Any = time) -> int:
+    """Send every message to `sink`; `speed` 1 is rig time, inf is at once. Returns how many were sent. `pace`: has `monotonic`
+    and `sleep` like the module time.
 
     A sink that is slower than the recording delays what follows; nothing is left out.
     """
