@@ -105,8 +105,8 @@ class MessageType:
         return f"{PACKAGE}.{self.name}"
 
     @cached_property
-    def file_descriptor(self) -> FileDescriptorProto:
-        """The .proto file of this message."""
+    def schema(self) -> bytes:
+        """Serialized FileDescriptorSet, as MCAP stores it."""
         file = FileDescriptorProto(name=f"{PACKAGE}/{self.name}.proto", package=PACKAGE, syntax="proto2")
         message = file.message_type.add(name=self.name)
         for number, field in enumerate(self.fields, 1):
@@ -114,12 +114,7 @@ class MessageType:
             entry = message.field.add(name=field.name, number=number, label=label, type=_KINDS[field.kind][0])
             if field.shape:
                 entry.options.packed = True
-        return file
-
-    @cached_property
-    def schema(self) -> bytes:
-        """Serialized FileDescriptorSet, as MCAP stores it."""
-        return FileDescriptorSet(file=[self.file_descriptor]).SerializeToString(deterministic=True)
+        return FileDescriptorSet(file=[file]).SerializeToString(deterministic=True)
 
     @property
     def metadata(self) -> dict[str, str]:

@@ -50,13 +50,9 @@ def write_csv(table: Table, path: str | os.PathLike[str]) -> None:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
     for row in table.rows:
-        cells = row.cells()
-        writer.writerow([_text(cells[name]) if name in cells else "" for name in columns])
+        cells = {name: repr(float(x)) if isinstance(x, float) else str(x) for name, x in row.cells().items()}
+        writer.writerow([cells.get(name, "") for name in columns])
     replaced(Path(path), text.getvalue())
-
-
-def _text(value: Cell) -> str:
-    return repr(float(value)) if isinstance(value, float) else str(value)
 
 
 def read_csv(path: str | os.PathLike[str]) -> Table:

@@ -45,11 +45,7 @@ LEVEL = 3
 
 _MESSAGE = struct.Struct("<BQHIQQ")
 _INDEX = struct.Struct("<BQHI")
-"""Head of a message index record; last the bytes of its entries."""
-_ENTRY = 16
-"""Bytes of an entry: log time and offset."""
-_COUNTED = _MESSAGE.size - 9
-"""Bytes of a message record's head that its length counts."""
+"""Head of a message index record; last the bytes of its entries, 16 each: log time and offset."""
 
 
 class McapFile:
@@ -115,7 +111,7 @@ class McapFile:
             index = self._index[channel] = array("Q")
         index.append(log_time)
         index.append(self._size)
-        head = _MESSAGE.pack(5, _COUNTED + len(payload), channel, sequence, log_time, log_time)
+        head = _MESSAGE.pack(5, _MESSAGE.size - 9 + len(payload), channel, sequence, log_time, log_time)
         self._records.append(head)
         self._records.append(payload)
         self._size += _MESSAGE.size + len(payload)
@@ -233,4 +229,4 @@ def _bytes(record: Any) -> bytes:
 def _counts(entry: ChunkIndex, block: bytes) -> dict[int, int]:
     """Messages by channel in a chunk, by the lengths of the message indexes that follow it in `block`."""
     places = {channel: at - entry.chunk_start_offset for channel, at in entry.message_index_offsets.items()}
-    return {channel: _INDEX.unpack_from(block, at)[3] // _ENTRY for channel, at in places.items()}
+    return {channel: _INDEX.unpack_from(block, at)[3] // 16 for channel, at in places.items()}

@@ -9,7 +9,7 @@ from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Generic, TypeVar
 
 import numpy as np
 from mcap.records import Channel
@@ -23,14 +23,27 @@ from .budget import Budget, Cost
 from .chunks import Messages
 from .contents import Contents, mapped
 from .records import Hole, gathered, holes, index, inside, records
-from .samples import check_version, decode, message_of, ordered, ours, parse, version_of, written_name
+from .samples import check_version, decode, message_of, ours, parse, version_of, written_name
 
+T = TypeVar("T")
 COUNTERS = ("device_time", "frame")
 """Fields that count up at the instrument until it restarts."""
 SHOWN = 12
 """Topics of a foreign file that an error lists."""
 _TIMES = np.dtype([("sequence", "<i8"), ("log", "<i8")])
 """Number and log time (ns) of a message."""
+
+
+class _Said(Generic[T]):
+    """What the messages of an event's topic say; none when the file has no such topic."""
+
+    def __init__(self, event: EventType) -> None:
+        self._event = event
+
+    def __get__(self, recording: Recording | None, owner: type) -> list[T]:
+        kind, topic = self._event.message_class, self._event.topic
+        found = recording.payloads(self._event) if recording else []  # of the class: none
+        return [events.read_event(topic, log_time, parse(kind, payload, topic)) for log_time, payload in found]
 
 
 class Recording:
@@ -289,18 +302,22 @@ class Recording:
             found = (held for carrier, _, held in self.messages({topic}) if carrier.id == channel.id)
             count = sum(map(len, self._times.get(channel.id, [])))
             samples = decode(message, schema, chain.from_iterable(found), count)
-        return self._in_order(channel, samples)
-
-    def _in_order(self, channel: Channel, samples: NDArray[np.void]) -> NDArray[np.void]:
         if not (np.diff(samples["t"]) > 0).all():
             samples = samples[self._order(channel, [samples["t"]], lambda i: bytes(samples[i].tobytes()))]
         samples.setflags(write=False)
         return samples
 
     def _order(self, channel: Channel, t: Sequence[NDArray[np.float64]], content: Callable[[int], bytes]) -> list[int]:
-        """The order of a channel's messages: by stamp (when given), log time, number, and what they hold."""
+        """The order of a channel's messages: by stamp (when given), log time and number. Those that are equal in all are told
+        apart by what they hold; which of two equal ones comes first does not matter."""
         times = self._times_of(channel.id)
-        return ordered([times["sequence"], times["log"], *t], content).tolist()
+        keys = [times["sequence"], times["log"], *t]
+        order = np.lexsort(keys)
+        same = np.all([np.diff(key[order]) == 0 for key in keys], axis=0)
+        edges = np.flatnonzero(np.diff(np.concatenate(([False], same, [False])).astype(np.int8)))
+        for first, last in edges.reshape(-1, 2).tolist():  # of each run of equal neighbours
+            order[first : last + 1] = sorted(order[first : last + 1].tolist(), key=content)
+        return list(map(int, order.tolist()))
 
     def _message(self, channel: Channel) -> MessageType:
         """The stream's message with the array sizes of this recording."""
@@ -317,38 +334,15 @@ class Recording:
         log_times, payloads = self._times_of(channel.id)["log"].tolist(), self._payloads.get(channel.id, [])
         return [(log_times[i], payloads[i]) for i in self._order(channel, [], payloads.__getitem__)]
 
-    def _said(self, event: EventType) -> list[Any]:
-        return [
-            events.read_event(event.topic, log_time, parse(event.message_class, payload, event.topic))
-            for log_time, payload in self.payloads(event)
-        ]
-
-    @property
-    def states(self) -> list[events.StateEvent]:
-        """What was asked for, in order."""
-        return self._said(events.STATE)
-
-    @property
-    def trials(self) -> list[events.TrialEvent]:
-        """What was concluded live, in order."""
-        return self._said(events.TRIAL)
-
-    @property
-    def requests(self) -> list[events.Request]:
-        """What people asked of the run, and what of it was carried out, in order."""
-        return self._said(events.REQUEST)
-
-    @property
-    def zeros(self) -> list[events.ZeroEvent]:
-        """How the force sensor's zero moved during trials, in order."""
-        return self._said(events.ZERO)
-
-    @property
-    def marks(self) -> list[events.Mark]:
-        """Which states are in doubt, in order."""
-        return self._said(events.MARK)
-
-    @property
-    def log(self) -> list[events.LogLine]:
-        """The lines of /log, in order."""
-        return self._said(events.LOG)
+    states = _Said[events.StateEvent](events.STATE)
+    """What was asked for, in order."""
+    trials = _Said[events.TrialEvent](events.TRIAL)
+    """What was concluded live, in order."""
+    requests = _Said[events.Request](events.REQUEST)
+    """What people asked of the run, and what of it was carried out, in order."""
+    zeros = _Said[events.ZeroEvent](events.ZERO)
+    """How the force sensor's zero moved during trials, in order."""
+    marks = _Said[events.Mark](events.MARK)
+    """Which states are in doubt, in order."""
+    log = _Said[events.LogLine](events.LOG)
+    """The lines of /log, in order."""

@@ -81,18 +81,13 @@ class _Kept:
     log_times: array[int] = field(default_factory=lambda: array("Q"))
 
     @property
-    def count(self) -> int:
-        """Messages kept."""
-        return len(self.numbers)
-
-    @property
     def generated(self) -> int:
         """Messages there were before the last one that is kept, by their numbers.
 
         In the order of time: numbers that go back are a stream that began anew, and both its parts count.
         """
         if not self.numbers or not self.numbered:
-            return self.count
+            return len(self.numbers)
         if not is_stream(self.topic):  # events may be told later than they happened
             return max(self.numbers)
         numbers = np.array(self.numbers)[np.lexsort((self.numbers, self.log_times))]
@@ -142,7 +137,11 @@ def _write(data: memoryview, found: Contents, target: Path, file: Any) -> Recove
     """Newest log time when a hole began, while no message has come behind it."""
     for item in records(data, Contents(found.name, found.size), unpack=True):
         if isinstance(item, Record):
-            _outside(writer, item)
+            if item.opcode == Opcode.ATTACHMENT:
+                a = item.read(Attachment)
+                writer.add_attachment(a.create_time, a.log_time, a.name, a.media_type, a.data)
+            elif item.opcode == Opcode.METADATA and (texts := item.read(Metadata)).name not in OWN:
+                writer.add_metadata(texts.name, texts.metadata)
         elif isinstance(item, Hole):
             holes.append(item)
             before = newest if before is None else before
@@ -167,7 +166,7 @@ def _write(data: memoryview, found: Contents, target: Path, file: Any) -> Recove
     counts = _counts(topics, found)
     result = Recovery(
         source=found.name, target=str(target), finished=found.finished, library="" if header is None else header.library,
-        messages={topic: sum(entry.count for entry in entries) for topic, entries in topics.items()},
+        messages={topic: sum(len(entry.numbers) for entry in entries) for topic, entries in topics.items()},
         lost={topic: c.dropped + c.lost for topic, c in counts.items() if not c.complete}, nameless=nameless,
         schemaless=tuple(sorted({entry.topic for entry in kept.values() if entry.schemaless})),
         seconds_kept=max(0.0, (newest - first) / 1e9) if math.isfinite(newest) else 0.0, seconds_lost=seconds_lost,
@@ -184,17 +183,6 @@ def _write(data: memoryview, found: Contents, target: Path, file: Any) -> Recove
         writer.add_metadata("outcome", {"outcome": "abrupt", "detail": lost, "closed_wall_ns": ""})
     writer.finish()
     return result
-
-
-def _outside(writer: Writer, record: Record) -> None:
-    """Write an attachment or metadata."""
-    if record.opcode == Opcode.ATTACHMENT:
-        found = record.read(Attachment)
-        writer.add_attachment(found.create_time, found.log_time, found.name, found.media_type, found.data)
-    elif record.opcode == Opcode.METADATA:
-        texts = record.read(Metadata)
-        if texts.name not in OWN:
-            writer.add_metadata(texts.name, texts.metadata)
 
 
 def _register(writer: Writer, found: Contents) -> dict[int, _Kept]:
@@ -216,10 +204,10 @@ def _counts(topics: dict[str, list[_Kept]], found: Contents) -> dict[str, Stream
     first = min((min(entry.log_times) for own in topics.values() for entry in own if entry.log_times), default=0)
     out, before = {}, counted(found.metadata)
     for topic, entries in topics.items():
-        told, count = before.get(topic, {}), sum(entry.count for entry in entries)
+        told, count = before.get(topic, {}), sum(len(entry.numbers) for entry in entries)
         if not (told or any(entry.numbered for entry in entries)):
             continue
-        generated = max(sum(max(entry.generated, entry.count) for entry in entries), told.get("generated", 0))
+        generated = max(sum(max(entry.generated, len(entry.numbers)) for entry in entries), told.get("generated", 0))
         times = np.sort(np.concatenate([np.array(entry.log_times, dtype=np.uint64) for entry in entries]))
         out[topic] = StreamCounts.of(generated, count, told.get("lost", 0), timing((times - first) / 1e9))
     return out

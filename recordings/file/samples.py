@@ -7,7 +7,7 @@ the schema in the file.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -151,16 +151,3 @@ def _table(message: MessageType, first: Any, known: Sequence[Field], count: int)
         if field not in known and field.kind == "double":
             out[field.name] = np.nan
     return out
-
-
-def ordered(keys: Sequence[NDArray[Any]], content: Callable[[int], bytes]) -> NDArray[np.int64]:
-    """Indices of n messages by keys of shape (n,), the last one first.
-
-    Messages that are equal in all keys are told apart by `content`; which of two equal ones comes first does not matter.
-    """
-    order = np.lexsort(keys).astype(np.int64)
-    same = np.all([np.diff(key[order]) == 0 for key in keys], axis=0)
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], same, [False])).astype(np.int8)))
-    for first, last in edges.reshape(-1, 2).tolist():  # of each run of equal neighbours
-        order[first : last + 1] = sorted(order[first : last + 1].tolist(), key=content)
-    return order

@@ -254,15 +254,15 @@ class _Check:
                 what = f"no {target.name.lower()} of {length} bytes is"
                 self.problem(record.start, f"the summary points to byte {at}, where {what}")
             elif of_chunk:
-                self._listed_chunk(record.start, index, self.chunks[at])
-
-    def _listed_chunk(self, at: int, index: ChunkIndex, chunk: Chunk) -> None:
-        stated = (index.message_start_time, index.message_end_time, index.uncompressed_size, index.compressed_size)
-        if stated != (chunk.first_time, chunk.last_time, chunk.size, chunk.data_end - chunk.data_start):
-            self.problem(at, f"the summary has other times or sizes for the chunk at byte {chunk.start}")
-        places = {channel: begin - _INDEX_HEAD for channel, begin, _ in chunk.indexes}
-        if index.message_index_offsets.items() - places.items():
-            self.problem(at, f"the summary has other message indexes for the chunk at byte {chunk.start}")
+                chunk, what = self.chunks[at], f"for the chunk at byte {at}"
+                times = (index.message_start_time, index.message_end_time)
+                sizes = (index.uncompressed_size, index.compressed_size)
+                there = (chunk.first_time, chunk.last_time, chunk.size, chunk.data_end - chunk.data_start)
+                if (*times, *sizes) != there:
+                    self.problem(record.start, f"the summary has other times or sizes {what}")
+                places = {channel: begin - _INDEX_HEAD for channel, begin, _ in chunk.indexes}
+                if index.message_index_offsets.items() - places.items():
+                    self.problem(record.start, f"the summary has other message indexes {what}")
 
     def uncovered(self) -> tuple[str, ...]:
         """Parts that no checksum covers."""

@@ -213,13 +213,11 @@ def _orientation(rule: Settled | Window | Crossing, span: Span, tip: Samples) ->
         raise NotSettled(f"orientation on /tip: {error}; check the body's definition in the camera software") from error
 
 
-def _markers(estimate: Estimator, tip: Samples) -> tuple[tuple[float, float, float], ...]:
-    places: Any = tip["markers"]
-    out = []
-    for i in range(places.shape[1]):
-        x, y, z = (estimate(tip["t"], places[:, i, axis]).value for axis in range(3))
-        out.append((x, y, z))
-    return tuple(out)
+def _markers(estimate: Estimator, tip: Samples) -> tuple[Any, ...]:
+    places = tip["markers"]
+    return tuple(
+        tuple(estimate(tip["t"], places[:, i, axis]).value for axis in range(3)) for i in range(places.shape[1])
+    )
 
 
 def _push(estimate: Estimator, probe: Probe, force: Samples, arm: Samples) -> tuple[Estimate, Estimate]:

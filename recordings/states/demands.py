@@ -9,7 +9,6 @@ away: no point of it is farther from another one than the stretched body between
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -94,21 +93,15 @@ def too_far(places: NDArray[np.float64], bodies: Bodies) -> str:
     is. `places` (samples, bodies, 3) m; the worst distance of all is told."""
     places = places[:, : len(bodies.arcs)]
     worst, said = 0.0, ""
-    for name, arc, between in _pairs(places, bodies.arcs[: places.shape[1]]):
-        seen = between[np.isfinite(between)]
-        limit = bodies.stretch * arc + SLACK
-        if len(seen) and (over := float(np.median(seen)) - limit) > worst:
-            worst, farthest = over, float(np.median(seen))
-            said = f"{name} are {farthest * 1e3:.0f} mm apart, the stretched robot allows {limit * 1e3:.0f} mm"
+    points = [(_name(i), arc, places[:, i]) for i, arc in enumerate(bodies.arcs[: places.shape[1]])]
+    for i, (name, arc, at) in enumerate(points):
+        for other, below, place in [("the base", 0.0, np.zeros(3)), *points[:i]]:
+            between = np.linalg.norm(at - place, axis=1)
+            seen, limit = between[np.isfinite(between)], bodies.stretch * abs(arc - below) + SLACK
+            if len(seen) and (over := float(np.median(seen)) - limit) > worst:
+                worst, apart = over, f"{float(np.median(seen)) * 1e3:.0f} mm apart"
+                said = f"{other} and {name} are {apart}, the stretched robot allows {limit * 1e3:.0f} mm"
     return said
-
-
-def _pairs(places: NDArray[np.float64], arcs: tuple[float, ...]) -> Iterator[tuple[str, float, NDArray[np.float64]]]:
-    """Each pair of points: their names, the arc length between them (m), and how far they are apart (samples,) m."""
-    for i, arc in enumerate(arcs):
-        yield f"the base and {_name(i)}", arc, np.linalg.norm(places[:, i], axis=1)
-        for k in range(i):
-            yield f"{_name(k)} and {_name(i)}", abs(arc - arcs[k]), np.linalg.norm(places[:, i] - places[:, k], axis=1)
 
 
 def jumped(samples: NDArray[np.void]) -> str:
