@@ -185,7 +185,6 @@ def compare(recording: Recording, states: list[Replayed] | None = None) -> Compa
 
 def _first_difference(live: TrialRow, replayed: TrialRow) -> str:
     a, b = live.cells(), replayed.cells()
-    for name in dict.fromkeys((*a, *b)):
-        if repr(a.get(name)) != repr(b.get(name)):
-            return f"{name} was {a.get(name)!r} live and is {b.get(name)!r} in replay"
-    return "order of the columns"
+    names = (name for name in (*a, *b) if repr(a.get(name)) != repr(b.get(name)))
+    found = (f"{name} was {a.get(name)!r} live and is {b.get(name)!r} in replay" for name in names)
+    return next(found, "order of the columns")

@@ -195,16 +195,12 @@ class McapFile:
             chunk_count=len(self._chunk_indexes), metadata_count=len(self._metadata), message_count=sum(self._counts.values()),
             channel_message_counts=dict(self._counts), message_start_time=first, message_end_time=last,
         )  # fmt: skip
-        groups: list[tuple[Opcode, list[Any]]] = [
-            (Opcode.SCHEMA, self._schemas),
-            (Opcode.CHANNEL, self._channels),
-            (Opcode.STATISTICS, [statistics]),
-            (Opcode.CHUNK_INDEX, self._chunk_indexes),
-            (Opcode.ATTACHMENT_INDEX, self._attachments),
-            (Opcode.METADATA_INDEX, self._metadata),
-        ]
         summary, offsets = b"", b""
-        for opcode, records in groups:
+        for opcode, records in (
+            (Opcode.SCHEMA, self._schemas), (Opcode.CHANNEL, self._channels), (Opcode.STATISTICS, [statistics]),
+            (Opcode.CHUNK_INDEX, self._chunk_indexes), (Opcode.ATTACHMENT_INDEX, self._attachments),
+            (Opcode.METADATA_INDEX, self._metadata),
+        ):  # fmt: skip
             if part := b"".join(map(_bytes, records)):
                 offset = SummaryOffset(group_opcode=opcode, group_start=start + len(summary), group_length=len(part))
                 offsets += _bytes(offset)

@@ -20,9 +20,6 @@ BLOCK = 1024
 """Messages that lie end to end. What is full stays where it is: nobody waits while it is moved."""
 
 
-Waiting = Callable[[str], Sequence[tuple[float, bytes]]]
-
-
 class Streams(Protocol):
     """Where a reading takes its samples from: the run in progress or a file."""
 
@@ -103,7 +100,10 @@ class Buffers:
     """
 
     def __init__(
-        self, messages: dict[str, MessageType], keep: float = KEEP, waiting: Waiting = lambda topic: ()
+        self,
+        messages: dict[str, MessageType],
+        keep: float = KEEP,
+        waiting: Callable[[str], Sequence[tuple[float, bytes]]] = lambda topic: (),
     ) -> None:
         self.lock = threading.Lock()
         self._buffers = {topic: Buffer(message, keep) for topic, message in messages.items()}

@@ -44,12 +44,9 @@ def sensor_column(topic: str, quantity: str) -> str:
     return f"sensor_{topic.removeprefix(SENSORS)}_{quantity}"
 
 
-Count = Callable[[int], object]
-"""Told how many samples are about to be averaged."""
-
-
-def conclude(streams: Streams, state: State, count: Count = lambda _: None) -> TrialRow | None:
-    """Read a state: its row, or None while samples are missing that may still come.
+def conclude(streams: Streams, state: State, count: Callable[[int], object] = lambda _: None) -> TrialRow | None:
+    """Read a state: its row, or None while samples are missing that may still come. `count` is told how many samples are about to
+    be averaged.
 
     Depends on the samples up to the end of the window only: the same row whenever it is asked for, live or from a file.
     Raises `NotSettled` when the rule can no longer be met, `TooFewSamples` when its window holds too few, `VacuumLost` as
@@ -121,7 +118,7 @@ def _demand_places(streams: Streams, state: State, span: Span) -> None:
         )
 
 
-def _row(streams: Streams, state: State, span: Span, count: Count) -> TrialRow:
+def _row(streams: Streams, state: State, span: Span, count: Callable[[int], object]) -> TrialRow:
     """Average every stream that the state relies on over the span."""
     rule = state.rule
     estimate: Estimator = partial(line, span.at) if isinstance(rule, Crossing) else mean
