@@ -36,8 +36,6 @@ LIMITS = (
 )  # fmt: skip
 """Columns, their least and greatest value, and what is said of any other: no robot of this kind can have it. No chamber can be
 below vacuum, none of silicone lives above 20 bar."""
-SMALLEST_PRESSURE_SPAN = 1000.0
-"""Pa: a whole campaign that stays below was probably written in kPa."""
 
 _DECIMAL_COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+([eE][-+]?[0-9]+)?")
 _CHOICES = {"branch": BRANCHES, "specimen": SPECIMENS, "doubt": DOUBTS}
@@ -170,15 +168,11 @@ def _value(where: str, name: str, text: str) -> Cell:
     return number
 
 
-PROTOCOLS = ("bending", "elongation", "stiffness")
-"""Names that the analysis knows; others are of a lab's own."""
-
-
 def _doubts(rows: list[TrialRow]) -> list[str]:
     """What may be right but looks like another unit or a mistake."""
     doubts = []
     highest = max(abs(p) for row in rows for p in row.pressures)
-    if 20 < highest < SMALLEST_PRESSURE_SPAN and any(row.protocol != "stiffness" for row in rows):
+    if 20 < highest < 1000 and any(row.protocol != "stiffness" for row in rows):
         doubts.append(f"no pressure is above {highest:g} Pa: if these are kPa, multiply p1.. by 1000")
     tips = [max(abs(c) for c in row.tip) for row in rows if row.tip is not None]
     if tips and max(tips) < 0.005:
@@ -187,7 +181,7 @@ def _doubts(rows: list[TrialRow]) -> list[str]:
     if 5 < vacuum < 150 and any(row.spine_length > 0 for row in rows):
         doubts.append(f"no vacuum is above {vacuum:g} Pa below ambient: if these are kPa, multiply vacuum by 1000")
     for name in sorted({row.protocol for row in rows}):
-        near = difflib.get_close_matches(name, PROTOCOLS, 1, 0.8)
+        near = difflib.get_close_matches(name, ("bending", "elongation", "stiffness"), 1, 0.8)
         if near and not name.startswith(near[0]):
             doubts.append(f"protocol {name[:40]!r}: did you mean {near[0]!r}?")
     seen: set[tuple[int, int]] = set()

@@ -55,10 +55,6 @@ class Record(NamedTuple):
         """Bytes with kind and length."""
         return self.end - self.body + HEAD.size
 
-    def content(self) -> bytes:
-        """Its bytes behind kind and length."""
-        return bytes(self.source[self.body : self.end])
-
     def read(self, kind: type[Any]) -> Any:
         """Its fields, as the library's record of this kind; raises what `UNPARSABLE` lists."""
         return kind.read(_Fields(self))  # type: ignore[attr-defined]

@@ -107,7 +107,7 @@ class Contents:
 
     def define(self, record: Record) -> None:
         """Take note of a schema or channel, wherever in the file it stands; raises like `take`."""
-        body = record.content()
+        body = bytes(record.source[record.body : record.end])
         key = hash((record.opcode, body))
         if key in self._seen:
             return

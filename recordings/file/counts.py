@@ -17,7 +17,6 @@ from ..json_text import read_json
 
 LARGEST = 2**53
 """No recorder counts further."""
-_DOUBLE = struct.Struct("<d")
 GAP = 2.5
 """An interval longer than this many median intervals is a gap."""
 
@@ -153,7 +152,7 @@ class Tally:
         self.pending += 1
         self.stamps.append(ns)
         if self.stamp_at is not None:
-            self.device_stamps.append(_DOUBLE.unpack_from(payload, self.stamp_at)[0])
+            self.device_stamps.append(struct.unpack_from("<d", payload, self.stamp_at)[0])
 
     def counts(self, generated: int) -> StreamCounts:
         """The counts so far, of so many generated with those that wait in the queue; what is still on its way to the disk counts

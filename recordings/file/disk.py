@@ -13,7 +13,7 @@ from ..own_files import created
 
 
 class Disk:
-    """An output for `mcap.writer.Writer` that survives a crash of the process and, soon after, of the machine.
+    """An output for `McapFile` that survives a crash of the process and, soon after, of the machine.
 
     Nothing is held back in this process. `commit` marks the end of whole records and has them synced to the disk by a
     thread of its own, because a sync may take long and must not hold up writing.
@@ -28,7 +28,8 @@ class Disk:
             raise WriteFailed(f"{path} cannot be created: {error.strerror}") from error
         self.path = path
         self._place = os.path.abspath(path)
-        self._position = self._committed = 0
+        self.position = self._committed = 0
+        """Bytes written, and those of whole records."""
         self._failure: OSError | None = None
         self._wake = threading.Event()
         self._closing = False
@@ -43,24 +44,20 @@ class Disk:
         view = memoryview(data)
         while view:
             done = os.write(self._fd, view)
-            self._position += done
+            self.position += done
             view = view[done:]
         return len(data)
-
-    def tell(self) -> int:
-        """Bytes written."""
-        return self._position
 
     # -- safety
     def commit(self) -> None:
         """Everything written so far is whole records; sync it soon."""
-        if self._position > self._committed:
-            self._committed = self._position
+        if self.position > self._committed:
+            self._committed = self.position
             self._wake.set()
 
     def displaced(self) -> str:
         """How the file is no longer what its path names; empty while it is. See the function `displaced`."""
-        return displaced(self._place, self._fd, self._position)
+        return displaced(self._place, self._fd, self.position)
 
     def read(self, start: int, size: int) -> bytes:
         """What the open file holds there, wherever its name is now; fewer bytes where it ends before, none where it fails."""

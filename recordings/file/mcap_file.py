@@ -88,7 +88,7 @@ class McapFile:
 
     def metadata(self, name: str, texts: dict[str, str]) -> None:
         """A metadata record."""
-        offset, record = self._output.tell(), _bytes(Metadata(name=name, metadata=texts))
+        offset, record = self._output.position, _bytes(Metadata(name=name, metadata=texts))
         self._metadata.append(MetadataIndex(offset=offset, length=len(record), name=name))
         self._write(record)
 
@@ -97,7 +97,7 @@ class McapFile:
         attachment = Attachment(create_time=create_time, log_time=log_time, name=name, media_type=media_type, data=data)
         record = _bytes(attachment)
         index = AttachmentIndex(
-            offset=self._output.tell(), length=len(record), log_time=log_time, create_time=create_time, data_size=len(data),
+            offset=self._output.position, length=len(record), log_time=log_time, create_time=create_time, data_size=len(data),
             name=name, media_type=media_type,
         )  # fmt: skip
         self._attachments.append(index)
@@ -138,7 +138,7 @@ class McapFile:
             uncompressed_size=len(raw),
         )  # fmt: skip
         chunk = _bytes(record)
-        start = self._output.tell()
+        start = self._output.position
         places, parts, at = {}, [chunk], start + len(chunk)
         for channel, index in self._index.items():
             parts.append(_INDEX.pack(Opcode.MESSAGE_INDEX, 6 + 8 * len(index), channel, 8 * len(index)))
@@ -175,7 +175,7 @@ class McapFile:
             block = read(entry.chunk_start_offset, entry.chunk_length + entry.message_index_length)
             if zlib.crc32(block) != crc:
                 continue
-            shift = self._output.tell() - entry.chunk_start_offset
+            shift = self._output.position - entry.chunk_start_offset
             self._write(block)
             places = {channel: at + shift for channel, at in entry.message_index_offsets.items()}
             start = entry.chunk_start_offset + shift
@@ -188,7 +188,7 @@ class McapFile:
         """Finish the chunk in hand, write summary and end mark."""
         self.flush()
         self._write(_bytes(DataEnd(self._crc)))
-        start = self._output.tell()
+        start = self._output.position
         first, last = self._times or (0, 0)
         statistics = Statistics(
             attachment_count=len(self._attachments), channel_count=len(self._channels), schema_count=len(self._schemas),

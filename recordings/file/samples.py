@@ -45,8 +45,7 @@ def version_of(channel: Channel) -> str:
 
 def check_version(channel: Channel, file: str) -> None:
     """Raises `OtherVersion` for a channel of a version that this software does not read."""
-    version = version_of(channel)
-    if version != SCHEMA_VERSION:
+    if (version := version_of(channel)) != SCHEMA_VERSION:
         raise OtherVersion(
             f"{file}: {channel.topic} has schema version {version}, this software reads {SCHEMA_VERSION}; "
             "use the version of the software named in the file's metadata"

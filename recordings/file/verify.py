@@ -38,7 +38,6 @@ INDEXES: dict[int, tuple[Any, Opcode]] = {
 LISTED = [kind for _, kind in INDEXES.values()]
 _INDEX_HEAD = 15
 """Bytes of a message index before its pairs: kind and length (9), channel (2), length of the pairs (4)."""
-_CRC = struct.Struct("<I")
 _FOOTER = struct.Struct("<QQI")
 
 
@@ -154,7 +153,7 @@ class _Check:
             self.bare["attachments"] += not self._compare(record.start, *attachment_crc(record), "attachment")
         elif record.opcode == Opcode.DATA_END:
             self.data_end = record.start
-            (crc,) = _CRC.unpack_from(self.data, record.body)
+            (crc,) = struct.unpack_from("<I", self.data, record.body)
             computed = zlib.crc32(self.data[: record.start])
             if crc and crc == computed:
                 self.bare.clear()

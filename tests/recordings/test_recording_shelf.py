@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from synthetic_run import TARGETS
 
-from recordings.campaign.labels import labels, metadata, split
+from recordings.campaign.labels import RECORD, labels, split
 from recordings.campaign.shelf import INDEX, runs
 from recordings.errors import BadMessage
 from recordings.file.writer import Recorder
@@ -19,7 +19,9 @@ def record(
     path: Path, day: int, protocol: str, spine: float, lost: int = 0, end: str = "completed", **said: str
 ) -> None:
     path.parent.mkdir(exist_ok=True)
-    recorder = Recorder(path, start_wall_ns=1_700_000_000 * 10**9 + day * 86_400 * 10**9, metadata=metadata(said))
+    recorder = Recorder(
+        path, start_wall_ns=1_700_000_000 * 10**9 + day * 86_400 * 10**9, metadata={RECORD: said} if said else {}
+    )
     for k in range(50):
         recorder.push("/pressure", k * 0.1, (TARGETS, TARGETS))
     state = State(
