@@ -165,6 +165,11 @@ def trials_file() -> Iterator[str]:
     """The columns of trials.csv, as their module describes them."""
     yield from ("# trials.csv", "")
     yield from _prose(trials)
+    yield from ("| column | unit | meaning |", "|---|---|---|")
+    for pattern, unit, meaning in trials.COLUMNS:
+        if meaning:
+            names = ", ".join(f"`{name}`" for name in pattern.replace("[0-9]+", "1").split("|"))
+            yield f"| {names} | {unit} | {meaning} |"
 
 
 def protocol_files() -> Iterator[str]:

@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable, Sequence
 from statistics import fmean
 
+from recordings.states.demands import VacuumBand, left_band
 from recordings.states.rules import AMBIENT
-from recordings.states.vacuum import VacuumBand, left_band
 
 from .bench import Bench, Jammed
 from .errors import JamLost

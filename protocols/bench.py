@@ -23,8 +23,7 @@ from drivers.interfaces import (
     Vector3,
 )
 from recordings.file.writer import Recorder
-from recordings.states.bodies import Bodies
-from recordings.states.vacuum import VacuumBand
+from recordings.states.demands import Bodies, VacuumBand
 
 from .errors import MissingInstrument, NotReached, Stopped
 from .steering import Steering

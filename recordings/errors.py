@@ -1,24 +1,5 @@
 """The error tree of the recordings.
 
-    RecordingError                      anything that went wrong with a recording or a table of trials
-    |-- NotARecording    (ValueError)      the file is not an MCAP file, or not one of this house
-    |   `-- Foreign                        an MCAP file of other software, without the topics that are needed
-    |-- Truncated        (EOFError)        the file ends before its end mark
-    |-- Damaged          (ValueError)      bytes of the file changed since they were written
-    |-- Oversized        (MemoryError)     a file that says it holds more than is ever read at once
-    |-- MissingStream    (LookupError)     a topic that the file does not hold
-    |-- OtherVersion     (ValueError)      messages of a schema version this software does not read
-    |-- BadMessage       (ValueError)      a message or state that does not fit its definition; it was not recorded
-    |-- WriteFailed      (OSError)         the file can no longer be written
-    |-- NotSettled       (TimeoutError)    a state that never met the rule by which it was to be read
-    |   |-- TooFewSamples                  its window holds fewer samples than it needs
-    |   |-- VacuumLost                     the jammed spine did not keep its vacuum
-    |   |-- Misplaced                      a body is where the robot cannot have brought it
-    |   `-- NoResistance                   the jammed specimen hardly pushed back
-    |-- BadTable         (ValueError)      a table of trials that cannot be right
-    |-- BadJournal       (ValueError)      a journal that does not tell what is finished
-    `-- MissingPackage   (ImportError)     an optional package that is not installed
-
 Each message names the file or topic, the value with its unit, the limit and what to do next.
 """
 

@@ -13,9 +13,8 @@ What is only known at the end of a trial, or later than a row, is an event of it
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
@@ -25,97 +24,17 @@ from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
 from google.protobuf.descriptor import FileDescriptor
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
 from google.protobuf.descriptor_pool import DescriptorPool
-from google.protobuf.json_format import ParseDict
 from google.protobuf.message_factory import GetMessageClass
-from google.protobuf.timestamp_pb2 import Timestamp
 
+from .errors import BadMessage, Damaged
 from .messages import PACKAGE, SCHEMA_VERSION
-from .states.rules import State
+from .states.demands import Bodies, VacuumBand
+from .states.rules import LARGEST, State, checked
 from .states.zeros import Drift, Zeros
-from .trials import TrialRow
+from .trials import DOUBTS, TrialRow
 
 CONFIRMED, UNCONFIRMED = "confirmed", "not confirmed"
 """The rig's safe state at the end of a run: `safe_state` of the metadata `outcome`."""
-BASE_FRAME = "base"
-"""Name of the robot's base frame in /tip/pose and /tip/markers."""
-JOINTS_OF_ARM = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
-"""Names of the arm's joints in /arm/joints, from base to tool."""
-
-_OPTIONAL, _REPEATED = FieldDescriptorProto.LABEL_OPTIONAL, FieldDescriptorProto.LABEL_REPEATED
-_DOUBLE, _INT64 = FieldDescriptorProto.TYPE_DOUBLE, FieldDescriptorProto.TYPE_INT64
-_STRING, _BOOL = FieldDescriptorProto.TYPE_STRING, FieldDescriptorProto.TYPE_BOOL
-
-_STATE = (
-    ("t", _DOUBLE, _OPTIONAL, "s"),
-    ("number", _INT64, _OPTIONAL, ""),
-    ("trial", _INT64, _OPTIONAL, ""),
-    ("step", _INT64, _OPTIONAL, ""),
-    ("protocol", _STRING, _OPTIONAL, ""),
-    ("repeat", _INT64, _OPTIONAL, ""),
-    ("branch", _STRING, _OPTIONAL, ""),
-    ("rule", _STRING, _OPTIONAL, ""),
-    ("t_start", _DOUBLE, _OPTIONAL, "s"),
-    ("rate", _DOUBLE, _OPTIONAL, "Pa/s"),
-    ("targets", _DOUBLE, _REPEATED, "Pa"),
-    ("spine_length", _DOUBLE, _OPTIONAL, "m"),
-    ("json", _STRING, _OPTIONAL, ""),
-    ("clipped", _BOOL, _OPTIONAL, ""),
-    ("repeats", _INT64, _OPTIONAL, ""),
-    ("vacuum_since", _DOUBLE, _OPTIONAL, "s"),
-    ("vacuum_lowest", _DOUBLE, _OPTIONAL, "Pa"),
-    ("vacuum_highest", _DOUBLE, _OPTIONAL, "Pa"),
-    ("least_force", _DOUBLE, _OPTIONAL, "N"),
-    ("bodies_since", _DOUBLE, _OPTIONAL, "s"),
-    ("bodies_arcs", _DOUBLE, _REPEATED, "m"),
-    ("bodies_stretch", _DOUBLE, _OPTIONAL, ""),
-)
-_TRIAL = (
-    ("t", _DOUBLE, _OPTIONAL, "s"),
-    ("number", _INT64, _OPTIONAL, ""),
-    ("trial", _INT64, _OPTIONAL, ""),
-    ("step", _INT64, _OPTIONAL, ""),
-    ("pressures", _DOUBLE, _REPEATED, "Pa"),
-    ("tip", _DOUBLE, _REPEATED, "m"),
-    ("force", _DOUBLE, _OPTIONAL, "N"),
-    ("deflection", _DOUBLE, _OPTIONAL, "m"),
-    ("json", _STRING, _OPTIONAL, ""),
-    ("clipped", _BOOL, _OPTIONAL, ""),
-    ("repeats", _INT64, _OPTIONAL, ""),
-)
-_REQUEST = (
-    ("t", _DOUBLE, _OPTIONAL, "s"),
-    ("kind", _STRING, _OPTIONAL, ""),
-    ("by", _STRING, _OPTIONAL, ""),
-    ("text", _STRING, _OPTIONAL, ""),
-    ("done", _BOOL, _OPTIONAL, ""),
-    ("trial", _INT64, _OPTIONAL, ""),
-    ("step", _INT64, _OPTIONAL, ""),
-)
-_ZERO = (
-    ("t", _DOUBLE, _OPTIONAL, "s"),
-    ("trial", _INT64, _OPTIONAL, ""),
-    ("direction", _DOUBLE, _REPEATED, ""),
-    ("before", _DOUBLE, _REPEATED, "s"),
-    ("start", _DOUBLE, _REPEATED, "s"),
-    ("end", _DOUBLE, _REPEATED, "s"),
-    ("offset_at", _DOUBLE, _OPTIONAL, "s"),
-    ("drift", _DOUBLE, _OPTIONAL, "N"),
-    ("rate", _DOUBLE, _OPTIONAL, "N/s"),
-    ("linear", _BOOL, _OPTIONAL, ""),
-)
-_MARK = (
-    ("t", _DOUBLE, _OPTIONAL, "s"),
-    ("trial", _INT64, _OPTIONAL, ""),
-    ("doubt", _STRING, _OPTIONAL, ""),
-    ("text", _STRING, _OPTIONAL, ""),
-)
-_PROGRESS = (
-    ("t", _DOUBLE, _OPTIONAL, "s"),
-    ("steps", _INT64, _OPTIONAL, ""),
-    ("steps_planned", _INT64, _OPTIONAL, ""),
-    ("seconds", _DOUBLE, _OPTIONAL, "s"),
-    ("seconds_planned", _DOUBLE, _OPTIONAL, "s"),
-)
 
 
 @dataclass(frozen=True)
@@ -129,21 +48,24 @@ class EventType:
     message_class: type[Any]
 
 
-def _ours(name: str, topic: str, fields: Sequence[tuple[str, Any, Any, str]]) -> EventType:
+def _ours(name: str, topic: str, fields: str) -> EventType:
+    """`fields`: name, type (several: `*`) and unit of each, with commas between them."""
     file = FileDescriptorProto(name=f"{PACKAGE}/{name}.proto", package=PACKAGE, syntax="proto2")
-    message = file.message_type.add(name=name)
-    for number, (field, kind, label, _) in enumerate(fields, 1):
-        message.field.add(name=field, number=number, label=label, type=kind)
+    message, units = file.message_type.add(name=name), dict[str, str]()
+    for number, (field, kind, *unit) in enumerate(map(str.split, fields.split(",")), 1):
+        label = FieldDescriptorProto.LABEL_REPEATED if kind.endswith("*") else FieldDescriptorProto.LABEL_OPTIONAL
+        of = FieldDescriptorProto.Type.Value(f"TYPE_{kind.removesuffix('*').upper()}")
+        message.field.add(name=field, number=number, label=label, type=of)
+        units |= {f"unit.{field}": text for text in unit}
     pool = DescriptorPool()
     pool.Add(file)  # type: ignore[no-untyped-call]
     full_name = f"{PACKAGE}.{name}"
-    units = {f"unit.{field}": unit for field, _, _, unit in fields if unit}
     schema = FileDescriptorSet(file=[file]).SerializeToString(deterministic=True)
     message_class = GetMessageClass(pool.FindMessageTypeByName(full_name))  # type: ignore[no-untyped-call]
     return EventType(topic, full_name, schema, {"schema_version": SCHEMA_VERSION, **units}, message_class)
 
 
-def _foreign(topic: str, message_class: type[Any]) -> EventType:
+def _published(topic: str, message_class: type[Any]) -> EventType:
     """A message of a published schema, with the files that it depends on."""
     files: dict[str, FileDescriptorProto] = {}
 
@@ -159,29 +81,86 @@ def _foreign(topic: str, message_class: type[Any]) -> EventType:
     return EventType(topic, message_class.DESCRIPTOR.full_name, schema, {}, message_class)
 
 
-STATE = _ours("State", "/state", _STATE)
-TRIAL = _ours("Trial", "/trial", _TRIAL)
-PROGRESS = _ours("Progress", "/progress", _PROGRESS)
-REQUEST = _ours("Request", "/request", _REQUEST)
-ZERO = _ours("Zero", "/zero", _ZERO)
-MARK = _ours("Mark", "/mark", _MARK)
-LOG = _foreign("/log", Log)
-POSE = _foreign("/tip/pose", PoseInFrame)
-POSES = _foreign("/tip/markers", PosesInFrame)
-JOINTS = _foreign("/arm/joints", JointStates)
+STATE = _ours(
+    "State", "/state",
+    "t double s, number int64, trial int64, step int64, protocol string, repeat int64, branch string, rule string, "
+    "t_start double s, rate double Pa/s, targets double* Pa, spine_length double m, json string, clipped bool, repeats int64, "
+    "vacuum_since double s, vacuum_lowest double Pa, vacuum_highest double Pa, least_force double N, bodies_since double s, "
+    "bodies_arcs double* m, bodies_stretch double",
+)  # fmt: skip
+TRIAL = _ours(
+    "Trial", "/trial",
+    "t double s, number int64, trial int64, step int64, pressures double* Pa, tip double* m, force double N, "
+    "deflection double m, json string, clipped bool, repeats int64",
+)  # fmt: skip
+PROGRESS = _ours(
+    "Progress", "/progress", "t double s, steps int64, steps_planned int64, seconds double s, seconds_planned double s"
+)
+REQUEST = _ours(
+    "Request", "/request", "t double s, kind string, by string, text string, done bool, trial int64, step int64"
+)
+ZERO = _ours(
+    "Zero", "/zero",
+    "t double s, trial int64, direction double*, before double* s, start double* s, end double* s, offset_at double s, "
+    "drift double N, rate double N/s, linear bool",
+)  # fmt: skip
+MARK = _ours("Mark", "/mark", "t double s, trial int64, doubt string, text string")
+LOG = _published("/log", Log)
+POSE = _published("/tip/pose", PoseInFrame)
+POSES = _published("/tip/markers", PosesInFrame)
+JOINTS = _published("/arm/joints", JointStates)
 
 EVENTS: dict[str, EventType] = {
     event.topic: event for event in (STATE, TRIAL, LOG, POSE, POSES, JOINTS, PROGRESS, REQUEST, ZERO, MARK)
 }
 
+_LEVELS: dict[int, str] = {number: name.lower() for name, number in Log.Level.items()}
 LEVELS = ("debug", "info", "warning", "error", "fatal")
 LONGEST_TEXT = 10_000
 """Characters of a line of /log and of the detail of an outcome; what instruments say ends up there."""
-
-
 REQUESTS = ("note", "pause", "go on", "repeat", "skip", "finish")
 """What people may ask of a run: to write a note down, to pause before the next step, to go on, to read a state again, to leave
 a trial out, to end after the present step."""
+
+
+@dataclass(frozen=True)
+class StateEvent:
+    """What was asked for at rig time `t` (s); `number` counts the states of a recording."""
+
+    t: float
+    number: int
+    state: State
+    repeats: int = 0
+    """Number of the state that is read again; 0: of none."""
+
+
+@dataclass(frozen=True)
+class TrialEvent:
+    """The row that was concluded live for state `number`, recorded at rig time `t` (s)."""
+
+    t: float
+    number: int
+    row: TrialRow
+    repeats: int = 0
+    """Number of the state that was read again; 0: of none."""
+
+
+@dataclass(frozen=True)
+class ZeroEvent:
+    """How the force sensor's zero moved during a trial, as it was concluded live."""
+
+    t: float
+    zeros: Zeros
+    drift: Drift
+
+
+@dataclass(frozen=True)
+class LogLine:
+    """One line of /log, `log_time` ns since the epoch."""
+
+    log_time: int
+    level: str
+    text: str
 
 
 @dataclass(frozen=True)
@@ -199,13 +178,6 @@ class Request:
     trial: int = 0
     """The trial that was under way, and the state of it that was asked for last; 0 before the first."""
     step: int = 0
-
-
-def encode_request(request: Request) -> bytes:
-    """A message of /request."""
-    texts = {name: bounded(getattr(request, name)) for name in ("kind", "by", "text")}
-    message = REQUEST.message_class(t=request.t, done=request.done, trial=request.trial, step=request.step, **texts)
-    return bytes(message.SerializeToString())
 
 
 @dataclass(frozen=True)
@@ -227,66 +199,12 @@ def marked(rows: Iterable[TrialRow], marks: Sequence[Mark]) -> list[TrialRow]:
     ]
 
 
-def encode_zero(t: float, zeros: Zeros, drift: Drift) -> bytes:
-    """A message of /zero."""
-    message = ZERO.message_class(t=t, drift=drift.force, rate=drift.rate, linear=drift.linear, **asdict(zeros))
-    return bytes(message.SerializeToString())
-
-
-def encode_mark(mark: Mark) -> bytes:
-    """A message of /mark."""
-    return bytes(MARK.message_class(**asdict(mark) | {"text": bounded(mark.text)}).SerializeToString())
-
-
-def encode_state(t: float, number: int, state: State, repeats: int = 0) -> bytes:
-    """`number` counts the states of a recording; the row that comes of it carries the same number."""
-    message = STATE.message_class(
-        t=t,
-        number=number,
-        trial=state.trial,
-        step=state.step,
-        protocol=state.protocol,
-        repeat=state.repeat,
-        branch=state.branch,
-        rule=state.rule_name,
-        t_start=state.t_start,
-        rate=state.rate,
-        targets=state.targets,
-        spine_length=state.spine_length,
-        json=state.to_json(),
-        clipped=state.clipped,
-        repeats=repeats,
-        least_force=state.least_force,
-        **({} if state.vacuum is None else {f"vacuum_{name}": x for name, x in asdict(state.vacuum).items()}),
-        **({} if state.bodies is None else {f"bodies_{name}": x for name, x in asdict(state.bodies).items()}),
-    )
-    return bytes(message.SerializeToString())
-
-
-def encode_trial(t: float, number: int, row: TrialRow, repeats: int = 0) -> bytes:
-    """The row that was concluded for state `number`."""
-    message = TRIAL.message_class(
-        t=t,
-        number=number,
-        trial=row.trial,
-        step=row.step,
-        pressures=row.pressures,
-        tip=row.tip or (),
-        force=row.force,
-        deflection=row.deflection,
-        json=row.to_json(),
-        clipped=row.clipped,
-        repeats=repeats,
-    )
-    return bytes(message.SerializeToString())
-
-
-def encode_progress(t: float, steps: int, steps_planned: int, seconds: float, seconds_planned: float) -> bytes:
-    """So many of the planned steps are done, and so many of the planned seconds of rig time."""
-    message = PROGRESS.message_class(
-        t=t, steps=steps, steps_planned=steps_planned, seconds=seconds, seconds_planned=seconds_planned
-    )
-    return bytes(message.SerializeToString())
+# -- to bytes
+def encoded(event: EventType, source: object = None, **fields: object) -> bytes:
+    """A message of these fields; any other is the attribute of its name of `source`, where that has one."""
+    names = [field.name for field in event.message_class.DESCRIPTOR.fields]
+    values = {name: fields[name] if name in fields else getattr(source, name, None) for name in names}
+    return bytes(event.message_class(**values).SerializeToString())
 
 
 def writable(text: str) -> str:
@@ -308,50 +226,54 @@ def encode_log(log_time: int, level: str, text: str, name: str) -> bytes:
     return message.SerializeToString()
 
 
-def _template(message: Any) -> tuple[struct.Struct, list[bytes]]:
-    """How a message is packed whose numbers are all doubles (each 1.0 here): its layout and its constant bytes.
-
-    Viewers get many such messages; this way one costs a microsecond instead of twenty.
-    """
-    parts = message.SerializeToString().split(_DOUBLE_BYTES.pack(1.0))
-    return struct.Struct("<" + "d".join(f"{len(part)}s" for part in parts)), parts
-
-
-def _filled(template: tuple[struct.Struct, list[bytes]], log_time: int, numbers: Sequence[float]) -> bytes:
-    """The message of a template with its numbers, behind the time stamp that is its first field."""
-    layout, parts = template
-    stamp = Timestamp(seconds=log_time // 10**9, nanos=log_time % 10**9).SerializeToString()
-    values: list[object] = [parts[0]]
-    for number, part in zip(numbers, parts[1:], strict=True):
-        values += (number, part)
-    return b"\x0a" + bytes([len(stamp)]) + stamp + layout.pack(*values)
+# -- and back
+def _state(log_time: int, m: Any) -> StateEvent:
+    vacuum = bodies = None
+    if m.HasField("vacuum_since"):
+        vacuum = checked(VacuumBand(m.vacuum_since, m.vacuum_lowest, m.vacuum_highest))
+    if m.HasField("bodies_since"):
+        bodies = checked(Bodies(m.bodies_since, tuple(m.bodies_arcs), m.bodies_stretch))
+    least_force = m.least_force if m.HasField("least_force") else None
+    state = replace(State.from_json(m.json), clipped=m.clipped, vacuum=vacuum, least_force=least_force, bodies=bodies)
+    return StateEvent(m.t, m.number, checked(state), m.repeats)
 
 
-_DOUBLE_BYTES = struct.Struct("<d")
-_ONE = {"x": 1.0, "y": 1.0, "z": 1.0}
-_POSE = _template(
-    ParseDict({"frame_id": BASE_FRAME, "pose": {"position": _ONE, "orientation": _ONE | {"w": 1.0}}}, PoseInFrame())
-)
-_JOINTS = _template(ParseDict({"joints": [{"name": name, "position": 1.0} for name in JOINTS_OF_ARM]}, JointStates()))
+def _trial(log_time: int, m: Any) -> TrialEvent:
+    return TrialEvent(m.t, m.number, replace(TrialRow.from_json(m.json), clipped=m.clipped), m.repeats)
 
 
-def encode_pose(log_time: int, position: Sequence[float], orientation: Sequence[float]) -> bytes:
-    """Tip pose in the base frame: position (m), orientation (w, x, y, z)."""
-    w, x, y, z = orientation
-    return _filled(_POSE, log_time, (*position, x, y, z, w))
+def _zero(log_time: int, m: Any) -> ZeroEvent:
+    numbers = (*m.direction, *m.before, *m.start, *m.end, m.offset_at, m.drift, m.rate)
+    if tuple(map(len, (m.direction, m.before, m.start, m.end))) != (3, 2, 2, 2) or not all(
+        abs(x) <= LARGEST for x in numbers
+    ):
+        raise BadMessage(f"/zero at {m.t:g} s: is not three spans of time, a direction and a drift")
+    x, y, z = m.direction
+    before, start, end = ((float(a), float(b)) for a, b in (m.before, m.start, m.end))
+    return ZeroEvent(m.t, Zeros(m.trial, (x, y, z), before, start, end, m.offset_at), Drift(m.drift, m.rate, m.linear))
 
 
-def encode_poses(log_time: int, positions: Sequence[Sequence[float]]) -> bytes:
-    """Body markers in the base frame: positions (m); a marker has no orientation of its own."""
-    message = PosesInFrame(frame_id=BASE_FRAME)
-    message.timestamp.FromNanoseconds(log_time)
-    for place in positions:
-        pose = message.poses.add()
-        pose.position.x, pose.position.y, pose.position.z = place
-        pose.orientation.w = 1.0
-    return message.SerializeToString()
+def _mark(log_time: int, m: Any) -> Mark:
+    mark = Mark(m.t, m.trial, m.doubt, m.text)
+    if mark.doubt not in DOUBTS:
+        raise BadMessage(f"/mark at {mark.t:g} s: doubt {mark.doubt[:40]!r} is unknown; one of {', '.join(DOUBTS)}")
+    return mark
 
 
-def encode_joints(log_time: int, angles: Sequence[float]) -> bytes:
-    """Angles of the arm's joints, rad."""
-    return _filled(_JOINTS, log_time, angles)
+READ: dict[str, Callable[[int, Any], Any]] = {
+    STATE.topic: _state,
+    TRIAL.topic: _trial,
+    LOG.topic: lambda log_time, m: LogLine(log_time, _LEVELS.get(m.level, f"level {m.level}"), m.message),
+    REQUEST.topic: lambda log_time, m: Request(m.t, m.kind, m.by, m.text, m.done, m.trial, m.step),
+    ZERO.topic: _zero,
+    MARK.topic: _mark,
+}
+"""Topic -> what a message with its log time (ns) says; see `read_event`."""
+
+
+def read_event(topic: str, log_time: int, message: Any) -> Any:
+    """What a message on a topic of `READ` says; raises `BadMessage`, `BadTable`, or `Damaged` where it holds no text."""
+    try:
+        return READ[topic](log_time, message)
+    except UnicodeDecodeError as error:
+        raise Damaged(f"a message of {topic} is not text ({error}); run `lab verify`") from error

@@ -17,21 +17,13 @@ def read_json(text: str | bytes) -> Any:
     if isinstance(text, bytes):
         text = text.decode("utf-8")
     if text.count("[") + text.count("{") > DEEPEST:
-        _check_depth(text)
+        depth = 0
+        for match in _BRACKETS.finditer(text):
+            depth += {"[": 1, "{": 1, "]": -1, "}": -1}.get(match[0], 0)
+            if depth > DEEPEST:
+                raise ValueError(f"more than {DEEPEST} levels of nested lists and tables")
     values = json.loads(text)
     if _HALF.search(text):
         # Two halves that belong together are one character by now; one alone can be neither printed nor written.
         json.dumps(values, ensure_ascii=False).encode("utf-8")
     return values
-
-
-def _check_depth(text: str) -> None:
-    depth = 0
-    for match in _BRACKETS.finditer(text):
-        sign = match[0]
-        if sign in "[{":
-            depth += 1
-            if depth > DEEPEST:
-                raise ValueError(f"more than {DEEPEST} levels of nested lists and tables")
-        elif sign in "]}":
-            depth -= 1

@@ -11,6 +11,7 @@ Every message begins with `t`: rig time in seconds, a whole number of nanosecond
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 import struct
@@ -81,20 +82,6 @@ class Field:
         return _varint(number << 3 | _PACKED) + _varint(size * self.count)
 
 
-_NESTED = -1
-_Part = tuple[tuple[bytes, ...], int | None, Field]
-"""Constant bytes (none where an array is empty), how long a tuple is that needs no further check (None: one number, `_NESTED`:
-rows of several), field."""
-
-
-def _part(head: bytes, field: Field) -> _Part:
-    heads = (head,) if field.count else ()
-    if not field.shape:
-        return heads, None, field
-    flat = len(field.shape) == 1 or not field.count
-    return heads, field.count if flat else _NESTED, field
-
-
 @dataclass(frozen=True)
 class MessageType:
     """A message of fixed layout. Encodes from values in field order, decodes to a structured numpy array."""
@@ -118,8 +105,8 @@ class MessageType:
         return f"{PACKAGE}.{self.name}"
 
     @cached_property
-    def file_descriptor(self) -> FileDescriptorProto:
-        """The .proto file of this message."""
+    def schema(self) -> bytes:
+        """Serialized FileDescriptorSet, as MCAP stores it."""
         file = FileDescriptorProto(name=f"{PACKAGE}/{self.name}.proto", package=PACKAGE, syntax="proto2")
         message = file.message_type.add(name=self.name)
         for number, field in enumerate(self.fields, 1):
@@ -127,12 +114,7 @@ class MessageType:
             entry = message.field.add(name=field.name, number=number, label=label, type=_KINDS[field.kind][0])
             if field.shape:
                 entry.options.packed = True
-        return file
-
-    @cached_property
-    def schema(self) -> bytes:
-        """Serialized FileDescriptorSet, as MCAP stores it."""
-        return FileDescriptorSet(file=[self.file_descriptor]).SerializeToString(deterministic=True)
+        return FileDescriptorSet(file=[file]).SerializeToString(deterministic=True)
 
     @property
     def metadata(self) -> dict[str, str]:
@@ -155,22 +137,15 @@ class MessageType:
     @cached_property
     def constants(self) -> tuple[tuple[int, bytes], ...]:
         """(offset, bytes) of everything in the message that never changes."""
-        out, offset = [], 0
-        for head, field in self._parts:
-            out.append((offset, head))
-            offset += len(head) + _KINDS[field.kind][4] * field.count
-        return tuple(out)
+        ends = itertools.accumulate((len(head) + _KINDS[f.kind][4] * f.count for head, f in self._parts), initial=0)
+        return tuple((offset, head) for offset, (head, _) in zip(ends, self._parts, strict=False))
 
     @cached_property
     def wire_dtype(self) -> np.dtype[np.void]:
         """The message's own bytes as a structured type: values at their offsets, tags as gaps."""
-        names, formats, offsets, offset = [], [], [], 0
-        for head, field in self._parts:
-            offset += len(head)
-            names.append(field.name)
-            formats.append((_KINDS[field.kind][2], field.shape))
-            offsets.append(offset)
-            offset += _KINDS[field.kind][4] * field.count
+        names = [field.name for _, field in self._parts]
+        formats = [(_KINDS[field.kind][2], field.shape) for _, field in self._parts]
+        offsets = [offset + len(head) for offset, head in self.constants]
         return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": self.size})
 
     @cached_property
@@ -206,10 +181,16 @@ class MessageType:
             raise BadMessage(f"{self.topic}: {error} in {dict(zip(self.value_names, values, strict=True))}") from error
 
     @cached_property
-    def _layout(self) -> tuple[bytes, tuple[_Part, ...], Callable[..., bytes]]:
-        """All that encoding needs, in one look-up: constant bytes of `t`, the fields after it, what packs them."""
-        parts = [_part(head, field) for head, field in zip(self._heads[1:], self.fields[1:], strict=True)]
-        return self._heads[0], tuple(parts), self._struct.pack
+    def _layout(self) -> tuple[bytes, list[tuple[tuple[bytes, ...], int | None, Field]], Callable[..., bytes]]:
+        """All that encoding needs, in one look-up: constant bytes of `t`; of each field after it the constant bytes (none where
+        an array is empty), and how long a tuple is that needs no check (None: a number, -1: rows of several); what packs."""
+        parts: list[tuple[tuple[bytes, ...], int | None, Field]] = []
+        for head, field in zip(self._heads[1:], self.fields[1:], strict=True):
+            flat = len(field.shape) == 1 or not field.count
+            parts.append(
+                ((head,) if field.count else (), (field.count if flat else -1) if field.shape else None, field)
+            )
+        return self._heads[0], parts, self._struct.pack
 
     @cached_property
     def _heads(self) -> tuple[bytes, ...]:
@@ -250,79 +231,46 @@ class MessageType:
 
 _T = Field("t", "double", (), "s", "rig time, a whole number of nanoseconds")
 
-PRESSURE = MessageType(
-    "Pressure",
-    "/pressure",
-    (
-        _T,
-        Field("setpoint", "double", (9,), "Pa", "set-point the regulator confirmed, gauge, by chamber", "chamber"),
-        Field("measured", "double", (9,), "Pa", "pressure at the regulator, gauge, by chamber", "chamber"),
-    ),
-    "all chambers of the robot",
-)
-SPINE = MessageType(
-    "Spine",
-    "/spine",
-    (
-        _T,
-        Field("length", "double", (), "m", "length of the spine"),
-        Field("speed", "double", (), "m/s", "of the spine, outwards positive"),
-        Field("goal", "double", (), "m", "length it was told to go to"),
-        Field("moving", "bool", doc="the spine moves"),
-        Field("homed", "bool", doc="the zero of the length is known"),
-    ),
-    "the length unit",
-)
+PRESSURE = MessageType("Pressure", "/pressure", (
+    _T,
+    Field("setpoint", "double", (9,), "Pa", "set-point the regulator confirmed, gauge, by chamber", "chamber"),
+    Field("measured", "double", (9,), "Pa", "pressure at the regulator, gauge, by chamber", "chamber"),
+), "all chambers of the robot")  # fmt: skip
+SPINE = MessageType("Spine", "/spine", (
+    _T,
+    Field("length", "double", (), "m", "length of the spine"),
+    Field("speed", "double", (), "m/s", "of the spine, outwards positive"),
+    Field("goal", "double", (), "m", "length it was told to go to"),
+    Field("moving", "bool", doc="the spine moves"),
+    Field("homed", "bool", doc="the zero of the length is known"),
+), "the length unit")  # fmt: skip
 VALVE = MessageType("Valve", "/valve", (_T, Field("on", "bool", doc="vacuum applied to the spine, read back")))
 VACUUM = MessageType("Vacuum", "/vacuum", (_T, Field("absolute", "double", (), "Pa", "pressure in the spine")))
-FORCE = MessageType(
-    "Force",
-    "/force",
-    (
-        _T,
-        Field(
-            "raw",
-            "double",
-            (6,),
-            "N, N m",
-            "as the sensor sends it: fx fy fz mx my mz, sensor frame",
-            "fx fy fz mx my mz",
-        ),
-        Field("zero", "double", (6,), "N, N m", "software zero to subtract", "fx fy fz mx my mz"),
-    ),
-    "force-torque sensor",
-)
-ARM = MessageType(
-    "Arm",
-    "/arm",
-    (
-        _T,
-        Field("device_time", "double", (), "s", "the controller's own stamp"),
-        Field("joints", "double", (6,), "rad", "angles of the joints, from the base on", "joint"),
-        Field("tcp_pose", "double", (6,), "m, rad", "position and rotation vector, arm base frame", "x y z rx ry rz"),
-        Field("tcp_speed", "double", (6,), "m/s, rad/s", "of the TCP, arm base frame", "vx vy vz wx wy wz"),
-        Field("safety_bits", "fixed32", doc="safety status bits of the controller"),
-        Field("program_running", "bool", doc="a program runs on the controller"),
-    ),
-    "state of the robot arm",
-)
-TIP = MessageType(
-    "Tip",
-    "/tip",
-    (
-        _T,
-        Field("device_time", "double", (), "s", "the camera system's own stamp"),
-        Field("frame", "sfixed64", doc="the camera system's frame number"),
-        Field("position", "double", (3,), "m", "of the tip, base frame", "x y z"),
-        Field("orientation", "double", (4,), "1", "w x y z, body in base frame", "w x y z"),
-        Field(
-            "marker_error", "double", (), "m", "mean distance of the markers from the rigid body, by the camera system"
-        ),
-        Field("valid", "bool", doc="False: not tracked, do not use the pose"),
-        Field("markers", "double", (0, 3), "m", "body markers, base frame; NaN where one was not seen", "x y z"),
-    ),
-    "the tip as motion capture sees it",
-)
+_WRENCH = "fx fy fz mx my mz"
+FORCE = MessageType("Force", "/force", (
+    _T,
+    Field("raw", "double", (6,), "N, N m", "as the sensor sends it: fx fy fz mx my mz, sensor frame", _WRENCH),
+    Field("zero", "double", (6,), "N, N m", "software zero to subtract", _WRENCH),
+), "force-torque sensor")  # fmt: skip
+ARM = MessageType("Arm", "/arm", (
+    _T,
+    Field("device_time", "double", (), "s", "the controller's own stamp"),
+    Field("joints", "double", (6,), "rad", "angles of the joints, from the base on", "joint"),
+    Field("tcp_pose", "double", (6,), "m, rad", "position and rotation vector, arm base frame", "x y z rx ry rz"),
+    Field("tcp_speed", "double", (6,), "m/s, rad/s", "of the TCP, arm base frame", "vx vy vz wx wy wz"),
+    Field("safety_bits", "fixed32", doc="safety status bits of the controller"),
+    Field("program_running", "bool", doc="a program runs on the controller"),
+), "state of the robot arm")  # fmt: skip
+TIP = MessageType("Tip", "/tip", (
+    _T,
+    Field("device_time", "double", (), "s", "the camera system's own stamp"),
+    Field("frame", "sfixed64", doc="the camera system's frame number"),
+    Field("position", "double", (3,), "m", "of the tip, base frame", "x y z"),
+    Field("orientation", "double", (4,), "1", "w x y z, body in base frame", "w x y z"),
+    Field("marker_error", "double", (), "m", "mean distance of the markers from the rigid body, by the camera system"),
+    Field("valid", "bool", doc="False: not tracked, do not use the pose"),
+    Field("markers", "double", (0, 3), "m", "body markers, base frame; NaN where one was not seen", "x y z"),
+), "the tip as motion capture sees it")  # fmt: skip
 
 STREAMS: dict[str, MessageType] = {m.topic: m for m in (PRESSURE, SPINE, VALVE, VACUUM, FORCE, ARM, TIP)}
 """The streams of a recording with nine chambers and no body markers, by topic."""

@@ -24,14 +24,18 @@ LARGEST = 20_000_000
 MOST_COLUMNS = 2000
 """Of a table: a robot of a hundred chambers and markers has a thousand."""
 MOST_ROWS = 50_000
-LOWEST_PRESSURE, HIGHEST_PRESSURE = -100e3, 2e6
-"""Pa gauge: no chamber can be below vacuum, none of silicone lives above."""
-LONGEST = 5.0
-"""m: no tip, marker or spine of such a robot is further away."""
-LARGEST_FORCE = 500.0
-"""N on a tip: no such robot bears more."""
-SMALLEST_PRESSURE_SPAN = 1000.0
-"""Pa: a whole campaign that stays below was probably written in kPa."""
+LIMITS = (
+    (r"p[0-9]+", -100e3, 2e6,
+     "{value:g} Pa is outside {low:g} .. {high:g} Pa gauge; pressures are gauge, in Pa: check the unit"),
+    (r"[xyz]|m[0-9]+[xyz]|spine_length|deflection", -5.0, 5.0,
+     "{value:g} m exceeds {high:g} m: looks like mm or cm; lengths are in m: divide by 1000 or 100"),
+    (r"vacuum", -5e3, 110e3, "{value:g} Pa: {looks}give Pa below ambient, from 0 (no vacuum) to about 101 325"),
+    (r"hold", 0.0, math.inf, "{value:g} s is before the ramp's end"),
+    (r"force_[xyz]", -500.0, 500.0, "{value:g} N exceeds {high:g} N: looks like mN or grams; forces are in N"),
+    (r"tip_mass", 0.0, 10.0, "{value:g} kg is outside 0 .. 10 kg: looks like g; masses are in kg: divide by 1000"),
+)  # fmt: skip
+"""Columns, their least and greatest value, and what is said of any other: no robot of this kind can have it. No chamber can be
+below vacuum, none of silicone lives above 20 bar."""
 
 _DECIMAL_COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+([eE][-+]?[0-9]+)?")
 _CHOICES = {"branch": BRANCHES, "specimen": SPECIMENS, "doubt": DOUBTS}
@@ -44,13 +48,9 @@ def write_csv(table: Table, path: str | os.PathLike[str]) -> None:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
     for row in table.rows:
-        cells = row.cells()
-        writer.writerow([_text(cells[name]) if name in cells else "" for name in columns])
+        cells = {name: repr(float(x)) if isinstance(x, float) else str(x) for name, x in row.cells().items()}
+        writer.writerow([cells.get(name, "") for name in columns])
     replaced(Path(path), text.getvalue())
-
-
-def _text(value: Cell) -> str:
-    return repr(float(value)) if isinstance(value, float) else str(value)
 
 
 def read_csv(path: str | os.PathLike[str]) -> Table:
@@ -158,45 +158,21 @@ def _value(where: str, name: str, text: str) -> Cell:
         if number != int(number):
             raise BadTable(f"{where}, {name}: {text} is not a whole number")
         return int(number)
-    _check_limits(f"{where}, {name}", name, number)
+    if name == "clipped" and number not in (0, 1):
+        text = "is neither 0 nor 1; 1 where set-points were clipped, else 0 or empty"
+        raise BadTable(f"{where}, {name}: {number:g} {text}")
+    for pattern, low, high, text in LIMITS:
+        if re.fullmatch(pattern, name) and not low <= number <= high:
+            looks = "looks like gauge pressure: change the sign; " if -110e3 <= number < 0 else ""
+            raise BadTable(f"{where}, {name}: {text.format(value=number, low=low, high=high, looks=looks)}")
     return number
-
-
-def _check_limits(where: str, name: str, value: float) -> None:
-    """Raises `BadTable` for a value that no robot of this kind can have, naming the unit it may have been meant in."""
-    order = column_order(name)
-    place = order[0] if order else None
-    if place == 1 and not LOWEST_PRESSURE <= value <= HIGHEST_PRESSURE:
-        raise BadTable(
-            f"{where}: {value:g} Pa is outside {LOWEST_PRESSURE:g} .. {HIGHEST_PRESSURE:g} Pa gauge; "
-            "pressures are gauge, in Pa: check the unit"
-        )
-    if (place in (2, 4) or name in ("spine_length", "deflection")) and not abs(value) <= LONGEST:
-        raise BadTable(
-            f"{where}: {value:g} m exceeds {LONGEST:g} m: looks like mm or cm; lengths are in m: divide by 1000 or 100"
-        )
-    if name == "vacuum" and not -5e3 <= value <= 110e3:
-        looks = "looks like gauge pressure: change the sign; " if -110e3 <= value < 0 else ""
-        raise BadTable(f"{where}: {value:g} Pa: {looks}give Pa below ambient, from 0 (no vacuum) to about 101 325")
-    if name == "hold" and value < 0:
-        raise BadTable(f"{where}: {value:g} s is before the ramp's end")
-    if name == "clipped" and value not in (0, 1):
-        raise BadTable(f"{where}: {value:g} is neither 0 nor 1; 1 where set-points were clipped, else 0 or empty")
-    if name in ("force_x", "force_y", "force_z") and not abs(value) <= LARGEST_FORCE:
-        raise BadTable(f"{where}: {value:g} N exceeds {LARGEST_FORCE:g} N: looks like mN or grams; forces are in N")
-    if name == "tip_mass" and not 0 <= value <= 10:
-        raise BadTable(f"{where}: {value:g} kg is outside 0 .. 10 kg: looks like g; masses are in kg: divide by 1000")
-
-
-PROTOCOLS = ("bending", "elongation", "stiffness")
-"""Names that the analysis knows; others are of a lab's own."""
 
 
 def _doubts(rows: list[TrialRow]) -> list[str]:
     """What may be right but looks like another unit or a mistake."""
     doubts = []
     highest = max(abs(p) for row in rows for p in row.pressures)
-    if 20 < highest < SMALLEST_PRESSURE_SPAN and any(row.protocol != "stiffness" for row in rows):
+    if 20 < highest < 1000 and any(row.protocol != "stiffness" for row in rows):
         doubts.append(f"no pressure is above {highest:g} Pa: if these are kPa, multiply p1.. by 1000")
     tips = [max(abs(c) for c in row.tip) for row in rows if row.tip is not None]
     if tips and max(tips) < 0.005:
@@ -205,7 +181,7 @@ def _doubts(rows: list[TrialRow]) -> list[str]:
     if 5 < vacuum < 150 and any(row.spine_length > 0 for row in rows):
         doubts.append(f"no vacuum is above {vacuum:g} Pa below ambient: if these are kPa, multiply vacuum by 1000")
     for name in sorted({row.protocol for row in rows}):
-        near = difflib.get_close_matches(name, PROTOCOLS, 1, 0.8)
+        near = difflib.get_close_matches(name, ("bending", "elongation", "stiffness"), 1, 0.8)
         if near and not name.startswith(near[0]):
             doubts.append(f"protocol {name[:40]!r}: did you mean {near[0]!r}?")
     seen: set[tuple[int, int]] = set()

@@ -6,16 +6,11 @@ Columns, in this order (SI; a column that was never measured is absent, a cell t
     p1..pN x y z qw qx qy qz  m1x m1y m1z ..  specimen force deflection clipped force_drift doubt
     sensor_<name>_<quantity> ..  sd_<column> ..
 
-- `t` s, middle of the time that was averaged; `hold` s from the ramp's end to the reading, 0 when read while ramping
-- `rate` Pa/s of the ramp before; `vacuum` Pa below ambient; `p` Pa gauge, measured; tip and markers m, base frame
-- `force_x` .. a known force on the tip, N, base frame
-- `clipped` 1 where the rig's limits clipped set-points on the way to the state, else empty
-- `force_drift` N by which the force sensor's zero moved over the trial along the push (above 0: it reads more in the
-  end), empty where it was not read again; removed from `force` as a line in time unless `doubt` is "drift"
-- `doubt` why a state is unreliable, else empty: "soft", the jammed spine did not push back or its shape shows that it
-  was soft; "bodies", the cameras exchanged bodies; "drift", the force zero did not move at a constant pace
-- `sensor_` what sensors of the lab's own measured, in their units
-- `sd_` standard deviation of the samples that were averaged, not of their mean
+`t` is the middle of the time that was averaged, `hold` 0 where a state was read while ramping. `doubt` says why a state
+is unreliable: "soft", the jammed spine did not push back, or its shape shows that it was soft; "bodies", a body was
+elsewhere; "drift", the zero of the force sensor moved by `force_drift` (above 0: it reads more in the end), and not at
+a constant pace. A constant drift is removed from `force` as a line in time. `sensor_` is what sensors of the lab's own
+measured, in their units; `sd_` the standard deviation of the samples that were averaged, not of their mean.
 """
 
 from __future__ import annotations
@@ -78,34 +73,37 @@ def column_order(name: str) -> tuple[int, int, int] | None:
     return None
 
 
-UNITS = {
-    "force_x": "N",
-    "force_y": "N",
-    "force_z": "N",
-    "t": "s",
-    "hold": "s",
-    "rate": "Pa/s",
-    "vacuum": "Pa",
-    "tip_mass": "kg",
-    "roll_deg": "deg",
-    "force": "N",
-    "force_drift": "N",
-}
-"""Of columns; pressures are in Pa, lengths and positions in m, quaternions and numbers of trials in 1."""
+COLUMNS = (
+    (r"trial|step|repeat", "1", "number, from 1"),
+    (r"protocol|branch|specimen|doubt", "1", "text"),
+    (r"t", "s", "rig time of the reading"),
+    (r"rate", "Pa/s", "of the pressure ramp that led here, negative downwards"),
+    (r"hold", "s", "time from the end of the ramp to the reading"),
+    (r"spine_length", "m", "length of the spine"),
+    (r"vacuum", "Pa", "of the spine, below ambient"),
+    (r"tip_mass", "kg", "mass hung at the tip"),
+    (r"roll_deg", "deg", "turn of the body in its mount about the robot's axis"),
+    (r"force_[xyz]", "N", "known force on the tip, base frame"),
+    (r"p[0-9]+", "Pa", "pressure of this chamber, gauge, measured"),
+    (r"[xyz]", "m", "position of the tip, base frame"),
+    (r"q[wxyz]", "1", "orientation of the tip, unit quaternion, base frame"),
+    (r"m[0-9]+[xyz]", "m", "position of this marker, base frame"),
+    (r"force", "N", "on the specimen along the push"),
+    (r"deflection", "m", "of the specimen along the push"),
+    (r"clipped", "1", "1 where the rig's limits clipped set-points on the way to this state"),
+    (r"force_drift", "N", "by which the force sensor's zero moved over the trial"),
+    (r"sensor_.*", "", ""),
+)
+"""Pattern, SI unit and meaning of columns; of a sensor of the lab's own the table does not tell them."""
 
 
 def unit_of(name: str) -> str:
-    """SI unit of a column; of a sensor of the lab's own the table does not tell it.
+    """SI unit of a column.
 
     >>> unit_of("p1"), unit_of("sd_x"), unit_of("trial")
     ('Pa', 'm', '1')
     """
-    name = name.removeprefix("sd_")
-    if name in INTEGERS or name in TEXTS or name in ORIENTATION or name == "clipped":
-        return "1"
-    if name.startswith("sensor_"):
-        return ""
-    return "Pa" if _PRESSURE.fullmatch(name) else UNITS.get(name, "m")
+    return next((unit for pattern, unit, _ in COLUMNS if re.fullmatch(pattern, name.removeprefix("sd_"))), "m")
 
 
 @dataclass(frozen=True)

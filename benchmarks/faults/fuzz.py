@@ -13,7 +13,6 @@ import io
 import json
 import random
 import shutil
-import sqlite3
 import sys
 import tempfile
 import time
@@ -62,10 +61,7 @@ from .text_files import (
     RIG,
     ROUNDS,
     SEALED,
-    SPINES,
-    STRANGE,
     TABLE,
-    TEXT,
     either,
     mutated_bytes,
     mutated_text,
@@ -120,31 +116,15 @@ def small_files(folder: Path) -> dict[str, Go]:
         place.commitment.write_bytes(either(promised, rng) if rng.random() < 0.2 else promised)
         return partial(open_seal, place)
 
-    def shelf(rng: random.Random) -> Read:
-        place = folder / "shelf"
-        place.mkdir(exist_ok=True)
-        (place / INDEX).unlink(missing_ok=True)
-        runs(place)
-        with contextlib.closing(sqlite3.connect(place / INDEX)) as index, index:
-            values = (
-                rng.choice((TEXT, 1, b"x", 1e999)),
-                rng.choice((1, "x", 2**62)),
-                1,
-                TEXT,
-                1.0,
-                "bending",
-                rng.choice(SPINES),
-            )
-            labels = rng.choice(("{}", '{"a": "b"}', "[", '{"a": 1}', b"x"))
-            counts = rng.choice((0, "x", 2**62)), rng.choice((0, "x", 2**62))
-            row = (*values, "completed", "", 1, 1, 0, "", labels, *counts)
-            index.execute(f"INSERT INTO runs VALUES ({', '.join('?' * len(row))})", row)
-            if rng.random() < 0.2:
-                index.execute(rng.choice(STRANGE))
-        if rng.random() < 0.7:
-            data = (place / INDEX).read_bytes()
-            (place / INDEX).write_bytes(mutated_bytes(data, rng))
-        return partial(runs, place)
+    shelf = folder / "shelf"
+    shelf.mkdir()
+    (shelf / "one.mcap").write_text("no recording")
+    runs(shelf)
+    index = (shelf / INDEX).read_bytes()
+
+    def listed(rng: random.Random) -> Read:
+        (shelf / INDEX).write_bytes(either(index, rng))
+        return partial(runs, shelf)
 
     return {
         "rig.yaml": yaml(RIG, RigFile),
@@ -160,7 +140,7 @@ def small_files(folder: Path) -> dict[str, Go]:
         "diagnosis.json": file("diagnosis.json", DIAGNOSIS, lambda p: Diagnosis.from_json(p.read_text("utf-8", "replace"))),
         "rounds.json": file("rounds.json", ROUNDS, lambda p: read_answer(p, "1")),
         "sealed truth": sealed,
-        "index of recordings": shelf,
+        "index of recordings": listed,
         "tables of others": foreign_tables(folder),
     }  # fmt: skip
 

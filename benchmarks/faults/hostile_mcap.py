@@ -9,7 +9,8 @@ import json
 import random
 import struct
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from itertools import takewhile
 
 import lz4.frame
 import zstandard
@@ -17,10 +18,8 @@ from google.protobuf.message import DecodeError
 from mcap.opcode import Opcode
 
 from recordings.events import STATE, TRIAL
-from recordings.file import records as walk
-from recordings.file.chunks import Record as FileRecord
-from recordings.file.contents import Contents
-from recordings.file.records import MAGIC
+from recordings.file.chunks import HEAD, unpacked
+from recordings.file.records import MAGIC, index
 
 Record = tuple[int, bytes]
 Edit = Callable[[list[Record], random.Random], None]
@@ -40,18 +39,22 @@ WORDS = {
 
 def split(data: bytes) -> tuple[list[Record], dict[int, list[Record]]]:
     """The records of a sound file up to its end of data, and those inside each chunk, by the chunk's place."""
-    records: list[Record] = []
-    inside: dict[int, list[Record]] = {}
     view = memoryview(data)
-    for item in walk.records(view, Contents("sound", len(data)), unpack=True):
-        assert isinstance(item, FileRecord)
-        if item.opcode == Opcode.DATA_END:
-            break
-        if item.source is not view:
-            inside.setdefault(len(records) - 1, []).append((item.opcode, item.content()))
-        else:
-            records.append((item.opcode, item.content()))
-    return records, inside
+    contents = index(view, "sound")
+    records = list(takewhile(lambda record: record[0] != Opcode.DATA_END, _parts(data[len(MAGIC) : -len(MAGIC)])))
+    places = [number for number, (opcode, _) in enumerate(records) if opcode == Opcode.CHUNK]
+    chunks = [chunk for chunk in contents.chunks if not chunk.bare]
+    raws = (unpacked(view, chunk, contents.budget) for chunk in chunks)
+    return records, {place: list(_parts(raw)) for place, raw in zip(places, raws, strict=True)}
+
+
+def _parts(data: bytes) -> Iterator[Record]:
+    """The records of sound bytes."""
+    at = 0
+    while at < len(data):
+        opcode, length = HEAD.unpack_from(data, at)
+        at += HEAD.size + length
+        yield opcode, data[at - length : at]
 
 
 def written(opcode: int, body: bytes, length: int | None = None) -> bytes:

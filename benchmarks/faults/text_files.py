@@ -86,12 +86,6 @@ DIAGNOSIS = """{"schema": "diagnosis/1", "statement": "x",
  "next_experiment": [{"id": "roll", "do": "roll it", "separates": [], "expected_bits": 0.1, "cost_min": 5, "protocol": {}}],
  "concerns": [], "detail": {}}"""
 ROUNDS = f'[{{"asked": [], "seconds": 1.5, "diagnosis": {DIAGNOSIS}}}]'
-TEXT = "2025-03-01T12:00:00"
-SPINES = ("[0.1]", "[", "{}", "[[]]", "[null]", "[" * 10_000, "1e999", "[" + "9" * 5000 + "]", '"\\ud800"')
-STRANGE = (
-    "PRAGMA user_version = 9", "CREATE VIEW other AS SELECT 1", "DROP TABLE runs",
-    "CREATE TRIGGER t AFTER DELETE ON runs BEGIN INSERT INTO runs SELECT * FROM runs; END",
-)  # fmt: skip
 
 
 def mutated_text(text: str, rng: random.Random) -> str:

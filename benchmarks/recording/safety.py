@@ -12,9 +12,7 @@ import textwrap
 import time
 from pathlib import Path
 
-from mcap.opcode import Opcode
-
-from recordings.file.chunks import Record
+from recordings.file.chunks import Messages
 from recordings.file.contents import Contents
 from recordings.file.reader import Recording
 from recordings.file.records import index, records
@@ -82,7 +80,7 @@ def kills(folder: Path, times: int, seed: int = 1) -> Figure:
 def messages(data: bytes) -> list[bytes]:
     """All messages that can be read."""
     walk = records(memoryview(data), Contents("", len(data)), unpack=True)
-    return [item.content() for item in walk if isinstance(item, Record) and item.opcode == Opcode.MESSAGE]
+    return [payload for item in walk if isinstance(item, Messages) for payload in item.payloads()]
 
 
 def truncation(folder: Path) -> Figure:

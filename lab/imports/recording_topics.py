@@ -23,8 +23,8 @@ from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
 from recordings.errors import Damaged, RecordingError, Truncated
-from recordings.file.protobuf_runtime import message_class
 from recordings.file.reader import Recording
+from recordings.file.samples import message_class
 
 from ..files.config import ConfigError
 from .map_file import Map, Source

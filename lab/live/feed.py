@@ -21,7 +21,7 @@ async def following(tail: Tail, over: Callable[[], bool]) -> AsyncIterator[list[
     """What is in the file, then what comes, until it is finished; or until nothing more comes once `over`."""
     while not tail.contents.finished:
         if tail.grown():
-            yield await asyncio.to_thread(tail.read, AT_ONCE)
+            yield await asyncio.to_thread(tail.read)
         elif over():
             return
         else:
@@ -32,7 +32,7 @@ async def played(tail: Tail, speed: float) -> AsyncIterator[list[Piece]]:
     """The pieces of a recording at `speed` times rig time (inf: at once); ends where nothing more can be read."""
     begin, first = time.monotonic(), None
     due: list[Piece] = []
-    while pieces := await asyncio.to_thread(tail.read, AT_ONCE):
+    while pieces := await asyncio.to_thread(tail.read):
         for piece in pieces:
             first = piece.until if first is None else first
             wait = begin + (piece.until - first) / 1e9 / speed - time.monotonic()

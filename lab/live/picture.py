@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from recordings.events import UNCONFIRMED, Request
+from recordings.events import UNCONFIRMED, LogLine, Request, StateEvent, TrialEvent
 from recordings.file.counts import counted
-from recordings.file.reader import LogLine, StateEvent, TrialEvent
 from recordings.file.tail import Piece
 from recordings.trials import TrialRow
 
@@ -112,12 +111,12 @@ class Picture:
         first_row = len(self.rows)
         for piece in pieces:
             points.append(self._point(piece))
-            lines += [self._line(line) for line in piece.log]
-            lines += [self._asked_of(request) for request in piece.requests]
-            for state in piece.states:
+            lines += [self._line(line) for line in piece.events["/log"]]
+            lines += [self._asked_of(request) for request in piece.events["/request"]]
+            for state in piece.events["/state"]:
                 self.state = state
-            self._rows(piece.trials)
-            for message in piece.progress:
+            self._rows(piece.events["/trial"])
+            for message in piece.events["/progress"]:
                 self._progress(message)
         self._points.extend(points)
         self._log.extend(lines)

@@ -195,7 +195,7 @@ class Show:
     async def _wanted(self, foxglove: Foxglove, path: Path) -> None:
         """Wait until somebody has subscribed to topics of the recording."""
         with Tail(path) as beginning:
-            await asyncio.to_thread(beginning.read, 1)
+            await asyncio.to_thread(beginning.read)
             foxglove.offer(beginning.contents)
         while not foxglove.wanted and not self._over.is_set():
             await asyncio.sleep(0.05)
@@ -210,9 +210,9 @@ class Show:
     def _keep_time(self, tail: Tail, pieces: list[Piece]) -> None:
         """Of a run: its rig time now, from the wall time of its first line, which was written when it was recorded."""
         assert self._picture is not None
-        if self._speed is not None or not pieces[0].log or self._picture.first is not None:
+        if self._speed is not None or not pieces[0].events["/log"] or self._picture.first is not None:
             return
-        begun, speed = pieces[0].log[0].log_time, self._picture.about.speed
+        begun, speed = pieces[0].events["/log"][0].log_time, self._picture.about.speed
         t = (begun - self._picture.about.start_wall_ns) / 1e9
         since, looked = time.time() - begun / 1e9, time.monotonic()
         self._clock = lambda: t + speed * (since + time.monotonic() - looked)

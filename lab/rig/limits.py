@@ -12,7 +12,7 @@ from model.body import body_of
 from model.robot import Robot
 from model.section import annulus_second_moment, body_area, body_second_moment
 from protocols.experiment import Ask, Plan, Push
-from recordings.states.bodies import Bodies
+from recordings.states.demands import Bodies
 
 from ..files.config import ConfigError
 from ..files.rig_file import RigFile, Stand

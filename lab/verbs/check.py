@@ -18,7 +18,7 @@ from model.robot import Robot
 from protocols.bench import Setup
 from protocols.errors import ProtocolError, Stopped
 from recordings.file.writer import Recorder
-from recordings.states.bodies import too_far
+from recordings.states.demands import too_far
 
 from ..console import Screen, answer, err, out, styled
 from ..files.config import ConfigError, unit_of

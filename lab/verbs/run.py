@@ -28,8 +28,7 @@ from protocols.registry import Experiment
 from protocols.steering import Steering
 from recordings.campaign.info import beyond_plan
 from recordings.campaign.journal import Journal
-from recordings.campaign.labels import labels
-from recordings.campaign.labels import metadata as metadata_of
+from recordings.campaign.labels import RECORD, labels
 from recordings.campaign.resumed import metadata as campaign
 from recordings.errors import BadMessage, RecordingError
 from recordings.events import Request
@@ -467,7 +466,7 @@ def execute(
         metadata=provenance(rig.identities)
         | campaign(journal.campaign, journal.path.name, finished + 1)
         | _checked(j)
-        | metadata_of(j.labels),
+        | ({RECORD: dict(j.labels)} if j.labels else {}),
         chambers=rig.chambers.count,
         markers=markers,
         sensors=tuple(rig.sensors.values()),

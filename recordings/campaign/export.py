@@ -6,12 +6,12 @@ import csv
 import io
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from datetime import UTC, datetime
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,34 +23,13 @@ from ..file.reader import Recording
 from ..messages import SENSORS, STREAMS, Field
 from ..own_files import replaced, replacing
 from ..table_file import write_csv
-from ..trials import Table
+from ..trials import COLUMNS, Table
 from .replay import table_of
 
 StreamFormat = Literal["csv", "parquet", "mat"]
 ROWS = 10_000
 """Of a table that are written at a time."""
 Columns = dict[str, NDArray[Any]]
-MEANINGS = (
-    (r"trial|step|repeat", "number, from 1"),
-    (r"protocol|branch|specimen|doubt", "text"),
-    (r"t", "rig time of the reading"),
-    (r"rate", "of the pressure ramp that led here, negative downwards"),
-    (r"hold", "time from the end of the ramp to the reading"),
-    (r"spine_length", "length of the spine"),
-    (r"vacuum", "of the spine, below ambient"),
-    (r"tip_mass", "mass hung at the tip"),
-    (r"roll_deg", "turn of the body in its mount about the robot's axis"),
-    (r"force_[xyz]", "known force on the tip, base frame"),
-    (r"p[0-9]+", "pressure of this chamber, gauge, measured"),
-    (r"[xyz]", "position of the tip, base frame"),
-    (r"q[wxyz]", "orientation of the tip, unit quaternion, base frame"),
-    (r"m[0-9]+[xyz]", "position of this marker, base frame"),
-    (r"force", "on the specimen along the push"),
-    (r"deflection", "of the specimen along the push"),
-    (r"clipped", "1 where the rig's limits clipped set-points on the way to this state"),
-    (r"force_drift", "by which the force sensor's zero moved over the trial"),
-)
-"""Of columns of the table of trials, by pattern."""
 
 
 def export_streams(recording: Recording, folder: str | os.PathLike[str], form: StreamFormat = "csv") -> list[Path]:
@@ -69,54 +48,70 @@ def export_streams(recording: Recording, folder: str | os.PathLike[str], form: S
     folder.mkdir(parents=True, exist_ok=True)
     if not recording.streams:
         recording.need(*STREAMS)
-    table, used = table_of(recording), [t for t in recording.streams if len(recording.stream(t))]
+    table = table_of(recording)
+    streams = {_stem(t): _columns(recording, t) for t in recording.streams if len(recording.stream(t))}
+    tables = {stem: {c.name: c.values for c in columns} for stem, columns in streams.items()}
+    about = [(stem, c.name, c.unit, " ".join(c.meaning.split())) for stem, columns in streams.items() for c in columns]
+    about += [("trials", name, unit, _meaning(name)) for name, unit in table.units.items()]
+    names = ("file", "column", "unit", "meaning")
+    described = {name: np.array([row[k] for row in about], np.str_) for k, name in enumerate(names)}
+    asked = recording.requests
+    requests = {field.name: np.array([getattr(one, field.name) for one in asked]) for field in fields(Request)}
     if form == "mat":
-        structures = {_stem(t): _columns(recording, t) for t in used}
         if len(table):
-            structures["trials"] = {name: table[name] for name in table.columns}
-        if recording.requests:
-            structures["requests"] = _texts_as_objects(_requests(recording))
-        structures["columns"] = _texts_as_objects(_described(recording, used, table))
-        return [write_mat(structures, folder / f"{recording.path.stem}.mat")]
+            tables["trials"] = {name: table[name] for name in table.columns}
+        if asked:
+            tables["requests"] = _texts_as_objects(requests)
+        tables["columns"] = _texts_as_objects(described)
+        return [write_mat(tables, folder / f"{recording.path.stem}.mat")]
     write = _write_csv if form == "csv" else _parquet_writer()
-    written = [folder / f"{_stem(topic)}.{form}" for topic in used]
-    for topic, path in zip(used, written, strict=True):
-        write(_columns(recording, topic), path)
-    if recording.requests:
+    written = [folder / f"{stem}.{form}" for stem in tables]
+    for columns, path in zip(tables.values(), written, strict=True):
+        write(columns, path)
+    if asked:
         written.append(folder / f"requests.{form}")
-        write(_requests(recording), written[-1])
+        write(requests, written[-1])
     if len(table):
         written.append(folder / "trials.csv")
         write_csv(table, written[-1])
     written.append(folder / "columns.csv")
-    _write_csv(_described(recording, used, table), written[-1])
+    _write_csv(described, written[-1])
     return written
 
 
-def _described(recording: Recording, topics: Sequence[str], table: Table) -> Columns:
-    """Unit and meaning of every exported column: one row per column."""
-    rows: list[tuple[str, str, str, str]] = []
-    since = ""
-    if recording.metadata.get("recording", {}).get("start_wall_ns"):
-        since = f"; t = 0 at {datetime.fromtimestamp(recording.start_wall_ns / 1e9, UTC).isoformat(timespec='milliseconds')}"
-    for topic in topics:
-        known = {f.name: f for f in STREAMS[topic].fields} if topic in STREAMS else {}
-        units = recording.units(topic)
-        for column in (columns := _columns(recording, topic)):
-            name = column if column in units else column.rpartition("_")[0]
-            unit, meaning = units.get(name, ""), known[name].doc if name in known else _of_sensor(name, topic)
-            if column == "t":
-                meaning = f"rig time{since}"
-            elif column == "t_aligned":
-                meaning = "rig time at which the sample was taken, by the clock of the instrument"
-            elif column != name:
-                index, count = int(column.rpartition("_")[2]) - 1, sum(c.startswith(f"{name}_") for c in columns)
-                meaning = f"{_part(known[name], index)}; {meaning}"
-                unit = (several := unit.split(", "))[index * len(several) // count]
-            rows.append((_stem(topic), column, "s" if column == "t_aligned" else unit, " ".join(meaning.split())))
-    rows += [("trials", c, unit, _meaning(c)) for c, unit in table.units.items()]
-    names = ("file", "column", "unit", "meaning")
-    return {name: np.array([row[k] for row in rows], np.str_) for k, name in enumerate(names)}
+class _Column(NamedTuple):
+    name: str
+    values: NDArray[Any]
+    unit: str
+    meaning: str
+
+
+def _columns(recording: Recording, topic: str) -> list[_Column]:
+    """The columns of a stream, those of arrays one by one."""
+    samples, units, out = recording.stream(topic), recording.units(topic), list[_Column]()
+    known = {f.name: f for f in STREAMS[topic].fields} if topic in STREAMS else {}
+    for name in samples.dtype.names or ():
+        field = known.get(name) or Field(
+            name, "double", doc=f"{name} measured by the sensor {topic.removeprefix(SENSORS)}"
+        )
+        unit, values = units.get(name, ""), samples[name].reshape(len(samples), -1)
+        if name == "t":
+            since = ""
+            if recording.metadata.get("recording", {}).get("start_wall_ns"):
+                start = datetime.fromtimestamp(recording.start_wall_ns / 1e9, UTC)
+                since = f"; t = 0 at {start.isoformat(timespec='milliseconds')}"
+            out.append(_Column(name, samples[name], unit, f"rig time{since}"))
+        elif samples[name].ndim == 1:
+            out.append(_Column(name, samples[name], unit, field.doc))
+        else:
+            several, count = unit.split(", "), values.shape[1]
+            for i in range(count):
+                meaning = f"{_part(field, i)}; {field.doc}"
+                out.append(_Column(f"{name}_{i + 1}", values[:, i], several[i * len(several) // count], meaning))
+    if has_stamp(topic):
+        meaning = "rig time at which the sample was taken, by the clock of the instrument"
+        out.append(_Column("t_aligned", aligned(recording, topic), "s", meaning))
+    return out
 
 
 def _part(field: Field, index: int) -> str:
@@ -128,15 +123,10 @@ def _part(field: Field, index: int) -> str:
     return f"{names[at]} of number {whole + 1}" if len(field.shape) > 1 else names[at]
 
 
-def _of_sensor(quantity: str, topic: str) -> str:
-    """Return what a column of a sensor of the lab's own is: its quantity as the driver declares it."""
-    return f"{quantity} measured by the sensor {topic.removeprefix(SENSORS)}"
-
-
 def _meaning(column: str) -> str:
     """Of a column of the table of trials."""
     of = column.removeprefix("sd_")
-    found = next((text for pattern, text in MEANINGS if re.fullmatch(pattern, of)), "")
+    found = next((text for pattern, _, text in COLUMNS if re.fullmatch(pattern, of)), "")
     if of.startswith("sensor_"):
         found = f"{of.removeprefix('sensor_')}: sensor and quantity, averaged"
     return f"standard deviation of {of}" if of != column else found
@@ -145,12 +135,6 @@ def _meaning(column: str) -> str:
 def _texts_as_objects(columns: Columns) -> Columns:
     """The same with texts as MATLAB's cells."""
     return {name: v.astype(object) if v.dtype.kind == "U" else v for name, v in columns.items()}
-
-
-def _requests(recording: Recording) -> Columns:
-    """What people asked of the run: one row a request."""
-    asked = recording.requests
-    return {field.name: np.array([getattr(one, field.name) for one in asked]) for field in fields(Request)}
 
 
 def _stem(topic: str) -> str:
@@ -175,20 +159,6 @@ def _variable(name: str) -> str:
     """A name that MATLAB takes."""
     own = re.sub(r"\W", "_", name)[:63]
     return own if own[:1].isalpha() else f"v{own}"[:63]
-
-
-def _columns(recording: Recording, topic: str) -> Columns:
-    samples = recording.stream(topic)
-    out: Columns = {}
-    for name in samples.dtype.names or ():
-        values = samples[name].reshape(len(samples), -1)
-        if samples[name].ndim == 1:
-            out[name] = values[:, 0]
-        else:
-            out |= {f"{name}_{i}": values[:, i - 1] for i in range(1, values.shape[1] + 1)}
-    if has_stamp(topic):
-        out["t_aligned"] = aligned(recording, topic)
-    return out
 
 
 def _write_csv(columns: Columns, path: Path) -> None:

@@ -15,9 +15,8 @@ import numpy as np
 from ..errors import BadMessage, BadTable, Damaged, Foreign, NotARecording, OtherVersion
 from ..events import Request
 from ..file.clocks import ClockModel, clocks
-from ..file.counts import counted
+from ..file.counts import Timing, counted, timing
 from ..file.reader import Recording
-from ..file.timing import Timing, timing
 from ..json_text import read_json
 from ..states.concluding import of_sensor
 
@@ -105,13 +104,11 @@ def info(path: str | os.PathLike[str]) -> Info:
     except Damaged:
         recording = Recording.salvaged(path)
         recording.load()
-    metadata = dict(recording.metadata)
-    metadata.pop("clocks", None)
-    counts = counted(metadata)
-    metadata.pop("counts", None)
-    outcome = metadata.pop("outcome", {})
+    counts, outcome = counted(recording.metadata), recording.metadata.get("outcome", {})
+    own = ("clocks", "counts", "outcome")
+    metadata = {name: texts for name, texts in recording.metadata.items() if name not in own}
     notes: list[str] = []
-    damage = [*recording.damage, *recording.undescribed()]
+    damage = [*(recording.damage or ()), *recording.undescribed()]
     times = {topic: recording.log_times(topic) for topic in recording.topics}
     first = min((int(t[0]) for t in times.values() if len(t)), default=None)
     last = max((int(t[-1]) for t in times.values() if len(t)), default=0)
@@ -122,14 +119,11 @@ def info(path: str | os.PathLike[str]) -> Info:
     several = Counter(channel.topic for channel in recording.contents.channels.values())
     streams = {
         topic: StreamInfo(
-            timing((log_times - start) / 1e9),
-            counts.get(topic, {}).get("dropped"),
-            counts.get(topic, {}).get("lost"),
-            _or(0, notes, damage, partial(recording.restarts, topic)) if topic in recording.streams else 0,
-            several[topic],
+            timing((log_times - start) / 1e9), counts.get(topic, {}).get("dropped"), counts.get(topic, {}).get("lost"),
+            _or(0, notes, damage, partial(recording.restarts, topic)) if topic in recording.streams else 0, several[topic],
         )
         for topic, log_times in times.items()
-    }
+    }  # fmt: skip
     sensors = [topic for topic in recording.streams if of_sensor(topic)]
     planned = planned_of(recording)[1]
     read: set[tuple[int, int]] = _or(
@@ -137,26 +131,18 @@ def info(path: str | os.PathLike[str]) -> Info:
     )
     notes += beyond_plan(len(read), planned)
     return Info(
-        path=str(recording.path),
-        size=recording.contents.size,
-        readable=recording.contents.end,
-        finished=recording.contents.finished,
-        outcome=outcome.get("outcome"),
-        detail=outcome.get("detail", ""),
+        path=str(recording.path), size=recording.contents.size, readable=recording.contents.end,
+        finished=recording.contents.finished, outcome=outcome.get("outcome"), detail=outcome.get("detail", ""),
         start="" if first is None else datetime.fromtimestamp(first / 1e9, UTC).isoformat(timespec="seconds"),
         duration=0.0 if first is None else (last - first) / 1e9,
         states=len(times["/state"]) if recording.knows("/state") else 0,
         rows=len(read) or (len(times["/trial"]) if recording.knows("/trial") else 0),
-        planned=planned,
-        streams=streams,
-        attachments={name: len(data) for name, data in recording.attachments.items()},
-        clocks=_or({}, notes, damage, partial(clocks, recording)),
-        metadata=metadata,
+        planned=planned, streams=streams, attachments={name: len(data) for name, data in recording.attachments.items()},
+        clocks=_or({}, notes, damage, partial(clocks, recording)), metadata=metadata,
         requests=_or([], notes, damage, lambda: recording.requests),
         sensors={topic: _or({}, notes, damage, partial(_quantities, recording, topic)) for topic in sensors},
-        notes=tuple(dict.fromkeys(notes)),
-        damage=tuple(dict.fromkeys(damage)),
-    )
+        notes=tuple(dict.fromkeys(notes)), damage=tuple(dict.fromkeys(damage)),
+    )  # fmt: skip
 
 
 def planned_of(recording: Recording) -> tuple[str, int]:

@@ -17,10 +17,8 @@ import json
 import os
 import threading
 import uuid
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 
 from ..bounded import read_bounded
 from ..errors import BadJournal, WriteFailed
@@ -123,13 +121,11 @@ class Journal:
         """Write all lines anew at the same path; False where that cannot be done, or another file stands there."""
         with self._lock:
             try:
-                there = os.stat(self._place, follow_symlinks=False)
+                free = os.path.samestat(os.stat(self._place, follow_symlinks=False), os.fstat(self._fd))
             except FileNotFoundError:
                 free = True
             except OSError:
                 return False
-            else:
-                free = (there.st_dev, there.st_ino) == _identity(self._fd)
             return free and self._written(self.path, self._text)
 
     def follow(self, before: Path, recording: Path) -> bool:
@@ -162,15 +158,8 @@ class Journal:
     def __enter__(self) -> Journal:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
-
-
-def _identity(fd: int) -> tuple[int, int]:
-    own = os.fstat(fd)
-    return own.st_dev, own.st_ino
 
 
 def _opened(path: Path, flags: int) -> int:
@@ -187,7 +176,8 @@ def read(path: Path) -> Progress:
     done: dict[int, int] = {}
     skipped: set[int] = set()
     try:
-        for line in _lines(path):
+        text = read_bounded(path, LARGEST, BadJournal)
+        for line in map(read_json, text[: text.rfind(b"\n") + 1].splitlines()):
             if "journal" in line:
                 if line["journal"] != VERSION:
                     raise BadJournal(f"{path}: has version {line['journal']}, this software reads {VERSION}")
@@ -208,12 +198,6 @@ def read(path: Path) -> Progress:
     if not campaign or not recordings:
         raise BadJournal(f"{path}: does not name a campaign and a recording; it is not the journal of a run")
     return Progress(campaign, protocol, tuple(recordings), done, frozenset(skipped))
-
-
-def _lines(path: Path) -> Iterator[dict[str, int | str]]:
-    text = read_bounded(path, LARGEST, BadJournal)
-    for line in text[: text.rfind(b"\n") + 1].splitlines():
-        yield read_json(line)
 
 
 def _whole(value: object) -> int:

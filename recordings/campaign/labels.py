@@ -5,7 +5,7 @@ A metadata record `labels` of texts by name; `operator` and `specimen` are names
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from .. import events
 from ..errors import BadMessage
@@ -41,11 +41,6 @@ def labels(pairs: Sequence[tuple[str, str]]) -> dict[str, str]:
     if len(found) > MOST:
         raise BadMessage(f"{len(found)} labels are given, at most {MOST}")
     return found
-
-
-def metadata(found: Mapping[str, str]) -> dict[str, dict[str, str]]:
-    """The metadata record; none without labels."""
-    return {RECORD: dict(found)} if found else {}
 
 
 def labels_of(recording: Recording) -> dict[str, str]:

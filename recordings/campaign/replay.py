@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .. import events
 from ..errors import NotSettled, RecordingError
-from ..events import marked
+from ..events import TrialEvent, marked
 from ..file.budget import Budget, Cost
 from ..file.reader import Recording
 from ..states.concluding import conclude, of_sensor, sensor_column
@@ -39,8 +39,6 @@ class Comparison:
     replayed: int
     differences: tuple[str, ...]
     """Live rows that replay gives otherwise or not at all."""
-    only_replayed: tuple[int, ...]
-    """Numbers of states that have a row in replay only: the run ended or gave up before it was concluded."""
 
     @property
     def equal(self) -> bool:
@@ -56,24 +54,24 @@ def table_of(recording: Recording) -> Table:
     """
     recording.need(events.STATE.topic, events.TRIAL.topic)
     drifts = [(event.zeros, event.drift) for event in recording.zeros]
-    return _table(recording, [(event.number, event.repeats, event.row) for event in recording.trials], drifts)
+    return _table(recording, [(event, event.row) for event in recording.trials], drifts)
 
 
 def _table(
-    recording: Recording, read: Sequence[tuple[int, int, TrialRow]], drifts: Sequence[tuple[Zeros, Drift]]
+    recording: Recording, read: Sequence[tuple[TrialEvent | Replayed, TrialRow]], drifts: Sequence[tuple[Zeros, Drift]]
 ) -> Table:
-    """Of all rows that were read, each with the number of its state and of the one that it repeats, those that count: of a
-    state that was read again the last one, and none of a trial that a person left out. The table's warnings say so.
+    """Of all rows that were read, those that count: of a state that was read again the last one, and none of a trial that a
+    person left out. The table's warnings say so.
 
     Forces are freed from the drift of the sensor's zero, and doubts about rows stand in them.
     """
-    again = {repeats for _, repeats, _ in read if repeats}
+    again = {event.repeats for event, _ in read if event.repeats}
     skipped = {request.trial for request in recording.requests if request.kind == "skip" and request.done}
-    rows = [(number, row) for number, _, row in read if row.trial not in skipped]
+    rows = [(event.number, row) for event, row in read if row.trial not in skipped]
     doubts = [
         f"trial {trial}: was skipped by a person; the {n} states read in it are left out"
         for trial in sorted(skipped)
-        if (n := sum(row.trial == trial for *_, row in read))
+        if (n := sum(row.trial == trial for _, row in read))
     ]
     doubts += [
         f"trial {row.trial} step {row.step}: was read again; the last reading counts"
@@ -87,30 +85,23 @@ def _table(
 def units_of(recording: Recording) -> dict[str, str]:
     """Unit of each column that a sensor of the lab's own fills."""
     topics = [topic for topic in recording.streams if of_sensor(topic)]
-    return {
-        sensor_column(topic, name): unit
-        for topic in topics
-        for name, unit in recording.units(topic).items()
-        if name != "t"
-    }
+    units = ((topic, name, unit) for topic in topics for name, unit in recording.units(topic).items())
+    return {sensor_column(topic, name): unit for topic, name, unit in units if name != "t"}
 
 
 AVERAGING = 20
 """Times of what looking at a sample costs, averaging it costs."""
 
 
-@dataclass(frozen=True)
 class _Counted:
     """The streams of a recording; what states look at is taken from a budget.
 
     A file of many states that each look at all of it would keep a computer busy for hours.
     """
 
-    recording: Recording
-    budget: Budget
-
-    def newest(self, topic: str) -> float:
-        return self.recording.newest(topic)
+    def __init__(self, recording: Recording) -> None:
+        self.recording, self.newest = recording, recording.newest
+        self.budget = Budget(str(recording.path), recording.contents.size)
 
     def window(self, topic: str, t0: float, t1: float) -> NDArray[np.void]:
         samples = self.recording.window(topic, t0, t1)
@@ -127,14 +118,13 @@ def replay_states(recording: Recording) -> list[Replayed]:
     out = []
     recording.need(events.STATE.topic, events.TRIAL.topic)
     recording.load()
-    looked = _Counted(recording, Budget(str(recording.path), recording.contents.size))
+    looked = _Counted(recording)
     for event in recording.states:
         try:
             row = conclude(looked, event.state, looked.average)
+            why = "" if row else "the recording ends before the reading does"
         except NotSettled as error:
-            out.append(Replayed(event.number, None, str(error), event.repeats))
-            continue
-        why = "" if row else "the recording ends before the reading does"
+            row, why = None, str(error)
         out.append(Replayed(event.number, row, why, event.repeats))
     return out
 
@@ -146,8 +136,7 @@ def replay(path: str | os.PathLike[str], *, truncated: bool = False) -> Table:
     (1,)
     """
     recording = Recording.open(path, truncated=truncated)
-    read = replay_states(recording)
-    rows = [(again.number, again.repeats, again.row) for again in read if again.row is not None]
+    rows = [(again, again.row) for again in replay_states(recording) if again.row is not None]
     drifts = [(zeros, moved) for zeros, moved in replay_zeros(recording) if moved is not None]
     return _table(recording, rows, drifts)
 
@@ -155,7 +144,7 @@ def replay(path: str | os.PathLike[str], *, truncated: bool = False) -> Table:
 def replay_zeros(recording: Recording) -> list[tuple[Zeros, Drift | None]]:
     """How the force sensor's zero moved during each trial, from the file's samples; None where they do not tell."""
     out: list[tuple[Zeros, Drift | None]] = []
-    looked = _Counted(recording, Budget(str(recording.path), recording.contents.size))
+    looked = _Counted(recording)
     for zeros in (event.zeros for event in recording.zeros):
         moved = None
         with contextlib.suppress(NotSettled):
@@ -187,21 +176,15 @@ def compare(recording: Recording, states: list[Replayed] | None = None) -> Compa
             differences.append(f"{name}: no row in replay: {replayed.reason}")
         elif replayed.row.to_json() != event.row.to_json() or replayed.row.clipped != event.row.clipped:
             differences.append(f"{name}: {_first_difference(event.row, replayed.row)}")
-    for event_of_zero, (zeros, moved) in zip(recording.zeros, replay_zeros(recording), strict=True):
-        if moved != event_of_zero.drift:
-            differences.append(
-                f"trial {zeros.trial}: drift of the zero was {event_of_zero.drift} live, is {moved} in replay"
-            )
-    numbers = {event.number for event in live}
-    rows = [replayed for replayed in again.values() if replayed.row is not None]
-    return Comparison(
-        len(live), len(rows), tuple(differences), tuple(r.number for r in rows if r.number not in numbers)
-    )
+    for zero, (_, moved) in zip(recording.zeros, replay_zeros(recording), strict=True):
+        if moved != zero.drift:
+            text = f"drift of the zero was {zero.drift} live, is {moved} in replay"
+            differences.append(f"trial {zero.zeros.trial}: {text}")
+    return Comparison(len(live), sum(replayed.row is not None for replayed in again.values()), tuple(differences))
 
 
 def _first_difference(live: TrialRow, replayed: TrialRow) -> str:
     a, b = live.cells(), replayed.cells()
-    for name in dict.fromkeys((*a, *b)):
-        if repr(a.get(name)) != repr(b.get(name)):
-            return f"{name} was {a.get(name)!r} live and is {b.get(name)!r} in replay"
-    return "order of the columns"
+    names = (name for name in (*a, *b) if repr(a.get(name)) != repr(b.get(name)))
+    found = (f"{name} was {a.get(name)!r} live and is {b.get(name)!r} in replay" for name in names)
+    return next(found, "order of the columns")

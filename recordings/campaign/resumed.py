@@ -48,14 +48,15 @@ def merged(recordings: Sequence[Recording]) -> Table:
     `t` goes on from recording to recording: later ones count from the start of the first (wall time, but never
     backwards).
     """
-    parts = sorted(recordings, key=lambda recording: (first_trial(recording), _begin(recording)))
+    parts = sorted(recordings, key=lambda recording: (first_trial(recording), _span(recording)[0]))
     rows: list[TrialRow] = []
     doubts: list[str] = []
     shift = 0.0
     for number, recording in enumerate(parts):
         if number:
             before = parts[number - 1]
-            shift = max((recording.start_wall_ns - parts[0].start_wall_ns) / 1e9, shift + _end(before))
+            ended = (_span(before)[1] - before.start_wall_ns) / 1e9
+            shift = max((recording.start_wall_ns - parts[0].start_wall_ns) / 1e9, shift + ended)
             rows = [row for row in rows if row.trial < first_trial(recording)]
         table = table_of(recording)
         rows += [replace(row, t=row.t + shift) if shift else row for row in table]
@@ -64,13 +65,6 @@ def merged(recordings: Sequence[Recording]) -> Table:
     return Table(tuple(rows), warnings=tuple(doubts), sensor_units=units)
 
 
-def _begin(recording: Recording) -> int:
-    """Wall time (ns) of a recording's first message: rig time 0 may lie long before it."""
-    span = recording.contents.span
-    return span[0] if span else recording.start_wall_ns
-
-
-def _end(recording: Recording) -> float:
-    """Rig time (s) of a recording's last message."""
-    span = recording.contents.span
-    return (span[1] - recording.start_wall_ns) / 1e9 if span else 0.0
+def _span(recording: Recording) -> tuple[int, int]:
+    """Wall time (ns) of a recording's first and last message: rig time 0 may lie long before them."""
+    return recording.contents.span or (recording.start_wall_ns, recording.start_wall_ns)

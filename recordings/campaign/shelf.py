@@ -1,7 +1,7 @@
 """The recordings of a folder tree at a glance: what, when, how it ended, and what was lost.
 
-The index is an SQLite file in the folder. It holds nothing that is not in the recordings: a file is read again when its
-size or time of change differ, and the whole index is made anew when it is missing, damaged, or of another version.
+The index is a file in the folder. It holds nothing that is not in the recordings: a recording is read again when its size or
+time of change differ, and the whole index is made anew when it is missing, damaged, or of another version.
 """
 
 from __future__ import annotations
@@ -10,36 +10,27 @@ import contextlib
 import itertools
 import json
 import os
-import sqlite3
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
+from ..bounded import read_bounded
 from ..errors import RecordingError
 from ..file.reader import Recording
 from ..json_text import read_json
+from ..own_files import replaced
 from .info import info, planned_of
 from .labels import MOST, labels_of
+from .resumed import campaign_of
 
-INDEX = ".recordings.sqlite"
-VERSION = 5
-LONGEST = 1_000_000
-"""Bytes of a text in the index."""
+INDEX = ".recordings.json"
+VERSION = 6
+LARGEST = 100_000_000
+"""Bytes of an index; a recording has some 500."""
 TOLERANCE = 0.5e-3
 """m: a spine length that is asked for matches one that was set within this."""
-
-_TABLE = """CREATE TABLE runs (
-    path TEXT PRIMARY KEY, size INTEGER NOT NULL, changed INTEGER NOT NULL,
-    start TEXT NOT NULL, duration REAL NOT NULL, protocol TEXT NOT NULL, spines TEXT NOT NULL, outcome TEXT NOT NULL,
-    detail TEXT NOT NULL, states INTEGER NOT NULL, rows INTEGER NOT NULL, lost INTEGER NOT NULL, campaign TEXT NOT NULL,
-    labels TEXT NOT NULL, notes INTEGER NOT NULL, planned INTEGER NOT NULL
-)"""
-_COLUMNS = (
-    "path, size, changed, start, duration, protocol, spines, outcome, detail, states, rows, lost, campaign, labels, notes, "
-    "planned"
-)
 
 
 @dataclass(frozen=True)
@@ -91,72 +82,10 @@ def runs(
     `where`: labels that it has, name and text.
     """
     folder = Path(folder)
-    for place in (folder / INDEX, folder / INDEX, None):
-        try:
-            with contextlib.closing(_opened(place)) as index:
-                _refresh(index, folder)
-                query = (
-                    f"SELECT {_COLUMNS} FROM runs WHERE start >= ? AND (? = '' OR protocol = ?) ORDER BY start, path"
-                )
-                out = [_run(row) for row in index.execute(query, (since, protocol, protocol))]
-        except (sqlite3.DatabaseError, sqlite3.DataError, ValueError, TypeError, OverflowError):
-            # An index that is damaged is of no use: it is made anew, in memory where the folder cannot be written.
-            if place is not None:
-                with contextlib.suppress(OSError):
-                    place.unlink(missing_ok=True)
-            continue
-        out = [run for run in out if spine is None or any(abs(length - spine) <= TOLERANCE for length in run.spines)]
-        return [run for run in out if all(run.labels.get(name) == text for name, text in where)]
-    raise RecordingError(
-        f"{folder / INDEX}: no index can be created, not even in memory; check the installation of SQLite"
-    )
-
-
-def _run(row: tuple[Any, ...]) -> Run:
-    """A line of the index; ValueError or TypeError when it is none."""
-    (
-        path, size, _, start, duration, protocol, spines, outcome, detail, states, rows, lost, campaign, labels, notes, planned
-    ) = row  # fmt: skip
-    texts, counts = (path, start, protocol, outcome, detail, campaign), (size, states, rows, lost, notes, planned)
-    lengths, said = read_json(spines), read_json(labels)
-    if not isinstance(said, dict) or not all(isinstance(text, str) for text in said.values()):
-        raise TypeError(f"{path!r}: not a line of this index")
-    if not (all(isinstance(t, str) for t in texts) and all(isinstance(n, int) for n in counts)):
-        raise TypeError(f"{path!r}: not a line of this index")
-    return Run(
-        path, size, start, float(duration), protocol, tuple(float(x) for x in lengths), outcome, detail, states, rows,
-        lost, campaign, said, notes, planned,
-    )  # fmt: skip
-
-
-def _opened(path: Path | None) -> sqlite3.Connection:
-    """The index at a path, or None: in memory; made anew when it is of another version. Raises sqlite3.DatabaseError."""
-    if path is not None and (path.is_symlink() or (path.exists() and not path.is_file())):
-        raise RecordingError(f"{path}: is a symbolic link or not a regular file, and is not followed; remove it")
-    index = sqlite3.connect(":memory:" if path is None else path, timeout=10.0)
-    try:
-        index.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LONGEST)
-        # The index can be thrown away at any time: no files beside it.
-        index.execute("PRAGMA journal_mode = MEMORY")
-        index.execute("PRAGMA trusted_schema = OFF")
-        (version,) = index.execute("PRAGMA user_version").fetchone()
-        made = index.execute("SELECT type, name, sql FROM sqlite_master WHERE sql IS NOT NULL").fetchall()
-        if version != VERSION or made != [("table", "runs", _TABLE)]:
-            if made or version:
-                raise sqlite3.DatabaseError("an index of another kind")
-            with index:
-                index.execute(_TABLE)
-                index.execute(f"PRAGMA user_version = {VERSION}")
-    except BaseException:
-        index.close()
-        raise
-    return index
-
-
-def _refresh(index: sqlite3.Connection, folder: Path) -> None:
-    """Read what is new or changed, forget what is gone."""
-    known = {path: (size, changed) for path, size, changed in index.execute("SELECT path, size, changed FROM runs")}
-    there: set[str] = set()
+    place = folder / INDEX
+    if place.is_symlink() or (place.exists() and not place.is_file()):
+        raise RecordingError(f"{place}: is a symbolic link or not a regular file, and is not followed; remove it")
+    known, found = _read(place), dict[str, tuple[int, Run]]()
     for file in sorted(folder.rglob("*.mcap")):
         if file.name.startswith("."):
             continue
@@ -165,40 +94,57 @@ def _refresh(index: sqlite3.Connection, folder: Path) -> None:
             status = file.stat()
         except OSError:
             continue
-        there.add(name)
-        if known.get(name) != (status.st_size, status.st_mtime_ns):
-            values = (name, status.st_size, status.st_mtime_ns, *_entry(file))
-            with index:
-                index.execute(f"REPLACE INTO runs ({_COLUMNS}) VALUES ({', '.join('?' * len(values))})", values)
-    with index:
-        index.executemany("DELETE FROM runs WHERE path = ?", [(name,) for name in known.keys() - there])
+        changed, run = known.get(name, (0, None))
+        if run is None or (changed, run.size) != (status.st_mtime_ns, status.st_size):
+            run = _entry(file, name, status)
+        found[name] = status.st_mtime_ns, run
+    if found != known:
+        lines = [{"changed": changed, **asdict(run)} for changed, run in found.values()]
+        with contextlib.suppress(OSError):  # a folder that cannot be written has none
+            replaced(place, json.dumps({"version": VERSION, "runs": lines}))
+    return [
+        run
+        for run in sorted((run for _, run in found.values()), key=lambda run: (run.start, run.path))
+        if run.start >= since and protocol in ("", run.protocol)
+        if spine is None or any(abs(length - spine) <= TOLERANCE for length in run.spines)
+        if all(run.labels.get(key) == text for key, text in where)
+    ]
 
 
-def _entry(file: Path) -> tuple[Any, ...]:
-    """What the index says of a file, from its start on; a file that cannot be read is listed as such."""
+def _read(place: Path) -> dict[str, tuple[int, Run]]:
+    """The index by path: time of change (ns), and what is known; empty where there is none or it is of no use."""
+    try:
+        index = read_json(read_bounded(place, LARGEST, ValueError))
+        lines = index["runs"] if index["version"] == VERSION else []
+        return {line["path"]: (int(line.pop("changed")), _run(line)) for line in lines}
+    except (ValueError, TypeError, KeyError, AttributeError, OverflowError):
+        return {}
+
+
+def _run(line: dict[str, Any]) -> Run:
+    """A line of the index; ValueError or TypeError when it is none."""
+    run, hints = Run(**line | {"spines": tuple(map(float, line["spines"]))}), get_type_hints(Run)
+    right = all(type(value) is hints[name] for name, value in vars(run).items() if hints[name] in (str, int, float))
+    if not right or not all(isinstance(text, str) for text in run.labels.values()):
+        raise TypeError(f"{run.path!r}: not a line of this index")
+    return run
+
+
+def _entry(file: Path, name: str, status: os.stat_result) -> Run:
+    """What there is to say of a file; one that cannot be read is listed as such."""
     try:
         summary, recording = info(file), Recording.open(file, truncated=True)
         states = [event.state for event in recording.states]
     except RecordingError as error:
-        changed = datetime.fromtimestamp(file.stat().st_mtime, UTC).isoformat(timespec="seconds")
-        return (changed, 0.0, "", "[]", "unreadable", str(error)[:2000], 0, 0, 0, "", "{}", 0, 0)
-    lost = sum((s.dropped or 0) + (s.lost or 0) for s in summary.streams.values())
-    outcome = (summary.outcome or "finished") if summary.finished else "abrupt"
-    protocols = ", ".join(sorted({state.protocol for state in states})) or planned_of(recording)[0]
-    spines = json.dumps(sorted({state.spine_length for state in states}))
-    campaign = summary.metadata.get("campaign", {}).get("id", "")
-    when = (summary.start, summary.duration)
-    return (
-        *when,
-        protocols,
-        spines,
-        outcome,
-        summary.detail[:2000],
-        summary.states,
-        summary.rows,
-        lost,
-        campaign[:200],
-        json.dumps(dict(itertools.islice(labels_of(recording).items(), MOST))),
-        sum(request.kind == "note" for request in summary.requests),
-        summary.planned,
-    )
+        changed = datetime.fromtimestamp(status.st_mtime, UTC).isoformat(timespec="seconds")
+        return Run(name, status.st_size, changed, 0.0, "", (), "unreadable", str(error)[:2000], 0, 0, 0, "", {}, 0, 0)
+    return Run(
+        path=name, size=status.st_size, start=summary.start, duration=summary.duration,
+        protocol=", ".join(sorted({state.protocol for state in states})) or planned_of(recording)[0],
+        spines=tuple(sorted({float(state.spine_length) for state in states})),
+        outcome=(summary.outcome or "finished") if summary.finished else "abrupt", detail=summary.detail[:2000],
+        states=summary.states, rows=summary.rows,
+        lost=sum((s.dropped or 0) + (s.lost or 0) for s in summary.streams.values()),
+        campaign=(campaign_of(recording) or "")[:200], labels=dict(itertools.islice(labels_of(recording).items(), MOST)),
+        notes=sum(request.kind == "note" for request in summary.requests), planned=summary.planned,
+    )  # fmt: skip

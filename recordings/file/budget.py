@@ -18,6 +18,8 @@ MAX_CHUNK = 64 * 2**20
 """Bytes that the largest chunk of the largest file may hold; ours hold 1 MB at most."""
 SMALL_CHUNK = 8 * 2**20
 """Bytes that a chunk of any file may hold."""
+SMALLEST_CHUNK = 1024
+"""Bytes that a chunk counts at least: what is done for each."""
 MAX_MESSAGE = 64 * 2**10
 """Bytes of one message that the protobuf runtime takes apart; a state has about a thousand."""
 PER_TEXT = 12

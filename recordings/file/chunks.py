@@ -1,30 +1,40 @@
-"""One chunk of an MCAP file: where it stands, its records unpacked, and what can be had of one that is cut off.
+"""What stands in an MCAP file: records, chunks, and the messages in a chunk as one table.
 
-What a chunk says of its size is checked before anything is unpacked.
+What a chunk says of its size is checked before anything is unpacked. Message indexes are not used to find messages: an index
+that is wrong misleads nobody.
 """
 
 from __future__ import annotations
 
+import contextlib
 import struct
 import threading
 import zlib
-from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from itertools import repeat
+from operator import itemgetter
+from typing import Any, NamedTuple
 
 import lz4.frame
+import numpy as np
 import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import EndOfFile, McapError
+from mcap.opcode import Opcode
+from numpy.typing import NDArray
 
 from ..errors import Damaged, Oversized
 from .budget import OPTION, Budget, Cost, largest_chunk
 
 HEAD = struct.Struct("<BQ")
 """Kind and length of a record."""
-MESSAGE = struct.Struct("<HIQQ")
-"""Channel, sequence, log time and publish time (ns) of a message record."""
-SMALLEST = 1024
-"""Bytes that a chunk counts at least: what is done for each."""
-_FIRST = struct.Struct("<QQQII")
+UNPARSABLE = (struct.error, McapError, UnicodeDecodeError, OverflowError)
+"""What parsing of bytes raises that are not what they should be."""
+_MESSAGE = np.dtype(
+    [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("publish", "<u8")]
+)
+"""How a message record begins; times in ns. Its payload follows."""
+_CHUNK = struct.Struct("<QQQII")
 """First and last log time, size, checksum, and the length of the compression's name."""
 _U64 = struct.Struct("<Q")
 _PIECE = 2**16
@@ -32,7 +42,7 @@ _PIECE = 2**16
 
 
 class Record(NamedTuple):
-    """A record in `source`: the file, or the bytes of an unpacked chunk. `body`: where its content begins."""
+    """A record of kind `opcode` at byte `start` of the file, or of its chunk. Its content is source[body:end]."""
 
     opcode: int
     start: int
@@ -40,9 +50,30 @@ class Record(NamedTuple):
     end: int
     source: memoryview | bytes
 
-    def content(self) -> bytes:
-        """Its bytes behind kind and length."""
-        return bytes(self.source[self.body : self.end])
+    @property
+    def size(self) -> int:
+        """Bytes with kind and length."""
+        return self.end - self.body + HEAD.size
+
+    def read(self, kind: type[Any]) -> Any:
+        """Its fields, as the library's record of this kind; raises what `UNPARSABLE` lists."""
+        return kind.read(_Fields(self))  # type: ignore[attr-defined]
+
+
+class _Fields(ReadDataStream):
+    """A record's content, for the library to parse. Unlike the library's stream it never gives fewer bytes than asked for."""
+
+    def __init__(self, record: Record) -> None:
+        super().__init__(None)  # type: ignore[arg-type]
+        self._record = record
+
+    def read(self, length: int) -> bytes:
+        """The next bytes; raises EndOfFile where the record has fewer."""
+        at = self._record.body + self._count
+        if length > self._record.end - at:
+            raise EndOfFile()
+        self._count += length
+        return bytes(self._record.source[at : at + length])
 
 
 @dataclass
@@ -67,28 +98,128 @@ class Chunk:
     indexes: list[tuple[int, int, int]] = field(default_factory=list)
     """(channel id, start and end of its (time, offset) pairs in the file)"""
 
+    @classmethod
+    def of(cls, record: Record) -> Chunk:
+        """The chunk of a record; raises what `UNPARSABLE` lists where there is none."""
+        first, last, size, crc, letters = _CHUNK.unpack_from(record.source, record.body)
+        at = record.body + _CHUNK.size
+        compression = bytes(record.source[at : at + min(letters, 16)]).decode()
+        (packed,) = _U64.unpack_from(record.source, at + letters)
+        begin, end = at + letters + _U64.size, record.start + record.size
+        return cls(record.start, end, first, last, size, crc, compression, begin, begin + packed)
 
-def chunk_of(data: memoryview, start: int, end: int, base: int = 0) -> Chunk:
-    """The chunk whose record spans these bytes of `data`, which begins at byte `base` of the file; struct.error or
-    UnicodeDecodeError where there is none."""
-    first, last, size, crc, letters = _FIRST.unpack_from(data, start + HEAD.size)
-    at = start + HEAD.size + _FIRST.size
-    compression = bytes(data[at : at + min(letters, 16)]).decode()
-    (packed,) = _U64.unpack_from(data, at + letters)
-    begin = at + letters + _U64.size
-    return Chunk(base + start, base + end, first, last, size, crc, compression, begin, begin + packed)
+
+@dataclass(frozen=True)
+class Messages:
+    """Messages in the order of the file, of `chunk` or of several chunks from it on. `starts`: where the record of each begins
+    in `data`; `begins`: its first bytes."""
+
+    data: bytes
+    starts: NDArray[np.int64]
+    begins: NDArray[np.void]
+    chunk: Chunk
+
+    @classmethod
+    def at(cls, data: bytes, starts: NDArray[np.int64], chunk: Chunk) -> Messages:
+        """Those that begin at these bytes."""
+        if len(starts) and starts[-1] > len(data) - _MESSAGE.itemsize:  # the last one is too short for its head
+            data += bytes(_MESSAGE.itemsize)
+        return cls(data, starts, _windows(data, _MESSAGE.itemsize)[starts], chunk)
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+    def which(self, chosen: Any) -> Messages:
+        """Those that an index or mask of numpy picks."""
+        return Messages(self.data, self.starts[chosen], self.begins[chosen], self.chunk)
+
+    @property
+    def heads(self) -> NDArray[np.void]:
+        """A line a message, with its `channel`, `sequence`, and times `log` and `publish` in ns."""
+        return self.begins.view(_MESSAGE)  # numpy picks lines of plain bytes much faster than lines of fields
+
+    def by_channel(self) -> list[tuple[int, Messages]]:
+        """The number of each channel and its messages, in the order of their first."""
+        channels = self.heads["channel"].copy()
+        order = np.argsort(channels, kind="stable")
+        parts = [part for part in np.split(order, np.flatnonzero(np.diff(channels[order])) + 1) if len(part)]
+        return [(int(channels[part[0]]), self.which(part)) for part in sorted(parts, key=itemgetter(0))]
+
+    @property
+    def sizes(self) -> NDArray[np.int64]:
+        """Bytes of each payload; below 0 where a record is shorter than the head of a message."""
+        return self.heads["length"].astype(np.int64) + HEAD.size - _MESSAGE.itemsize
+
+    def rows(self) -> NDArray[np.uint8] | None:
+        """The payloads, shape (n, size), when all have the same size, else None."""
+        sizes = self.sizes
+        size = int(sizes[0])
+        if not size or (sizes != size).any():
+            return None
+        return _windows(self.data, size)[self.starts + _MESSAGE.itemsize].view(np.uint8).reshape(-1, size)
+
+    def payloads(self) -> list[bytes]:
+        """The payloads one by one."""
+        begins = self.starts + _MESSAGE.itemsize
+        return [self.data[a:b] for a, b in zip(begins.tolist(), (begins + self.sizes).tolist(), strict=True)]
 
 
-def decompress(data: memoryview, chunk: Chunk, budget: Budget) -> bytes:
-    """The records of a chunk; raises `Damaged` when they are not what was written, `Oversized` when too many.
+def _windows(data: bytes, size: int) -> NDArray[np.void]:
+    """A window of `size` bytes at each byte of the data; taking some of them copies each as a block."""
+    return np.ndarray((max(len(data) - size + 1, 0),), np.dtype((np.void, size)), data, strides=(1,))
 
-    The caller has counted `chunk.size` against the file's budget.
+
+def scan(data: bytes, budget: Budget) -> tuple[list[int], list[int], Exception | None]:
+    """Where the messages and the other records of an unpacked chunk begin, counted against the budget; and what is wrong where
+    they do not reach its end.
+
+    Each message passes through here: the loop does nothing that it need not do.
     """
-    where = f"{budget.name}: chunk at byte {chunk.start}"
-    packed = data[chunk.data_start : chunk.data_end]
-    _check_size(packed, chunk, budget, where)
+    messages, others, at = list[int](), list[int](), 0
+    unpack, message, head = HEAD.unpack_from, int(Opcode.MESSAGE), HEAD.size
+    with contextlib.suppress(struct.error, OverflowError):  # the end
+        for _ in repeat(None, max(budget.left(Cost.RECORDS), 0)):
+            opcode, length = unpack(data, at)
+            if opcode == message:
+                messages.append(at)
+            else:
+                others.append(at)
+                if not opcode:
+                    length = len(data)
+            at += head + length
+    if at > len(data):
+        at = (messages if messages[-1:] > others[-1:] else others).pop()
+    error: Exception | None = None
+    if at < len(data):
+        error = struct.error(f"no complete record at byte {at} of {len(data)} in the chunk")
     try:
-        raw = _unpacked(packed, chunk)
+        budget.take(Cost.RECORDS, len(messages) + len(others) + (error is not None))
+    except Oversized as problem:
+        error = problem
+    return messages, others, error
+
+
+def unpacked(data: memoryview, chunk: Chunk, budget: Budget) -> bytes:
+    """The records of a chunk, or what can be had of them where the file ends before the chunk does. Raises `Damaged` when they
+    are not what was written, `Oversized` when too many.
+
+    The caller has counted `chunk.size` of a whole chunk against the file's budget.
+    """
+    where, packed = f"{budget.name}: chunk at byte {chunk.start}", data[chunk.data_start : chunk.data_end]
+    if chunk.bare:
+        return bytes(packed)
+    if chunk.data_end > len(data):
+        return _torn(packed, chunk, budget)
+    if chunk.compression not in ("", "lz4", "zstd"):
+        raise Damaged(f"{where} is compressed by {chunk.compression!r}, not zstd or lz4")
+    try:
+        stated = _stated_size(packed, chunk.compression)
+        if stated not in (chunk.size, None):
+            text = f"{where} claims to hold {chunk.size} bytes, its compressed data state {stated}; run `lab verify`"
+            raise Damaged(text)
+        if chunk.size > (most := largest_chunk(budget.size)):
+            raise Oversized(f"{where} claims to hold {chunk.size} bytes, limit {most}; {OPTION} lifts the limit")
+        raw = _unpacked(packed, chunk, chunk.size + 1)  # a byte more shows that there is more
     except (zstandard.ZstdError, RuntimeError) as error:
         raise Damaged(f"{where} does not decompress: {error}; run `lab verify`") from error
     if len(raw) != chunk.size or (chunk.crc and zlib.crc32(raw) != chunk.crc):
@@ -96,22 +227,7 @@ def decompress(data: memoryview, chunk: Chunk, budget: Budget) -> bytes:
     return raw
 
 
-def _check_size(packed: memoryview, chunk: Chunk, budget: Budget, where: str) -> None:
-    """Raises `Oversized` or `Damaged` when what a chunk says of its size cannot be true; unpacks nothing."""
-    if chunk.compression not in ("", "lz4", "zstd"):
-        raise Damaged(f"{where} is compressed by {chunk.compression!r}, not zstd or lz4")
-    try:
-        size = _packed_size(packed, chunk.compression)
-    except (zstandard.ZstdError, RuntimeError) as error:
-        raise Damaged(f"{where} does not decompress: {error}; run `lab verify`") from error
-    if size not in (chunk.size, None):
-        raise Damaged(f"{where} claims to hold {chunk.size} bytes, its compressed data state {size}; run `lab verify`")
-    most = largest_chunk(budget.size)
-    if chunk.size > most:
-        raise Oversized(f"{where} claims to hold {chunk.size} bytes, limit {most}; {OPTION} lifts the limit")
-
-
-def _packed_size(packed: memoryview, compression: str) -> int | None:
+def _stated_size(packed: memoryview, compression: str) -> int | None:
     """Bytes that packed data state they hold, for which the library would reserve memory; None where they state nothing."""
     if compression == "":
         return len(packed)
@@ -121,65 +237,36 @@ def _packed_size(packed: memoryview, compression: str) -> int | None:
     return None if size < 0 else size
 
 
-def _unpacked(packed: memoryview, chunk: Chunk) -> bytes:
-    """Never more than one byte beyond the size that the chunk states."""
+def _unpacked(packed: memoryview, chunk: Chunk, most: int) -> bytes:
     if chunk.compression == "":
-        return bytes(packed)
+        return bytes(packed[:most])
     if chunk.compression == "lz4":
-        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=chunk.size + 1))
-    if not chunk.size:
-        return b""
-    return _unpacker().decompress(packed, max_output_size=chunk.size + 1)
-
-
-def _unpacker() -> zstandard.ZstdDecompressor:
-    """One for each thread: they cannot be shared."""
+        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=most))
     if not hasattr(_LOCAL, "zstd"):
-        _LOCAL.zstd = zstandard.ZstdDecompressor(max_window_size=_window())
-    unpacker: zstandard.ZstdDecompressor = _LOCAL.zstd
-    return unpacker
-
-
-def _window() -> int:
-    """Bytes that unpacking may look back; a power of two, at most 2 GiB."""
-    return min(1 << (largest_chunk(2**31).bit_length() - 1), 2**31)
+        _LOCAL.zstd = _zstd()
+    return bytes(_LOCAL.zstd.decompress(packed, max_output_size=most)) if chunk.size else b""
 
 
 _LOCAL = threading.local()
+"""Holds one decompressor for each thread: they cannot be shared."""
 
 
-def records_in(raw: bytes, budget: Budget) -> Iterator[Record]:
-    """Every record of an unpacked chunk, counted against the budget; the first that is not whole raises struct.error."""
-    at = 0
-    while at < len(raw):
-        budget.take(Cost.RECORDS, 1)
-        body = at + HEAD.size
-        if body > len(raw):
-            raise struct.error(f"no complete record at byte {at} of {len(raw)} in the chunk")
-        opcode, length = HEAD.unpack_from(raw, at)
-        if opcode == 0 or length > len(raw) - body:
-            raise struct.error(f"no complete record at byte {at} of {len(raw)} in the chunk")
-        yield Record(opcode, at, body, body + length, raw)
-        at = body + length
+def _zstd() -> zstandard.ZstdDecompressor:
+    """One that looks back over a bounded number of bytes: a power of two, at most 2 GiB."""
+    return zstandard.ZstdDecompressor(max_window_size=min(1 << (largest_chunk(2**31).bit_length() - 1), 2**31))
 
 
-def torn_bytes(data: memoryview, chunk: Chunk, budget: Budget) -> bytes:
-    """The bytes that can be unpacked of a chunk that is cut off by the end of the file."""
-    most = min(chunk.size, largest_chunk(budget.size), budget.left(Cost.UNPACKED))
-    packed = data[chunk.data_start :]
-    raw = b""
+def _torn(packed: memoryview, chunk: Chunk, budget: Budget) -> bytes:
+    most, parts = min(chunk.size, largest_chunk(budget.size), budget.left(Cost.UNPACKED)), list[bytes]()
     try:
-        if chunk.compression == "":
-            raw = bytes(packed[:most])
-        elif chunk.compression == "lz4":
-            raw = bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=most))
-        elif chunk.compression == "zstd":
-            parts: list[bytes] = []
-            with zstandard.ZstdDecompressor(max_window_size=_window()).stream_reader(packed) as unpacking:
+        if chunk.compression == "zstd":
+            with _zstd().stream_reader(packed) as unpacking:
                 while most > 0 and (part := unpacking.read(min(most, _PIECE))):
                     parts.append(part)
                     most -= len(part)
-            raw = b"".join(parts)
+        elif chunk.compression in ("", "lz4"):
+            parts.append(_unpacked(packed, chunk, most))
+        raw = b"".join(parts)
         budget.take(Cost.UNPACKED, len(raw))
     except (zstandard.ZstdError, RuntimeError, Oversized):
         return b""

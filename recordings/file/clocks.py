@@ -10,7 +10,7 @@ itself cannot be told from an offset and is part of it.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,10 +49,6 @@ class ClockModel:
         """Rig time (s) at which samples with these device stamps (s) were taken (and could have arrived at best)."""
         return np.asarray(device + self.offset + self.drift * (device - self.reference))
 
-    def to_dict(self) -> dict[str, float]:
-        """Plain values for JSON."""
-        return asdict(self)
-
 
 def fit(device: Numbers, host: Numbers) -> ClockModel | None:
     """The model of stamps in the order in which they arrived, both in s; None when there are too few to tell."""
@@ -70,15 +66,8 @@ def fit(device: Numbers, host: Numbers) -> ClockModel | None:
     drift = float((y[b] - y[a]) / (x[b] - x[a]))
     delay = y - (y[a] + drift * (x - x[a]))
     at_reference = float(y[a] - drift * x[a])
-    return ClockModel(
-        reference=reference,
-        offset=float(host[0]) - reference + at_reference,
-        drift=drift,
-        residual=float(np.median(delay)),
-        residual_p99=float(np.quantile(delay, 0.99)),
-        samples=len(device),
-        restarts=len(back),
-    )
+    offset, p99 = float(host[0]) - reference + at_reference, float(np.quantile(delay, 0.99))
+    return ClockModel(reference, offset, drift, float(np.median(delay)), p99, len(device), len(back))
 
 
 def _edge(x: Numbers, y: Numbers) -> tuple[int, int]:
@@ -103,14 +92,9 @@ def _edge(x: Numbers, y: Numbers) -> tuple[int, int]:
 
 def clocks(recording: Recording) -> dict[str, ClockModel]:
     """The models of all streams that carry device stamps, from the samples in the file."""
-    found = {}
-    for topic in recording.streams:
-        if has_stamp(topic):
-            samples = recording.stream(topic)
-            model = fit(samples[STAMP], samples["t"])
-            if model is not None:
-                found[topic] = model
-    return found
+    samples = {topic: recording.stream(topic) for topic in recording.streams if has_stamp(topic)}
+    models = {topic: fit(found[STAMP], found["t"]) for topic, found in samples.items()}
+    return {topic: model for topic, model in models.items() if model is not None}
 
 
 def aligned(recording: Recording, topic: str) -> Numbers:
@@ -122,15 +106,11 @@ def aligned(recording: Recording, topic: str) -> Numbers:
     if not has_stamp(topic):
         raise MissingStream(f"{topic} has no time stamp of its instrument; use its field t")
     samples = recording.stream(topic)
-    device: Numbers = samples[STAMP]
-    host: Numbers = samples["t"]
-    model = fit(device, host)
-    if model is None:
-        return host.copy()
-    begin = len(device) - model.samples
-    out = np.where(np.isfinite(device), model.host(device), host)
-    out[:begin] = host[:begin]
-    return out
+    device, out = samples[STAMP], samples["t"].copy()
+    if (model := fit(device, out)) is not None:
+        begin = len(device) - model.samples
+        out[begin:] = np.where(np.isfinite(device), model.host(device), out)[begin:]
+    return np.asarray(out)
 
 
 def has_stamp(topic: str) -> bool:

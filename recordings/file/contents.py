@@ -1,63 +1,46 @@
-"""What a walk over the records of a file has found: chunks, definitions, attachments, metadata, and what is no record.
+"""What a walk over the records of a file has found: chunks, definitions, attachments, metadata.
 
 A schema, a channel, an attachment or metadata never replaces another one: names that come again get a number.
 """
 
 from __future__ import annotations
 
+import mmap
+import os
 import struct
 import zlib
 from dataclasses import dataclass, field
+from pathlib import Path
 
-from mcap.data_stream import ReadDataStream
-from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Header, Metadata, Schema
 
-from ..errors import Damaged, RecordingError
-from .budget import PER_CHANNEL, PER_TEXT, Budget, Cost, largest_chunk
-from .chunks import MESSAGE, SMALLEST, Chunk, Record, chunk_of
+from ..errors import Damaged, NotARecording
+from .budget import PER_CHANNEL, PER_TEXT, SMALLEST_CHUNK, Budget, Cost, largest_chunk
+from .chunks import HEAD, Chunk, Record
 
-UNPARSABLE = (struct.error, McapError, UnicodeDecodeError, OverflowError)
-"""What parsing of bytes raises that are not what they should be."""
 RUN = 2**20
 """Bytes of messages outside chunks that are read together."""
 _INDEX = struct.Struct("<HI")
-_LENGTHS = (struct.Struct("<I"), struct.Struct("<I"), struct.Struct("<Q"))
+_U32, _U64 = struct.Struct("<I"), struct.Struct("<Q")
+
+
+def mapped(path: str | os.PathLike[str]) -> memoryview:
+    """A file's bytes; raises `NotARecording` when it cannot be read."""
+    try:
+        with open(Path(path), "rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            return memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) if size else b"")
+    except OSError as error:
+        raise NotARecording(f"{path} cannot be read: {error.strerror}") from error
 
 
 def attachment_crc(record: Record) -> tuple[int, int]:
     """The checksum of an attachment, and the one that was written (0: none)."""
     at = record.body + 16
-    for length in _LENGTHS:  # of name, media type and data
+    for length in (_U32, _U32, _U64):  # of name, media type and data
         at += length.size + length.unpack_from(record.source, at)[0]
-    return zlib.crc32(record.source[record.body : at]), int(_LENGTHS[0].unpack_from(record.source, at)[0])
-
-
-@dataclass(frozen=True)
-class Hole:
-    """Bytes of the file that are no record, and why. `torn`: a chunk that goes beyond the end of the file."""
-
-    start: int
-    end: int
-    error: RecordingError
-    torn: Chunk | None = None
-
-
-class Fields(ReadDataStream):
-    """A record's content, for the library to parse. Unlike the library's stream it never gives fewer bytes than asked for."""
-
-    def __init__(self, record: Record) -> None:
-        super().__init__(None)  # type: ignore[arg-type]
-        self._record = record
-
-    def read(self, length: int) -> bytes:
-        """The next bytes; raises EndOfFile where the record has fewer."""
-        at = self._record.body + self._count
-        if length > self._record.end - at:
-            raise EndOfFile()
-        self._count += length
-        return bytes(self._record.source[at : at + length])
+    return zlib.crc32(record.source[record.body : at]), int(_U32.unpack_from(record.source, at)[0])
 
 
 @dataclass
@@ -66,8 +49,6 @@ class Contents:
 
     name: str
     size: int
-    base: int = 0
-    """Byte of the file at which the walked bytes begin."""
     end: int = 0
     """Where the last whole record ends; behind the end mark of a finished file."""
     finished: bool = False
@@ -79,20 +60,17 @@ class Contents:
     channels: dict[int, Channel] = field(default_factory=dict)
     attachments: dict[str, bytes] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
-    holes: list[Hole] = field(default_factory=list)
-    broken: set[int] = field(default_factory=set)
-    """Where chunks begin of which only the records that make sense are read; of all others everything must."""
 
     def __post_init__(self) -> None:
         self.budget = Budget(self.name, self.size)
         self._seen: set[int] = set()
         """Of definitions: one that is repeated costs nothing."""
-        self._indexed: Chunk | None = None
+        self.indexed: Chunk | None = None
         """The chunk whose message indexes come next."""
 
     def take(self, record: Record) -> None:
         """Take note of a record of the file; raises what `UNPARSABLE` lists, or a `RecordingError`."""
-        opcode, indexed, self._indexed = record.opcode, self._indexed, None
+        opcode, indexed, self.indexed = record.opcode, self.indexed, None
         if opcode == Opcode.MESSAGE:
             self._message(record)
         elif opcode == Opcode.MESSAGE_INDEX:
@@ -102,47 +80,42 @@ class Contents:
             pairs = record.body + _INDEX.size
             if indexed is not None:
                 indexed.indexes.append((channel, pairs, pairs + length))
-            self._indexed = indexed
+            self.indexed = indexed
         elif opcode == Opcode.CHUNK:
-            chunk = chunk_of(memoryview(record.source), record.start, record.end, self.base)
+            chunk = Chunk.of(record)
             if chunk.size <= largest_chunk(self.size):  # one that nothing could hold is not unpacked
-                self.budget.take(Cost.UNPACKED, max(chunk.size, SMALLEST))
+                self.budget.take(Cost.UNPACKED, max(chunk.size, SMALLEST_CHUNK))
             self.chunks.append(chunk)
-            self._indexed = chunk
+            self.indexed = chunk
         elif opcode == Opcode.HEADER:
-            self.header = self.header or Header.read(Fields(record))
+            self.header = self.header or record.read(Header)
         elif opcode == Opcode.ATTACHMENT:
-            attachment = Attachment.read(Fields(record))
+            attachment = record.read(Attachment)
             computed, stored = attachment_crc(record)
             if stored not in (0, computed):
                 raise Damaged(
-                    f"{self.name}: the checksum of the attachment {attachment.name!r} at byte {self.base + record.start} is "
+                    f"{self.name}: the checksum of the attachment {attachment.name!r} at byte {record.start} is "
                     f"{computed:08x}, it was written as {stored:08x}; run `lab recover` to leave it out"
                 )
             self.attachments[_unique(attachment.name, self.attachments)] = attachment.data
         elif opcode == Opcode.METADATA:
             self.budget.take(Cost.DEFINITIONS, PER_TEXT * (record.end - record.body))
-            metadata = Metadata.read(Fields(record))
+            metadata = record.read(Metadata)
             self.metadata[_unique(metadata.name, self.metadata)] = metadata.metadata
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
             self.define(record)
 
-    def note(self, hole: Hole) -> None:
-        """Take note of a hole; indexes behind it belong to no chunk."""
-        self.holes.append(hole)
-        self._indexed = None
-
     def define(self, record: Record) -> None:
         """Take note of a schema or channel, wherever in the file it stands; raises like `take`."""
-        body = record.content()
+        body = bytes(record.source[record.body : record.end])
         key = hash((record.opcode, body))
         if key in self._seen:
             return
         kind: type[Schema] | type[Channel] = Schema if record.opcode == Opcode.SCHEMA else Channel
         self.budget.take(Cost.DEFINITIONS, len(body) if kind is Schema else PER_CHANNEL + PER_TEXT * len(body))
-        found = kind.read(Fields(record))
+        found = record.read(kind)
         known: dict[int, Schema] | dict[int, Channel] = self.schemas if kind is Schema else self.channels
-        if _identity(known.setdefault(found.id, found)) != _identity(found):  # type: ignore[arg-type]
+        if _identity(known.setdefault(found.id, found)) != _identity(found):
             raise Damaged(
                 f"{self.name}: describes {kind.__name__.lower()} {found.id} twice, and differently; run `lab verify`"
             )
@@ -153,16 +126,22 @@ class Contents:
         channel = self.channels.get(number)
         return channel is not None and (channel.schema_id == 0 or channel.schema_id in self.schemas)
 
+    @property
+    def schemaless(self) -> list[str]:
+        """What is wrong with channels whose schema the file does not hold."""
+        lost = [c for c in self.channels.values() if c.schema_id and c.schema_id not in self.schemas]
+        return [f"channel {c.topic} names the schema {c.schema_id}, which is missing" for c in lost]
+
     def _message(self, record: Record) -> None:
-        _, _, log_time, _ = MESSAGE.unpack_from(record.source, record.body)
-        last = self.chunks[-1] if self.chunks else None
-        if last is None or not last.bare or last.data_end != record.start or last.size > RUN:
-            start, end = self.base + record.start, self.base + record.end
-            last = Chunk(start, end, log_time, log_time, 0, 0, "", record.start, record.start, bare=True)
-            self.chunks.append(last)
-        last.end, last.data_end = self.base + record.end, record.end
-        last.size = record.end - last.data_start
-        last.first_time, last.last_time = min(last.first_time, log_time), max(last.last_time, log_time)
+        """Add a message outside chunks to the run of those before it, or begin one."""
+        (log_time,) = _U64.unpack_from(record.source, record.body + 6)
+        run, begin = self.chunks[-1] if self.chunks else None, record.body - HEAD.size
+        if run is None or not run.bare or run.data_end != begin or run.size > RUN:
+            run = Chunk(record.start, record.start, log_time, log_time, 0, 0, "", begin, begin, bare=True)
+            self.chunks.append(run)
+        run.end, run.data_end = record.start + record.size, record.end
+        run.size = record.end - run.data_start
+        run.first_time, run.last_time = min(run.first_time, log_time), max(run.last_time, log_time)
 
     @property
     def span(self) -> tuple[int, int] | None:

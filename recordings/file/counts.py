@@ -1,4 +1,4 @@
-"""What became of each topic's messages, counted while they are recorded."""
+"""Fate of each topic's messages, counted while they are recorded, and how evenly they came."""
 
 from __future__ import annotations
 
@@ -6,17 +6,54 @@ import contextlib
 import struct
 import threading
 from array import array
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..json_text import read_json
-from .timing import Timing, timing
 
 LARGEST = 2**53
 """No recorder counts further."""
-_DOUBLE = struct.Struct("<d")
+GAP = 2.5
+"""An interval longer than this many median intervals is a gap."""
+
+
+@dataclass(frozen=True)
+class Timing:
+    """`rate` Hz over the whole time; `interval` s, median; `jitter_p50`, `_p99`, `_max` s: quantiles of how far the
+    intervals that are no gaps lie from the median; `gaps` the number of those that are; `longest` s, the longest
+    interval; `missing` messages that would have filled the gaps."""
+
+    count: int
+    start: float
+    end: float
+    rate: float
+    interval: float
+    jitter_p50: float
+    jitter_p99: float
+    jitter_max: float
+    gaps: int
+    longest: float
+    missing: int
+
+
+def timing(stamps: NDArray[np.float64]) -> Timing:
+    """Summary of ascending stamps (s); zeros where there are too few to tell."""
+    n = len(stamps)
+    if n < 2:
+        at = float(stamps[0]) if n else 0.0
+        return Timing(n, at, at, 0.0, 0.0, 0.0, 0.0, 0.0, 0, 0.0, 0)
+    start, end = float(stamps[0]), float(stamps[-1])
+    intervals = np.diff(stamps)
+    median = float(np.median(intervals))
+    gap = intervals > GAP * median if median > 0 else np.zeros(n - 1, dtype=bool)
+    missing = int(np.sum(np.round(intervals[gap] / median) - 1)) if gap.any() else 0
+    p50, p99, most = np.quantile(np.abs(intervals[~gap] - median), (0.5, 0.99, 1.0)).tolist()
+    rate = (n - 1) / (end - start) if end > start else 0.0
+    return Timing(n, start, end, rate, median, p50, p99, most, int(gap.sum()), float(intervals.max()), missing)
 
 
 @dataclass(frozen=True)
@@ -52,29 +89,30 @@ class StreamCounts:
         return self.dropped == 0 and self.lost == 0
 
 
+def _stated(metadata: Mapping[str, Mapping[str, str]]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """By topic what a file tells, where it can be read."""
+    for topic, text in metadata.get("counts", {}).items():
+        with contextlib.suppress(ValueError):
+            if isinstance(stated := read_json(text), dict):
+                yield topic, stated
+
+
 def counted(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, dict[str, int]]:
     """The counts that a file tells, by topic; what is no count (text, below zero) is left out."""
-    out: dict[str, dict[str, int]] = {}
-    for topic, text in metadata.get("counts", {}).items():
-        try:
-            stated = read_json(text)
-        except ValueError:
-            continue
-        if isinstance(stated, dict):
-            out[topic] = {name: value for name, value in stated.items() if type(value) is int and 0 <= value <= LARGEST}
-    return out
+    return {
+        topic: {name: n for name, n in stated.items() if type(n) is int and 0 <= n <= LARGEST}
+        for topic, stated in _stated(metadata)
+    }
 
 
 def below_zero(metadata: Mapping[str, Mapping[str, str]]) -> list[str]:
     """What is wrong with the counts that a file tells: nothing can have been lost less than never."""
-    found = []
-    for topic, text in metadata.get("counts", {}).items():
-        with contextlib.suppress(ValueError):
-            stated = read_json(text)
-            for name in ("generated", "written", "dropped", "lost"):
-                if isinstance(stated, dict) and type(stated.get(name)) is int and stated[name] < 0:
-                    found.append(f"{topic}: {name} is given as {stated[name]}, which is not a count")
-    return found
+    return [
+        f"{topic}: {name} is given as {stated[name]}, which is not a count"
+        for topic, stated in _stated(metadata)
+        for name in ("generated", "written", "dropped", "lost")
+        if type(stated.get(name)) is int and stated[name] < 0
+    ]
 
 
 @dataclass
@@ -114,7 +152,7 @@ class Tally:
         self.pending += 1
         self.stamps.append(ns)
         if self.stamp_at is not None:
-            self.device_stamps.append(_DOUBLE.unpack_from(payload, self.stamp_at)[0])
+            self.device_stamps.append(struct.unpack_from("<d", payload, self.stamp_at)[0])
 
     def counts(self, generated: int) -> StreamCounts:
         """The counts so far, of so many generated with those that wait in the queue; what is still on its way to the disk counts

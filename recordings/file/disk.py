@@ -13,7 +13,7 @@ from ..own_files import created
 
 
 class Disk:
-    """An output for `mcap.writer.Writer` that survives a crash of the process and, soon after, of the machine.
+    """An output for `McapFile` that survives a crash of the process and, soon after, of the machine.
 
     Nothing is held back in this process. `commit` marks the end of whole records and has them synced to the disk by a
     thread of its own, because a sync may take long and must not hold up writing.
@@ -28,7 +28,8 @@ class Disk:
             raise WriteFailed(f"{path} cannot be created: {error.strerror}") from error
         self.path = path
         self._place = os.path.abspath(path)
-        self._position = self._committed = 0
+        self.position = self._committed = 0
+        """Bytes written, and those of whole records."""
         self._failure: OSError | None = None
         self._wake = threading.Event()
         self._closing = False
@@ -43,24 +44,20 @@ class Disk:
         view = memoryview(data)
         while view:
             done = os.write(self._fd, view)
-            self._position += done
+            self.position += done
             view = view[done:]
         return len(data)
-
-    def tell(self) -> int:
-        """Bytes written."""
-        return self._position
 
     # -- safety
     def commit(self) -> None:
         """Everything written so far is whole records; sync it soon."""
-        if self._position > self._committed:
-            self._committed = self._position
+        if self.position > self._committed:
+            self._committed = self.position
             self._wake.set()
 
     def displaced(self) -> str:
         """How the file is no longer what its path names; empty while it is. See the function `displaced`."""
-        return displaced(self._place, self._fd, self._position)
+        return displaced(self._place, self._fd, self.position)
 
     def read(self, start: int, size: int) -> bytes:
         """What the open file holds there, wherever its name is now; fewer bytes where it ends before, none where it fails."""
@@ -98,18 +95,14 @@ class Disk:
         finally:
             os.close(self._fd)
 
-    def give_up(self) -> None:
-        """Cut off what is not committed, so that the file ends with a whole record, and close. Never raises."""
+    def give_up(self, cut: bool = True) -> None:
+        """Close without an error. `cut`: cut off what is not committed, so that the file ends with a whole record; a file that
+        is no longer what its path names is left as it is."""
         self._stop()
         with contextlib.suppress(OSError):
-            os.ftruncate(self._fd, min(self._committed, os.fstat(self._fd).st_size))
-            os.fsync(self._fd)
-        with contextlib.suppress(OSError):
-            os.close(self._fd)
-
-    def abandon(self) -> None:
-        """Close a file that is no longer what its path names, as it is. Never raises."""
-        self._stop()
+            if cut:
+                os.ftruncate(self._fd, min(self._committed, os.fstat(self._fd).st_size))
+                os.fsync(self._fd)
         with contextlib.suppress(OSError):
             os.close(self._fd)
 
@@ -146,7 +139,7 @@ def displaced(path: str, handle: int, size: int) -> str:
         return "was renamed or moved" if own.st_nlink else "was deleted"
     except OSError as error:
         return f"cannot be reached ({error.strerror})"
-    if (there.st_dev, there.st_ino) != (own.st_dev, own.st_ino):
+    if not os.path.samestat(there, own):
         return "was replaced by another file"
     if own.st_size < size:
         return f"was truncated to {own.st_size} of {size} bytes"

@@ -9,13 +9,13 @@ Layout: https://mcap.dev/spec
 from __future__ import annotations
 
 import struct
-import sys
 import zlib
 from array import array
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any
 
+import numpy as np
 import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
@@ -35,6 +35,7 @@ from mcap.records import (
     SummaryOffset,
 )
 
+from .disk import Disk
 from .records import MAGIC
 
 MOST = 2**20
@@ -44,27 +45,13 @@ LEVEL = 3
 
 _MESSAGE = struct.Struct("<BQHIQQ")
 _INDEX = struct.Struct("<BQHI")
-"""Head of a message index record; last the bytes of its entries."""
-_ENTRY = 16
-"""Bytes of an entry: log time and offset."""
-_COUNTED = _MESSAGE.size - 9
-"""Bytes of a message record's head that its length counts."""
-
-
-class Output(Protocol):
-    """Where the bytes go."""
-
-    def write(self, data: bytes) -> int:
-        """All of it, or OSError."""
-
-    def tell(self) -> int:
-        """Bytes written so far."""
+"""Head of a message index record; last the bytes of its entries, 16 each: log time and offset."""
 
 
 class McapFile:
     """One file being written: zstd chunks, checksums over everything, all indexes."""
 
-    def __init__(self, output: Output, library: str) -> None:
+    def __init__(self, output: Disk, library: str) -> None:
         self._output = output
         self._crc = 0
         self._schemas: list[Schema] = []
@@ -101,7 +88,7 @@ class McapFile:
 
     def metadata(self, name: str, texts: dict[str, str]) -> None:
         """A metadata record."""
-        offset, record = self._output.tell(), _bytes(Metadata(name=name, metadata=texts))
+        offset, record = self._output.position, _bytes(Metadata(name=name, metadata=texts))
         self._metadata.append(MetadataIndex(offset=offset, length=len(record), name=name))
         self._write(record)
 
@@ -110,14 +97,9 @@ class McapFile:
         attachment = Attachment(create_time=create_time, log_time=log_time, name=name, media_type=media_type, data=data)
         record = _bytes(attachment)
         index = AttachmentIndex(
-            offset=self._output.tell(),
-            length=len(record),
-            log_time=log_time,
-            create_time=create_time,
-            data_size=len(data),
-            name=name,
-            media_type=media_type,
-        )
+            offset=self._output.position, length=len(record), log_time=log_time, create_time=create_time, data_size=len(data),
+            name=name, media_type=media_type,
+        )  # fmt: skip
         self._attachments.append(index)
         self._write(record)
 
@@ -129,7 +111,7 @@ class McapFile:
             index = self._index[channel] = array("Q")
         index.append(log_time)
         index.append(self._size)
-        head = _MESSAGE.pack(5, _COUNTED + len(payload), channel, sequence, log_time, log_time)
+        head = _MESSAGE.pack(5, _MESSAGE.size - 9 + len(payload), channel, sequence, log_time, log_time)
         self._records.append(head)
         self._records.append(payload)
         self._size += _MESSAGE.size + len(payload)
@@ -152,34 +134,24 @@ class McapFile:
         first, last = min(times), max(times)
         packed = self._packer.compress(raw)
         record = Chunk(
-            compression="zstd",
-            data=packed,
-            message_end_time=last,
-            message_start_time=first,
-            uncompressed_crc=zlib.crc32(raw),
+            compression="zstd", data=packed, message_start_time=first, message_end_time=last, uncompressed_crc=zlib.crc32(raw),
             uncompressed_size=len(raw),
-        )
+        )  # fmt: skip
         chunk = _bytes(record)
-        start = self._output.tell()
+        start = self._output.position
         places, parts, at = {}, [chunk], start + len(chunk)
         for channel, index in self._index.items():
-            body = struct.pack("<HI", channel, 8 * len(index)) + _little(index)
-            parts.append(struct.pack("<BQ", Opcode.MESSAGE_INDEX, len(body)) + body)
+            parts.append(_INDEX.pack(Opcode.MESSAGE_INDEX, 6 + 8 * len(index), channel, 8 * len(index)))
+            parts.append(np.array(index, "<u8").tobytes())
             places[channel] = at
-            at += len(parts[-1])
+            at += _INDEX.size + 8 * len(index)
         block = b"".join(parts)
         self._write(block)
         entry = ChunkIndex(
-            chunk_length=len(chunk),
-            chunk_start_offset=start,
-            compression="zstd",
-            compressed_size=len(packed),
-            message_end_time=last,
-            message_index_length=at - start - len(chunk),
-            message_index_offsets=places,
-            message_start_time=first,
-            uncompressed_size=len(raw),
-        )
+            chunk_start_offset=start, chunk_length=len(chunk), compression="zstd", compressed_size=len(packed),
+            message_start_time=first, message_end_time=last, message_index_offsets=places,
+            message_index_length=at - start - len(chunk), uncompressed_size=len(raw),
+        )  # fmt: skip
         self._enter(entry, block)
         self._records, self._size, self._index = [], 0, {}
 
@@ -203,7 +175,7 @@ class McapFile:
             block = read(entry.chunk_start_offset, entry.chunk_length + entry.message_index_length)
             if zlib.crc32(block) != crc:
                 continue
-            shift = self._output.tell() - entry.chunk_start_offset
+            shift = self._output.position - entry.chunk_start_offset
             self._write(block)
             places = {channel: at + shift for channel, at in entry.message_index_offsets.items()}
             start = entry.chunk_start_offset + shift
@@ -216,39 +188,26 @@ class McapFile:
         """Finish the chunk in hand, write summary and end mark."""
         self.flush()
         self._write(_bytes(DataEnd(self._crc)))
-        start = self._output.tell()
+        start = self._output.position
         first, last = self._times or (0, 0)
         statistics = Statistics(
-            attachment_count=len(self._attachments),
-            channel_count=len(self._channels),
-            channel_message_counts=dict(self._counts),
-            chunk_count=len(self._chunk_indexes),
-            message_count=sum(self._counts.values()),
-            message_end_time=last,
-            message_start_time=first,
-            metadata_count=len(self._metadata),
-            schema_count=len(self._schemas),
-        )
-        groups: list[tuple[Opcode, list[Any]]] = [
-            (Opcode.SCHEMA, self._schemas),
-            (Opcode.CHANNEL, self._channels),
-            (Opcode.STATISTICS, [statistics]),
-            (Opcode.CHUNK_INDEX, self._chunk_indexes),
-            (Opcode.ATTACHMENT_INDEX, self._attachments),
+            attachment_count=len(self._attachments), channel_count=len(self._channels), schema_count=len(self._schemas),
+            chunk_count=len(self._chunk_indexes), metadata_count=len(self._metadata), message_count=sum(self._counts.values()),
+            channel_message_counts=dict(self._counts), message_start_time=first, message_end_time=last,
+        )  # fmt: skip
+        summary, offsets = b"", b""
+        for opcode, records in (
+            (Opcode.SCHEMA, self._schemas), (Opcode.CHANNEL, self._channels), (Opcode.STATISTICS, [statistics]),
+            (Opcode.CHUNK_INDEX, self._chunk_indexes), (Opcode.ATTACHMENT_INDEX, self._attachments),
             (Opcode.METADATA_INDEX, self._metadata),
-        ]
-        summary, offsets, at = [], [], start
-        for opcode, records in groups:
-            part = b"".join(_bytes(record) for record in records)
-            if part:
-                offsets.append(_bytes(SummaryOffset(group_opcode=opcode, group_start=at, group_length=len(part))))
-                summary.append(part)
-                at += len(part)
-        whole = b"".join([*summary, *offsets])
-        head = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, at)
-        crc = zlib.crc32(head, zlib.crc32(whole))
-        footer = _bytes(Footer(summary_start=start, summary_offset_start=at, summary_crc=crc))
-        self._output.write(whole + footer + MAGIC)
+        ):  # fmt: skip
+            if part := b"".join(map(_bytes, records)):
+                offset = SummaryOffset(group_opcode=opcode, group_start=start + len(summary), group_length=len(part))
+                offsets += _bytes(offset)
+                summary += part
+        footer = Footer(summary_start=start, summary_offset_start=start + len(summary), summary_crc=0)
+        crc = zlib.crc32(summary + offsets + _bytes(footer)[:-4])
+        self._output.write(summary + offsets + _bytes(replace(footer, summary_crc=crc)) + MAGIC)
 
     def _write(self, data: bytes) -> None:
         self._crc = zlib.crc32(data, self._crc)
@@ -266,12 +225,4 @@ def _bytes(record: Any) -> bytes:
 def _counts(entry: ChunkIndex, block: bytes) -> dict[int, int]:
     """Messages by channel in a chunk, by the lengths of the message indexes that follow it in `block`."""
     places = {channel: at - entry.chunk_start_offset for channel, at in entry.message_index_offsets.items()}
-    return {channel: _INDEX.unpack_from(block, at)[3] // _ENTRY for channel, at in places.items()}
-
-
-def _little(numbers: array[int]) -> bytes:
-    """Little-endian, whatever the machine is."""
-    if sys.byteorder == "big":
-        numbers = array("Q", numbers)
-        numbers.byteswap()
-    return numbers.tobytes()
+    return {channel: _INDEX.unpack_from(block, at)[3] // 16 for channel, at in places.items()}

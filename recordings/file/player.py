@@ -12,16 +12,17 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from google.protobuf.json_format import MessageToDict, SerializeToJsonError
+from numpy.typing import NDArray
 
 from ..errors import Damaged
 from ..events import EVENTS
 from ..messages import is_stream
-from . import protobuf_runtime
 from .reader import Recording
+from .samples import parse
 
 Fields = dict[str, Any]
 
@@ -42,33 +43,23 @@ class Played:
         )
 
 
-class Pace(Protocol):
-    """Host time, passed in so that a test takes none."""
-
-    def monotonic(self) -> float:
-        """Seconds that never go back."""
-
-    def sleep(self, seconds: float) -> None:
-        """Wait."""
-
-
 def messages(recording: Recording) -> Iterator[Played]:
     """All messages in the order of their log time; at equal times in the order of the channels."""
     start = recording.start_wall_ns
     recording.load()
     topics = [topic for topic in recording.topics if recording.knows(topic)]
-    makers = [_stream(recording, topic) if is_stream(topic) else _events(recording, topic) for topic in topics]
-    times = [_times(recording, topic) for topic in topics]
+    times, makers = zip(*(_played(recording, topic) for topic in topics), strict=True) if topics else ((), ())
     of = np.repeat(np.arange(len(topics)), [len(t) for t in times])
-    rows = np.concatenate([np.arange(len(t)) for t in times]) if times else np.zeros(0, np.int64)
-    log_times = np.concatenate(times) if times else np.zeros(0, np.int64)
+    rows = np.concatenate([np.zeros(0, np.int64), *(np.arange(len(t)) for t in times)])
+    log_times = np.concatenate([np.zeros(0, np.int64), *times])
     for i in np.lexsort((rows, of, log_times)).tolist():
         log_time = int(log_times[i])
         yield Played(topics[of[i]], (log_time - start) / 1e9, log_time, makers[of[i]](int(rows[i])))
 
 
-def play(recording: Recording, sink: Callable[[Played], None], speed: float = math.inf, pace: Pace = time) -> int:
-    """Send every message to `sink`; `speed` 1 is rig time, inf is at once. Returns how many were sent.
+def play(recording: Recording, sink: Callable[[Played], None], speed: float = math.inf, pace: Any = time) -> int:
+    """Send every message to `sink`; `speed` 1 is rig time, inf is at once. Returns how many were sent. `pace`: has `monotonic`
+    and `sleep` like the module time.
 
     A sink that is slower than the recording delays what follows; nothing is left out.
     """
@@ -86,33 +77,25 @@ def play(recording: Recording, sink: Callable[[Played], None], speed: float = ma
     return count
 
 
-def _times(recording: Recording, topic: str) -> np.ndarray[Any, np.dtype[np.int64]]:
-    if is_stream(topic):
-        return recording.log_times(
-            topic, samples=True
-        )  # in the order of the stream's own stamps, from which they are made
-    return np.array([log_time for log_time, _ in recording.payloads(EVENTS[topic])], dtype=np.int64)
-
-
-def _stream(recording: Recording, topic: str) -> Callable[[int], Fields]:
-    samples = recording.stream(topic)
-    names = samples.dtype.names or ()
-    return lambda row: {name: samples[row][name].tolist() for name in names}
-
-
-def _events(recording: Recording, topic: str) -> Callable[[int], Fields]:
+def _played(recording: Recording, topic: str) -> tuple[NDArray[np.int64], Callable[[int], Fields]]:
+    """Log times (ns) of a topic's messages, and what makes the fields of each."""
+    if is_stream(topic):  # in the order of the stream's own stamps, from which the log times are made
+        samples = recording.stream(topic)
+        names = samples.dtype.names or ()
+        times = recording.log_times(topic, samples=True)
+        return times, lambda row: {name: samples[row][name].tolist() for name in names}
     event = EVENTS[topic]
     found = recording.payloads(event)
 
     def fields(row: int) -> Fields:
         # One at a time: as dictionaries all of them would be many times as large.
-        message = protobuf_runtime.parse(event.message_class, found[row][1], topic)
+        message = parse(event.message_class, found[row][1], topic)
         try:
             return MessageToDict(message, preserving_proto_field_name=True)
         except (ValueError, SerializeToJsonError) as error:
             raise Damaged(f"{topic}: a message cannot be written as JSON ({error}); run `lab verify`") from error
 
-    return fields
+    return np.array([log_time for log_time, _ in found], dtype=np.int64), fields
 
 
 def plain_numbers(value: Any) -> Any:

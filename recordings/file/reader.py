@@ -4,95 +4,46 @@ again."""
 from __future__ import annotations
 
 import math
-import mmap
 import os
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Generic, TypeVar
 
 import numpy as np
 from mcap.records import Channel
 from numpy.typing import NDArray
 
 from .. import events
-from ..errors import BadMessage, Damaged, Foreign, MissingStream, NotARecording, Oversized, Truncated
-from ..events import EVENTS, EventType, Mark, Request
+from ..errors import Damaged, Foreign, MissingStream, NotARecording, Truncated
+from ..events import EVENTS, EventType
 from ..messages import SCHEMA_VERSION, STREAMS, MessageType, is_stream
-from ..states.bodies import Bodies
-from ..states.rules import LARGEST, State, checked
-from ..states.vacuum import VacuumBand
-from ..states.zeros import Drift, Zeros
-from ..trials import DOUBTS, TrialRow
-from . import protobuf_runtime
 from .budget import Budget, Cost
-from .contents import Contents, Hole
-from .gather import pick
-from .records import demand_mcap, index, inside, records
-from .samples import Samples, check_version, message_of, ordered, ours, version_of, written_name
+from .chunks import Messages
+from .contents import Contents, mapped
+from .records import Hole, gathered, holes, index, inside, records
+from .samples import check_version, decode, message_of, ours, parse, version_of, written_name
 
-SAID = tuple(e.topic for e in (events.STATE, events.TRIAL, events.LOG, events.REQUEST, events.ZERO, events.MARK))
-"""Topics whose messages are texts that are taken apart."""
+T = TypeVar("T")
 COUNTERS = ("device_time", "frame")
 """Fields that count up at the instrument until it restarts."""
 SHOWN = 12
 """Topics of a foreign file that an error lists."""
-_LEVELS = {number: name.lower() for name, number in events.Log.Level.items()}
+_TIMES = np.dtype([("sequence", "<i8"), ("log", "<i8")])
+"""Number and log time (ns) of a message."""
 
 
-def _name(topic: str) -> str:
-    return f"{topic} ({written_name(topic)}, protobuf)"
+class _Said(Generic[T]):
+    """What the messages of an event's topic say; none when the file has no such topic."""
 
+    def __init__(self, event: EventType) -> None:
+        self._event = event
 
-@dataclass(frozen=True)
-class StateEvent:
-    """What was asked for at rig time `t` (s); `number` counts the states of a recording."""
-
-    t: float
-    number: int
-    state: State
-    repeats: int = 0
-    """Number of the state that is read again; 0: of none."""
-
-
-@dataclass(frozen=True)
-class TrialEvent:
-    """The row that was concluded live for state `number`, recorded at rig time `t` (s)."""
-
-    t: float
-    number: int
-    row: TrialRow
-    repeats: int = 0
-    """Number of the state that was read again; 0: of none."""
-
-
-@dataclass(frozen=True)
-class ZeroEvent:
-    """How the force sensor's zero moved during a trial, as it was concluded live."""
-
-    t: float
-    zeros: Zeros
-    drift: Drift
-
-
-@dataclass(frozen=True)
-class LogLine:
-    """One line of /log, `log_time` ns since the epoch."""
-
-    log_time: int
-    level: str
-    text: str
-
-
-def mapped(path: Path) -> memoryview:
-    """A file's bytes; raises `NotARecording` when it cannot be read."""
-    try:
-        with open(path, "rb") as file:
-            size = os.fstat(file.fileno()).st_size
-            return memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) if size else b"")
-    except OSError as error:
-        raise NotARecording(f"{path} cannot be read: {error.strerror}") from error
+    def __get__(self, recording: Recording | None, owner: type) -> list[T]:
+        kind, topic = self._event.message_class, self._event.topic
+        found = recording.payloads(self._event) if recording else []  # of the class: none
+        return [events.read_event(topic, log_time, parse(kind, payload, topic)) for log_time, payload in found]
 
 
 class Recording:
@@ -100,33 +51,28 @@ class Recording:
     the use of the second; `load` takes them in one go."""
 
     def __init__(self, path: Path, data: memoryview, contents: Contents) -> None:
-        self.path = path
-        self.contents = contents
-        self._data = data
+        self.path, self.contents, self._data = path, contents, data
+        self.attachments: Mapping[str, bytes] = contents.attachments
+        self.metadata: Mapping[str, dict[str, str]] = contents.metadata
+        self.damage: tuple[str, ...] | None = None
+        """What `salvaged` left out, and why; None of a recording of which everything is read."""
         self._loaded: set[int] = set()
         """Channels whose messages were read."""
         self._budget = Budget(str(path), len(data))
-        self._samples: dict[int, Samples] = {}
+        self._samples: dict[int, list[NDArray[np.void]] | None] = {}
+        """Of channels of ours, batch by batch; None where some message has another layout."""
         self._payloads: dict[int, list[bytes]] = {}
-        self._log_times: dict[int, list[NDArray[np.int64]]] = {}
-        self._sequences: dict[int, list[NDArray[np.int64]]] = {}
+        self._times: dict[int, list[NDArray[np.void]]] = {}
         self._streams: dict[str, NDArray[np.void]] = {}
-        self.damage: tuple[str, ...] = ()
-        """What `salvaged` left out, and why."""
 
     @classmethod
     def salvaged(cls, path: str | os.PathLike[str]) -> Recording:
         """What makes sense of a damaged file; raises `NotARecording` or `Oversized`."""
-        data, name = mapped(Path(path)), str(path)
-        demand_mcap(data, name)
-        contents = Contents(name, len(data))
-        holes = [item for item in records(data, contents, unpack=True) if isinstance(item, Hole)]
-        for hole in holes:
-            if isinstance(hole.error, Oversized):
-                raise hole.error
-        contents.broken = {hole.start for hole in holes}
+        data = mapped(path)
+        contents = Contents(str(path), len(data))
+        found = holes(data, contents, unpack=True)
         recording = cls(Path(path), data, contents)
-        recording.damage = tuple(str(hole.error) for hole in holes if hole.start < contents.end)
+        recording.damage = tuple(str(hole.error) for hole in found if hole.start < contents.end)
         return recording
 
     def __repr__(self) -> str:
@@ -176,16 +122,6 @@ class Recording:
         return found
 
     @property
-    def attachments(self) -> Mapping[str, bytes]:
-        """Name -> bytes."""
-        return self.contents.attachments
-
-    @property
-    def metadata(self) -> Mapping[str, dict[str, str]]:
-        """Metadata records by name."""
-        return self.contents.metadata
-
-    @property
     def outcome(self) -> str | None:
         """completed, stopped or failed; None when the recording ended abruptly."""
         return self.metadata.get("outcome", {}).get("outcome")
@@ -204,9 +140,10 @@ class Recording:
     def need(self, *topics: str) -> None:
         """Raises `Foreign` when the file does not have these topics as this software writes them."""
         if not all(map(self.knows, topics)):
+            needed = ", ".join(f"{topic} ({written_name(topic)}, protobuf)" for topic in topics)
             raise Foreign(
-                f"{self.path} was not recorded by this software: it needs {', '.join(map(_name, topics))}, but has "
-                f"{self._described()}; write its states into a case folder (robot.yaml and trials.csv) instead"
+                f"{self.path} was not recorded by this software: it needs {needed}, but has {self._described()}; "
+                "write its states into a case folder (robot.yaml and trials.csv) instead"
             )
 
     def knows(self, topic: str) -> bool:
@@ -262,23 +199,34 @@ class Recording:
         numbers = {self._channel(topic).id} if samples else {channel.id for channel in self._carriers.get(topic, [])}
         if not self._loaded and numbers:
             self._load(numbers)
-        found = (part for number in numbers for part in self._log_times.get(number, []))
-        return np.sort(np.concatenate([np.zeros(0, np.int64), *found]))
+        return np.sort(self._times_of(*numbers)["log"])
+
+    def _times_of(self, *numbers: int) -> NDArray[np.void]:
+        """Number and log time of each message of channels, in the order of the file."""
+        return np.concatenate([np.zeros(0, _TIMES), *(part for n in numbers for part in self._times.get(n, []))])
 
     def restarts(self, topic: str) -> int:
         """How often a stream began anew: its messages' numbers, or the instrument's own stamps or frame numbers, went back."""
         samples, channel = self.stream(topic), self._channel(topic)
-        numbers = np.concatenate([np.zeros(0, np.int64), *self._sequences.get(channel.id, [])])
-        in_time = numbers[self._order(channel, [], lambda i: b"")]
+        in_time = self._times_of(channel.id)["sequence"][self._order(channel, [], lambda i: b"")]
         counters = [in_time, *(samples[name] for name in COUNTERS if name in (samples.dtype.names or ()))]
         return max(int((np.diff(counter.astype(np.float64)) < 0).sum()) for counter in counters)
 
     def messages(self, topics: Container[str]) -> Iterator[tuple[Channel, NDArray[np.int64], list[bytes]]]:
         """Messages of topics as they stand in the file, batch by batch: their channel, log times (ns), and bytes."""
-        for picked in pick(self._data, self.contents):
-            channel = self.contents.channels.get(picked.channel)
-            if channel is not None and channel.topic in topics:
-                yield channel, picked.log_times, picked.messages()
+        for batch in self._batches():
+            for number, found in batch.by_channel():
+                channel = self.contents.channels.get(number)
+                if channel is not None and channel.topic in topics:
+                    yield channel, found.heads["log"].astype(np.int64), found.payloads()
+
+    def _batches(self) -> Iterator[Messages]:
+        """All messages in the order of the file; not those of a chunk that is cut off."""
+        if self.damage is None:
+            return gathered(self._data, self.contents)
+        size = len(self._data)
+        walk = records(self._data, Contents(str(self.path), size), unpack=True)
+        return (item for item in walk if isinstance(item, Messages) and item.chunk.end <= size)
 
     def load(self) -> None:
         """Read everything at once, for a use that needs most of it."""
@@ -286,17 +234,11 @@ class Recording:
 
     def undescribed(self) -> list[str]:
         """What the loaded messages and the channels refer to and the file does not describe."""
-        channels, schemas = self.contents.channels, self.contents.schemas
-        found = [
+        return [
             f"{sum(map(len, parts))} messages are of channel {number}, which is not described"
-            for number, parts in sorted(self._log_times.items())
-            if number not in channels
-        ]
-        return found + [
-            f"channel {c.topic} names the schema {c.schema_id}, which is missing"
-            for c in channels.values()
-            if c.schema_id and c.schema_id not in schemas
-        ]
+            for number, parts in sorted(self._times.items())
+            if number not in self.contents.channels
+        ] + self.contents.schemaless
 
     def _need(self, channel: Channel) -> None:
         """Have the messages of a channel read: of it alone when it is the first."""
@@ -318,25 +260,27 @@ class Recording:
         """Read the file once: wanted streams to arrays, the messages of other wanted channels as bytes."""
         if not wanted:
             return
+        channels, layouts = self.contents.channels, dict[int, MessageType]()
         for number in wanted:
-            channel = self.contents.channels[number]
+            channel = channels[number]
             if is_stream(channel.topic) and self._ours(channel) and version_of(channel) == SCHEMA_VERSION:
-                self._samples[number] = Samples(self._message(channel))
-        channels = self.contents.channels
+                layouts[number], self._samples[number] = self._message(channel), []
         kept = {n for n in wanted if channels[n].topic in EVENTS and self._ours(channels[n])}
         first = not self._loaded
-        for picked in pick(self._data, self.contents):
-            if first:
-                self._log_times.setdefault(picked.channel, []).append(picked.log_times)
-                self._sequences.setdefault(picked.channel, []).append(picked.sequences)
-            if picked.channel not in wanted:
-                continue
-            if picked.channel in self._samples:
-                self._samples[picked.channel].add(picked.rows())
-            elif picked.channel in kept:
-                if self.contents.channels[picked.channel].topic in SAID:
-                    self._budget.take(Cost.EVENTS, int((picked.ends - picked.starts).sum()))
-                self._payloads.setdefault(picked.channel, []).extend(picked.messages())
+        for batch in self._batches():
+            for number, found in batch.by_channel():
+                if first:
+                    self._times.setdefault(number, []).append(found.heads[["sequence", "log"]].astype(_TIMES))
+                if number in layouts:
+                    parts, rows = self._samples[number], found.rows()
+                    if parts is None or rows is None or not layouts[number].fits(rows):
+                        self._samples[number] = None
+                    else:
+                        parts.append(layouts[number].decode(rows.reshape(-1)))
+                elif number in kept:
+                    if channels[number].topic in events.READ:
+                        self._budget.take(Cost.EVENTS, int(found.sizes.sum()))
+                    self._payloads.setdefault(number, []).extend(found.payloads())
         self._loaded |= wanted
 
     def _decode(self, topic: str) -> NDArray[np.void]:
@@ -344,144 +288,61 @@ class Recording:
         if not is_stream(topic):
             raise MissingStream(f"{topic} is not a stream of numbers; these are {', '.join(STREAMS)}")
         self.need(topic)
-        self._check_version(channel)
+        check_version(channel, str(self.path))
         self._need(channel)
-        samples = self._samples[channel.id].array
-        if samples is None:
+        message, parts = self._message(channel), self._samples.pop(channel.id, None)
+        if parts is not None:
+            samples = np.zeros(sum(map(len, parts)), message.dtype)  # no stray bytes between the fields
+            if parts:
+                np.concatenate(parts, out=samples)
+        else:
             schema = self.contents.schemas.get(channel.schema_id)
             if schema is None:
                 raise Damaged(f"{self.path}: {channel.topic} names the schema {channel.schema_id}, which is missing")
-            batches = pick(self._data, self.contents)
-            payloads = (payload for p in batches if p.channel == channel.id for payload in p.messages())
-            count = sum(len(part) for part in self._log_times.get(channel.id, []))
-            samples = protobuf_runtime.decode(self._message(channel), schema, payloads, count)
-        return self._in_order(channel, samples)
-
-    def _in_order(self, channel: Channel, samples: NDArray[np.void]) -> NDArray[np.void]:
+            found = (held for carrier, _, held in self.messages({topic}) if carrier.id == channel.id)
+            count = sum(map(len, self._times.get(channel.id, [])))
+            samples = decode(message, schema, chain.from_iterable(found), count)
         if not (np.diff(samples["t"]) > 0).all():
             samples = samples[self._order(channel, [samples["t"]], lambda i: bytes(samples[i].tobytes()))]
         samples.setflags(write=False)
         return samples
 
     def _order(self, channel: Channel, t: Sequence[NDArray[np.float64]], content: Callable[[int], bytes]) -> list[int]:
-        """The order of a channel's messages: by stamp (when given), log time, number, and what they hold."""
-        parts = (self._sequences.get(channel.id, []), self._log_times.get(channel.id, []))
-        return ordered([*(np.concatenate([np.zeros(0, np.int64), *part]) for part in parts), *t], content).tolist()
+        """The order of a channel's messages: by stamp (when given), log time and number. Those that are equal in all are told
+        apart by what they hold; which of two equal ones comes first does not matter."""
+        times = self._times_of(channel.id)
+        keys = [times["sequence"], times["log"], *t]
+        order = np.lexsort(keys)
+        same = np.all([np.diff(key[order]) == 0 for key in keys], axis=0)
+        edges = np.flatnonzero(np.diff(np.concatenate(([False], same, [False])).astype(np.int8)))
+        for first, last in edges.reshape(-1, 2).tolist():  # of each run of equal neighbours
+            order[first : last + 1] = sorted(order[first : last + 1].tolist(), key=content)
+        return list(map(int, order.tolist()))
 
     def _message(self, channel: Channel) -> MessageType:
         """The stream's message with the array sizes of this recording."""
         return message_of(channel, self.contents.schemas.get(channel.schema_id), str(self.path))
 
-    def _check_version(self, channel: Channel) -> None:
-        check_version(channel, str(self.path))
-
     # -- events
-    def events(self, event: EventType) -> list[tuple[int, Any]]:
-        """(log time ns, protobuf message) of an event's topic by log time; none when the file has no such topic."""
-        return [
-            (log_time, protobuf_runtime.parse(event.message_class, payload, event.topic))
-            for log_time, payload in self.payloads(event)
-        ]
-
     def payloads(self, event: EventType) -> list[tuple[int, bytes]]:
         """(log time ns, bytes of the message) of an event's topic by log time; none when the file has no such topic."""
         if not self.knows(event.topic):
             return []
         channel = self._channel(event.topic)
-        self._check_version(channel)
+        check_version(channel, str(self.path))
         self._need(channel)
-        log_times = [t for part in self._log_times.get(channel.id, []) for t in part.tolist()]
-        payloads = self._payloads.get(channel.id, [])
+        log_times, payloads = self._times_of(channel.id)["log"].tolist(), self._payloads.get(channel.id, [])
         return [(log_times[i], payloads[i]) for i in self._order(channel, [], payloads.__getitem__)]
 
-    @property
-    def states(self) -> list[StateEvent]:
-        """What was asked for, in order."""
-        return [state_event(m) for _, m in self.events(events.STATE)]
-
-    @property
-    def trials(self) -> list[TrialEvent]:
-        """What was concluded live, in order."""
-        return [trial_event(m) for _, m in self.events(events.TRIAL)]
-
-    @property
-    def requests(self) -> list[Request]:
-        """What people asked of the run, and what of it was carried out, in order."""
-        return [request_event(m) for _, m in self.events(events.REQUEST)]
-
-    @property
-    def zeros(self) -> list[ZeroEvent]:
-        """How the force sensor's zero moved during trials, in order."""
-        return [zero_event(m) for _, m in self.events(events.ZERO)]
-
-    @property
-    def marks(self) -> list[Mark]:
-        """Which states are in doubt, in order."""
-        return [mark_event(m) for _, m in self.events(events.MARK)]
-
-    @property
-    def log(self) -> list[LogLine]:
-        """The lines of /log, in order."""
-        return [log_line(log_time, m) for log_time, m in self.events(events.LOG)]
-
-
-def state_event(m: Any) -> StateEvent:
-    """What a message of /state says; raises `BadMessage`, `Damaged`."""
-    vacuum = None
-    if m.HasField("vacuum_since"):
-        vacuum = checked(VacuumBand(m.vacuum_since, m.vacuum_lowest, m.vacuum_highest))
-    bodies = None
-    if m.HasField("bodies_since"):
-        bodies = checked(Bodies(m.bodies_since, tuple(m.bodies_arcs), m.bodies_stretch))
-    least_force = m.least_force if m.HasField("least_force") else None
-    state = replace(State.from_json(_text(m)), clipped=m.clipped, vacuum=vacuum, least_force=least_force, bodies=bodies)
-    return StateEvent(m.t, m.number, checked(state), m.repeats)
-
-
-def trial_event(m: Any) -> TrialEvent:
-    """What a message of /trial says; raises `BadTable`, `Damaged`."""
-    return TrialEvent(m.t, m.number, replace(TrialRow.from_json(_text(m)), clipped=m.clipped), m.repeats)
-
-
-def request_event(m: Any) -> Request:
-    """What a message of /request says; raises `Damaged`."""
-    try:
-        return Request(m.t, m.kind, m.by, m.text, m.done, m.trial, m.step)
-    except UnicodeDecodeError as error:
-        raise Damaged(f"a message of /request is not text ({error}); run `lab verify`") from error
-
-
-def zero_event(m: Any) -> ZeroEvent:
-    """What a message of /zero says; raises `BadMessage`."""
-    numbers = (*m.direction, *m.before, *m.start, *m.end, m.offset_at, m.drift, m.rate)
-    if tuple(map(len, (m.direction, m.before, m.start, m.end))) != (3, 2, 2, 2) or not all(
-        abs(x) <= LARGEST for x in numbers
-    ):
-        raise BadMessage(f"/zero at {m.t:g} s: is not three spans of time, a direction and a drift")
-    x, y, z = m.direction
-    before, start, end = ((float(a), float(b)) for a, b in (m.before, m.start, m.end))
-    return ZeroEvent(m.t, Zeros(m.trial, (x, y, z), before, start, end, m.offset_at), Drift(m.drift, m.rate, m.linear))
-
-
-def mark_event(m: Any) -> Mark:
-    """What a message of /mark says; raises `BadMessage`, `Damaged`."""
-    try:
-        mark = Mark(m.t, m.trial, m.doubt, m.text)
-    except UnicodeDecodeError as error:
-        raise Damaged(f"a message of /mark is not text ({error}); run `lab verify`") from error
-    if mark.doubt not in DOUBTS:
-        raise BadMessage(f"/mark at {mark.t:g} s: doubt {mark.doubt[:40]!r} is unknown; one of {', '.join(DOUBTS)}")
-    return mark
-
-
-def log_line(log_time: int, m: Any) -> LogLine:
-    """What a message of /log says."""
-    return LogLine(log_time, _LEVELS.get(m.level, f"level {m.level}"), m.message)
-
-
-def _text(message: Any) -> str:
-    """The field `json` of a message; `Damaged` when it is no text."""
-    try:
-        return str(message.json)
-    except UnicodeDecodeError as error:
-        raise Damaged(f"a state or row is not text ({error}); run `lab verify`") from error
+    states = _Said[events.StateEvent](events.STATE)
+    """What was asked for, in order."""
+    trials = _Said[events.TrialEvent](events.TRIAL)
+    """What was concluded live, in order."""
+    requests = _Said[events.Request](events.REQUEST)
+    """What people asked of the run, and what of it was carried out, in order."""
+    zeros = _Said[events.ZeroEvent](events.ZERO)
+    """How the force sensor's zero moved during trials, in order."""
+    marks = _Said[events.Mark](events.MARK)
+    """Which states are in doubt, in order."""
+    log = _Said[events.LogLine](events.LOG)
+    """The lines of /log, in order."""

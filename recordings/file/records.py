@@ -1,7 +1,7 @@
 """The records of an MCAP file, in its order: one tolerant walk, of which everything that reads files is a fold.
 
     contents = Contents(name, len(data))
-    for item in records(data, contents): ...          Record or Hole
+    for item in records(data, contents, unpack=True): ...       Record, Messages or Hole
 
 Layout: https://mcap.dev/spec. Nothing that a file says of lengths is believed before it is held against the bytes that
 are there. A record may be longer than its fields need, and of a kind that is not known: both are legal. What makes no
@@ -10,15 +10,23 @@ sense is a `Hole`; the walk goes on behind it.
 
 from __future__ import annotations
 
+import contextlib
+import os
 import re
 import struct
 from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import accumulate, groupby
+from operator import itemgetter
 
+import numpy as np
 from mcap.opcode import Opcode
 
 from ..errors import Damaged, NotARecording, Oversized, RecordingError
-from .chunks import HEAD, MESSAGE, Chunk, Record, chunk_of, decompress, records_in, torn_bytes
-from .contents import UNPARSABLE, Contents, Hole
+from .budget import Budget
+from .chunks import HEAD, UNPARSABLE, Chunk, Messages, Record, scan, unpacked
+from .contents import Contents
 
 MAGIC = b"\x89MCAP0\r\n"
 LAYOUT: dict[int, tuple[int, ...]] = {
@@ -34,15 +42,23 @@ PLAUSIBLE = 2**32
 """Bytes that a record may claim beyond the end of a file that was cut off."""
 ZEROS = 4096
 """Bytes of zeros behind a record that are taken for the end of what was written."""
+BATCH = 4 * 2**20
+"""Bytes of unpacked chunks held at a time; small enough for the allocator to use the same memory again."""
+UNPACKERS = min(4, os.cpu_count() or 1)
+"""Threads that unpack chunks."""
 _BEGIN = re.compile(rb"(?=[\x01-\x0f][\x00-\xff]{4}\x00{4})")
 """Where kind and length of a record below 4 GiB may stand."""
 _LENGTHS = {4: struct.Struct("<I"), 8: struct.Struct("<Q")}
 
 
-def demand_mcap(data: memoryview, name: str) -> None:
-    """Raises `NotARecording` when a file does not begin as an MCAP file."""
-    if bytes(data[: len(MAGIC)]) != MAGIC:
-        raise NotARecording(f"{name} is not an MCAP file: it begins with {bytes(data[:8])!r}")
+@dataclass(frozen=True)
+class Hole:
+    """Bytes of the file that are no record, and why. `torn`: a chunk that goes beyond the end of the file."""
+
+    start: int
+    end: int
+    error: RecordingError
+    torn: Chunk | None = None
 
 
 def index(data: memoryview, name: str) -> Contents:
@@ -50,14 +66,9 @@ def index(data: memoryview, name: str) -> Contents:
 
     The end may be missing, see `Contents.finished`.
     """
-    demand_mcap(data, name)
     contents = Contents(name, len(data))
-    for item in records(data, contents):
-        # What is behind the last record is the end that is missing, or follows the end mark.
-        if isinstance(item, Hole) and isinstance(item.error, Oversized):
-            raise item.error
-    for hole in contents.holes:
-        if hole.start < contents.end:
+    for hole in holes(data, contents):
+        if hole.start < contents.end:  # else it is the end that is missing, or follows the end mark
             raise hole.error
     if not contents.finished and contents.chunks:
         # Some of its indexes may be cut off; without any, its records are walked over instead.
@@ -65,87 +76,153 @@ def index(data: memoryview, name: str) -> Contents:
     return contents
 
 
+def holes(data: memoryview, contents: Contents, *, unpack: bool = False) -> list[Hole]:
+    """The holes of a file, of which `contents` takes note; raises `NotARecording` or `Oversized`."""
+    found = []
+    for item in records(data, contents, unpack=unpack):
+        if isinstance(item, Hole):
+            if isinstance(item.error, Oversized):
+                raise item.error
+            found.append(item)
+    return found
+
+
 def records(
     data: memoryview, contents: Contents, *, unpack: bool = False, growing: bool = False
-) -> Iterator[Record | Hole]:
-    """Every record of a file in its order, with a hole for whatever is none; `contents` takes note of each.
+) -> Iterator[Record | Messages | Hole]:
+    """Every record of a file in its order, from `contents.end` on, with a hole for whatever is none; `contents` takes note
+    of each. Raises `NotARecording` for a file that is not an MCAP file.
 
-    `unpack`: each chunk is followed by the records in it. `growing`: the last record may still be on its way.
+    `data`: the file from byte `contents.end` on. `unpack`: each chunk is followed by the messages in it, and those outside
+    chunks come together; else there are none. `growing`: the last record may still be on its way.
     """
-    at = 0 if contents.base else len(MAGIC)
+    base = contents.end
+    at = 0 if base else len(MAGIC)
+    if not base and data[:at] != MAGIC:
+        if growing and len(data) < at:
+            return
+        raise NotARecording(f"{contents.name} is not an MCAP file: it begins with {bytes(data[:at])!r}")
+    if growing:
+        contents.end = base + at
+    run: Chunk | None = None
+    """Messages outside chunks, while more may follow."""
     while at < len(data) and not contents.finished:
+        record: Record | None
+        hole: Hole | None = None
         try:
-            record = _record_at(data, at)
+            record = _record_at(data, at, base)
             if growing and record.opcode == Opcode.FOOTER and len(data) - record.end < len(MAGIC):
-                return
+                break
             contents.take(record)
         except (*UNPARSABLE, RecordingError) as error:
             if growing and _unfinished(data, at):
-                return
-            hole, rest = _hole(data, at, error, contents)
-            contents.note(hole)
+                break
+            hole, record = _hole(data, at, base, error, contents)
+        if run and (record is None or record.opcode != Opcode.MESSAGE or run is not contents.chunks[-1]):
+            yield from inside(data, run, contents)
+            run = None
+        if hole is not None:
+            contents.indexed = None
             if unpack and hole.torn is not None:
-                for item in _unpacked(torn_bytes(data, hole.torn, contents.budget), hole.torn, contents):
-                    if isinstance(item, Record):
-                        yield item
+                yield from (item for item in inside(data, hole.torn, contents) if isinstance(item, Messages))
             yield hole
-            at = hole.end - contents.base
-            if rest is None:
-                continue
-            record = rest
+            at = hole.end - base
+        if record is None:
+            continue
         at = record.end
-        contents.end = contents.base + at
+        contents.end = base + at
         if record.opcode == Opcode.FOOTER and data[at : at + len(MAGIC)] == MAGIC:
             contents.finished, contents.end = True, contents.end + len(MAGIC)
+        if record.opcode == Opcode.MESSAGE:
+            run = contents.chunks[-1] if unpack else None
+            continue
         yield record
         if unpack and record.opcode == Opcode.CHUNK:
             yield from inside(data, contents.chunks[-1], contents)
+    if run is not None:
+        yield from inside(data, run, contents)
     if contents.finished and not growing and contents.end < len(data):
         behind = Damaged(f"{len(data) - contents.end} bytes follow the end mark")
-        contents.note(Hole(contents.end, len(data), behind))
-        yield contents.holes[-1]
+        yield Hole(contents.end, len(data), behind)
 
 
-def inside(data: memoryview, chunk: Chunk, contents: Contents) -> Iterator[Record | Hole]:
-    """The records of a chunk, or a hole where it does not hold what was written."""
+def inside(data: memoryview, chunk: Chunk, contents: Contents) -> Iterator[Messages | Hole]:
+    """The messages of a chunk, with a hole where it does not hold what was written; `contents` takes note of definitions."""
     try:
-        raw = decompress(data, chunk, contents.budget)
-    except RecordingError as error:
-        yield Hole(chunk.start, chunk.end, error)
+        raw = unpacked(data, chunk, contents.budget)
+    except RecordingError as problem:
+        yield Hole(chunk.start, chunk.end, problem)
         return
-    yield from _unpacked(raw, chunk, contents)
+    starts, others, error = scan(raw, contents.budget)
+    wrong: list[tuple[int, Exception]] = [] if error is None else [(len(raw), error)]
+    found = Messages.at(raw, np.array(starts, np.int64), chunk)
+    if (short := found.sizes < 0).any():
+        wrong += [(at, struct.error("a message shorter than its head")) for at in found.starts[short].tolist()]
+        found = found.which(~short)
+    for at in others:
+        opcode, length = HEAD.unpack_from(raw, at)
+        try:
+            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                contents.define(Record(opcode, at, at + HEAD.size, at + HEAD.size + length, raw))
+            elif opcode in LAYOUT:
+                raise struct.error(f"it holds a record of kind {opcode}, which stands outside chunks only")
+        except (*UNPARSABLE, Damaged) as problem:
+            wrong.append((at, problem))
+        except Oversized as problem:
+            wrong = [*(known for known in wrong if known[0] < at), (at, problem)]
+            found = found.which(found.starts < at)
+            break
+    begin = 0
+    for at, reason in sorted(wrong, key=itemgetter(0)):
+        end = int(np.searchsorted(found.starts, at))
+        yield found.which(slice(begin, end))
+        place = f"{contents.name}: the chunk at byte {chunk.start}"
+        yield Hole(chunk.start, chunk.end, _named(reason, place, "recover"))
+        begin = end
+    yield found.which(slice(begin, None))
 
 
-def _unpacked(raw: bytes, chunk: Chunk, contents: Contents) -> Iterator[Record | Hole]:
-    def hole(error: Exception) -> Hole:
-        if not isinstance(error, RecordingError):
-            why = str(error) or "a field goes beyond the end of its record"
-            text = f"{contents.name}: the chunk at byte {chunk.start} cannot be parsed ({why}); run `lab recover`"
-            error = Damaged(text)
-        return Hole(chunk.start, chunk.end, error)
-
-    try:
-        for record in records_in(raw, contents.budget):
-            if record.opcode == Opcode.MESSAGE:
-                if record.end - record.body < MESSAGE.size:
-                    yield hole(struct.error("a message shorter than its head"))
-                    continue
-            elif record.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                try:
-                    contents.define(record)
-                except (*UNPARSABLE, Damaged) as error:
-                    yield hole(error)
-                    continue
-            elif record.opcode in LAYOUT:
-                yield hole(struct.error(f"it holds a record of kind {record.opcode}, which stands outside chunks only"))
-                continue
-            yield record
-    except (struct.error, RecordingError) as error:
-        yield hole(error)
+def _named(error: Exception, place: str, remedy: str) -> RecordingError:
+    """The error of a place that makes no sense."""
+    if isinstance(error, RecordingError):
+        return error
+    return Damaged(f"{place} cannot be parsed ({str(error) or 'a field goes beyond its end'}); run `lab {remedy}`")
 
 
-def _record_at(data: memoryview, at: int, search: bool = True) -> Record:
-    """The record that begins at a byte; raises what `UNPARSABLE` lists when it does not make sense.
+def gathered(data: memoryview, contents: Contents) -> Iterator[Messages]:
+    """All messages of a file in its order, many chunks at a time; raises `Damaged`, `Oversized`.
+
+    Chunks are unpacked by threads, one batch ahead of what is handed out.
+    """
+    budget = Budget(contents.name, len(data))
+    ends = accumulate(chunk.size for chunk in contents.chunks)
+    groups = groupby(zip(contents.chunks, ends, strict=True), lambda pair: pair[1] // BATCH)
+    batches = [[chunk for chunk, _ in group] for _, group in groups]
+    with ThreadPoolExecutor(UNPACKERS, "unpack") as pool:
+        ahead: list[tuple[list[Chunk], list[Future[bytes]]]] = []
+        for batch in [*batches, []]:
+            ahead.append((batch, [pool.submit(unpacked, data, chunk, budget) for chunk in batch]))
+            if len(ahead) > 1:
+                chunks, raws = ahead.pop(0)
+                yield _joined(chunks, [raw.result() for raw in raws], budget)
+
+
+def _joined(batch: list[Chunk], raws: list[bytes], budget: Budget) -> Messages:
+    starts, base = [], 0
+    for chunk, raw in zip(batch, raws, strict=True):
+        messages, _, error = scan(raw, budget)
+        if error is not None:
+            raise _named(error, f"{budget.name}: the chunk at byte {chunk.start}", "recover")
+        starts.append(np.array(messages, np.int64) + base)
+        base += len(raw)
+    found = Messages.at(b"".join(raws), np.concatenate(starts), batch[0])
+    if (found.sizes < 0).any():
+        raise Damaged(f"{budget.name}: a message is shorter than its head; run `lab recover` to leave it out")
+    return found
+
+
+def _record_at(data: memoryview, at: int, base: int = 0, search: bool = True) -> Record:
+    """The record that begins at data[at], byte base + at of the file; raises what `UNPARSABLE` lists when it makes no sense.
 
     Where nothing makes sense behind it, its length is wrong if records are found in it (`search`).
     """
@@ -159,7 +236,7 @@ def _record_at(data: memoryview, at: int, search: bool = True) -> Record:
         raise struct.error("its fields are longer than the record")
     if used < end and not _plausible(data, end) and not (search and _next(data, at + 1, end) == end):
         raise struct.error("no record follows where it ends")
-    return Record(opcode, at, body, end, data)
+    return Record(opcode, base + at, body, end, data)
 
 
 def _used(data: memoryview | bytes, opcode: int, body: int) -> int:
@@ -183,10 +260,10 @@ def _plausible(data: memoryview, at: int) -> bool:
     return bool(length <= left or (opcode in LAYOUT and length < PLAUSIBLE))
 
 
-def _begins(data: memoryview, at: int, chain: int = CHAIN) -> bool:
+def _begins(data: memoryview, at: int) -> bool:
     """Whether a chain of known records begins here, or the last ones of the file."""
     try:
-        for _ in range(chain):
+        for _ in range(CHAIN):
             record = _record_at(data, at, search=False)
             if record.opcode not in LAYOUT:
                 return False
@@ -212,25 +289,23 @@ def _unfinished(data: memoryview, at: int) -> bool:
     return bool(opcode == 0 or length > len(data) - at - HEAD.size)
 
 
-def _hole(data: memoryview, at: int, error: Exception, contents: Contents) -> tuple[Hole, Record | None]:
-    """What is wrong at a byte up to where the walk goes on, and a record whose stated length alone is wrong."""
-    base = contents.base
-    if not isinstance(error, RecordingError):
-        why = str(error) or "a field goes beyond its end"
-        text = f"{contents.name}: the record at byte {base + at} cannot be parsed ({why}); run `lab verify`"
-        error = Damaged(text)
-    end, torn, record = len(data), None, None
+def _hole(data: memoryview, at: int, base: int, error: Exception, contents: Contents) -> tuple[Hole, Record | None]:
+    """What is wrong at data[at] up to where the walk goes on, and a record whose stated length alone is wrong."""
+    error = _named(error, f"{contents.name}: the record at byte {base + at}", "verify")
+    end, chunk, record = len(data), None, None
     try:
         opcode, length = HEAD.unpack_from(data, at)
         stated, used = at + HEAD.size + length, _used(data, opcode, at + HEAD.size)
     except UNPARSABLE:
         opcode, stated, used = 0, 0, 0
-    if opcode in LAYOUT and opcode != Opcode.MESSAGE and stated == used > len(data):
+    known = opcode in LAYOUT and opcode != Opcode.MESSAGE
+    if known and stated == used > len(data):
         if opcode == Opcode.CHUNK:
-            torn = _chunk_or_none(data, at, stated, base)
-    elif opcode in LAYOUT and opcode != Opcode.MESSAGE and stated != used and _begins(data, used):
+            with contextlib.suppress(*UNPARSABLE):
+                chunk = Chunk.of(Record(opcode, base + at, at + HEAD.size, stated, data))
+    elif known and stated != used and _begins(data, used):
         end = at + HEAD.size
-        record = Record(opcode, at, end, used, data)
+        record = Record(opcode, base + at, end, used, data)
         try:
             contents.take(record)
         except (*UNPARSABLE, RecordingError):
@@ -239,11 +314,4 @@ def _hole(data: memoryview, at: int, error: Exception, contents: Contents) -> tu
         end = stated
     else:
         end = _next(data, at + 1, len(data))
-    return Hole(base + at, base + end, error, torn), record
-
-
-def _chunk_or_none(data: memoryview, start: int, end: int, base: int) -> Chunk | None:
-    try:
-        return chunk_of(data, start, end, base)
-    except UNPARSABLE:
-        return None
+    return Hole(base + at, base + end, error, chunk), record

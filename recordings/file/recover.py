@@ -21,13 +21,11 @@ from mcap.writer import CompressionType, Writer
 from ..errors import Oversized, RecordingError, WriteFailed
 from ..messages import is_stream
 from ..own_files import replacing
-from .chunks import MESSAGE, Record
-from .contents import Contents, Fields, Hole
-from .counts import StreamCounts, counted
-from .reader import mapped
-from .records import demand_mcap, records
+from .chunks import Record
+from .contents import Contents, mapped
+from .counts import StreamCounts, counted, timing
+from .records import Hole, records
 from .samples import ours
-from .timing import timing
 from .verify import check
 
 OWN = ("counts", "outcome", "recovery")
@@ -83,18 +81,13 @@ class _Kept:
     log_times: array[int] = field(default_factory=lambda: array("Q"))
 
     @property
-    def count(self) -> int:
-        """Messages kept."""
-        return len(self.numbers)
-
-    @property
     def generated(self) -> int:
         """Messages there were before the last one that is kept, by their numbers.
 
         In the order of time: numbers that go back are a stream that began anew, and both its parts count.
         """
         if not self.numbers or not self.numbered:
-            return self.count
+            return len(self.numbers)
         if not is_stream(self.topic):  # events may be told later than they happened
             return max(self.numbers)
         numbers = np.array(self.numbers)[np.lexsort((self.numbers, self.log_times))]
@@ -115,21 +108,18 @@ def recover(source: str | os.PathLike[str], target: str | os.PathLike[str] | Non
     source = Path(source)
     target = source.with_name(f"{source.stem}-recovered.mcap") if target is None else Path(target)
     data = mapped(source)
-    demand_mcap(data, str(source))
-    if target.exists():
-        raise WriteFailed(f"{target} exists; recordings are never overwritten, choose another name with --out")
     found = Contents(str(source), len(data))
     for _ in records(data, found, unpack=True):
         pass  # what describes the messages may stand behind them
+    if target.exists():
+        raise WriteFailed(f"{target} exists; recordings are never overwritten, choose another name with --out")
     try:
         with replacing(target) as (file, partial):
             result = _write(data, found, target, file)
             file.flush()
-            problems = check(partial).problems
-            if problems:
-                raise RecordingError(
-                    f"{target}: the recovered file is wrong: {problems[0].text}; the source is untouched"
-                )
+            if problems := check(partial).problems:
+                wrong = f"the recovered file is wrong: {problems[0].text}"
+                raise RecordingError(f"{target}: {wrong}; the source is untouched")
     except OSError as error:
         raise WriteFailed(f"{target} cannot be written: {error.strerror}") from error
     return result
@@ -146,45 +136,43 @@ def _write(data: memoryview, found: Contents, target: Path, file: Any) -> Recove
     before: float | None = None
     """Newest log time when a hole began, while no message has come behind it."""
     for item in records(data, Contents(found.name, found.size), unpack=True):
-        if isinstance(item, Record) and item.opcode == Opcode.MESSAGE:
-            number, sequence, log_time, publish_time = MESSAGE.unpack_from(item.source, item.body)
-            entry = kept.get(number)
-            if entry is None:
-                nameless += 1
-                continue
-            entry.numbers.append(sequence)
-            entry.log_times.append(log_time)
-            payload = bytes(item.source[item.body + MESSAGE.size : item.end])
-            writer.add_message(entry.channel, log_time, payload, publish_time, sequence)
-            if before is not None and math.isfinite(before):
-                seconds_lost += max(0.0, (log_time - before) / 1e9)
-            before, first, newest = None, min(first, log_time), max(newest, log_time)
-        elif isinstance(item, Record):
-            _outside(writer, item)
-        else:
+        if isinstance(item, Record):
+            if item.opcode == Opcode.ATTACHMENT:
+                a = item.read(Attachment)
+                writer.add_attachment(a.create_time, a.log_time, a.name, a.media_type, a.data)
+            elif item.opcode == Opcode.METADATA and (texts := item.read(Metadata)).name not in OWN:
+                writer.add_metadata(texts.name, texts.metadata)
+        elif isinstance(item, Hole):
             holes.append(item)
             before = newest if before is None else before
             if item.torn is not None and math.isfinite(newest):
                 seconds_lost += max(0.0, (item.torn.last_time - newest) / 1e9)
+        else:
+            for head, payload in zip(item.heads.tolist(), item.payloads(), strict=True):
+                _, _, number, sequence, log_time, publish_time = head
+                entry = kept.get(number)
+                if entry is None:
+                    nameless += 1
+                    continue
+                entry.numbers.append(sequence)
+                entry.log_times.append(log_time)
+                writer.add_message(entry.channel, log_time, payload, publish_time, sequence)
+                if before is not None and math.isfinite(before):
+                    seconds_lost += max(0.0, (log_time - before) / 1e9)
+                before, first, newest = None, min(first, log_time), max(newest, log_time)
     topics: dict[str, list[_Kept]] = {}
     for entry in kept.values():
         topics.setdefault(entry.topic, []).append(entry)
     counts = _counts(topics, found)
     result = Recovery(
-        source=found.name,
-        target=str(target),
-        finished=found.finished,
-        library="" if header is None else header.library,
-        messages={topic: sum(entry.count for entry in entries) for topic, entries in topics.items()},
-        lost={topic: c.dropped + c.lost for topic, c in counts.items() if not c.complete},
-        nameless=nameless,
+        source=found.name, target=str(target), finished=found.finished, library="" if header is None else header.library,
+        messages={topic: sum(len(entry.numbers) for entry in entries) for topic, entries in topics.items()},
+        lost={topic: c.dropped + c.lost for topic, c in counts.items() if not c.complete}, nameless=nameless,
         schemaless=tuple(sorted({entry.topic for entry in kept.values() if entry.schemaless})),
-        seconds_kept=max(0.0, (newest - first) / 1e9) if math.isfinite(newest) else 0.0,
-        seconds_lost=seconds_lost,
-        bytes_skipped=sum(hole.end - hole.start for hole in holes),
-        holes=len(holes),
+        seconds_kept=max(0.0, (newest - first) / 1e9) if math.isfinite(newest) else 0.0, seconds_lost=seconds_lost,
+        bytes_skipped=sum(hole.end - hole.start for hole in holes), holes=len(holes),
         oversized=next((str(hole.error) for hole in holes if isinstance(hole.error, Oversized)), ""),
-    )
+    )  # fmt: skip
     if counts:
         writer.add_metadata("counts", {topic: json.dumps(asdict(c)) for topic, c in counts.items()})
     writer.add_metadata("recovery", {name: json.dumps(value) for name, value in result.to_dict().items()})
@@ -197,31 +185,17 @@ def _write(data: memoryview, found: Contents, target: Path, file: Any) -> Recove
     return result
 
 
-def _outside(writer: Writer, record: Record) -> None:
-    """Write an attachment or metadata."""
-    if record.opcode == Opcode.ATTACHMENT:
-        found = Attachment.read(Fields(record))
-        writer.add_attachment(found.create_time, found.log_time, found.name, found.media_type, found.data)
-    elif record.opcode == Opcode.METADATA:
-        texts = Metadata.read(Fields(record))
-        if texts.name not in OWN:
-            writer.add_metadata(texts.name, texts.metadata)
-
-
 def _register(writer: Writer, found: Contents) -> dict[int, _Kept]:
     """Schemas and channels of the new file, by the channel numbers of the old one."""
     schemas = {0: 0}
     for number, schema in sorted(found.schemas.items()):
         schemas[number] = writer.register_schema(schema.name, schema.encoding, schema.data)
-    return {
-        number: _Kept(
-            c.topic,
-            writer.register_channel(c.topic, c.message_encoding, schemas.get(c.schema_id, 0), c.metadata),
-            ours(c, found.schemas.get(c.schema_id)),
-            c.schema_id not in schemas,
-        )
-        for number, c in sorted(found.channels.items())
-    }
+    kept = {}
+    for number, c in sorted(found.channels.items()):
+        channel = writer.register_channel(c.topic, c.message_encoding, schemas.get(c.schema_id, 0), c.metadata)
+        numbered = ours(c, found.schemas.get(c.schema_id))
+        kept[number] = _Kept(c.topic, channel, numbered, c.schema_id not in schemas)
+    return kept
 
 
 def _counts(topics: dict[str, list[_Kept]], found: Contents) -> dict[str, StreamCounts]:
@@ -230,10 +204,10 @@ def _counts(topics: dict[str, list[_Kept]], found: Contents) -> dict[str, Stream
     first = min((min(entry.log_times) for own in topics.values() for entry in own if entry.log_times), default=0)
     out, before = {}, counted(found.metadata)
     for topic, entries in topics.items():
-        told, count = before.get(topic, {}), sum(entry.count for entry in entries)
+        told, count = before.get(topic, {}), sum(len(entry.numbers) for entry in entries)
         if not (told or any(entry.numbered for entry in entries)):
             continue
-        generated = max(sum(max(entry.generated, entry.count) for entry in entries), told.get("generated", 0))
+        generated = max(sum(max(entry.generated, len(entry.numbers)) for entry in entries), told.get("generated", 0))
         times = np.sort(np.concatenate([np.array(entry.log_times, dtype=np.uint64) for entry in entries]))
         out[topic] = StreamCounts.of(generated, count, told.get("lost", 0), timing((times - first) / 1e9))
     return out

@@ -1,19 +1,27 @@
-"""A stream's channel: whether it is one that this software writes, how its messages are laid out in this file, and its samples,
-decoded batch by batch into one array."""
+"""A channel: whether it is one that this software writes, how its messages are laid out in this file, and what they hold.
+
+Samples of our own layout are decoded batch by batch into one array; any other layout, and events, by the protobuf runtime and
+the schema in the file.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from google.protobuf.descriptor_pool import DescriptorPool
+from google.protobuf.message import DecodeError
+from google.protobuf.message_factory import GetMessageClass, GetMessages
 from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
 from .. import events
 from ..errors import BadMessage, Damaged, OtherVersion, Oversized
-from ..messages import MAX_NUMBERS, SCHEMA_VERSION, STREAMS, MessageType, message_name, stream_message
+from ..messages import MAX_NUMBERS, SCHEMA_VERSION, STREAMS, Field, MessageType, message_name, stream_message
+from .budget import OPTION, largest_message
 
 OF_ROBOT = ("setpoint", "measured", "markers")
 """Arrays whose size is that of the robot."""
@@ -37,8 +45,7 @@ def version_of(channel: Channel) -> str:
 
 def check_version(channel: Channel, file: str) -> None:
     """Raises `OtherVersion` for a channel of a version that this software does not read."""
-    version = version_of(channel)
-    if version != SCHEMA_VERSION:
+    if (version := version_of(channel)) != SCHEMA_VERSION:
         raise OtherVersion(
             f"{file}: {channel.topic} has schema version {version}, this software reads {SCHEMA_VERSION}; "
             "use the version of the software named in the file's metadata"
@@ -57,7 +64,13 @@ def message_of(channel: Channel, schema: Schema | None, file: str) -> MessageTyp
         raise Damaged(f"{file}: {channel.topic} has an invalid array shape: {error}") from error
     if any(min(shape) < 0 or math.prod(shape) > MAX_NUMBERS for shape in shapes.values()):
         raise Oversized(f"{file}: {channel.topic} has arrays of shape {shapes}, limit {MAX_NUMBERS} numbers")
-    message = _stream_message(channel, schema, file)
+    if schema is None and channel.topic not in STREAMS:
+        raise Damaged(f"{file}: {channel.topic} names the schema {channel.schema_id}, which is missing")
+    units = {key.removeprefix("unit."): text for key, text in channel.metadata.items() if key.startswith("unit.")}
+    try:
+        message = stream_message(channel.topic, b"" if schema is None else schema.data, units)
+    except BadMessage as error:
+        raise Damaged(f"{file}: {error}") from error
     usual = {field.name: field.shape for field in message.fields}
     for name, shape in shapes.items():
         like = usual.get(name, ())
@@ -68,59 +81,72 @@ def message_of(channel: Channel, schema: Schema | None, file: str) -> MessageTyp
     return message.sized(**shapes)
 
 
-def _stream_message(channel: Channel, schema: Schema | None, file: str) -> MessageType:
-    if schema is None and channel.topic not in STREAMS:
-        raise Damaged(f"{file}: {channel.topic} names the schema {channel.schema_id}, which is missing")
-    units = {key.removeprefix("unit."): text for key, text in channel.metadata.items() if key.startswith("unit.")}
+# -- by the protobuf runtime
+def message_class(schema: Schema) -> type[Any]:
+    """The protobuf class that a schema record describes; raises `Damaged` when it describes none."""
+    pool = DescriptorPool()
     try:
-        return stream_message(channel.topic, b"" if schema is None else schema.data, units)
-    except BadMessage as error:
-        raise Damaged(f"{file}: {error}") from error
+        GetMessages(FileDescriptorSet.FromString(schema.data).file, pool)
+        return GetMessageClass(pool.FindMessageTypeByName(schema.name))  # type: ignore[no-untyped-call, no-any-return]
+    except (DecodeError, TypeError, KeyError, ValueError, RecursionError) as error:
+        why = f"describes no message: {error}; run `lab verify`"
+        raise Damaged(f"the schema {schema.name} in the file {why}") from error
 
 
-class Samples:
-    """Collects messages of fixed layout."""
-
-    def __init__(self, message: MessageType) -> None:
-        self.message = message
-        self._out = np.zeros(0, message.dtype)
-        self._count = 0
-        self._other = False
-
-    def add(self, rows: NDArray[np.uint8] | None) -> None:
-        """Messages as rows of bytes, shape (n, size); None when their sizes differ."""
-        if self._other or rows is None or not self.message.fits(rows):
-            self._other = True
-            return
-        end = self._count + len(rows)
-        if end > len(self._out):
-            larger = np.zeros(end + len(self._out) // 2, self.message.dtype)
-            larger[: self._count] = self._out[: self._count]
-            self._out = larger
-        self.message.decode(rows.reshape(-1), self._out[self._count : end])
-        self._count = end
-
-    @property
-    def array(self) -> NDArray[np.void] | None:
-        """All samples; None when some message has another layout."""
-        return None if self._other else self._out[: self._count]
+def parse(kind: type[Any], payload: bytes, topic: str) -> Any:
+    """One message; raises `Damaged` when the bytes are not one, `Oversized` for one that is longer than any of ours."""
+    if len(payload) > (most := largest_message()):
+        raise Oversized(f"{topic}: a message of {len(payload)} bytes, limit {most}; {OPTION} lifts the limit")
+    try:
+        return kind.FromString(payload)
+    except DecodeError as error:
+        raise Damaged(f"{topic}: a message cannot be decoded: {error}; run `lab verify`") from error
 
 
-# ------------------------------------------------------------------ order
-def ordered(keys: Sequence[NDArray[Any]], content: Callable[[int], bytes]) -> NDArray[np.int64]:
-    """Indices of n messages by keys of shape (n,), the last one first.
+def decode(message: MessageType, schema: Schema, payloads: Iterable[bytes], count: int) -> NDArray[np.void]:
+    """`count` messages to an array like `MessageType.decode`; sizes of arrays are those of the first message.
 
-    Messages that are equal in all keys are told apart by `content`; which of two equal ones comes first does not matter.
+    Fields that the file's schema does not have yet are NaN (numbers) or 0 (everything else). Raises `OtherVersion` when
+    the schema has none of the fields beside `t`, has them of another type, or arrays change their size.
     """
-    order = np.lexsort(keys).astype(np.int64)
-    same = np.all([np.diff(key[order]) == 0 for key in keys], axis=0)
-    for first, last in _runs(same):
-        order[first:last] = sorted(order[first:last].tolist(), key=content)
-    return order
+    kind = message_class(schema)
+    there = {field.name: field for field in kind.DESCRIPTOR.fields}
+    known = [field for field in message.fields if field.name in there]
+    if "t" not in there or len(known) < 2:
+        raise OtherVersion(
+            f"{message.topic}: the file's schema {schema.name} describes another message, with the fields {sorted(there)[:50]}"
+        )
+    for field in known:
+        if there[field.name].type != field.type or there[field.name].is_repeated != bool(field.shape):
+            raise OtherVersion(f"{message.topic}: field {field.name} has another type in the file")
+    out = None
+    for row, payload in enumerate(payloads):
+        parsed = parse(kind, payload, message.topic)
+        if out is None:
+            out = _table(message, parsed, known, count)
+        for field in known:
+            value = getattr(parsed, field.name)
+            if field.shape:
+                place = out[field.name][row]
+                if len(value) != place.size:
+                    raise OtherVersion(f"{message.topic}: field {field.name} changes its size within the file")
+                value = np.array(value).reshape(place.shape)
+            out[field.name][row] = value
+    return np.zeros(0, message.dtype) if out is None else out
 
 
-def _runs(same: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
-    """First and one past the last of each run of equal neighbours; same[i]: item i equals item i + 1."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], same, [False])).astype(np.int8)))
-    for first, last in edges.reshape(-1, 2).tolist():
-        yield first, last + 1
+def _table(message: MessageType, first: Any, known: Sequence[Field], count: int) -> NDArray[np.void]:
+    """Room for all messages, arrays as long as those of the first; NaN where the file has no such numbers."""
+    shapes = {}
+    for field in known:
+        if field.shape:  # its first dimension is free
+            length, width = len(getattr(first, field.name)), math.prod(field.shape[1:])
+            if length > MAX_NUMBERS or length % width:
+                limits = f"must be a multiple of {width} and at most {MAX_NUMBERS}"
+                raise OtherVersion(f"{message.topic}: an array of {length} numbers, {limits}")
+            shapes[field.name] = (length // width, *field.shape[1:])
+    out = np.zeros(count, message.sized(**shapes).dtype)
+    for field in message.fields:
+        if field not in known and field.kind == "double":
+            out[field.name] = np.nan
+    return out

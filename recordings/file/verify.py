@@ -15,22 +15,29 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from mcap.opcode import Opcode
+from mcap.records import AttachmentIndex, ChunkIndex, MetadataIndex, Statistics
 
 from ..errors import NotARecording, OtherVersion, Oversized, RecordingError
-from .chunks import MESSAGE, Chunk, Record
-from .contents import UNPARSABLE, Contents, Hole, attachment_crc
+from .chunks import UNPARSABLE, Chunk, Messages, Record
+from .contents import Contents, attachment_crc, mapped
 from .counts import below_zero, counted
-from .reader import Recording, mapped
-from .records import MAGIC, demand_mcap, records
-from .summary import check_summary
+from .reader import Recording
+from .records import MAGIC, Hole, records
 
 ENOUGH = 1000
 """Problems after which a file is not checked further."""
 INTACT, UNCOVERED, DAMAGED = "intact", "intact as far as checksums reach", "damaged"
-_LISTED = (Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.METADATA)
-_PAIR = struct.Struct("<QQ")
-_CRC = struct.Struct("<I")
+INDEXES: dict[int, tuple[Any, Opcode]] = {
+    Opcode.CHUNK_INDEX: (ChunkIndex, Opcode.CHUNK),
+    Opcode.ATTACHMENT_INDEX: (AttachmentIndex, Opcode.ATTACHMENT),
+    Opcode.METADATA_INDEX: (MetadataIndex, Opcode.METADATA),
+}
+"""Kind of index of the summary -> how it is read, and what it lists."""
+LISTED = [kind for _, kind in INDEXES.values()]
+_INDEX_HEAD = 15
+"""Bytes of a message index before its pairs: kind and length (9), channel (2), length of the pairs (4)."""
 _FOOTER = struct.Struct("<QQI")
 
 
@@ -84,7 +91,7 @@ class _Check:
     """Parts that no checksum covers."""
     oversized: Oversized | None = None
     """Why a part was not read."""
-    messages: dict[int, int] = field(default_factory=dict)
+    messages: Counter[int] = field(default_factory=Counter)
     """Count by channel."""
     places: dict[int, tuple[int, int]] = field(default_factory=dict)
     """Byte -> kind and length of the records that the summary may list."""
@@ -93,11 +100,8 @@ class _Check:
     data_end: int | None = None
     """Where the data section ends."""
     chunk: Chunk | None = None
-    """The chunk whose records or message indexes come next."""
-    expected: dict[int, list[tuple[int, int]]] = field(default_factory=dict)
-    """(log time, offset) of its messages by channel; what an index lists is taken out."""
-    times: list[int] = field(default_factory=list)
-    """Log times of its messages."""
+    """The chunk whose messages or message indexes come next, and the messages."""
+    held: Messages | None = None
 
     def problem(self, at: int, text: str) -> None:
         self.problems.append(Problem(at, text))
@@ -107,13 +111,16 @@ class _Check:
             if len(self.problems) >= ENOUGH:
                 return
             if isinstance(item, Hole):
+                self._close_chunk(whole=False)
                 if isinstance(item.error, Oversized):
                     self.oversized = self.oversized or item.error
                 elif item.end < len(self.data) or self.contents.finished:
                     self.problem(item.start, str(item.error))
-                self.chunk, self.expected, self.times = None, {}, []
-            elif item.source is not self.data:
-                self._in_chunk(item)
+            elif isinstance(item, Messages):
+                self.messages.update(item.heads["channel"].tolist())
+                self.bare["messages"] += len(item) * item.chunk.bare
+                if item.chunk is self.chunk:
+                    self.held = item
             else:
                 try:
                     self._record(item)
@@ -122,7 +129,9 @@ class _Check:
         self._close_chunk()
         if self.oversized is not None:
             self.problem(0, str(self.oversized))
-        self._definitions()
+        for number in self.messages.keys() - self.contents.channels.keys():
+            self.problem(0, f"messages of channel {number}, which is not described")
+        self.problems += [Problem(0, text) for text in self.contents.schemaless]
         if not self.contents.finished:
             end = self.contents.end
             left = f"{len(self.data) - end} bytes are left and the file was not finished"
@@ -136,20 +145,15 @@ class _Check:
             self._footer(record)
         elif self.data_end is not None:
             self.summary.append(record)
-        elif record.opcode == Opcode.MESSAGE:
-            self._count(MESSAGE.unpack_from(self.data, record.body)[0])
-            self.bare["messages"] += 1
         elif record.opcode == Opcode.CHUNK:
             self.chunk = self.chunks[record.start] = self.contents.chunks[-1]
             self.checksums += self.chunk.crc != 0
             self.bare["chunks"] += not self.chunk.crc
-        elif record.opcode == Opcode.MESSAGE_INDEX:
-            self._index(record)
         elif record.opcode == Opcode.ATTACHMENT:
             self.bare["attachments"] += not self._compare(record.start, *attachment_crc(record), "attachment")
         elif record.opcode == Opcode.DATA_END:
             self.data_end = record.start
-            (crc,) = _CRC.unpack_from(self.data, record.body)
+            (crc,) = struct.unpack_from("<I", self.data, record.body)
             computed = zlib.crc32(self.data[: record.start])
             if crc and crc == computed:
                 self.bare.clear()
@@ -158,8 +162,8 @@ class _Check:
             self._compare(record.start, computed, crc, "data section")
             if self.oversized is not None and crc in (0, computed):
                 raise self.oversized
-        if record.opcode in _LISTED:
-            self.places[record.start] = (record.opcode, record.end - record.start)
+        if record.opcode in LISTED:
+            self.places[record.start] = (record.opcode, record.size)
 
     def _without_chunks(self, end: int) -> int:
         """The checksum of the data section as some writers compute it: without what stands in chunks that have none."""
@@ -176,6 +180,30 @@ class _Check:
             self.problem(at, f"the checksum of the {what} is {computed:08x}, it was written as {stored:08x}")
         return stored != 0
 
+    def _close_chunk(self, whole: bool = True) -> None:
+        """Check the chunk's indexes: each lists what the chunk holds, and none is missing unless the file has none at all."""
+        chunk, held = self.chunk, self.held
+        self.chunk = self.held = None
+        if chunk is None or held is None:
+            return
+        there = dict(held.by_channel())
+        for channel, start, end in chunk.indexes:
+            own = there.pop(channel, held.which(slice(0)))
+            pairs = np.frombuffer(self.data[start:end], "<u8").reshape(-1, 2)
+            pairs = pairs[np.argsort(pairs[:, 1], kind="stable")]
+            if not np.array_equal(pairs, np.column_stack([own.heads["log"], own.starts.astype(np.uint64)])):
+                at = start - _INDEX_HEAD
+                self.problem(at, f"the index of channel {channel} lists other messages than its chunk holds")
+        times = held.heads["log"]
+        if not whole:
+            return
+        if len(times) and (times.min(), times.max()) != (chunk.first_time, chunk.last_time):
+            self.problem(chunk.start, "the times of the chunk differ from those of its messages")
+        if there and chunk.indexes:
+            missing = ", ".join(map(str, there))
+            self.problem(chunk.start, f"the chunk has no index of its messages of channel {missing}")
+
+    # -- the end
     def _footer(self, record: Record) -> None:
         end, size = record.end, record.end - record.body
         if self.data[end : end + len(MAGIC)] != MAGIC:
@@ -192,47 +220,48 @@ class _Check:
         begin = start or offsets or record.start
         summary = zlib.crc32(self.data[begin : record.body + 16])
         self.bare["summary"] += not self._compare(record.start, summary, crc, "summary") and bool(self.summary)
-        for at, text in check_summary(self.summary, self.places, self.chunks, self.messages):
-            self.problem(at, text)
+        listed: Counter[int] = Counter()
+        for item in self.summary:
+            try:
+                self._listed(item)
+                if item.opcode in INDEXES:
+                    listed[item.opcode] += 1
+            except UNPARSABLE as error:
+                self.problem(item.start, f"the record of kind {item.opcode} cannot be parsed: {error}")
+        for opcode, count in listed.items():
+            there = sum(kind == INDEXES[opcode][1] for kind, _ in self.places.values())
+            if count != there:
+                kind = Opcode(opcode).name.lower().replace("_", " ")
+                self.problem(self.summary[0].start, f"the summary lists {count} of {there} ({kind})")
 
-    def _definitions(self) -> None:
-        """What messages and channels refer to must be described somewhere in the file."""
-        channels, schemas = self.contents.channels, self.contents.schemas
-        for number in self.messages.keys() - channels.keys():
-            self.problem(0, f"messages of channel {number}, which is not described")
-        for channel in channels.values():
-            if channel.schema_id and channel.schema_id not in schemas:
-                self.problem(0, f"channel {channel.topic} names the schema {channel.schema_id}, which is missing")
-
-    # -- chunks
-    def _count(self, channel: int) -> None:
-        self.messages[channel] = self.messages.get(channel, 0) + 1
-
-    def _in_chunk(self, record: Record) -> None:
-        if record.opcode == Opcode.MESSAGE:
-            channel, _, log_time, _ = MESSAGE.unpack_from(record.source, record.body)
-            self.expected.setdefault(channel, []).append((log_time, record.start))
-            self.times.append(log_time)
-            self._count(channel)
-
-    def _index(self, record: Record) -> None:
-        if self.chunk is None or not self.chunk.indexes:
-            return
-        channel, start, end = self.chunk.indexes[-1]
-        there = self.expected.pop(channel, [])
-        if sorted(_PAIR.iter_unpack(self.data[start:end]), key=_offset) != there:
-            self.problem(record.start, f"the index of channel {channel} lists other messages than its chunk holds")
-
-    def _close_chunk(self) -> None:
-        """The chunk's indexes are over: none may be missing, unless the file has no message indexes at all."""
-        chunk = self.chunk
-        if chunk is not None:
-            if self.times and (min(self.times), max(self.times)) != (chunk.first_time, chunk.last_time):
-                self.problem(chunk.start, "the times of the chunk differ from those of its messages")
-            if self.expected and chunk.indexes:
-                missing = ", ".join(map(str, self.expected))
-                self.problem(chunk.start, f"the chunk has no index of its messages of channel {missing}")
-        self.chunk, self.expected, self.times = None, {}, []
+    def _listed(self, record: Record) -> None:
+        """Compare a record of the summary with what it counts or points to."""
+        if record.opcode == Opcode.STATISTICS:
+            stated, total = record.read(Statistics), self.messages.total()
+            counts = {channel: n for channel, n in stated.channel_message_counts.items() if n}
+            if stated.message_count != total or (counts and counts != self.messages):
+                self.problem(record.start, f"the summary counts {stated.message_count} messages, there are {total}")
+            if stated.chunk_count != len(self.chunks):
+                text = f"the summary counts {stated.chunk_count} chunks, there are {len(self.chunks)}"
+                self.problem(record.start, text)
+        elif record.opcode in INDEXES:
+            kind, target = INDEXES[record.opcode]
+            index = record.read(kind)
+            of_chunk = target == Opcode.CHUNK
+            at, length = (index.chunk_start_offset, index.chunk_length) if of_chunk else (index.offset, index.length)
+            if self.places.get(at) != (target, length):
+                what = f"no {target.name.lower()} of {length} bytes is"
+                self.problem(record.start, f"the summary points to byte {at}, where {what}")
+            elif of_chunk:
+                chunk, what = self.chunks[at], f"for the chunk at byte {at}"
+                times = (index.message_start_time, index.message_end_time)
+                sizes = (index.uncompressed_size, index.compressed_size)
+                there = (chunk.first_time, chunk.last_time, chunk.size, chunk.data_end - chunk.data_start)
+                if (*times, *sizes) != there:
+                    self.problem(record.start, f"the summary has other times or sizes {what}")
+                places = {channel: begin - _INDEX_HEAD for channel, begin, _ in chunk.indexes}
+                if index.message_index_offsets.items() - places.items():
+                    self.problem(record.start, f"the summary has other message indexes {what}")
 
     def uncovered(self) -> tuple[str, ...]:
         """Parts that no checksum covers."""
@@ -247,18 +276,13 @@ class _Check:
         return tuple(text for part, text in found.items() if bare[part])
 
 
-def _offset(pair: tuple[int, ...]) -> int:
-    return pair[1]
-
-
 def check(path: Path) -> Verification:
     """Check the records of a file, but not what its messages say; raises `NotARecording` or `Oversized`."""
     data = mapped(path)
-    demand_mcap(data, str(path))
     found = _Check(data, Contents(str(path), len(data)))
     found.walk()
     return Verification(
-        str(path), len(data), found.contents.finished, len(found.chunks), sum(found.messages.values()),
+        str(path), len(data), found.contents.finished, len(found.chunks), found.messages.total(),
         found.checksums, found.uncovered(), tuple(found.problems),
     )  # fmt: skip
 

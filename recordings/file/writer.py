@@ -27,11 +27,9 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
-from mcap.well_known import MessageEncoding, SchemaEncoding
 
 from .. import events
 from ..errors import BadMessage, RecordingError, WriteFailed
@@ -40,11 +38,11 @@ from ..states.buffer import KEEP, Buffers
 from ..states.rules import Crossing, State
 from ..states.zeros import Drift, Zeros
 from ..trials import TrialRow
+from ..views import PERIOD, VIEWS
 from .clocks import STAMP, fit, has_stamp
 from .counts import StreamCounts, Tally
 from .disk import Companion, Disk
 from .mcap_file import McapFile
-from .views import VIEWS, Pace
 
 FLUSH_PERIOD = 0.1
 """Host seconds between finished chunks."""
@@ -106,16 +104,15 @@ class Recorder:
         self._failure: BaseException | None = None
         self._outcome: dict[str, str] | None = None
         self._states = 0
-        self._paces = {topic: Pace() for topic in VIEWS}
+        self._views_due = dict.fromkeys(VIEWS, -math.inf)
+        """Stream -> rig time (s) of its next message that viewers see."""
         self._event_lock = threading.Lock()
         self._disk = Disk(self.path)
-        about = {
-            "schema_version": SCHEMA_VERSION,
-            "start_wall_ns": str(start_wall_ns),
-            "chambers": str(chambers),
-            "markers": str(markers),
+        about = {"start_wall_ns": str(start_wall_ns), "chambers": str(chambers), "markers": str(markers)}
+        self._metadata = {
+            "recording": {"schema_version": SCHEMA_VERSION, **about},
+            **{name: dict(texts) for name, texts in (metadata or {}).items()},
         }
-        self._metadata = {"recording": about, **{name: dict(texts) for name, texts in (metadata or {}).items()}}
         self._attachments = dict(attachments or {})
         if self._attachments:
             sums = {name: hashlib.sha256(data).hexdigest() for name, data in self._attachments.items()}
@@ -141,15 +138,13 @@ class Recorder:
     def _begin(self, ns: int) -> None:
         """Everything that must be on disk before the first sample; `ns`: rig time now."""
         self._mcap = mcap = self._headed(self._disk, self._metadata)
-        for message in self.messages.values():
-            schema = mcap.schema(message.full_name, SchemaEncoding.Protobuf, message.schema)
-            self._register(message.topic, schema, message.metadata)
-            if has_stamp(message.topic):
+        written: list[MessageType | events.EventType] = [*self.messages.values(), *events.EVENTS.values()]
+        for message in written:
+            topic, schema = self._topics[message.topic], mcap.schema(message.full_name, "protobuf", message.schema)
+            topic.channel = mcap.channel(message.topic, "protobuf", schema, message.metadata)
+            if isinstance(message, MessageType) and has_stamp(message.topic):
                 fields: Any = message.wire_dtype.fields
-                self._topics[message.topic].stamp_at = fields[STAMP][1]
-        for event in events.EVENTS.values():
-            schema = mcap.schema(event.full_name, SchemaEncoding.Protobuf, event.schema)
-            self._register(event.topic, schema, event.metadata)
+                topic.stamp_at = fields[STAMP][1]
         # Schemas and channels reach the file with the first message's chunk.
         first = events.encode_log(self.start_wall_ns + ns, "info", "recording starts", "recorder")
         self._queue.append(("/log", ns, first))
@@ -157,10 +152,6 @@ class Recorder:
         self._flush()
         self._disk.sync()
         self._disk.sync_name()
-
-    def _register(self, topic: str, schema: int, metadata: dict[str, str]) -> None:
-        channel = self._mcap.channel(topic, MessageEncoding.Protobuf, schema, metadata)
-        self._topics[topic].channel = channel
 
     # -- from any thread
     def push(self, topic: str, t: float, values: tuple[object, ...] | None = None, /, **fields: object) -> None:
@@ -186,7 +177,7 @@ class Recorder:
             self._queue.append((topic, ns, payload))
         else:
             self._topics[topic].refuse()
-            self._check()
+            self.check()
 
     def _in_order(self, message: MessageType, fields: Mapping[str, object]) -> tuple[object, ...]:
         if fields.keys() != set(message.value_names):
@@ -239,15 +230,16 @@ class Recorder:
         with entry.lock:
             entry.lost += count
 
-    def log(self, level: str, text: str, t: float | None = None, name: str = "lab") -> None:
+    def log(self, level: str, text: str, t: float | None = None) -> None:
         """A line on /log; `level` one of debug, info, warning, error, fatal; `t` (s) defaults to the newest stamp.
 
         The text is kept as it is, up to `events.LONGEST_TEXT` characters.
         """
+        self.check()
         if level not in events.LEVELS:
             raise BadMessage(f"log level {level!r} is unknown; one of {', '.join(events.LEVELS)}")
         ns = self._newest() if t is None else self._nanoseconds("/log", t)
-        self._event("/log", ns, events.encode_log(self.start_wall_ns + ns, level, events.bounded(text), name))
+        self._queue.append(("/log", ns, events.encode_log(self.start_wall_ns + ns, level, events.bounded(text), "lab")))
 
     def state(self, t: float, state: State, repeats: int = 0) -> int:
         """Record what is asked for, before it is read; returns the state's number in this recording. `repeats`: the number
@@ -263,38 +255,43 @@ class Recorder:
         with self._event_lock:
             self._states += 1
             number = self._states
-        self._event("/state", self._nanoseconds("/state", t), events.encode_state(t, number, state, repeats))
+        parts = (("vacuum", state.vacuum), ("bodies", state.bodies))
+        limits = {f"{part}_{name}": x for part, of in parts if of is not None for name, x in asdict(of).items()}
+        own = {"t": t, "number": number, "rule": state.rule_name, "json": state.to_json(), "repeats": repeats}
+        self._event(events.STATE, t, state, **own, **limits)
         return number
 
     def trial(self, t: float, number: int, row: TrialRow, repeats: int = 0) -> None:
         """Record the row that was concluded for state `number`."""
-        self._event("/trial", self._nanoseconds("/trial", t), events.encode_trial(t, number, row, repeats))
+        self._event(events.TRIAL, t, row, t=t, number=number, json=row.to_json(), repeats=repeats)
 
     def zero(self, t: float, zeros: Zeros, drift: Drift) -> None:
         """Record how the force sensor's zero moved during a trial."""
-        self._event("/zero", self._nanoseconds("/zero", t), events.encode_zero(t, zeros, drift))
+        self._event(events.ZERO, t, zeros, t=t, drift=drift.force, rate=drift.rate, linear=drift.linear)
 
     def mark(self, mark: events.Mark) -> None:
         """Record why the states that a trial has up to now are in doubt."""
-        self._event("/mark", self._nanoseconds("/mark", mark.t), events.encode_mark(mark))
+        self._event(events.MARK, mark.t, mark, text=events.bounded(mark.text))
 
     def request(self, request: events.Request) -> None:
         """Record what somebody asked of the run, or that it was carried out; from any thread."""
-        self._event("/request", self._nanoseconds("/request", request.t), events.encode_request(request))
+        texts = {name: events.bounded(getattr(request, name)) for name in ("kind", "by", "text")}
+        self._event(events.REQUEST, request.t, request, **texts)
 
     def progress(self, t: float, steps: int, steps_planned: int, seconds: float, seconds_planned: float) -> None:
         """Record how much of the plan is done: steps, and s of rig time."""
-        payload = events.encode_progress(t, steps, steps_planned, seconds, seconds_planned)
-        self._event("/progress", self._nanoseconds("/progress", t), payload)
+        planned = {"steps_planned": steps_planned, "seconds_planned": seconds_planned}
+        self._event(events.PROGRESS, t, t=t, steps=steps, seconds=seconds, **planned)
 
     def _newest(self) -> int:
         with self.buffers.lock:
             return max(*(ns for _, ns, _ in self._not_taken()), *(entry.last for entry in self._topics.values()))
 
-    def _event(self, topic: str, ns: int, payload: bytes) -> None:
-        """Events are few, and neither dropped for their order nor for a full queue."""
-        self._check()
-        self._queue.append((topic, ns, payload))
+    def _event(self, event: events.EventType, at: float, source: object = None, **fields: object) -> None:
+        """Record an event of rig time `at` (s), see `events.encoded`. They are few, and neither dropped for their order nor for
+        a full queue."""
+        self.check()
+        self._queue.append((event.topic, self._nanoseconds(event.topic, at), events.encoded(event, source, **fields)))
 
     def _waiting(self, topic: str) -> list[tuple[float, bytes]]:
         """What the writer has not taken yet of a stream, in order: stamps (s) and payloads; `buffers.lock` is held."""
@@ -311,18 +308,15 @@ class Recorder:
 
     def sync(self) -> None:
         """Return when everything pushed so far is on the disk; raises `WriteFailed` when it does not get there."""
-        self._check()
+        self.check()
         done = threading.Event()
         self._queue.append(done)
         self._wake.set()
         while not done.wait(0.1):
-            self._check()
+            self.check()
 
     def check(self) -> None:
         """Raises `WriteFailed` when the file can no longer be written."""
-        self._check()
-
-    def _check(self) -> None:
         if self._failure is not None:
             raise WriteFailed(
                 f"{self.path}: recording stopped: {self._failure}; what was written before stays readable with "
@@ -380,7 +374,8 @@ class Recorder:
             self.buffers[topic].append(ns / 1e9, payload)
         entry.note(ns, payload)
         self._mcap.message(entry.channel, entry.generated & 0xFFFFFFFF, self.start_wall_ns + ns, payload)
-        if topic in self._paces and self._paces[topic].due(ns / 1e9):
+        if topic in VIEWS and ns / 1e9 >= self._views_due[topic]:
+            self._views_due[topic] = ns / 1e9 + PERIOD
             self._put_views(topic, ns, payload)
 
     def _put_views(self, stream: str, ns: int, payload: bytes) -> None:
@@ -457,7 +452,7 @@ class Recorder:
             disk.give_up()
             path.unlink(missing_ok=True)
             raise
-        self._disk.abandon()
+        self._disk.give_up(cut=False)
         self._disk, self._mcap, self._metadata, self.path = disk, mcap, metadata, path
         return lost
 
@@ -487,12 +482,12 @@ class Recorder:
 
     def _clocks(self) -> dict[str, str]:
         """The model of each instrument's clock, as JSON text by topic."""
-        stamped = {name: topic for name, topic in self._topics.items() if topic.stamp_at is not None}
         models = {
             name: fit(np.array(topic.device_stamps), np.array(topic.stamps, np.int64) / 1e9)
-            for name, topic in stamped.items()
+            for name, topic in self._topics.items()
+            if topic.stamp_at is not None
         }
-        return {name: json.dumps(model.to_dict()) for name, model in models.items() if model is not None}
+        return {name: json.dumps(asdict(model)) for name, model in models.items() if model is not None}
 
     def counts(self) -> dict[str, StreamCounts]:
         """What became of each topic's messages so far."""
@@ -518,15 +513,13 @@ class Recorder:
             self._wake.set()
         self._thread.join()
         if self._failure is not None:
-            self._check()
+            self.check()
         return self.counts()
 
     def __enter__(self) -> Recorder:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         if error is None:
             self.close("completed")
             return

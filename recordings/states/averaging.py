@@ -7,16 +7,19 @@ floats.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import NotSettled
+
 Quaternion = tuple[float, float, float, float]
 Vector3 = tuple[float, float, float]
 Numbers = NDArray[np.float64]
+SAME_AXES = (0.0, 0.0, 0.0)
+"""Rotation vector of a force sensor whose axes are those of the TCP."""
 
 
 @dataclass(frozen=True)
@@ -27,46 +30,35 @@ class Estimate:
     sd: float
 
 
-class Estimator(Protocol):
-    """How one number is made of a quantity's samples."""
-
-    def __call__(self, t: Numbers, x: Numbers) -> Estimate:
-        """`t` stamps (s) and `x` values, both shape (n,); samples that are NaN do not count."""
+Estimator = Callable[[Numbers, Numbers], Estimate]
+"""How one number is made of a quantity's stamps (s) and values, both shape (n,); samples that are NaN do not count."""
 
 
-@dataclass(frozen=True)
-class Mean:
+def mean(t: Numbers, x: Numbers) -> Estimate:
     """The mean, for a quantity at rest."""
-
-    def __call__(self, t: Numbers, x: Numbers) -> Estimate:
-        values = x[np.isfinite(x)].tolist()
-        n = len(values)
-        if not n:
-            return Estimate(math.nan, math.nan)
-        mean = math.fsum(values) / n
-        squares = math.fsum((v - mean) ** 2 for v in values)
-        return Estimate(mean, math.sqrt(squares / (n - 1)) if n > 1 else math.nan)
+    values = x[np.isfinite(x)].tolist()
+    n = len(values)
+    if not n:
+        return Estimate(math.nan, math.nan)
+    middle = math.fsum(values) / n
+    squares = math.fsum((v - middle) ** 2 for v in values)
+    return Estimate(middle, math.sqrt(squares / (n - 1)) if n > 1 else math.nan)
 
 
-@dataclass(frozen=True)
-class Line:
+def line(at: float, t: Numbers, x: Numbers) -> Estimate:
     """The least-squares line through the samples, taken at time `at` (s), for a quantity that ramps."""
-
-    at: float
-
-    def __call__(self, t: Numbers, x: Numbers) -> Estimate:
-        use = np.isfinite(x)
-        values, times = x[use].tolist(), [stamp - self.at for stamp in t[use].tolist()]
-        n = len(values)
-        if not n:
-            return Estimate(math.nan, math.nan)
-        mean, middle = math.fsum(values) / n, math.fsum(times) / n
-        spread = math.fsum((s - middle) ** 2 for s in times)
-        slope = 0.0
-        if spread > 0:
-            slope = math.fsum((s - middle) * (v - mean) for s, v in zip(times, values, strict=True)) / spread
-        residual = math.fsum((v - mean - slope * (s - middle)) ** 2 for s, v in zip(times, values, strict=True))
-        return Estimate(mean - slope * middle, math.sqrt(residual / (n - 2)) if n > 2 else math.nan)
+    use = np.isfinite(x)
+    values, times = x[use].tolist(), [stamp - at for stamp in t[use].tolist()]
+    n = len(values)
+    if not n:
+        return Estimate(math.nan, math.nan)
+    mean, middle = math.fsum(values) / n, math.fsum(times) / n
+    spread = math.fsum((s - middle) ** 2 for s in times)
+    slope = 0.0
+    if spread > 0:
+        slope = math.fsum((s - middle) * (v - mean) for s, v in zip(times, values, strict=True)) / spread
+    residual = math.fsum((v - mean - slope * (s - middle)) ** 2 for s, v in zip(times, values, strict=True))
+    return Estimate(mean - slope * middle, math.sqrt(residual / (n - 2)) if n > 2 else math.nan)
 
 
 def mean_quaternion(quaternions: Sequence[Sequence[float]]) -> Quaternion:
@@ -97,7 +89,7 @@ def line_quaternion(at: float, t: Numbers, quaternions: NDArray[np.float64]) -> 
     first = quaternions[0]
     side = quaternions @ first < 0
     aligned = np.where(side[:, None], -quaternions, quaternions)
-    return _positive(_unit([Line(at)(t, aligned[:, i]).value for i in range(4)]))
+    return _positive(_unit([line(at, t, aligned[:, i]).value for i in range(4)]))
 
 
 def _unit(q: Sequence[float]) -> Quaternion:
@@ -131,3 +123,20 @@ def turned_back(q: Quaternion, v: Sequence[float]) -> Vector3:
         2 * (x * y - w * z) * a + (1 - 2 * (x * x + z * z)) * b + 2 * (y * z + w * x) * c,
         2 * (x * z + w * y) * a + 2 * (y * z - w * x) * b + (1 - 2 * (x * x + y * y)) * c,
     )
+
+
+def along_push(
+    direction: Sequence[float], wrench: Numbers, poses: Numbers, sensor_rotation: Sequence[float] = SAME_AXES
+) -> Numbers:
+    """(n,) N: force on the specimen along the push, from what the sensor measures.
+
+    `direction`: unit vector, arm base frame. `wrench`: (n, 6) N and N m, sensor frame. `poses`: (k, 6) of the TCP at about
+    that time; their mean orientation counts. `sensor_rotation`: rotation vector (rad) from the sensor's frame to the TCP's.
+    Raises NotSettled for poses without orientation.
+    """
+    try:
+        tcp = mean_quaternion([from_rotation_vector(pose) for pose in poses[:, 3:].tolist()])
+    except ValueError as error:
+        raise NotSettled(f"orientation on /arm: {error}; check the network to the arm's controller") from error
+    x, y, z = turned_back(from_rotation_vector(sensor_rotation), turned_back(tcp, direction))
+    return np.asarray(-(wrench[:, 0] * x + wrench[:, 1] * y + wrench[:, 2] * z))

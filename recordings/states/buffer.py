@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -21,9 +20,6 @@ BLOCK = 1024
 """Messages that lie end to end. What is full stays where it is: nobody waits while it is moved."""
 
 
-Waiting = Callable[[str], Sequence[tuple[float, bytes]]]
-
-
 class Streams(Protocol):
     """Where a reading takes its samples from: the run in progress or a file."""
 
@@ -35,11 +31,10 @@ class Streams(Protocol):
 
 
 class _Block:
-    """So many messages of one size, with their stamps; what was written does not change."""
+    """So many messages of one size, with their stamps."""
 
     def __init__(self, size: int) -> None:
         self.count = 0
-        """Messages written; raised after they are."""
         self.stamps = np.empty(BLOCK)
         self.bytes = np.empty((BLOCK, size), np.uint8)
         self.raw = self.bytes.data.cast("B")
@@ -48,73 +43,53 @@ class _Block:
     def newest(self) -> float:
         return float(self.stamps[self.count - 1]) if self.count else -math.inf
 
-    def window(self, t0: float, t1: float) -> NDArray[np.uint8]:
-        """(messages, size) of those with t0 <= t <= t1."""
-        count = self.count
-        stamps = self.stamps[:count]
-        return self.bytes[np.searchsorted(stamps, t0) : np.searchsorted(stamps, t1, side="right")]
-
-
-@dataclass(frozen=True)
-class _Held:
-    """The blocks that are in memory, oldest first; at least one."""
-
-    blocks: tuple[_Block, ...]
-    forgotten: float = -math.inf
-    """Stamp of the newest message that is no longer held."""
-
 
 class Buffer:
-    """One topic's messages, as bytes, with their stamps. One thread appends, any may look at the same time."""
+    """One topic's messages, as bytes, with their stamps. Where several threads use it, each holds the lock of `Buffers`."""
 
     def __init__(self, message: MessageType, keep: float) -> None:
         self.message = message
         self.keep = keep
-        self._held = _Held((_Block(message.size),))
+        self._blocks = [_Block(message.size)]
+        """Oldest first."""
+        self._forgotten = -math.inf
+        """Stamp of the newest message that is no longer held."""
 
     @property
     def newest(self) -> float:
         """Stamp of the newest message, s; -inf while there is none."""
-        held = self._held
-        return max(held.blocks[-1].newest, held.blocks[-2].newest if len(held.blocks) > 1 else -math.inf)
+        return max(block.newest for block in self._blocks[-2:])
 
     def append(self, t: float, payload: bytes) -> None:
-        """Add one message; stamps must not go backwards."""
-        size = self.message.size
-        block = self._held.blocks[-1]
+        """Add one message; stamps must not go backwards. Blocks of which all is older than `keep` are forgotten."""
+        size, block = self.message.size, self._blocks[-1]
         if block.count == BLOCK:
-            block = self._another(t)
+            while len(self._blocks) > 1 and self._blocks[0].newest < t - self.keep:
+                self._forgotten = self._blocks.pop(0).newest
+            block = _Block(size)
+            self._blocks.append(block)
         place = block.count
         block.stamps[place] = t
         block.raw[place * size : (place + 1) * size] = payload
         block.count = place + 1
 
-    def _another(self, t: float) -> _Block:
-        """A block more; blocks of which all is older than `keep` are forgotten."""
-        held, block = self._held, _Block(self.message.size)
-        old = [b for b in held.blocks[:-1] if b.newest < t - self.keep]
-        forgotten = old[-1].newest if old else held.forgotten
-        self._held = _Held((*held.blocks[len(old) :], block), forgotten)
-        return block
-
     def window(self, t0: float, t1: float, newer: Sequence[tuple[float, bytes]] = ()) -> NDArray[np.void]:
         """Messages with t0 <= t <= t1, decoded, followed by those of `newer` (stamp, payload) in that time; `RecordingError` when
         some of them are forgotten."""
-        held = self._held
-        if -math.inf < held.forgotten >= t0:
+        if -math.inf < self._forgotten >= t0:
             raise RecordingError(
                 f"{self.message.topic}: samples from {t0:.3f} s are no longer in memory "
                 f"(kept: {self.keep:g} s); read the state sooner or keep more"
             )
         parts: list[NDArray[np.uint8]] = []
-        for block in reversed(held.blocks):
-            parts.append(block.window(t0, t1))
-            if block.count and block.stamps[0] < t0:
+        for block in reversed(self._blocks):
+            stamps = block.stamps[: block.count]
+            parts.append(block.bytes[np.searchsorted(stamps, t0) : np.searchsorted(stamps, t1, side="right")])
+            if block.count and stamps[0] < t0:
                 break
         waiting = b"".join(payload for t, payload in newer if t0 <= t <= t1)
-        return self.message.decode(
-            np.concatenate([*(p.reshape(-1) for p in parts[::-1]), np.frombuffer(waiting, np.uint8)])
-        )
+        held = [part.reshape(-1) for part in parts[::-1]]
+        return self.message.decode(np.concatenate([*held, np.frombuffer(waiting, np.uint8)]))
 
 
 class Buffers:
@@ -125,7 +100,10 @@ class Buffers:
     """
 
     def __init__(
-        self, messages: dict[str, MessageType], keep: float = KEEP, waiting: Waiting = lambda topic: ()
+        self,
+        messages: dict[str, MessageType],
+        keep: float = KEEP,
+        waiting: Callable[[str], Sequence[tuple[float, bytes]]] = lambda topic: (),
     ) -> None:
         self.lock = threading.Lock()
         self._buffers = {topic: Buffer(message, keep) for topic, message in messages.items()}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,20 +12,11 @@ from numpy.typing import NDArray
 from ..errors import Misplaced, NoResistance, NotSettled, TooFewSamples, VacuumLost
 from ..messages import SENSORS
 from ..trials import TrialRow
-from .averaging import (
-    Estimate,
-    Estimator,
-    Line,
-    Mean,
-    line_quaternion,
-    mean_quaternion,
-)
-from .bodies import jumped, places_of, too_far
+from .averaging import Estimate, Estimator, along_push, line, line_quaternion, mean, mean_quaternion
 from .buffer import Streams
-from .pushing import along_push
+from .demands import jumped, left_band, places_of, too_far
 from .rules import LARGEST, Crossing, Probe, Settled, State, Window
 from .settling import Span, crossing_window, fixed_window, settled_window, tracked
-from .vacuum import left_band
 
 Samples = NDArray[np.void]
 
@@ -52,12 +44,9 @@ def sensor_column(topic: str, quantity: str) -> str:
     return f"sensor_{topic.removeprefix(SENSORS)}_{quantity}"
 
 
-Count = Callable[[int], object]
-"""Told how many samples are about to be averaged."""
-
-
-def conclude(streams: Streams, state: State, count: Count = lambda _: None) -> TrialRow | None:
-    """Read a state: its row, or None while samples are missing that may still come.
+def conclude(streams: Streams, state: State, count: Callable[[int], object] = lambda _: None) -> TrialRow | None:
+    """Read a state: its row, or None while samples are missing that may still come. `count` is told how many samples are about to
+    be averaged.
 
     Depends on the samples up to the end of the window only: the same row whenever it is asked for, live or from a file.
     Raises `NotSettled` when the rule can no longer be met, `TooFewSamples` when its window holds too few, `VacuumLost` as
@@ -129,10 +118,10 @@ def _demand_places(streams: Streams, state: State, span: Span) -> None:
         )
 
 
-def _row(streams: Streams, state: State, span: Span, count: Count) -> TrialRow:
+def _row(streams: Streams, state: State, span: Span, count: Callable[[int], object]) -> TrialRow:
     """Average every stream that the state relies on over the span."""
     rule = state.rule
-    estimate: Estimator = Line(span.at) if isinstance(rule, Crossing) else Mean()
+    estimate: Estimator = partial(line, span.at) if isinstance(rule, Crossing) else mean
     own = tuple(filter(of_sensor, state.topics))
     slow = own if isinstance(rule, Settled) else SLOW + own
     starts = {topic: min(span.t0, span.t1 - SLOW_BACK) if topic in slow else span.t0 for topic in state.topics}
@@ -162,13 +151,13 @@ def _row(streams: Streams, state: State, span: Span, count: Count) -> TrialRow:
     if tip is not None:
         measured |= dict(zip("xyz", _each(estimate, tip, "position"), strict=True))
     if (spine := samples.get("/spine")) is not None:
-        measured["spine_length"] = Mean()(spine["t"], spine["length"])
+        measured["spine_length"] = mean(spine["t"], spine["length"])
     if (vacuum := samples.get("/vacuum")) is not None:
-        absolute = Mean()(vacuum["t"], vacuum["absolute"])
+        absolute = mean(vacuum["t"], vacuum["absolute"])
         measured["vacuum"] = Estimate(state.ambient - absolute.value, absolute.sd)
     for topic in own:
         for name in (samples[topic].dtype.names or ())[1:]:
-            measured[sensor_column(topic, name)] = Mean()(samples[topic]["t"], samples[topic][name])
+            measured[sensor_column(topic, name)] = mean(samples[topic]["t"], samples[topic][name])
     if state.probe is not None:
         force, deflection = _push(estimate, state.probe, samples["/force"], samples["/arm"])
         measured |= {"force": force, "deflection": deflection}
@@ -177,30 +166,17 @@ def _row(streams: Streams, state: State, span: Span, count: Count) -> TrialRow:
                 f"the force rose by {force.value:.2f} N since the first contact, expected are {state.least_force:.2f} N or more"
             )
     value = {name: e.value for name, e in measured.items()}
+    asked = ("trial", "step", "protocol", "repeat", "branch", "rate", "tip_mass", "roll_deg", "specimen", "clipped")
     return TrialRow(
-        trial=state.trial,
-        step=state.step,
-        protocol=state.protocol,
-        repeat=state.repeat,
-        branch=state.branch,
-        t=span.at,
-        rate=state.rate,
-        hold=0.0 if isinstance(rule, Crossing) else max(0.0, span.at - state.ramp_end),
-        spine_length=value.get("spine_length", state.spine_length),
-        vacuum=value.get("vacuum"),
-        tip_mass=state.tip_mass,
-        roll_deg=state.roll_deg,
-        pressures=pressures,
+        **{name: getattr(state, name) for name in asked},
+        t=span.at, hold=0.0 if isinstance(rule, Crossing) else max(0.0, span.at - state.ramp_end), pressures=pressures,
+        spine_length=value.get("spine_length", state.spine_length), vacuum=value.get("vacuum"),
         tip=None if tip is None else (value["x"], value["y"], value["z"]),
         orientation=None if tip is None else _orientation(rule, span, tip),
-        markers=() if tip is None else _markers(estimate, tip),
-        specimen=state.specimen,
-        force=value.get("force"),
-        deflection=value.get("deflection"),
-        clipped=state.clipped,
+        markers=() if tip is None else _markers(estimate, tip), force=value.get("force"), deflection=value.get("deflection"),
         sensors={name: v for name, v in value.items() if name.startswith("sensor_")},
         sd={name: e.sd for name, e in measured.items() if e.sd == e.sd},
-    )
+    )  # fmt: skip
 
 
 def _demand_numbers(topic: str, samples: Samples) -> None:
@@ -234,13 +210,11 @@ def _orientation(rule: Settled | Window | Crossing, span: Span, tip: Samples) ->
         raise NotSettled(f"orientation on /tip: {error}; check the body's definition in the camera software") from error
 
 
-def _markers(estimate: Estimator, tip: Samples) -> tuple[tuple[float, float, float], ...]:
-    places: Any = tip["markers"]
-    out = []
-    for i in range(places.shape[1]):
-        x, y, z = (estimate(tip["t"], places[:, i, axis]).value for axis in range(3))
-        out.append((x, y, z))
-    return tuple(out)
+def _markers(estimate: Estimator, tip: Samples) -> tuple[Any, ...]:
+    places = tip["markers"]
+    return tuple(
+        tuple(estimate(tip["t"], places[:, i, axis]).value for axis in range(3)) for i in range(places.shape[1])
+    )
 
 
 def _push(estimate: Estimator, probe: Probe, force: Samples, arm: Samples) -> tuple[Estimate, Estimate]:

@@ -3,11 +3,6 @@
 A state holds everything a reading needs besides the samples: where to look in time (`rule`), which streams the reading
 relies on (`topics`), and the columns that are set rather than measured. With it the reading can be done again from the
 file.
-
-Rules
-- `Settled`: read once the robot has come to rest after `t_start`.
-- `Window`: read at a fixed time after `t_start` (creep and hold readings; force at a stiffness step).
-- `Crossing`: read while ramping, when the driven chambers' mean pressure first crosses a level after `t_start`.
 """
 
 from __future__ import annotations
@@ -21,8 +16,7 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 from ..errors import BadMessage
 from ..json_text import read_json
 from ..messages import STREAMS, is_stream
-from .bodies import Bodies
-from .vacuum import VacuumBand
+from .demands import Bodies, VacuumBand
 
 PROTOCOL = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,39}")
 PROTOCOL_IS = "must be letters, digits, _ and -, at most 40"
@@ -89,11 +83,7 @@ class Crossing:
 
 
 Rule = Settled | Window | Crossing
-_RULES: dict[str, type[Settled] | type[Window] | type[Crossing]] = {
-    "settled": Settled,
-    "window": Window,
-    "crossing": Crossing,
-}
+_RULES: dict[str, type[Rule]] = {"settled": Settled, "window": Window, "crossing": Crossing}
 
 
 @dataclass(frozen=True)
@@ -164,16 +154,16 @@ class State:
                 _one_of("topic", topic, tuple(STREAMS))
         if self.specimen is not None:
             _one_of("specimen", self.specimen, SPECIMENS)
-        if isinstance(self.rule, Settled) and not {"/pressure", "/tip"} <= set(self.topics):
-            raise BadMessage(f"state {self.trial}/{self.step}: rule settled needs /pressure and /tip among the topics")
-        if isinstance(self.rule, Crossing) and "/pressure" not in self.topics:
-            raise BadMessage(f"state {self.trial}/{self.step}: rule crossing needs /pressure among the topics")
-        if self.probe is not None and not {"/force", "/arm"} <= set(self.topics):
-            raise BadMessage(f"state {self.trial}/{self.step}: a probe needs /force and /arm among the topics")
-        if self.vacuum is not None and "/vacuum" not in self.topics:
-            raise BadMessage(f"state {self.trial}/{self.step}: a vacuum to keep needs /vacuum among the topics")
-        if self.bodies is not None and "/tip" not in self.topics:
-            raise BadMessage(f"state {self.trial}/{self.step}: bodies to judge need /tip among the topics")
+        for what, there, needed in (
+            ("rule settled needs", isinstance(self.rule, Settled), ("/pressure", "/tip")),
+            ("rule crossing needs", isinstance(self.rule, Crossing), ("/pressure",)),
+            ("a probe needs", self.probe is not None, ("/force", "/arm")),
+            ("a vacuum to keep needs", self.vacuum is not None, ("/vacuum",)),
+            ("bodies to judge need", self.bodies is not None, ("/tip",)),
+        ):
+            if there and not set(needed) <= set(self.topics):
+                of = f"state {self.trial}/{self.step}"
+                raise BadMessage(f"{of}: {what} {' and '.join(needed)} among the topics")
         if self.least_force is not None and self.probe is None:
             raise BadMessage(f"state {self.trial}/{self.step}: a least force needs a probe")
 

@@ -72,11 +72,13 @@ def settled_window(
         good = np.ones(len(ends), dtype=bool)
         for topic, times in stamps.items():
             good &= _longest_pause_ok(times, begins, ends, _pause(rule, topic))
-        good &= _count(far, pressure["t"], begins, ends) == 0
+        first, last = _bounds(pressure["t"], begins, ends)
+        too_far = np.concatenate(([0], np.cumsum(far)))
+        good &= too_far[last] == too_far[first]
         good &= _extent(tip, begins, ends, rule.smooth) <= rule.still_distance
     if good.any():
-        first = int(np.argmax(good))
-        t0, t1 = float(begins[first]), float(ends[first])
+        at = int(np.argmax(good))
+        t0, t1 = float(begins[at]), float(ends[at])
         return Span(t0, t1, (t0 + t1) / 2)
     if watermark > end:
         raise NotSettled(_why_not(pressure, tip, stamps, targets, rule, end))
@@ -99,10 +101,7 @@ def crossing_window(
     Raises `NotSettled` when the level was passed before `t_start` or is not crossed within the time-out.
     """
     t = pressure["t"]
-    mean = np.zeros(len(t))
-    for chamber in rule.chambers:
-        mean += pressure["measured"][:, chamber]
-    mean /= len(rule.chambers)
+    mean: Numbers = np.asarray(sum(pressure["measured"][:, chamber] for chamber in rule.chambers) / len(rule.chambers))
     over = mean >= rule.level if rule.rising else mean <= rule.level
     way = "above" if rule.rising else "below"
     if len(over) and over[0]:
@@ -112,12 +111,15 @@ def crossing_window(
         )
     i = int(np.argmax(over)) if over.any() else -1
     if i < 0 or t[i] > t_start + rule.timeout:
-        if watermark > t_start + rule.timeout:
-            raise NotSettled(
-                f"chambers {_names(rule.chambers)} did not get {way} {rule.level:.0f} Pa within {rule.timeout:g} s"
-                f"{_best(mean, rule)}; check supply and ramp, or raise the time-out"
-            )
-        return None
+        if watermark <= t_start + rule.timeout:
+            return None
+        finite, best = mean[np.isfinite(mean)], ""
+        if len(finite):
+            best = f", highest {finite.max():.0f} Pa" if rule.rising else f", lowest {finite.min():.0f} Pa"
+        raise NotSettled(
+            f"chambers {_names(rule.chambers)} did not get {way} {rule.level:.0f} Pa within {rule.timeout:g} s{best}; "
+            "check supply and ramp, or raise the time-out"
+        )
     share = (rule.level - mean[i - 1]) / (mean[i] - mean[i - 1])
     at = float(t[i - 1] + share * (t[i] - t[i - 1]))
     t0, t1 = max(t_start, at - rule.average / 2), at + rule.average / 2
@@ -136,24 +138,9 @@ def _names(chambers: Sequence[int]) -> str:
     return ", ".join(f"p{chamber + 1}" for chamber in chambers)
 
 
-def _best(mean: Numbers, rule: Crossing) -> str:
-    """How near the level the chambers' mean (Pa) came."""
-    finite = mean[np.isfinite(mean)]
-    if not len(finite):
-        return ""
-    return f", {'highest' if rule.rising else 'lowest'} {finite.max() if rule.rising else finite.min():.0f} Pa"
-
-
 def _bounds(times: Numbers, begins: Numbers, ends: Numbers) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Samples first..last-1 lie in each window."""
     return np.searchsorted(times, begins), np.searchsorted(times, ends, side="right")
-
-
-def _count(flags: NDArray[np.bool_], times: Numbers, begins: Numbers, ends: Numbers) -> NDArray[np.int64]:
-    """How many flagged samples lie in each window."""
-    total = np.concatenate(([0], np.cumsum(flags)))
-    first, last = _bounds(times, begins, ends)
-    return np.asarray(total[last] - total[first])
 
 
 def _longest_pause_ok(times: Numbers, begins: Numbers, ends: Numbers, limit: float) -> NDArray[np.bool_]:

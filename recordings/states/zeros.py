@@ -9,13 +9,13 @@ a line; at another pace (a step, a sensor that warms up) no line is right, and t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from ..errors import NotSettled, TooFewSamples
 from ..trials import TrialRow
+from .averaging import along_push
 from .buffer import Streams
-from .pushing import along_push
 
 SIGMAS = 4.0
 """Standard errors by which two paces must differ to count as different: one constant drift in 15 000 is mistaken."""
@@ -61,9 +61,6 @@ class Drift:
     """N/s over that time."""
     linear: bool
     """It moved at a constant pace, as far as the readings can tell."""
-
-
-Read = Callable[[Span], Unloaded | None]
 
 
 def unloaded(streams: Streams, direction: Sequence[float], span: Span) -> Unloaded | None:

@@ -216,7 +216,7 @@ def test_the_tip_that_is_expected_is_that_of_the_model_at_the_newest_pressures(t
 def test_who_takes_nothing_costs_nobody_else_a_message(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(foxglove_server, "WAITING", 400)
     with Tail(RECORDING) as tail:
-        tail.read(1)
+        tail.read()
         contents = tail.contents
     (number,) = [n for n, channel in contents.channels.items() if channel.topic == "/log"]
     with Foxglove(LOOPBACK, 0) as foxglove:

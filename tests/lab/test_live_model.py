@@ -127,8 +127,8 @@ def test_a_prediction_has_no_tip_where_none_was_seen_at_its_moment(tmp_path: Pat
         recorder.push("/pressure", 3.0 + 2 * SAME_MOMENT, ((6e3,) * 9, (6e3,) * 9))
     picture, found = Picture(About("run.mcap")), []
     with Tail(recorder.path) as tail:
-        while pieces := tail.read(1):
-            picture.take(pieces)
+        for piece in tail.read():
+            picture.take([piece])
             if (question := picture.question()) is not None:
                 found.append((question[0]["now"]["pressures"][0], question[1]["measured"]))
     seen = dict(found)

@@ -15,8 +15,8 @@ from recordings.campaign.replay import compare, replay
 from recordings.errors import BadMessage, Misplaced
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
-from recordings.states.bodies import Bodies, elsewhere
 from recordings.states.concluding import conclude
+from recordings.states.demands import Bodies, elsewhere
 from recordings.states.rules import State, Window
 
 ARCS = (0.4, 0.1, 0.2, 0.3)

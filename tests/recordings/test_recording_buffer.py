@@ -7,7 +7,7 @@ import threading
 import numpy as np
 
 from recordings.messages import streams
-from recordings.states.buffer import BLOCK, Buffer
+from recordings.states.buffer import BLOCK, Buffer, Buffers
 
 COUNT = 5 * BLOCK + 7
 
@@ -16,8 +16,8 @@ def valve(keep: float) -> Buffer:
     return Buffer(streams(9, 0, ())["/valve"], keep)
 
 
-def append(buffer: Buffer, count: int = COUNT) -> None:
-    for k in range(count):
+def append(buffer: Buffer) -> None:
+    for k in range(COUNT):
         buffer.append(float(k), buffer.message.encode(float(k), (k % 2 == 0,)))
 
 
@@ -32,12 +32,18 @@ def test_windows_are_whole_across_blocks() -> None:
 
 
 def test_who_looks_while_samples_come_sees_all_up_to_some_moment() -> None:
-    buffer = valve(1e9)
-    writer = threading.Thread(target=append, args=(buffer,))
+    buffers = Buffers(streams(9, 0, ()), 1e9)
+
+    def come() -> None:
+        for k in range(COUNT):
+            with buffers.lock:
+                buffers["/valve"].append(float(k), buffers["/valve"].message.encode(float(k), (k % 2 == 0,)))
+
+    writer = threading.Thread(target=come)
     writer.start()
     while True:
-        alive, newest = writer.is_alive(), buffer.newest
-        seen = buffer.window(0.0, np.inf)["t"]
+        alive, newest = writer.is_alive(), buffers.newest("/valve")
+        seen = buffers.window("/valve", 0.0, np.inf)["t"]
         assert seen.tolist() == list(range(len(seen))) and (newest == -np.inf or len(seen) > newest)
         if not alive:
             break

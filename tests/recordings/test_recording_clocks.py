@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -62,7 +63,7 @@ def test_the_model_is_stored_in_the_file_and_aligns_its_stream(tmp_path: Path) -
             recorder.push("/tip", max(arrived, recorder.buffers.newest("/tip")), values)
     recording = Recording.open(tmp_path / "a.mcap")
     model = clocks(recording)["/tip"]
-    assert json.loads(recording.metadata["clocks"]["/tip"]) == model.to_dict()
+    assert json.loads(recording.metadata["clocks"]["/tip"]) == asdict(model)
     assert np.abs(recording.stream("/tip")["t"] - taken).max() > 5e-3
     assert np.abs(aligned(recording, "/tip") - taken).max() < 1e-5
     with pytest.raises(MissingStream, match="/pressure"):

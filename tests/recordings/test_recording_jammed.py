@@ -19,8 +19,8 @@ from recordings.file.reader import Recording
 from recordings.file.verify import verify
 from recordings.file.writer import Recorder
 from recordings.states.concluding import conclude
+from recordings.states.demands import VacuumBand
 from recordings.states.rules import AMBIENT, Probe, State, Window
-from recordings.states.vacuum import VacuumBand
 from recordings.states.zeros import Drift, Unloaded, Zeros, drift, unloaded, without_drift
 from recordings.table_file import read_csv, write_csv
 from recordings.trials import Table, TrialRow

@@ -12,7 +12,7 @@ import pytest
 from recordings.campaign.info import info
 from recordings.campaign.replay import compare, replay_states
 from recordings.errors import OtherVersion
-from recordings.file import protobuf_runtime
+from recordings.file import samples
 from recordings.file.reader import Recording
 from recordings.file.verify import verify
 from recordings.messages import TIP, VACUUM, Field
@@ -49,7 +49,7 @@ def test_a_field_that_came_later_is_nan_or_zero_and_the_rest_is_as_it_was() -> N
     schema = recording.contents.schemas[channel.schema_id]
     later = replace(TIP, fields=(*TIP.fields, Field("exposure", "double", (), "s"), Field("cameras", "fixed32")))
     payload = TIP.sized(markers=(0, 3)).encode(1.0, (1.0, 7, (1, 2, 3), (1, 0, 0, 0), 0.1, True, ()))
-    (row,) = protobuf_runtime.decode(later, schema, [payload], 1)
+    (row,) = samples.decode(later, schema, [payload], 1)
     assert np.isnan(row["exposure"]) and row["cameras"] == 0
     assert row["frame"] == 7 and row["position"].tolist() == [1, 2, 3]
 
@@ -58,4 +58,4 @@ def test_a_message_that_is_another_one_altogether_is_refused() -> None:
     recording = Recording.open(OLD)
     channel = next(c for c in recording.contents.channels.values() if c.topic == "/log")
     with pytest.raises(OtherVersion, match="another message"):
-        protobuf_runtime.decode(VACUUM, recording.contents.schemas[channel.schema_id], [b""], 1)
+        samples.decode(VACUUM, recording.contents.schemas[channel.schema_id], [b""], 1)

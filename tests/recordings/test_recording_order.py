@@ -53,7 +53,11 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def add_rows(source: Path, target: Path, rows: dict[int, TrialRow | None]) -> None:
     """A copy in which every state has its row."""
     kept = rewritten(source, target.with_name("copy.mcap"))
-    payloads = [(n, events.encode_trial(11.0, n, row)) for n, row in rows.items() if row is not None]
+    payloads = [
+        (n, events.encoded(events.TRIAL, row, t=11.0, number=n, json=row.to_json()))
+        for n, row in rows.items()
+        if row is not None
+    ]
     rewritten(kept, target, more=[("/trial", payload, n) for n, payload in payloads])
 
 

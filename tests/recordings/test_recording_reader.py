@@ -16,7 +16,7 @@ from synthetic_run import Run
 
 from recordings.campaign.info import info
 from recordings.errors import Damaged, MissingStream, NotARecording, OtherVersion, RecordingError, Truncated
-from recordings.file import protobuf_runtime
+from recordings.file import samples
 from recordings.file.reader import Recording
 from recordings.file.verify import verify
 from recordings.file.writer import Recorder
@@ -64,7 +64,7 @@ def test_the_fast_way_equals_the_library_and_the_protobuf_runtime(whole: Path) -
             found = [(schema, message.data) for schema, _, message in make_reader(file).iter_messages([topic])]
         schema = found[0][0]
         assert schema is not None
-        slow = protobuf_runtime.decode(
+        slow = samples.decode(
             recording._message(recording._channel(topic)), schema, [data for _, data in found], len(found)
         )
         assert fast.dtype == slow.dtype and fast.tobytes() == slow.tobytes()

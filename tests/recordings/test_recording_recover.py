@@ -7,14 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from synthetic_run import Run
 
 from recordings.campaign.info import info
 from recordings.errors import NotARecording, WriteFailed
-from recordings.file.chunks import Record
+from recordings.file.chunks import Messages
 from recordings.file.contents import Contents
 from recordings.file.reader import Recording
 from recordings.file.records import index, records
@@ -64,9 +63,7 @@ def held(path: Path) -> list[Key]:
 def by_chunk(data: bytes) -> list[list[bytes]]:
     """What the messages hold that can be read, chunk by chunk."""
     walk = records(memoryview(data), Contents("", len(data)), unpack=True)
-    found = [r for r in walk if isinstance(r, Record) and r.opcode == Opcode.MESSAGE]
-    chunks = dict.fromkeys(id(r.source) for r in found)
-    return [[r.content()[22:] for r in found if id(r.source) == chunk] for chunk in chunks]
+    return [item.payloads() for item in walk if isinstance(item, Messages) and len(item)]
 
 
 def recovered(data: bytes, folder: Path) -> tuple[Recovery, Path]:

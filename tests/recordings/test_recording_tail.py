@@ -48,10 +48,10 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return recorded(tmp_path_factory.mktemp("tail") / "run.mcap")
 
 
-def followed(tail: Tail, most: int = 64) -> list[Piece]:
+def followed(tail: Tail) -> list[Piece]:
     """All pieces that are there."""
     found: list[Piece] = []
-    while pieces := tail.read(most):
+    while pieces := tail.read():
         found += pieces
     return found
 
@@ -68,17 +68,22 @@ def same(a: NDArray[np.void], b: NDArray[np.void]) -> bool:
 def test_a_finished_file_is_read_whole(path: Path) -> None:
     recording = Recording.open(path)
     with Tail(path) as tail:
-        pieces = followed(tail, most=3)
+        pieces = followed(tail)
         assert tail.contents.finished and tail.contents.metadata == dict(recording.metadata) and not tail.grown()
     assert len(pieces) > 5
     for topic in recording.streams:
         expected = recording.stream(topic)
         if len(expected):
             assert same(samples(pieces, topic), expected)
-    assert [s for piece in pieces for s in piece.states] == recording.states
-    assert [t.row.to_json() for piece in pieces for t in piece.trials] == [t.row.to_json() for t in recording.trials]
-    assert [line for piece in pieces for line in piece.log] == recording.log
-    assert [(m.steps, m.steps_planned, m.seconds) for p in pieces for m in p.progress] == [(0, 2, 0.0), (1, 2, 3.5)]
+    assert [s for piece in pieces for s in piece.events["/state"]] == recording.states
+    assert [t.row.to_json() for piece in pieces for t in piece.events["/trial"]] == [
+        t.row.to_json() for t in recording.trials
+    ]
+    assert [line for piece in pieces for line in piece.events["/log"]] == recording.log
+    assert [(m.steps, m.steps_planned, m.seconds) for p in pieces for m in p.events["/progress"]] == [
+        (0, 2, 0.0),
+        (1, 2, 3.5),
+    ]
 
 
 def test_what_was_pushed_is_there_after_the_next_sync_and_its_numbers_have_no_gap(tmp_path: Path) -> None:
@@ -120,7 +125,7 @@ def test_an_older_recording_is_followed_too() -> None:
     with Tail(old) as tail:
         pieces = followed(tail)
     assert same(samples(pieces, "/tip"), recording.stream("/tip"))
-    assert len([t for p in pieces for t in p.trials]) == len(recording.trials) > 0
+    assert len([t for p in pieces for t in p.events["/trial"]]) == len(recording.trials) > 0
 
 
 def test_a_changed_byte_in_a_chunk_is_told(path: Path, tmp_path: Path) -> None:

@@ -1,4 +1,6 @@
-"""Whether the bodies that the cameras name can be where they are told to be: pure, for the live run and for replay alike.
+"""What must hold while a state is read, besides its rule: the vacuum of a jammed spine, and places that bodies can have.
+
+Pure, for the live run and for replay alike.
 
 Cameras tell bodies by the pattern of their markers, and take one for another where patterns are alike. A robot's body gives that
 away: no point of it is farther from another one than the stretched body between them is long, and none moves at once.
@@ -7,7 +9,6 @@ away: no point of it is farther from another one than the stretched body between
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..trials import TrialRow
-from .vacuum import LONGEST_LOOK
 
+LONGEST_LOOK = 600.0
+"""s before the end of a window in which vacuum and bodies are judged at most: samples stay in memory for `buffer.KEEP`, 900 s."""
 SLACK = 0.005
 """m by which a distance may be longer than the body allows: bodies for the cameras are mounted on the robot's surface."""
 FASTEST = 3.0
@@ -26,21 +28,54 @@ APART = 0.02
 
 
 @dataclass(frozen=True)
-class Bodies:
-    """Bounds that the robot sets to the places of the tip and its markers.
-
-    `arcs` (m): arc length of the unloaded body from the base to the tip, then to each marker, where markers are known;
-    `stretch`: largest ratio of a stretched length to the unloaded one; `since` (s): rig time since which no body may have
-    jumped.
-    """
+class Demand:
+    """What must hold since rig time `since` (s)."""
 
     since: float
-    arcs: tuple[float, ...]
-    stretch: float
 
     def begin(self, until: float) -> float:
         """Rig time (s) of the first sample that is judged where samples are judged until `until` (s)."""
         return max(self.since, until - LONGEST_LOOK)
+
+
+@dataclass(frozen=True)
+class VacuumBand(Demand):
+    """The vacuum that a jammed spine must keep: from `lowest` to `highest` (Pa below ambient).
+
+    A spine that was soft in between has another shape, even if its vacuum came back, so every sample counts: from
+    `since` to the first one after the window that is read.
+    """
+
+    lowest: float
+    highest: float
+
+
+@dataclass(frozen=True)
+class Bodies(Demand):
+    """Bounds that the robot sets to the places of the tip and its markers. Since `since` no body may have jumped.
+
+    `arcs` (m): arc length of the unloaded body from the base to the tip, then to each marker, where markers are known;
+    `stretch`: largest ratio of a stretched length to the unloaded one.
+    """
+
+    arcs: tuple[float, ...]
+    stretch: float
+
+
+def left_band(samples: NDArray[np.void], ambient: float, band: VacuumBand) -> str:
+    """When and how far the vacuum was first outside its band, for people; empty where it never was.
+
+    `samples`: of /vacuum, oldest first; `ambient`: Pa absolute.
+    """
+    below: NDArray[np.float64] = ambient - samples["absolute"]
+    outside = ~((below >= band.lowest) & (below <= band.highest))
+    if not outside.any():
+        return ""
+    first: Any = int(np.argmax(outside))
+    return (
+        f"the vacuum was {below[first] / 1e3:.1f} kPa below ambient at {samples['t'][first]:.2f} s, and must stay from "
+        f"{band.lowest / 1e3:.1f} to {band.highest / 1e3:.1f} kPa while the spine is jammed"
+    )
 
 
 def _name(index: int) -> str:
@@ -58,21 +93,15 @@ def too_far(places: NDArray[np.float64], bodies: Bodies) -> str:
     is. `places` (samples, bodies, 3) m; the worst distance of all is told."""
     places = places[:, : len(bodies.arcs)]
     worst, said = 0.0, ""
-    for name, arc, between in _pairs(places, bodies.arcs[: places.shape[1]]):
-        seen = between[np.isfinite(between)]
-        limit = bodies.stretch * arc + SLACK
-        if len(seen) and (over := float(np.median(seen)) - limit) > worst:
-            worst, farthest = over, float(np.median(seen))
-            said = f"{name} are {farthest * 1e3:.0f} mm apart, the stretched robot allows {limit * 1e3:.0f} mm"
+    points = [(_name(i), arc, places[:, i]) for i, arc in enumerate(bodies.arcs[: places.shape[1]])]
+    for i, (name, arc, at) in enumerate(points):
+        for other, below, place in [("the base", 0.0, np.zeros(3)), *points[:i]]:
+            between = np.linalg.norm(at - place, axis=1)
+            seen, limit = between[np.isfinite(between)], bodies.stretch * abs(arc - below) + SLACK
+            if len(seen) and (over := float(np.median(seen)) - limit) > worst:
+                worst, apart = over, f"{float(np.median(seen)) * 1e3:.0f} mm apart"
+                said = f"{other} and {name} are {apart}, the stretched robot allows {limit * 1e3:.0f} mm"
     return said
-
-
-def _pairs(places: NDArray[np.float64], arcs: tuple[float, ...]) -> Iterator[tuple[str, float, NDArray[np.float64]]]:
-    """Each pair of points: their names, the arc length between them (m), and how far they are apart (samples,) m."""
-    for i, arc in enumerate(arcs):
-        yield f"the base and {_name(i)}", arc, np.linalg.norm(places[:, i], axis=1)
-        for k in range(i):
-            yield f"{_name(k)} and {_name(i)}", abs(arc - arcs[k]), np.linalg.norm(places[:, i] - places[:, k], axis=1)
 
 
 def jumped(samples: NDArray[np.void]) -> str:
