@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.data.campaign import settings
-from diagnosis.data.doubtful import doubtful
 from diagnosis.data.plausible import require_plausible
 from diagnosis.errors import DiagnosisError
 from model.condition import States
@@ -60,6 +59,8 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
 
     What cannot have been measured on this robot in SI units and in its frame is refused (see `diagnosis.data.plausible`).
     """
+    from diagnosis.data.doubtful import doubtful  # with the rod, which no recording alone needs
+
     robots: list[tuple[Source, Robot]] = []
     parts: list[tuple[str, Table]] = []
     recordings = [Recording.open(path) for path in without_torn(inputs) if not path.is_dir()]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from scipy.stats import norm
 from benchmarks.sampled import Hypothetical, hypothetical
 from diagnosis.inference.problem import Problem
 from diagnosis.judgement import LEAST_NAMED_SIZE
+from model.effects.parameters import ParameterInfo
 from tests.diagnosis.toy import toy_problem
 
 POINTS = 120
@@ -19,8 +21,13 @@ POINTS = 120
 
 def toy(truth: dict[str, float]) -> Problem:
     problem = toy_problem(5, truth, sd=3e-3)
-    names = problem.parameters.names
-    return replace(problem, parameters=replace(problem.parameters, calibration=tuple(n == "area" for n in names)))
+    return changed(problem, lambda i: replace(i, group="calibration") if i.name == "area" else i)
+
+
+def changed(problem: Problem, change: Callable[[ParameterInfo], ParameterInfo]) -> Problem:
+    """The problem with other parameters."""
+    infos = tuple(map(change, problem.parameters.infos))
+    return replace(problem, parameters=replace(problem.parameters, infos=infos))
 
 
 def integral(h: Hypothetical) -> float:
@@ -46,9 +53,8 @@ def test_both_evidences_agree_in_a_linear_world(truth: dict[str, float], named: 
 
 def test_the_prior_leaves_small_sizes_out_and_keeps_within_bounds() -> None:
     problem = toy({})
-    p = problem.parameters
-    cut = np.array([-0.5 if n == "turned" else b for n, b in zip(p.names, p.lower, strict=True)])
-    h = hypothetical(replace(problem, parameters=replace(p, lower=cut)), ("turned",), 0.1)
+    cut = changed(problem, lambda i: replace(i, low=-0.5) if i.name == "turned" else i)
+    h = hypothetical(cut, ("turned",), 0.1)
     drawn = np.array([h.prior(np.array([u, 0.5]))[0] for u in np.linspace(0.001, 0.999, 999)])
     assert (np.abs(drawn) >= LEAST_NAMED_SIZE - 1e-9).all() and drawn.min() >= -0.5
     assert (np.diff(drawn) > 0).all()
@@ -58,8 +64,8 @@ def test_the_prior_leaves_small_sizes_out_and_keeps_within_bounds() -> None:
 
 def test_of_two_sizes_one_may_be_small() -> None:
     problem = toy({})
-    effects = tuple("turned" if e == "bent" else e for e in problem.parameters.effects)
-    h = hypothetical(replace(problem, parameters=replace(problem.parameters, effects=effects)), ("turned",), 0.1)
+    joined = changed(problem, lambda i: replace(i, source="turned") if i.source == "bent" else i)
+    h = hypothetical(joined, ("turned",), 0.1)
     rng = np.random.default_rng(1)
     drawn = np.array([h.prior(u)[:2] for u in rng.random((4000, 3))])
     small = np.abs(drawn) < LEAST_NAMED_SIZE

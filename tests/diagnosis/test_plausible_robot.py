@@ -68,5 +68,5 @@ def test_the_diagnosis_asks_about_tensions_that_are_ten_times_too_large() -> Non
     ]  # fmt: skip
     few = Options(quantify=False, experiments=False, catalogue={"base_tilt": CATALOGUE["base_tilt"]})
     answer = diagnose(Case(robot, Table(tuple(rows))), few)
-    (said,) = (c for c in answer.concerns if "area factor of robot.yaml" in c)
+    (said,) = (c for c in answer.concerns if "tension factor of robot.yaml" in c)
     assert "the tensions seem to be too large by" in said
