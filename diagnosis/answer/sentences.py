@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import combinations
 from typing import Any
 
 from ..criticism.stage_errors import StageError
 from ..inference.posterior import UNKNOWN
 from ..judgement import ABSORBED, CALIBRATION_STATED, EXPLAINS, OUTSIDE_STATED
-from .headline import percent
-from .result import Calibration, Carries, Conclusion, Locate, Shrink, Simulator, Waterfall
+from .headline import LEAST_STATED, percent
+from .result import Calibration, Carries, Conclusion, Locate, Ranked, Shrink, Simulator, Waterfall
 from .shrink import share_closed
 from .verdict import Decision, stage
 
@@ -282,3 +283,26 @@ def stiffness_sentence(pushes: Mapping[str, Any], d: Decision) -> str:
     if d.verdict != "effect":
         return f"{text}."
     return f"{text}; with the cause, by " + ("as much." if f"{after:.3f}" == f"{before:.3f}" else f"{after:.3f} mm.")
+
+
+def disorder(ranking: Sequence[Ranked]) -> str:
+    """Why probability and evidence disagree in order; empty where they agree.
+
+    That a cause lies outside the catalogue has no evidence of its own.
+    """
+    known = [r for r in ranking if r.effects != UNKNOWN and r.probability >= LEAST_STATED]
+    over = [
+        (a, b) for a, b in combinations(known, 2) if a.probability > b.probability and a.log_evidence < b.log_evidence
+    ]
+    if not over:
+        return ""
+    if any(len(b.effects) <= len(a.effects) and b.effects for a, b in over):
+        return (
+            "Probability and evidence differ in order: a probability counts how often an effect moves the readings by more than "
+            "the noise floor, over the fits of all hypotheses, in which the other effects are tolerances; log evidence is that "
+            "of one fit. Take the first for a candidate, and make the proposed experiment."
+        )
+    return (
+        "Probability and evidence differ in order: of two hypotheses the one with more log evidence may be less probable, since "
+        "one that names more effects has a smaller prior, and only an effect that carries more than the noise floor is named."
+    )

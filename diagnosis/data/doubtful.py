@@ -15,6 +15,7 @@ from recordings.trials import TrialRow
 
 from ..judgement import UPSIDE_DOWN_GAIN
 from .plausible_directions import ASIDE, doubtful_directions
+from .plausible_places import doubtful_places
 from .plausible_pressures import Pressures
 from .plausible_robot import doubtful_numbers
 
@@ -25,7 +26,8 @@ MOST_STATES = 60
 def doubtful(robot: Robot, rows: Sequence[TrialRow], robot_name: str) -> tuple[str, ...]:
     """One message for each doubt; `robot_name`: where the robot was read."""
     of_robot = (*doubtful_numbers(robot), *_gravity(robot, rows))
-    return (*(f"{robot_name}: {text}" for text in of_robot), *doubtful_directions(robot, rows))
+    directions = doubtful_directions(robot, rows)
+    return (*(f"{robot_name}: {text}" for text in of_robot), *directions, *doubtful_places(robot, rows))
 
 
 def _gravity(robot: Robot, rows: Sequence[TrialRow]) -> Iterator[str]:

@@ -104,7 +104,7 @@ def _distances(robot: Robot, rows: list[TrialRow]) -> tuple[float, tuple[str, ..
     """The tips' unit in m (0: unknown), and messages about it."""
     distance = np.linalg.norm([r.tip for r in rows], axis=1)  # type: ignore[arg-type]
     worst = int(np.argmax(distance))
-    farthest = FARTHEST * robot.length + _tracked_beyond(robot)
+    farthest = FARTHEST * robot.length + tracked_beyond(robot)
     if distance[worst] <= farthest:
         return 1.0, ()
     far = int((distance > farthest).sum())
@@ -118,7 +118,7 @@ def _distances(robot: Robot, rows: list[TrialRow]) -> tuple[float, tuple[str, ..
     return unit.per_si, (f"{head}: looks like {unit.name}; positions are in m: {unit.remedy}",)
 
 
-def _tracked_beyond(robot: Robot) -> float:
+def tracked_beyond(robot: Robot) -> float:
     """m from the body's end to the point that robot.yaml states as tracked."""
     return float(np.linalg.norm([p.value for p in robot.effects.get("marker_offset", {}).values()]))
 

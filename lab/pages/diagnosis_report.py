@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import itertools
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
@@ -14,9 +13,10 @@ import numpy as np
 
 from diagnosis.answer.candidate_experiments import to_apply
 from diagnosis.answer.headline import for_people, percent, stated
-from diagnosis.answer.result import Diagnosis, Ranked
-from diagnosis.answer.sentences import OUTSIDE, hypothesis_name, plain_name, with_id
+from diagnosis.answer.result import Diagnosis
+from diagnosis.answer.sentences import disorder, hypothesis_name, plain_name, with_id
 from diagnosis.data.first_calibration import CALIBRATED_FIRST
+from diagnosis.inference.posterior import UNKNOWN
 from diagnosis.judgement import RIVAL_WORTH_SEPARATING
 from model.actuators import Words
 from recordings.campaign.labels import RECORD
@@ -376,28 +376,13 @@ def _which(s: Section, d: Diagnosis, folder: Path) -> None:
         ]
         s.table(("effect", d.words.say("moves the tip beyond an area factor by, mm rms"), "95 %", ""), rows)
     rows = [
-        [hypothesis(r.effects, d), stated(r.probability), f"{r.log_evidence:.1f}",
+        [hypothesis(r.effects, d), stated(r.probability), "" if r.effects == UNKNOWN else f"{r.log_evidence:.1f}",
          "" if r.heldout_rmse_mm is None else f"{r.heldout_rmse_mm:.2f}"]
         for r in d.attribute.ranking
     ]  # fmt: skip
     s.table(("hypothesis", "probability", "log evidence, in-sample", "unseen states, mm"), rows)
-    if why := _disorder(d.attribute.ranking):
+    if why := disorder(d.attribute.ranking):
         s.text(why)
-
-
-def _disorder(ranking: Sequence[Ranked]) -> str:
-    """Why probability and evidence disagree in order; empty where they agree."""
-    pairs = list(itertools.combinations(ranking, 2))
-    over = [(a, b) for a, b in pairs if a.probability > b.probability and a.log_evidence < b.log_evidence]
-    why = []
-    if any(("unknown",) in (a.effects, b.effects) for a, b in over):
-        why.append(f"The probability of {OUTSIDE} follows from the misfit diagnostics and not from its evidence.")
-    if any(("unknown",) not in (a.effects, b.effects) for a, b in over):
-        why.append(
-            "Of two hypotheses the one with more log evidence may be less probable: one that names more effects has a smaller "
-            "prior, and only an effect that carries more than the noise floor is named."
-        )
-    return f"Probability and evidence differ in order. {' '.join(why)}" if why else ""
 
 
 def _misfit(s: Section, d: Diagnosis, spine: bool) -> None:
