@@ -48,6 +48,8 @@ class Facts:
     """Effect -> plain name."""
 
 
+MORE_THAN_GAP = 1.3
+"""Ratio of what an effect moves to the calibrated gap above which a reader would take one of both for wrong."""
 NO_EFFECT, OUTSIDE = "no effect", "a cause outside the catalogue"
 
 
@@ -210,7 +212,12 @@ def _moved(f: Facts) -> str:
         for c in f.budget
         if c.role == "named"
     ]
-    return f"Beyond what an area factor takes up, {'; '.join(shares)}." if shares else ""
+    if not shares:
+        return ""
+    gap = f.waterfall.steps[0].left_mm if f.waterfall is not None else f.where.gap_rmse_mm
+    more = max(c.mm for c in f.budget if c.role == "named") > MORE_THAN_GAP * gap
+    hidden = ", more than the gap, since tolerances of other effects counteract it" if more else ""
+    return f"Beyond what an area factor takes up, {'; '.join(shares)}{hidden}."
 
 
 def _closing(f: Facts) -> str:
@@ -226,10 +233,10 @@ def _closing(f: Facts) -> str:
         if share < 0:
             return f"On unseen states it makes the prediction worse: {before} mm without it, {after} mm with it."
         by = f"With it, {after} mm remain on unseen states: {percent(share)} % of the reducible gap is closed"
-        alone = _by_cause(f)
-        if alone is None or alone >= EXPLAINS * share:
+        alone = closed_alone(f.waterfall, f.shrink)
+        if alone is None:
             return f"{by}."
-        return f"{by}, {percent(max(alone, 0.0))} % by itself and the rest by tolerances of other effects."
+        return f"{by}, {percent(alone)} % by itself and the rest by tolerances of other effects."
     nearest = " and ".join(with_id(e, f.names) for e in f.nearest)
     if not nearest or share is None:
         return ""
@@ -244,10 +251,14 @@ def _closing(f: Facts) -> str:
     )
 
 
-def _by_cause(f: Facts) -> float | None:
-    """Share of the reducible gap that what is named closes without any tolerance of other effects."""
-    left = [s.left_mm for s in (f.waterfall.steps if f.waterfall else ()) if s.step == "cause"]
-    return share_closed(f.shrink.before_mm, left[-1], f.shrink.floor_mm) if left and f.shrink else None
+def closed_alone(w: Waterfall | None, s: Shrink | None) -> float | None:
+    """Share of the reducible gap that what is named closes without any tolerance of other effects; None where tolerances hardly
+    add to it."""
+    left = [step.left_mm for step in (w.steps if w else ()) if step.step == "cause"]
+    if not left or s is None or s.share_closed is None or s.share_closed < 0:
+        return None
+    alone = share_closed(s.before_mm, left[-1], s.floor_mm)
+    return None if alone is None or alone >= EXPLAINS * s.share_closed else max(alone, 0.0)
 
 
 def _absorbed(f: Facts) -> str:

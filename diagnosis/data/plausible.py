@@ -173,7 +173,7 @@ def _frame(robot: Robot, resting: list[TrialRow]) -> Iterator[str]:
     if away < NEAREST_AT_REST:
         yield f"{place}: looks like the displacement from the rest position; {meant}: add {robot.length:g} to z"
         return
-    if away < STRAIGHT or _limp(robot):
+    if away < STRAIGHT or weight_ratio(robot) > LIMP:
         return
     off = np.degrees(np.arccos(np.clip(tip[2] / (away * robot.length), -1, 1)))
     if off < TURNED:
@@ -188,10 +188,10 @@ def _frame(robot: Robot, resting: list[TrialRow]) -> Iterator[str]:
     yield f"{place}: {axis} seems to be the robot's axis; {meant}: turn the frame so that z points from base to tip"
 
 
-def _limp(robot: Robot) -> bool:
-    """Whether its weight may bend the body down from its base, wherever it points."""
+def weight_ratio(robot: Robot) -> float:
+    """Weight of body and tip against bending stiffness, W L^2 / E I."""
     weight = (body_mass(robot) + robot.tip_mass) * float(np.linalg.norm(robot.gravity))
-    return weight * robot.length**2 > LIMP * robot.youngs_modulus * body_second_moment(robot)
+    return weight * robot.length**2 / (robot.youngs_modulus * body_second_moment(robot))
 
 
 def _orientation(rows: list[TrialRow], resting: list[TrialRow]) -> Iterator[str]:

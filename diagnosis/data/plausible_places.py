@@ -24,8 +24,9 @@ Array = NDArray[np.float64]
 
 AHEAD = 1.2
 """Ratio of movements above which a point moves more than one farther from the base, beyond noise and stretch."""
-LONGER = 0.03
-"""Robot lengths by which two points may be too far apart, for noise and an uncertain length."""
+LONGER, STRETCHED = 0.03, 0.1
+"""Robot lengths by which two points may be too far apart, for noise and an uncertain length: of a body pulled by tendons, and of
+one whose chambers may also stretch it by the thrust on their walls."""
 FEWEST, MOST = 3, 60
 """States with points too far apart, and states whose stretch is computed."""
 BENT, ALONG = (0.05, 0.3), 0.7
@@ -72,10 +73,11 @@ def _order(places: Array, arcs: Array, names: Sequence[str]) -> str:
 def _too_far(robot: Robot, rows: Sequence[TrialRow], places: Array, arcs: Array, names: Sequence[str]) -> Iterator[str]:
     """About a point that is farther from the base than the body between them is long."""
     stretch = _stretch(robot, rows)
+    more = LONGER if robot.chambers is None else STRETCHED
     for k, name in enumerate(names):
         tip = name == "the tip"
         aside = tracked_beyond(robot) if tip else robot.outer_radius
-        most = float(arcs[k] * stretch + LONGER * robot.length + aside)
+        most = float(arcs[k] * stretch + more * robot.length + aside)
         away = np.linalg.norm(places[:, k], axis=1)
         if (far := away > most).sum() < FEWEST:
             continue

@@ -173,7 +173,7 @@ def imported(
             q = _straightened(q, 0, straight, wanted.sensor, arcs)
         if number and ("t" not in own_map.columns and not absolute or q.t[0] < start):
             q = replace(q, t=q.t - q.t[0] + start + BETWEEN_RUNS)
-        trial, doubts = trials_of_rows(series, q, own_map)
+        trial, doubts = trials_of_rows(series, q, own_map, robot.actuators.words)
         notes += doubts
         pushed = [q.others[name] for name in FORCES if name in q.others]
         own = cuts(wanted.states, q.t, q.pressures, trial, np.column_stack(pushed) if pushed else None)

@@ -14,7 +14,7 @@ import numpy as np
 from diagnosis.answer.candidate_experiments import to_apply
 from diagnosis.answer.headline import for_people, percent, stated
 from diagnosis.answer.result import Diagnosis
-from diagnosis.answer.sentences import disorder, hypothesis_name, plain_name, with_id
+from diagnosis.answer.sentences import closed_alone, disorder, hypothesis_name, plain_name, with_id
 from diagnosis.data.first_calibration import CALIBRATED_FIRST
 from diagnosis.inference.posterior import UNKNOWN
 from diagnosis.judgement import RIVAL_WORTH_SEPARATING
@@ -151,7 +151,13 @@ def gap_numbers(d: Diagnosis) -> list[tuple[str, str, str]]:
         if d.shrink is not None and d.attribute.verdict == "effect":
             found.append((WITH_CAUSE, d.shrink.after_mm))
     floor = ("noise floor", f"{d.locate.noise_floor_mm:.{digits}f} mm", "repeats of a state")
-    return [*((name, f"{mm:.{digits}f} mm", f"rms, {how}") for name, mm in found), floor]
+    alone = closed_alone(d.waterfall, d.shrink)
+    told = (
+        {}
+        if alone is None
+        else {WITH_CAUSE: f", and tolerances of other effects; the cause alone closes {percent(alone)} %"}
+    )
+    return [*((name, f"{mm:.{digits}f} mm", f"rms, {how}{told.get(name, '')}") for name, mm in found), floor]
 
 
 def _on_top(d: Diagnosis) -> list[str]:
@@ -238,7 +244,9 @@ def _steps(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
         interval = "" if ends is None else f" (95 %: {percent(ends[0])} .. {percent(ends[1])} %)"
         best = d.detail["best_hypothesis"]
         of = hypothesis(best, d) if best else "tolerances alone"
-        s.text(f"Share of the reducible gap closed on unseen states with {of}: {closed}{interval}.")
+        alone = closed_alone(w, d.shrink) if d.attribute.verdict == "effect" else None
+        itself = "" if alone is None else f", {percent(alone)} % by itself and the rest by tolerances of other effects"
+        s.text(f"Share of the reducible gap closed on unseen states with {of}: {closed}{interval}{itself}.")
 
 
 def _against(d: Diagnosis) -> list[str]:

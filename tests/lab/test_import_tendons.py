@@ -177,6 +177,21 @@ def test_places_that_are_no_points_along_the_body_are_asked_about(
     assert code == 0 and (said in asked if said else asked == ""), asked
 
 
+def test_tensions_ten_times_too_large_are_asked_about(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    imported(tmp_path)
+    assert "times as far as a beam" not in " ".join(capsys.readouterr().err.split())
+    text = yaml.safe_load((tmp_path / "lab/map.yaml").read_text())
+    for k in (1, 2, 3):
+        text["columns"][f"p{k}"]["scale"] = 10
+    (tmp_path / "lab/map.yaml").write_text(yaml.safe_dump(text))
+    argv = ["import", str(tmp_path / "lab/table.csv"), "--map", str(tmp_path / "lab/map.yaml")]
+    assert main([*argv, "--out", str(tmp_path / "other")]) == 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert re.search(
+        r"the tip moves 0\.\d+ times as far as a beam .* under these tensions: check the unit and scale of the", said
+    )
+
+
 def imported(folder: Path) -> Path:
     """The case of a trunk, its map written by hand."""
     lab = trunk(folder / "lab", "Seil_")
