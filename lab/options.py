@@ -91,10 +91,8 @@ class Verb:
         if {"-h", "--help"} & set(given):
             return ""
         for name in (word.partition("=")[0] for word in given):
-            begins = name.startswith("--") and any(
-                one.startswith(name) for one in known
-            )  # argparse takes it for that one
-            if OPTION.fullmatch(name) and not begins and name not in known:
+            begins = any(one.startswith(name) for one in known)  # argparse needs no more of it
+            if OPTION.fullmatch(name) and not begins:
                 verb = " ".join(("lab", self.name, *(step.name for step in steps[:1])))
                 return unknown(f"{verb} {name}", "an option", name, known, f"{verb} --help lists the options")
         return ""
