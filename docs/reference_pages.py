@@ -64,7 +64,7 @@ HELPERS = ("change_of", "signed", "planned_rest", "around", "jam_lost", "release
 MADE = "This page is made from the code."
 WIDTH = 120
 """Of a line."""
-VALUES = "`key`: default unit, limits. Meaning. (0, 1]: above 0, at most 1. A number may carry its unit: `250 kPa`."
+VALUES = "[How to read a line](index.md)."
 
 
 def write_all(folder: Path) -> None:
@@ -124,7 +124,7 @@ def campaign_file() -> Iterator[str]:
 
 
 def _file(model: type[BaseModel], name: str, leave_out: Sequence[str] = ()) -> Iterator[str]:
-    yield from (f"For an editor: `lab schema {name}`.", "", VALUES, "", *_prose(model))
+    yield from (f"For an editor: `lab schema {name}`. {VALUES}", "", *_prose(model))
     for key, prose, rows in _tables(model, leave_out):
         yield from (*((f"## {key}", "", *prose) if key else ()), *_list(rows))
 
@@ -259,7 +259,7 @@ def effects() -> Iterator[str]:
         for e in (e for e in CATALOGUE.values() if e.stage == stage):
             yield from (f"### {e.id}", "", f"{_sentence(e.name)}", "", *_wrapped(f"`{e.equation}`"), "")
             yield from _wrapped("; ".join(map(_parameter, e.parameters)) + ".")
-            yield from ("", *_wrapped(f"Seen best in: {e.seen_best_in}. Source: {e.citation}."), "")
+            yield from ("", *_wrapped(f"Shows in {e.seen_best_in}. Source: {e.citation}."), "")
 
 
 def _parameter(p: Parameter) -> str:
