@@ -31,7 +31,7 @@ from model.robot import Robot
 from protocols import actions, suspension, visits
 from protocols.bench import Bench, Setup
 from protocols.experiment import Ask, Plan, Reading, Step, Trials
-from protocols.visits import Sweep, Visit, Walk
+from protocols.visits import Sweep, Visit
 from recordings import trials
 from recordings.messages import STREAMS, MessageType
 from recordings.states.rules import Crossing, Settled, Window
@@ -48,7 +48,6 @@ OFFERS: Mapping[str, type] = {
 }
 """What a driver of each role is."""
 WITHIN: Mapping[type, Sequence[str]] = {
-    Walk: ("bench", "trials", "trial", "sweep", "jam", "come_back"),
     Trials: ("begin_again", "zero", "soft"),
     Bench: (
         *("recorder", "narrator", "recoverable", "recover", "steering", "rest", "repeatable", "stood", "patience"),
@@ -166,7 +165,7 @@ def protocol_calls() -> Iterator[str]:
         "[`settle`, `jam` and `spine`](protocols.md) as fields."
     )
     yield ""
-    for kind in (Visit, Sweep, Walk, Trials, Bench, Setup, Plan, Step, Ask, Reading, Settled, Window, Crossing):
+    for kind in (Visit, Sweep, Trials, Bench, Setup, Plan, Step, Ask, Reading, Settled, Window, Crossing):
         yield from _class(kind, kind.__name__)
     for module in (visits, actions, suspension):
         yield from (f"## {module.__name__}", "", *_prose(module))

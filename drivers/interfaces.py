@@ -1,4 +1,4 @@
-"""What each kind of instrument offers, whatever its maker.
+"""What each kind of instrument offers, independent of its maker.
 
 Conventions for every driver
 - Units are SI; pressures are gauge unless a name says absolute.
@@ -60,7 +60,7 @@ class PressureSample:
 
 @dataclass(frozen=True)
 class SpineSample:
-    """The length unit: spine length (m), its speed (m/s), the length it was told to go to (m)."""
+    """The length unit: spine length (m), its speed (m/s), and its goal (m)."""
 
     t: float
     length: float
