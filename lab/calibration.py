@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from diagnosis.fit_effects import Fitted, fit_effects
+from diagnosis.inference.executor import Progress, no_progress
 from model.calibration import (
     AXES,
     AreaFit,
@@ -75,7 +76,7 @@ def _one_for_all(f: Fitted) -> AreaFit:
     return AreaFit(Estimate(f.calibrated_area_factor, f.parameters[AREA_FACTOR].sd, numbers, numbers, rms))
 
 
-def calibrate(case: Case, progress: Callable[[float], None] = lambda share: None) -> Calibration:
+def calibrate(case: Case, progress: Progress = no_progress) -> Calibration:
     """Everything that this data can calibrate. Raises DiagnosisError, ModelError."""
     robot = case.robot
     spine = _spine_modulus(case)

@@ -18,9 +18,6 @@ from .plausible_directions import ASIDE, doubtful_directions
 from .plausible_pressures import Pressures
 from .plausible_robot import doubtful_numbers
 
-MOST_STATES = 60
-"""Of those at rest that are solved for."""
-
 
 def doubtful(robot: Robot, rows: Sequence[TrialRow], robot_name: str) -> tuple[str, ...]:
     """One message for each doubt; `robot_name`: where the robot was read."""
@@ -40,7 +37,7 @@ def _gravity(robot: Robot, rows: Sequence[TrialRow]) -> Iterator[str]:
     ]
     if robot.effects or not tips or {len(r.pressures) for r in tips} != {len(robot.bending_directions)}:
         return
-    resting = [r for r, rests in zip(tips, Pressures.of(robot, tips).resting, strict=True) if rests][:MOST_STATES]
+    resting = [r for r, rests in zip(tips, Pressures.of(robot, tips).resting, strict=True) if rests][:60]
     if not resting:
         return
     try:

@@ -172,7 +172,7 @@ def _baseline(case: Case, comparisons: Comparisons, weighed: Mapping[str, Effect
 
 
 def _shown(screen: Screen, executor: Executor) -> Executor:
-    return replace(executor, progress=lambda share: screen.progress(share, 1.0))
+    return replace(executor, progress=screen.step)
 
 
 def _at_first_sight(screen: Screen, look: FirstLook) -> None:
