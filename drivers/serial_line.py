@@ -20,8 +20,6 @@ import serial
 from .errors import BadReply, InstrumentError, NoReply, NotReady, Unreachable
 from .stop_first import SLICE, StopFirst
 
-LONGEST_ANSWER = 4096
-"""Bytes after which an answer without its terminator is given up: nothing here answers at such length."""
 PADDING = b"\0 \t\r\n"
 """What breakout boxes and terminal servers put between two lines."""
 WRITE_WITHIN = 1.0
@@ -220,7 +218,8 @@ class SerialLine:
     def _wait_for_more(self, port: serial.Serial, deadline: float, wanted: str) -> None:
         """Read once more; past the deadline, or when the answer has no end, drop what came and raise."""
         self.lock.give_way()
-        if time.monotonic() >= deadline or len(self._buffer) > LONGEST_ANSWER:
+        # nothing here answers at such length
+        if time.monotonic() >= deadline or len(self._buffer) > 4096:
             got = self._take(len(self._buffer))
             if got:
                 raise BadReply(self.name, f"expected an answer {wanted} on {self.port}, got only {show(got)}")

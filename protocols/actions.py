@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from statistics import fmean
 
+from drivers.pressure_limits import VENTED
 from recordings.states.demands import VacuumBand, left_band
 from recordings.states.rules import AMBIENT
 
@@ -13,8 +14,6 @@ from .bench import Bench, Jammed
 from .errors import JamLost
 from .parameters import Jam, SpineMotion
 
-VENTED_BELOW = 5e3
-"""Pa; all chambers measured below this count as vented."""
 LOWEST_AMBIENT = 80e3
 """Pa absolute; a spine below this is still evacuated."""
 CLIPPED = 1e3
@@ -36,8 +35,8 @@ def vent(bench: Bench, within: float = 20.0) -> None:
     regulators = bench.need(bench.pressure, "pressure")
     regulators.vent()
     bench.wait(
-        f"pressure: all chambers below {VENTED_BELOW / 1e3:g} kPa",
-        lambda: True if max(regulators.read().measured) < VENTED_BELOW else None,
+        f"pressure: all chambers below {VENTED / 1e3:g} kPa",
+        lambda: True if max(regulators.read().measured) < VENTED else None,
         within,
     )
 

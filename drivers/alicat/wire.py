@@ -29,8 +29,6 @@ FRAME = re.compile(r"[A-Z]((?:\s+[+-]?\d+(?:\.\d+)?){2,})((?:\s+[A-Z0-9]{3})*)\s
 """Firmware before 8v00 gives the set-point without its sign."""
 LOCKED = "LCK"
 """Status code: the buttons of the front panel are locked."""
-MANUFACTURER_LINES = 10
-"""Lines of the ??M* table: M00 to M09."""
 FAULT_CODES = {
     "ADC": "its electronics report a communication error; power-cycle it",
     "EXH": "its exhaust valve is held open, it does not control; cancel that at its front panel or vent",
@@ -98,7 +96,8 @@ class AlicatUnit:
         """From the manufacturer's table, lines such as `A M04 Model Number PC-60PSIG-D`; empty when not told."""
         with self._line.lock:
             lines = [self._ask("??M*")]
-            while len(lines) < MANUFACTURER_LINES:
+            # M00 to M09
+            while len(lines) < 10:
                 try:
                     lines.append(self._line.read_until(CR).decode("ascii", "replace"))
                 except NoReply:

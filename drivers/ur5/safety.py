@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-RUNS = 1 << 0 | 1 << 1
-"""Bits of safety_status_bits while the arm may move: normal mode, reduced mode."""
 THREE_POSITION = 11
 _POWER_ON = "power on, then close and open the arm again"
 _RELEASE = f"make the rig safe, release the button, {_POWER_ON}"
@@ -27,7 +25,8 @@ _BIT_OF_MODE = {3: 2, 4: 3, 5: 4, 6: 5, 7: 6, 8: 8, 9: 9, 12: 4, 13: THREE_POSIT
 
 def stop_text(bits: int, mode: int) -> str:
     """Return the name of the stop that safety_status_bits and safety_mode report, and its remedy; empty when there is none."""
-    runs = bool(bits & RUNS)
+    # normal mode, reduced mode
+    runs = bool(bits & (1 << 0 | 1 << 1))
     if runs:  # an enabling device that nobody holds stops nothing while the controller says that the arm may move
         bits &= ~(1 << THREE_POSITION)
     bits |= 1 << _BIT_OF_MODE[mode] if mode in _BIT_OF_MODE else 0

@@ -13,9 +13,10 @@ from typing import Any, get_origin
 import numpy as np
 import yaml
 
+from drivers.pressure_limits import VENTED
 from model.robot import Robot
 from protocols.bench import Setup
-from protocols.planned import VENTED, cycles, setups
+from protocols.planned import cycles, setups
 from protocols.registry import Experiment
 
 from ..files.all_protocols import found_protocols, protocol_from_file
