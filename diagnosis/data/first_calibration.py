@@ -104,8 +104,9 @@ class FirstCalibration:
     def concern(self) -> str:
         """What a person has to know and to look at."""
         return (
-            f"{CALIBRATED_FIRST}, because robot.yaml is far from these data ({self.before * 1e3:.2f} mm rms at best, so "
-            f"{self.after * 1e3:.2f} mm): {self._told}. Everything below is about the robot with these numbers; check them"
+            f"{CALIBRATED_FIRST}, because robot.yaml is far from these data ({self.before * 1e3:.2f} mm at best, with "
+            f"these numbers {self.after * 1e3:.2f} mm; a robust rms, which counts readings far off less): "
+            f"{self._told}. Everything below is about the robot with these numbers; check them"
         )
 
     @property

@@ -93,7 +93,7 @@ def _distances(robot: Robot, rows: list[TrialRow]) -> tuple[float, tuple[str, ..
     distance = np.linalg.norm([r.tip for r in rows], axis=1)  # type: ignore[arg-type]
     worst = int(np.argmax(distance))
     # no tip of a rod that stretches by less than half is further from its base
-    farthest = 1.5 * robot.length + _tracked_beyond(robot)
+    farthest = 1.5 * robot.length + tracked_beyond(robot)
     if distance[worst] <= farthest:
         return 1.0, ()
     far = int((distance > farthest).sum())
@@ -107,7 +107,7 @@ def _distances(robot: Robot, rows: list[TrialRow]) -> tuple[float, tuple[str, ..
     return unit.per_si, (f"{head}: looks like {unit.name}; positions are in m: {unit.remedy}",)
 
 
-def _tracked_beyond(robot: Robot) -> float:
+def tracked_beyond(robot: Robot) -> float:
     """m from the body's end to the point that robot.yaml states as tracked."""
     return float(np.linalg.norm([p.value for p in robot.effects.get("marker_offset", {}).values()]))
 
@@ -164,7 +164,8 @@ def _frame(robot: Robot, resting: list[TrialRow]) -> Iterator[str]:
     if away < 0.05:
         yield f"{place}: looks like the displacement from the rest position; {meant}: add {robot.length:g} to z"
         return
-    if away < STRAIGHT or _limp(robot):
+    # a heavier body may hang down from its base in any direction
+    if away < STRAIGHT or weight_ratio(robot) > 30.0:
         return
     off = np.degrees(np.arccos(np.clip(tip[2] / (away * robot.length), -1, 1)))
     if off < TURNED:
@@ -179,11 +180,10 @@ def _frame(robot: Robot, resting: list[TrialRow]) -> Iterator[str]:
     yield f"{place}: {axis} seems to be the robot's axis; {meant}: turn the frame so that z points from base to tip"
 
 
-def _limp(robot: Robot) -> bool:
-    """Whether its weight may bend the body down from its base, wherever it points."""
+def weight_ratio(robot: Robot) -> float:
+    """Weight of body and tip against bending stiffness, W L^2 / E I."""
     weight = (body_mass(robot) + robot.tip_mass) * float(np.linalg.norm(robot.gravity))
-    # q L^3 / EI beyond which a body may hang down from its base in any direction
-    return weight * robot.length**2 > 30.0 * robot.youngs_modulus * body_second_moment(robot)
+    return weight * robot.length**2 / (robot.youngs_modulus * body_second_moment(robot))
 
 
 def _orientation(rows: list[TrialRow], resting: list[TrialRow]) -> Iterator[str]:

@@ -251,10 +251,9 @@ def _others(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot)
                 continue
             entry["values"] = values
         g.say(f"columns.{column}", entry, why)
-    if "columns.spine_length" not in g.reasons:
+    if "columns.spine_length" not in g.reasons and robot.spine is not None:
         g.say("constants.spine_length", "0 mm", "no column names the spine")
-        if robot.spine is not None:
-            g.doubts.append("constants.spine_length: no column names the spine of robot.yaml: was it 0 mm in all rows?")
+        g.doubts.append("constants.spine_length: no column names the spine of robot.yaml: was it 0 mm in all rows?")
     if ignored:
         g.doubts.append(f"not used: {', '.join(ignored[:20])}")
 
@@ -322,7 +321,7 @@ def _trials(g: Guess, series: Series, counting: Sequence[Heading], pressures: Se
         every = changes(q, stages)
     for h in counting:
         own = [c for c in every if c.column == h.name]
-        if stages is not None and not _useful(g, series, h, own, stages):
+        if stages is not None and not _useful(g, series, h, own, stages, robot):
             continue
         known = stages is None or all([
             *(stages.within(own, *rest) for rest in stages.returns()), *map(stages.at_rest, own)
@@ -336,13 +335,13 @@ def _trials(g: Guess, series: Series, counting: Sequence[Heading], pressures: Se
     if "columns.trial" in g.reasons or not pressures:
         g.doubts += [f"not used: {', '.join(change)}"] if change else []
     elif change:
-        why = f"each return to ambient pressure and each change of {' or '.join(change)} begins a trial"
+        why = f"each return to rest and each change of {' or '.join(change)} begins a trial"
         g.say("trials", {"begin": "rest", "change": change}, why)
     else:
-        g.say("trials", {"begin": "rest"}, "each return to ambient pressure begins a trial")
+        g.say("trials", {"begin": "rest"}, "each return to rest begins a trial")
 
 
-def _useful(g: Guess, series: Series, h: Heading, own: Sequence[Change], stages: Stages) -> bool:
+def _useful(g: Guess, series: Series, h: Heading, own: Sequence[Change], stages: Stages, robot: Robot) -> bool:
     """Whether trials may begin at these changes of a column; asks where the data do not show it."""
     away = [c for c in own if not stages.at_rest(c)]
     returns = len(stages.returns())
@@ -353,8 +352,9 @@ def _useful(g: Guess, series: Series, h: Heading, own: Sequence[Change], stages:
         g.doubts.append(f"each change of {h.name!r} begins a trial, though the robot does not come to rest between two")
     elif away and returns:
         used = len(away) <= len(own) / 2 and len(own) < len(stages.start) / 2
+        driven = robot.actuators.words.say("chambers are inflated")
         g.doubts.append(
-            f"{h.name!r} changes while chambers are inflated (first from {away[0].before!r} to {away[0].after!r} in "
+            f"{h.name!r} changes while {driven} (first from {away[0].before!r} to {away[0].after!r} in "
             f"{series.place(away[0].row)}): {'no trial begins there; correct the cells' if used else 'it is not used'}"
         )
         return used

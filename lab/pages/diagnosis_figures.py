@@ -52,7 +52,7 @@ def waterfall(w: Waterfall, names: Sequence[str], length: float, folder: Path) -
         whole.set_ylabel("error, mm rms, unseen states")
         whole.grid(False, axis="x")
         first = save(figure, folder / "waterfall-whole.svg")
-        figure, steps = plt.subplots(figsize=(5.0, 0.9 + 0.42 * len(names)), layout="constrained")
+        figure, steps = plt.subplots(figsize=(3.9, 0.9 + 0.42 * len(names)), layout="constrained")
         for row, step in enumerate(w.steps[1:]):
             colour = BLUE if step.step == "cause" else RED if step.step == "noise" else GREY
             steps.barh(

@@ -14,12 +14,14 @@ from rich.table import Table as Sheet
 from diagnosis.answer.candidate_experiments import columns, to_apply
 from diagnosis.answer.headline import LEAST_STATED, sized, stated
 from diagnosis.answer.result import Diagnosis, Proposal, Ranked
+from diagnosis.answer.sentences import disorder
 from diagnosis.compare_campaigns import compare_campaigns
 from diagnosis.data.baseline import Baseline
 from diagnosis.diagnose import Options
 from diagnosis.diagnose import diagnose as diagnosed
 from diagnosis.errors import BadHoldout, DiagnosisError
 from diagnosis.inference.executor import PRACTISED, Executor, FirstLook
+from diagnosis.inference.posterior import UNKNOWN
 from model.actuators import Words
 from model.effects.spec import EffectSpec
 from model.errors import ModelError
@@ -239,7 +241,9 @@ def show(d: Diagnosis, protocols: Path | None = None) -> None:
             out.print(f"  note: {concern}")
     if d.change is not None:
         out.print(d.change.statement)
-    out.print(_ranking(d.attribute.ranking, d.words))
+    out.print(ranked(d.attribute.ranking, d.words))
+    if why := disorder(d.attribute.ranking):
+        out.print(why)
     if not d.next_experiment:
         out.print(f"What to do next: {nothing_next(d)}")
         return
@@ -260,7 +264,8 @@ def show(d: Diagnosis, protocols: Path | None = None) -> None:
     )
 
 
-def _ranking(ranking: Sequence[Ranked], words: Words) -> Sheet:
+def ranked(ranking: Sequence[Ranked], words: Words) -> Sheet:
+    """The hypotheses as a table, most probable first."""
     t = Sheet(title="What the data support", title_justify="left")
     for column in ("hypothesis", "p", "log evidence", "unseen states", "size"):
         t.add_column(column)
@@ -268,8 +273,9 @@ def _ranking(ranking: Sequence[Ranked], words: Words) -> Sheet:
         if r.probability < LEAST_STATED:
             continue
         sizes = ", ".join(f"{name.partition('.')[2]} {sized(v, words)}" for name, v in r.parameters.items())
+        evidence = "" if r.effects == UNKNOWN else f"{r.log_evidence:.1f}"
         held = "" if r.heldout_rmse_mm is None else f"{r.heldout_rmse_mm:.2f} mm"
-        t.add_row(" + ".join(r.effects) or "none", stated(r.probability), f"{r.log_evidence:.1f}", held, sizes)
+        t.add_row(" + ".join(r.effects) or "none", stated(r.probability), evidence, held, sizes)
     return t
 
 

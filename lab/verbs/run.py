@@ -20,7 +20,7 @@ from rich.padding import Padding
 from drivers.errors import InstrumentError
 from drivers.interfaces import Identity
 from model.robot import Robot
-from protocols.errors import BadProtocol, Stopped
+from protocols.errors import BadProtocol, NotReached, Stopped
 from protocols.experiment import Plan, Step, Trials
 from protocols.parameters import Parameters, RobotFacts
 from protocols.planned import planned_rows, unlike
@@ -392,6 +392,13 @@ def run(
             err.print("The safe state is not confirmed: use the vent valve and the emergency stop.", style="red")
         if again is not None:
             out.print(f"go on with: {again}", soft_wrap=True)
+    if isinstance(result.error, NotReached) and j.rig.clock.speed > 1:
+        note(
+            [
+                f"the clock of this rig runs at {j.rig.clock.speed:g} times real speed; a computer that cannot keep up reads too "
+                "few samples: start the fakes with a smaller --speed, such as 5"
+            ]
+        )
     if result.error is not None and not isinstance(result.error, Stopped):
         raise result.error
     if not result.safe or (result.error is not None and (result.asked or not result.displaced)):
