@@ -22,6 +22,8 @@ from .stop_first import SLICE, StopFirst
 
 PADDING = b"\0 \t\r\n"
 """What breakout boxes and terminal servers put between two lines."""
+LONGEST_ANSWER = 4096
+"""Bytes after which an answer without its terminator is given up: nothing here answers at such length."""
 WRITE_WITHIN = 1.0
 """s, least time to write a request. The kernel takes those few bytes at once, and what does not answer is told by reading;
 but pyserial looks at the clock after the last byte, and a busy computer may come back late from a write that was done."""
@@ -218,8 +220,7 @@ class SerialLine:
     def _wait_for_more(self, port: serial.Serial, deadline: float, wanted: str) -> None:
         """Read once more; past the deadline, or when the answer has no end, drop what came and raise."""
         self.lock.give_way()
-        # nothing here answers at such length
-        if time.monotonic() >= deadline or len(self._buffer) > 4096:
+        if time.monotonic() >= deadline or len(self._buffer) > LONGEST_ANSWER:
             got = self._take(len(self._buffer))
             if got:
                 raise BadReply(self.name, f"expected an answer {wanted} on {self.port}, got only {show(got)}")

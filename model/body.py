@@ -22,6 +22,8 @@ from model.sections import Section
 Array = NDArray[np.float64]
 Number = TypeVar("Number", float, Array)
 
+PIECES = 6
+"""Of a whole body that tapers; each has the mean compliance of its length."""
 NODES, WEIGHTS = (0.5 * (a + b) for a, b in zip(np.polynomial.legendre.leggauss(3), (1.0, 0.0), strict=True))
 """Of a quadrature over 0..1."""
 
@@ -94,8 +96,7 @@ def body_of(robot: Robot) -> Body:
     ends = np.array(robot.actuators.ends or (robot.length,) * len(robot.actuators.azimuths_deg))
     start = 0.0
     for part in robot.sections or (Section(length=robot.length),):
-        # a whole body that tapers is six pieces, each with the mean compliance of its length
-        cuts = max(1, math.ceil(6 * part.length / robot.length)) if part.tapers else 1
+        cuts = max(1, math.ceil(PIECES * part.length / robot.length)) if part.tapers else 1
         shares = [k / cuts for k in range(cuts)] + [(end - start) / part.length for end in ends]
         shares = [*sorted({round(x, 9) for x in shares if 0.0 <= x < 1.0 - 1e-9}), 1.0]
         for low, high in itertools.pairwise(shares):

@@ -27,6 +27,8 @@ from model.simulators import Readings, States, rods_at
 Array = NDArray[np.float64]
 
 ELEMENTS = 20
+TIME_STEP = 1e-4
+"""s."""
 RADIUS = 0.02
 """m of the elements in PyElastica; it sets their rotary inertia alone, as the stiffness is given."""
 
@@ -72,7 +74,7 @@ def relaxed(
     i: int,
     density: float,
     elements: int = ELEMENTS,
-    time_step: float = 1e-4,
+    time_step: float = TIME_STEP,
     at_rest: float = 1e-4,
 ) -> Array:
     """(3,) m, the tip of rod `i` at rest, which is `at_rest` m/s; NaN where it does not rest. Many elements want a short
