@@ -191,6 +191,8 @@ OUTSIDE_STATED = 0.01
 """Probability of a cause outside the catalogue above which the statement gives the probability within the catalogue too."""
 EXPLAINS = 0.5
 """Share of the reducible gap above which a hypothesis explains it."""
+MORE_THAN_GAP = 1.3
+"""Ratio of what an effect moves to the calibrated gap above which the statement explains how it can move more."""
 CALIBRATION_STATED = 0.01
 """Relative change of the area factor above which the statement says what calibration changed."""
 ABSORBED = 0.7

@@ -25,9 +25,6 @@ from recordings.trials import TrialRow
 
 from .files.inputs import Case
 
-LENGTH_KNOWN_TO = 0.1e-3
-"""m; standard uncertainty of the spine length read from the drum, with the play of cord and clamp."""
-
 
 @dataclass(frozen=True)
 class Calibration:
@@ -112,7 +109,8 @@ def _spine_modulus(case: Case) -> dict[float, Estimate]:
 
 def _with_length(e: Estimate, length: float) -> Estimate:
     """E goes with the cube of the length, so what is not known of the length is added to the standard error."""
-    return replace(e, standard_error=math.hypot(e.standard_error, 3 * LENGTH_KNOWN_TO / length * e.value))
+    # 0.1 mm of the drum's reading are not known, with the play of cord and clamp
+    return replace(e, standard_error=math.hypot(e.standard_error, 3 * 0.1e-3 / length * e.value))
 
 
 def _body_modulus(case: Case) -> Estimate | None:

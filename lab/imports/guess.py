@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.robot import Robot
+from recordings.states.rules import AMBIENT
 from recordings.trials import unit_of
 
 from ..files.config import ConfigError, check
@@ -33,7 +34,7 @@ from .headings import (
 )
 from .map_file import Map
 from .proposal import Guess
-from .quantities import ATMOSPHERE, quantities_of
+from .quantities import quantities_of
 from .reading import EPOCH, texts
 from .series import Series
 from .trials import Change, Stages, changes
@@ -199,7 +200,7 @@ def _pressure_unit(values: Array, h: Heading, series: Series) -> _Unit:
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
 
     def absolute(unit: str) -> bool:
-        return abs(low * KINDS["Pa"][unit] - ATMOSPHERE) < AT_AMBIENT * ATMOSPHERE
+        return abs(low * KINDS["Pa"][unit] - AMBIENT) < AT_AMBIENT * AMBIENT
 
     if said := h.unit if h.kind == "Pa" else series.unit_of(h.name, KINDS["Pa"]):
         return _Unit(said, f"the file says {said} of {h.name!r}", absolute(said))

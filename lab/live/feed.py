@@ -9,8 +9,6 @@ from collections.abc import AsyncIterator, Callable
 
 from recordings.file.tail import Piece, Tail
 
-LOOK = 0.02
-"""Host seconds between two looks at a file that is being written."""
 AT_ONCE = 256
 """Pieces that are read in one go while the beginning of a long run is caught up with."""
 TICK = 0.05
@@ -25,7 +23,7 @@ async def following(tail: Tail, over: Callable[[], bool]) -> AsyncIterator[list[
         elif over():
             return
         else:
-            await asyncio.sleep(LOOK)
+            await asyncio.sleep(0.02)
 
 
 async def played(tail: Tail, speed: float) -> AsyncIterator[list[Piece]]:

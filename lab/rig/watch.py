@@ -27,8 +27,6 @@ from .repeats import Repeats
 
 GRACE = 0.5
 """Host seconds for which a stream may be late, less those for which it was not: a loaded computer must not end a run."""
-SAFEGUARD = 1 << 4
-"""Safety bit of an arm whose safeguard input has opened: somebody is in the cell."""
 OWN_SLEEP, CATCH_UP = 0.5, 0.2
 """Host seconds that this program may have stood still between two looks; time to make up for more."""
 STANDSTILL = 5.0
@@ -207,7 +205,7 @@ class Watch:
                 self._hidden_since = math.inf
             self._lateness(name, now, late=False)
             self._moves_on(name, sample, now)
-            if isinstance(sample, ArmSample) and sample.safety_bits & SAFEGUARD:
+            if isinstance(sample, ArmSample) and sample.safety_bits & (1 << 4):  # somebody is in the cell
                 raise Suspended(
                     DeviceFault("arm", "safeguard stop: somebody has opened the cell; close it and reset it")
                 )
