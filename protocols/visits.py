@@ -27,8 +27,6 @@ Branch = Literal["load", "unload"]
 TOPICS = ("/pressure", "/tip", "/spine", "/vacuum")
 AVERAGE, LEAST_AVERAGE = 0.2, 1.0
 """Share of its hold over which a state at a fixed time is averaged, and the shortest average, s."""
-LATE = 30.0
-"""s after its last sample is due for which the end of a state is awaited."""
 
 
 @dataclass(frozen=True)
@@ -176,7 +174,7 @@ class Walk:
         due = rule.delay + rule.average if isinstance(rule, Window) else rule.timeout
         return self.trials.read(
             self.trial, rule, branch=branch, t_start=start, ramp_end=arrived, rate=rate, targets=pressures, topics=TOPICS,
-            wait=due + LATE,
+            wait=due + 30.0,  # s for which the end of a state is awaited
         )  # fmt: skip
 
 

@@ -11,8 +11,6 @@ from recordings.file.tail import Piece, Tail
 
 AT_ONCE = 256
 """Pieces that are read in one go while the beginning of a long run is caught up with."""
-TICK = 0.05
-"""Host seconds between two updates of a recording that is played."""
 
 
 async def following(tail: Tail, over: Callable[[], bool]) -> AsyncIterator[list[Piece]]:
@@ -34,7 +32,7 @@ async def played(tail: Tail, speed: float) -> AsyncIterator[list[Piece]]:
         for piece in pieces:
             first = piece.until if first is None else first
             wait = begin + (piece.until - first) / 1e9 / speed - time.monotonic()
-            if wait > TICK or (due and math.isfinite(speed) and wait > 0):
+            if wait > 0.05 or (due and math.isfinite(speed) and wait > 0):
                 if due:
                     yield due
                     due = []

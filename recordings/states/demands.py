@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 
 from ..trials import TrialRow
 
-LONGEST_LOOK = 600.0
-"""s before the end of a window in which vacuum and bodies are judged at most: samples stay in memory for `buffer.KEEP`, 900 s."""
 SLACK = 0.005
 """m by which a distance may be longer than the body allows: bodies for the cameras are mounted on the robot's surface."""
 
@@ -31,7 +29,8 @@ class Demand:
 
     def begin(self, until: float) -> float:
         """Rig time (s) of the first sample that is judged where samples are judged until `until` (s)."""
-        return max(self.since, until - LONGEST_LOOK)
+        # samples stay in memory for 900 s, `buffer.KEEP`
+        return max(self.since, until - 600.0)
 
 
 @dataclass(frozen=True)
