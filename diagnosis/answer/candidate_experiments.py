@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.actuators import Words
+from model.condition import NOMINAL_VACUUM
 from model.robot import Robot
 
 from ..data.campaign import Campaign
@@ -65,7 +66,7 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Experiment]:
     count, words = len(robot.actuators.azimuths_deg), robot.actuators.words
     others = _others(chambers, count, s)
     mass = float(np.median([robot.tip_mass if r.tip_mass is None else r.tip_mass for r in s.rows]))
-    default_vacuum = 80e3 if robot.spine is not None else 0.0
+    default_vacuum = NOMINAL_VACUUM if robot.spine is not None else 0.0
     vacuum = float(np.median([default_vacuum if r.vacuum is None else r.vacuum for r in s.rows]))
     base: dict[str, Any] = {
         "protocol": "bending", "spine_lengths": lengths, "pressures": pressures, "chambers": chambers, "unload": False,

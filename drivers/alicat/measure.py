@@ -9,12 +9,10 @@ from __future__ import annotations
 import math
 
 from ..errors import WrongDevice
-from .wire import COUNTS, PA, UNITS, AlicatUnit
+from .wire import COUNTS, PA, UNITS, AlicatUnit, Variable
 
 KNOWS_FULL_SCALE = (6, 0)
 """First firmware that answers FPF, and so tells its unit of measure."""
-GAUGE_PRESSURE = 6
-"""Alicat's number for the gauge pressure reading."""
 UNKNOWN = 1e6
 """Pa taken for a unit of measure that is not known: the largest, so that no pressure passes for vented."""
 TRIAL_SHARE = 0.25
@@ -51,14 +49,14 @@ class Measure:
         if not self.tells:
             self.untried = True
             return
-        value, code, label = self._unit.full_scale(GAUGE_PRESSURE)
+        value, code, label = self._unit.full_scale(Variable.GAUGE_PRESSURE)
         self._unit.pa = PA.get(code, UNKNOWN)
         self._range = value * self._unit.pa
         self.wrong = ""
         if self._unit.pa != self._pa:
             self.wrong = (
                 f"unit {self._unit.letter} shows {label or 'an unknown unit of measure'} (code {code}; register FPF "
-                f"{GAUGE_PRESSURE}), {self._needed} is needed (code {UNITS[self._needed][0]}); set its pressure unit to "
+                f"{Variable.GAUGE_PRESSURE}), {self._needed} is needed (code {UNITS[self._needed][0]}); set its pressure unit to "
                 f"{self._needed}, or write in rig.yaml which `unit` it shows"
             )
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from enum import IntEnum
 
 from ..errors import BadReply, NoReply
 from ..serial_line import SerialLine, show
@@ -23,6 +24,15 @@ PA = dict(UNITS.values()) | {
     18: 98.0665, 19: 97.971, 20: 249.089, 21: 248.843, 22: 101_325.0,
 }  # fmt: skip
 """Pa in every unit of pressure that a panel offers, by Alicat's number."""
+
+
+class Variable(IntEnum):
+    """Alicat's numbers of what a unit reads and controls."""
+
+    GAUGE_PRESSURE = 6
+    GAUGE_SETPOINT = 38
+
+
 COUNTS = 64000
 """A set-point can be sent as so many parts of the full scale, too; then it is the same pressure whatever the unit."""
 FRAME = re.compile(r"[A-Z]((?:\s+[+-]?\d+(?:\.\d+)?){2,})((?:\s+[A-Z0-9]{3})*)\s*")

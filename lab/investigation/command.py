@@ -30,8 +30,6 @@ from ..pages import diagnosis_report, investigation_page
 from ..processes import for_case
 from .laboratory import RigLaboratory
 
-LEADING = 4
-"""Hypotheses shown after each diagnosis."""
 STORY, ANSWER, PAGE, ANSWER_PAGE = "investigation.json", "diagnosis.json", "investigation.html", "diagnosis.html"
 
 
@@ -178,7 +176,7 @@ def _named(effects: Sequence[str]) -> str:
 
 
 def _leading(d: Diagnosis) -> list[Ranked]:
-    return list(d.attribute.ranking[:LEADING])
+    return list(d.attribute.ranking[:4])
 
 
 def _show(r: Round) -> None:

@@ -39,9 +39,6 @@ from ..files.own_effects import catalogue
 from ..next_step import FIRST, command, nothing_next, worth_doing
 from ..processes import for_case
 
-FIRST_PAIRS = 3
-"""Pairs of hypotheses named that the first proposal distinguishes."""
-
 
 @dataclass(frozen=True)
 class Outputs:
@@ -293,5 +290,5 @@ def _proposals(d: Diagnosis) -> Sheet:
 
 
 def _separated(p: Proposal) -> str:
-    pairs = " and ".join(" from ".join(pair) for pair in p.separates[:FIRST_PAIRS])
+    pairs = " and ".join(" from ".join(pair) for pair in p.separates[:3])
     return f"{p.id} is expected to distinguish {pairs}."
