@@ -13,7 +13,7 @@ from typing import Any
 
 from ..criticism.stage_errors import StageError
 from ..inference.posterior import UNKNOWN
-from ..judgement import ABSORBED, CALIBRATION_STATED, EXPLAINS, OUTSIDE_STATED
+from ..judgement import ABSORBED, CALIBRATION_STATED, EXPLAINS, MORE_THAN_GAP, OUTSIDE_STATED
 from .headline import LEAST_STATED, percent
 from .result import Calibration, Carries, Conclusion, Locate, Ranked, Shrink, Simulator, Waterfall
 from .shrink import share_closed
@@ -48,8 +48,6 @@ class Facts:
     """Effect -> plain name."""
 
 
-MORE_THAN_GAP = 1.3
-"""Ratio of what an effect moves to the calibrated gap above which a reader would take one of both for wrong."""
 NO_EFFECT, OUTSIDE = "no effect", "a cause outside the catalogue"
 
 

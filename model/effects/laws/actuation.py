@@ -13,15 +13,10 @@ from model.effects.quantities import Quantities
 from model.effects.shows import by_chambers, chambers_apart, directions_apart
 from model.effects.spec import EffectSpec, Law, Parameter, Values
 
-FULL = 250e3
-"""Pa, the pressure that ballooning is quoted at."""
 DEADBAND_SOFTNESS = 0.2
 """Width of the smooth corner of a dead band, in dead bands."""
-BALLOON_POWER = 1.25
 ORDERS = ((1, -1), (-1, -1), (-1, 0), (-1, 1), (1, 1))
 """Ways to connect hoses wrongly, as sense and start of counting: turned back, three mirror images, turned on."""
-ONSET_SOFTNESS = 0.5
-"""Width of the smooth corner where ballooning sets in, in onsets."""
 
 
 def _above(x: np.ndarray, soft: np.ndarray) -> np.ndarray:
@@ -65,13 +60,15 @@ def _pressure_deadband(q: Quantities, v: Values) -> None:
 
 
 def _chamber_ballooning(q: Quantities, v: Values) -> None:
-    power, onset = (x[..., None] for x in (BALLOON_POWER + v["power"], v["onset"]))
-    soft = ONSET_SOFTNESS * onset
+    power, onset = (x[..., None] for x in (1.25 + v["power"], v["onset"]))
+    # width of the smooth corner
+    soft = 0.5 * onset
 
     def beyond(p: np.ndarray) -> np.ndarray:
         return _above(p - onset, soft) - _above(-onset, soft)
 
-    grown = (beyond(np.maximum(q.pressure, 0.0)) / beyond(np.full_like(onset, FULL))) ** power
+    # ballooning is quoted at 250 kPa
+    grown = (beyond(np.maximum(q.pressure, 0.0)) / beyond(np.full_like(onset, 250e3))) ** power
     q.area_factor = q.area_factor * (1 + v["growth"][..., None] * grown)
 
 
