@@ -13,8 +13,6 @@ from diagnosis.judgement import CERTAIN
 from ..files.config import ConfigError
 from .folder import read_table
 
-LARGEST = 1e300
-"""No figure of an answer is larger."""
 HINT = "remove it and run `lab blind run` again"
 
 Effects = frozenset[str]
@@ -123,4 +121,4 @@ def _sizes(attribute: Mapping[str, Any], effects: Effects) -> dict[str, dict[str
 
 
 def _number(value: object, default: float = math.nan) -> float:
-    return float(value) if isinstance(value, (int, float)) and abs(value) < LARGEST else default
+    return float(value) if isinstance(value, (int, float)) and abs(value) < 1e300 else default

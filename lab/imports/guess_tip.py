@@ -24,18 +24,10 @@ from .series import Series
 
 Array = NDArray[np.float64]
 
-ASIDE = 0.5
-"""Robot lengths off the longest axis from which the resting tip does not tell which way the robot hangs."""
 ORDERS_IN_WORDS = (
     "small letters turn about fixed axes (extrinsic, as in SciPy), capitals about axes that turn with the body (intrinsic); "
     "robots of Universal Robots write a rotation vector"
 )
-STILL = 0.02
-"""Share of the tip's movement within which a marker stands still."""
-SAG_KNOWN = 1.5
-"""Times the sag that robot.yaml's weight and stiffness give, within which a tip rests where the robot may bring it."""
-AGREED = 0.9
-"""Cosine between pressures and displacements below which the frame remains in doubt."""
 FITS = 1.5
 """Factor between the distance of the resting tip and the robot's length below which a unit of length is told by it."""
 
@@ -127,7 +119,7 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
 def _still(g: Guess, series: Series, others: Sequence[Triple], tip: Triple) -> list[Triple]:
     """The one place that stands still while the tip moves."""
     moves = _spread(_xyz(series, tip))
-    still = [t for t in others if t.unit == tip.unit and _spread(_xyz(series, t)) < STILL * moves]
+    still = [t for t in others if t.unit == tip.unit and _spread(_xyz(series, t)) < 0.02 * moves]
     if len(still) != 1:
         return []
     g.doubts.append(f"points.tip.against: {' / '.join(still[0].columns)} stands still: taken for a marker at the base")
@@ -201,8 +193,10 @@ def _frame(g: Guess, series: Series, tip: Array, rest: NDArray[np.bool_], robot:
     away = float(np.linalg.norm(at_rest))
     aside = float(np.linalg.norm(np.delete(at_rest, along)))
     sag, chord = _under_its_weight(robot)
-    elsewhere = rests and (abs(away - chord) > 0.02 * robot.length or aside > 0.05 * robot.length + SAG_KNOWN * sag)
-    told = aside <= ASIDE * robot.length
+    # the sag that robot.yaml's weight and stiffness give may be half as large again
+    elsewhere = rests and (abs(away - chord) > 0.02 * robot.length or aside > 0.05 * robot.length + 1.5 * sag)
+    # a tip that rests farther off the longest axis does not tell which way the robot hangs
+    told = aside <= 0.5 * robot.length
     lies = "-" * bool(at_rest[along] < 0) + "xyz"[along]
     frames = [
         Frame(x=x, y=y, z=z) for z in ([lies] if told else ["z", "-z", "x", "-x", "y", "-y"]) for x, y in _turned(z)
@@ -211,7 +205,8 @@ def _frame(g: Guess, series: Series, tip: Array, rest: NDArray[np.bool_], robot:
     best = int(np.argmax(agreement))
     found = frames[best]
     bends = f"the tip bends {_sense(robot)} ({agreement[best]:.2f} of 1)"
-    if agreement[best] < AGREED:
+    # the frame remains in doubt
+    if agreement[best] < 0.9:
         g.doubts.append(
             f"frame.x, frame.y: with the base's x along the file's {found.x} and its y along the file's {found.y} {bends}: "
             "the best turn about the base's z, but not forced by these data"

@@ -45,10 +45,6 @@ def preparations(setup: Setup, before: Setup | None = None) -> str:
     )
 
 
-LONGEST_ANSWER = 65536
-"""Characters of one line that a program may answer."""
-
-
 class Console:
     """Asks the person to prepare and waits for Enter; without a terminal, assumes that it is prepared and says so."""
 
@@ -108,7 +104,7 @@ class Program:
                 connection.connect(str(self.path))
                 self._check_peer(connection)
                 connection.sendall(json.dumps(question).encode() + b"\n")
-                line = connection.makefile().readline(LONGEST_ANSWER)
+                line = connection.makefile().readline(65536)
             answer = read_json(line)
         except (OSError, ValueError) as e:
             raise ProtocolError(

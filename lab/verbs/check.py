@@ -32,8 +32,6 @@ from ..rig.interrupts import Interrupts
 from ..rig.limits import bodies
 from ..rig.losses import newly_lost
 
-VACUUM = 80e3
-"""Pa below ambient that the supply is set to."""
 LOOK = 0.05
 """Host seconds between two looks at what has come."""
 
@@ -133,7 +131,7 @@ def _moved(rig: Rig, robot: Robot, as_json: bool) -> list[Moved]:
         rig.record_to(recorder)
         try:
             if rig.file.operator != "console":  # a person at the console has just been asked
-                bench.operator.prepare(Setup("robot", robot.tip_mass, 0.0, VACUUM))
+                bench.operator.prepare(Setup("robot", robot.tip_mass, 0.0, 80e3))  # Pa below ambient
             for result in moves(bench, rig.file, robot):
                 tell(result)
         except (ProtocolError, KeyboardInterrupt) as e:
