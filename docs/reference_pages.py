@@ -58,7 +58,18 @@ WITHIN: Mapping[type, Sequence[str]] = {
     Readings: ("design",),
 }
 """Members that only the project's own code uses."""
-HELPERS = ("change_of", "signed", "planned_rest", "around", "jam_lost", "release", "jam", "grow")
+HELPERS = (
+    "in_one_jamming",
+    "setpoints",
+    "change_of",
+    "signed",
+    "planned_rest",
+    "around",
+    "jam_lost",
+    "release",
+    "jam",
+    "grow",
+)
 """Functions likewise."""
 MADE = "This page is made from the code."
 WIDTH = 120
