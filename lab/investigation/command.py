@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import shlex
@@ -25,7 +26,9 @@ from ..files.config import ConfigError
 from ..files.inputs import read_case, same_robot
 from ..files.own_effects import catalogue
 from ..files.rig_file import load_rig
+from ..files.units import UnitError, to_si
 from ..live.beside import page_where
+from ..options import ANY_SIZE, JSON, LABELS, OWN_EFFECTS, ROBOT, WORKERS, Verb, given_labels, option, rig, settings
 from ..pages import diagnosis_report, investigation_page
 from ..processes import for_case
 from .laboratory import RigLaboratory
@@ -155,11 +158,11 @@ def _again(w: Wanted, inputs: Sequence[Path], unreadable: str = "") -> str:
     """What to type to go on with what is measured by now, as it was asked for. `unreadable`: an experiment that could not be
     read on this rig and is left out from now on."""
     words = ["lab", "investigate", *map(str, inputs), "--rig", str(w.rig), "--out", f"{w.folder}-2"]
-    for option, place in (("--robot", w.robot), ("--effects", w.effects)):
-        words += [option, str(place)] if place is not None else []
+    for name, place in (("--robot", w.robot), ("--effects", w.effects)):
+        words += [name, str(place)] if place is not None else []
     words += [] if w.hands else ["--no-hands"]
-    for option, several in (("--without", (*w.without, *filter(None, (unreadable,)))), ("--set", w.settings)):
-        words += [word for one in several for word in (option, one)]
+    for name, several in (("--without", (*w.without, *filter(None, (unreadable,)))), ("--set", w.settings)):
+        words += [word for one in several for word in (name, one)]
     return shlex.join(words)
 
 
@@ -196,3 +199,63 @@ def _foretold(f: Foretold, quiet: bool) -> None:
     for rival in f.rivals:
         x, y, z = rival.tip_mm[state]
         out.print(f"  state {state + 1}, by {_named(rival.effects)}: ({x:.1f}, {y:.1f}, {z:.1f}) mm", soft_wrap=True)
+
+
+def _minutes(text: str) -> float:
+    """A time with its unit, in minutes."""
+    try:
+        return to_si(text, "s") / 60
+    except UnitError as e:
+        raise argparse.ArgumentTypeError(str(e)) from e
+
+
+def _investigate(a: argparse.Namespace) -> int:
+    limits = Limits(a.budget, a.experiments)
+    menu = not a.no_hands, tuple(a.without), tuple(a.set)
+    labels = tuple(given_labels(a))
+    wanted = Wanted(tuple(a.inputs), a.rig, a.out, limits, a.robot, a.effects, *menu, labels, a.workers, a.watch)
+    return run(wanted, a.json)
+
+
+VERBS = (
+    Verb(
+        "investigate",
+        _investigate,
+        options=(
+            JSON,
+            ANY_SIZE,
+            option(
+                "inputs",
+                type=Path,
+                nargs="+",
+                metavar="INPUT",
+                help="recordings (.mcap) or a case folder of the robot on the rig",
+            ),
+            rig(),
+            option(
+                "--budget", type=_minutes, default=60.0, metavar="60min", help="time for experiments (default 60min)"
+            ),
+            option("--experiments", type=int, default=3, metavar="N", help="at most this many (default 3)"),
+            option("--without", action="append", default=[], metavar="ID", help="leave out an experiment (repeatable)"),
+            settings("change a parameter of every experiment (repeatable)"),
+            option("--no-hands", action="store_true", help="nothing to mount, turn or hang on"),
+            option(
+                "--out",
+                type=Path,
+                default=Path("investigation"),
+                metavar="FOLDER",
+                help="folder for recordings, answer and page",
+            ),
+            ROBOT,
+            WORKERS,
+            option("--watch", action="store_true", help="show the experiments on a page in the browser"),
+            *LABELS,
+            OWN_EFFECTS,
+        ),
+        examples=(
+            "lab investigate runs/sweep.mcap --rig rig/rig.yaml --budget 30min",
+            "lab investigate case --rig rig/rig.yaml --no-hands",
+        ),
+        page="docs/howto/investigate.md",
+    ),
+)

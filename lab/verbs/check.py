@@ -25,6 +25,7 @@ from ..files.config import ConfigError, unit_of
 from ..files.rig_file import RigFile, load_rig, table_of
 from ..files.units import shown
 from ..guard.latch import Latch
+from ..options import JSON, Verb, option, rig
 from ..rig.assembly import Rig
 from ..rig.checked import Moved, keep
 from ..rig.interrupts import Interrupts
@@ -217,3 +218,22 @@ def _table(title: str, rows: list[dict[str, Any]], span: float) -> Table:
         )
         table.add_row(r["instrument"], identity, rate, str(r.get("lost", "")), limits)
     return table
+
+
+VERBS = (
+    Verb(
+        "check",
+        lambda a: check(a.rig, a.seconds, a.json, a.move, a.yes),
+        options=(
+            JSON,
+            rig(),
+            option("--move", action="store_true", help="move each actuator a little and compare with rig.yaml"),
+            option(
+                "--yes", action="store_true", help="with --move: do not ask for confirmation; nobody is within reach"
+            ),
+            option("--seconds", type=float, default=2.0, help="host seconds over which rates and losses are counted"),
+        ),
+        examples=("lab check --rig rig/rig.yaml", "lab check --rig rig/rig.yaml --move"),
+        page="docs/tutorials/your-rig.md",
+    ),
+)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -37,6 +38,7 @@ from ..files.config import ConfigError, demand_writable, in_units
 from ..files.inputs import UNCONFIRMED_GUESSES, Case, marked_notes, read_case, unconfirmed_guesses
 from ..files.own_effects import catalogue
 from ..next_step import FIRST, command, nothing_next, worth_doing
+from ..options import ANY_SIZE, INPUTS, OWN_EFFECTS, ROBOT, SCHEDULER, WORKERS, Verb, option
 from ..processes import for_case
 
 
@@ -292,3 +294,57 @@ def _proposals(d: Diagnosis) -> Sheet:
 def _separated(p: Proposal) -> str:
     pairs = " and ".join(" from ".join(pair) for pair in p.separates[:3])
     return f"{p.id} is expected to distinguish {pairs}."
+
+
+def _diagnose_verb(a: argparse.Namespace) -> int:
+    others = Comparisons(a.reference, a.holdout, a.effects, a.baseline, a.simulator)
+    return diagnose(a.inputs, a.robot, Outputs(a.json, a.report, a.protocols), others, a.workers, a.scheduler)
+
+
+VERBS = (
+    Verb(
+        "diagnose",
+        _diagnose_verb,
+        options=(
+            ANY_SIZE,
+            INPUTS,
+            ROBOT,
+            option("--json", type=Path, metavar="OUT", help="write diagnosis.json here"),
+            option("--report", type=Path, metavar="OUT.html", help="write the page with all figures here"),
+            option(
+                "--protocols",
+                type=Path,
+                metavar="FOLDER",
+                help="write the proposed experiments as protocol files; no earlier answer is kept, so later the whole "
+                "diagnosis is repeated for them",
+            ),
+            option(
+                "--reference",
+                type=Path,
+                metavar="CASE",
+                help="an earlier campaign: report what has changed since",
+            ),
+            option(
+                "--holdout",
+                type=Path,
+                metavar="CASE",
+                help="a campaign (case folder or .mcap) to test the answer on",
+            ),
+            option(
+                "--baseline",
+                type=Path,
+                metavar="PREDICTED.csv",
+                help="predictions of another simulator: diagnose its gap",
+            ),
+            option("--simulator", metavar="NAME|FILE.py", help="the same, asking the simulator itself"),
+            WORKERS,
+            SCHEDULER,
+            OWN_EFFECTS,
+        ),
+        examples=(
+            "lab diagnose runs/*.mcap --report diagnosis.html",
+            "lab diagnose case --json diagnosis.json --protocols next",
+        ),
+        page="docs/explanations/diagnosis.md",
+    ),
+)

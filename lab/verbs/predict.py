@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import csv
 import io
 import json
@@ -28,9 +29,10 @@ from protocols.parameters import RobotFacts
 from protocols.planned import planned_rows
 
 from ..console import Screen, note, out
-from ..files.config import ConfigError, demand_writable
+from ..files.config import ConfigError, demand_writable, load
 from ..files.number_table import Columns, read_numbers
 from ..files.own_effects import stated_by
+from ..options import JSON, OWN_EFFECTS, OneOf, Verb, option, settings
 from .run import protocol_plan
 
 Array = NDArray[np.float64]
@@ -386,3 +388,75 @@ def _with_half(value: Array, low: Array, high: Array) -> list[str]:
         "none" if not np.isfinite(v) else f"{MM * v:.2f}" + (f" ± {MM * (h - l) / 2:.2f}" if h >= l else "")
         for v, l, h in zip(value, low, high, strict=True)
     ]
+
+
+def _groups(text: str) -> tuple[tuple[int, ...], ...]:
+    """Chambers between commas, groups between blanks."""
+    try:
+        return tuple(tuple(int(c) for c in group.split(",")) for group in text.split())
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r}: write chambers between commas and groups between blanks") from None
+
+
+def _predict_verb(a: argparse.Namespace) -> int:
+    outputs, robot = Outputs(a.json, a.out, a.figure), load(a.robot, Robot)
+    if a.inverse is not None:
+        return invert(robot, a.inverse, Wanted(a.spine_length, a.groups, a.max_pressure), outputs, a.effects)
+    by_table = a.table is not None
+    states = table_states(a.table, robot.actuators.words) if by_table else protocol_states(a.protocol, a.set, robot)
+    return predict(robot, states, outputs, a.effects)
+
+
+GIVEN = OneOf(
+    (
+        option("--protocol", help="the states of a protocol: its name, or a protocol file (.yaml, .py)"),
+        option(
+            "--table",
+            type=Path,
+            metavar="STATES.csv",
+            help="the states of a table: p1 .. in Pa ('p1 [kPa]', of tendons 'p1 [N]'), spine_length in m; or a trials.csv",
+        ),
+        option(
+            "--inverse",
+            type=Path,
+            metavar="TARGETS.csv",
+            help="pressures for wanted tips: x, y, z in m; an empty cell is free",
+        ),
+    ),
+    required=True,
+)
+
+VERBS = (
+    Verb(
+        "predict",
+        _predict_verb,
+        options=(
+            JSON,
+            option(
+                "--robot",
+                type=Path,
+                required=True,
+                metavar="ROBOT.yaml",
+                help="robot.yaml, with its effects (lab fit --with)",
+            ),
+            GIVEN,
+            settings("with --protocol: change one parameter"),
+            option("--spine-length", type=float, metavar="M", help="with --inverse: keep the spine at this length, m"),
+            option(
+                "--groups",
+                type=_groups,
+                metavar="'9,1,2 3,4,5'",
+                help="with --inverse: chambers that share a regulator (others stay vented)",
+            ),
+            option("--max-pressure", type=float, metavar="PA", help="with --inverse: less than robot.yaml allows, Pa"),
+            option("--out", type=Path, metavar="FILE.csv", help="write all rows here"),
+            option("--figure", type=Path, metavar="FILE.svg", help="draw them here (.svg, .png or .pdf)"),
+            OWN_EFFECTS,
+        ),
+        examples=(
+            "lab predict --robot fitted/robot.yaml --protocol bending",
+            "lab predict --robot fitted/robot.yaml --inverse targets.csv",
+        ),
+        page="docs/howto/use-the-answer.md",
+    ),
+)
