@@ -88,7 +88,7 @@ def attribute(p: Prepared, stages: Mapping[str, Stage], executor: Executor = SIN
         (_stage_errors(p, c, stages) for c in {leading.named: leading, best.named: best}.values()), key=total_gain
     )
     weighed = with_unknown(known, unknown, CALIBRATED.probability_outside(misfit, total_gain(free)))
-    decision = decide(weighed, CALIBRATED, not lacking(p.states))
+    decision = decide(weighed, CALIBRATED, not lacking(p.states), carried.nothing_stands_out)
     separations = _distinguishability(p, found, weighed, best)
     return Attribution(
         p, weighed, found[NONE], replace(best, made=None), calibrated(p), misfit, decision, separations, CALIBRATED, carried, free

@@ -13,7 +13,7 @@ from typing import Any
 
 from ..criticism.stage_errors import StageError
 from ..inference.posterior import UNKNOWN
-from ..judgement import ABSORBED, CALIBRATION_STATED, EXPLAINS, MORE_THAN_GAP, OUTSIDE_STATED
+from ..judgement import ABSORBED, CALIBRATION_STATED, EXPLAINS, MORE_THAN_GAP, OUTSIDE_STATED, OUTSTANDING_FLOORS
 from .headline import LEAST_STATED, percent
 from .result import Calibration, Carries, Conclusion, Locate, Ranked, Shrink, Simulator, Waterfall
 from .shrink import share_closed
@@ -106,6 +106,14 @@ def _verdict(f: Facts) -> str:
         by = f" To tell them apart: {f.tie_breaker}." if f.tie_breaker else ""
         return f"Behaves most like {named} ({_sure(f)}); the data do not exclude {_others(f)}.{by}"
     if f.conclusion == "none":
+        if f.decision.too_small:
+            leading = " and ".join(with_id(e, f.names) for e in f.decision.too_small)
+            by = _by_calibration(f)
+            start = f"{by} no cause stands out" if by else "No cause stands out"
+            return (
+                f"{start}: probably no effect carries {OUTSTANDING_FLOORS:.0f} noise floors ({_sure(f)}). The most probable "
+                f"one is {leading}."
+            )
         first = _by_calibration(f) or "No cause:"
         return f"{first} no effect accounts for enough above the noise floor ({_sure(f)})."
     if f.conclusion == "noise":

@@ -66,6 +66,11 @@ class Budget:
     named: tuple[Hypothesis, ...]
     """(d,) what is named in each draw."""
 
+    @property
+    def nothing_stands_out(self) -> float:
+        """Probability that no effect carries `OUTSTANDING_FLOORS`."""
+        return float(self.weight[(self.floors < OUTSTANDING_FLOORS).all(axis=1)].sum())
+
     def interval(self, effect: str, *quantiles: float) -> tuple[float, ...]:
         """Quantiles (m) of what an effect carries, its law as wrong as laws may be."""
         share = np.where(self.tolerant, 1.0, self.law_error[effect])

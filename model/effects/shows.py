@@ -11,6 +11,8 @@ from model.robot import Robot
 
 Array = NDArray[np.float64]
 
+REPEATED = 0.5
+"""Share of distinct values among pressures up to which they are set-points: of each value there are two or more."""
 SAME_SIDE = np.cos(np.radians(20.0))
 """Cosine of two bending directions above which they are one."""
 
@@ -42,6 +44,13 @@ def possible(robot: Robot, spec: EffectSpec) -> bool:
     """Whether the robot has the part that an effect is of, whatever its campaign holds."""
     part = PARTS.get(spec.shown)
     return part is None or getattr(robot, part) is not None
+
+
+def set_points(robot: Robot, design: States) -> bool:
+    """A table that holds what was asked for: the same pressures again and again, to the last digit, as no reading is."""
+    pressure = design.pressure[~design.stiffness]
+    driven = pressure[pressure > USED]
+    return driven.size > 0 and len(np.unique(driven)) <= REPEATED * driven.size
 
 
 def chambers_apart(robot: Robot, design: States) -> bool:
