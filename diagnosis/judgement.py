@@ -100,7 +100,7 @@ REFINED_FIRST, NONE_MARGIN, PROMISE_MARGIN, TRUSTED_DECREASE = 4, 25.0, 60.0, 1e
 whose linear problem promises the third less than they reach is not refined, unless it predicts a larger decrease of the cost
 than the fourth. Chosen on the practice robots."""
 LEADING_SINGLES = 6
-"""Single effects, leading around none without and with tolerances, that are refined although none is no start of their own."""
+"""Single effects, leading around none without and with tolerances, that are refined besides those with starts of their own."""
 CONVERGED_SINGLES, NEARLY_BEST = 4, 8.0
 """Leading single effects, without and with tolerances, that are searched to convergence; log evidence behind the best within
 which they, and at last all hypotheses, are."""

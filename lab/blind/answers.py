@@ -76,6 +76,21 @@ def read_answer(path: Path, case: str, after: int | None = None) -> Answer:
         raise ConfigError(f"{path}: holds no rounds of a diagnosis ({repr(e)[:200]}); {HINT}") from e
 
 
+def read_foreign(path: Path, case: str) -> Answer:
+    """The answer of another method: `attribute` with verdict, effects, probability and ranking, as in diagnosis.json.
+
+    Raises ConfigError for a file that holds none.
+    """
+    hint = 'write {"attribute": {"verdict": .., "effects": [..], "probability": .., "ranking": [..]}}'
+    found = read_table(path, hint)
+    if not isinstance(found, Mapping) or not isinstance(found.get("attribute"), Mapping):
+        raise ConfigError(f"{path}: holds no answer; {hint}")
+    try:
+        return answer_from(case, found)
+    except (TypeError, ValueError, AttributeError) as e:
+        raise ConfigError(f"{path}: holds no answer ({repr(e)[:200]}); {hint}") from e
+
+
 def answer_from(case: str, d: Mapping[str, Any], seconds: float = math.nan, asked: tuple[str, ...] = ()) -> Answer:
     """The answer in a diagnosis.json; what it lacks counts as not known."""
     attribute = d.get("attribute")
