@@ -49,7 +49,7 @@ AGO = 1000.0
 """Host seconds since the rig's clock began: its time is neither that since the start of a driver nor the host's."""
 ASKED = 20e3
 """Pa."""
-GAUGE_ERROR = 0.02
+GAUGE_ERROR = 0.01
 """Share of full scale by which a gauge may be wrong: noise, resolution and tolerance of common ones."""
 CALLS: dict[str, tuple[Callable[[Any], Any], ...]] = {
     "pressure": (lambda d: d.read(), lambda d: d.set((0.0,) * d.channels), lambda d: d.vent()),
@@ -400,6 +400,11 @@ def test_it_does_not_open_another_device(unit: Unit) -> None:
     if own:
         must_not_open(unit.driver, "a line with another device", remedy)
         return
+    assert not any(isinstance(part, PtyFake) and part.checked for part in unit.parts), (
+        "answers of this fake carry a checksum, so that another maker put into them is refused for the checksum alone: declare "
+        "own_faults = {'wrong_id': (NAME, VALUE)}, and answer as another device, checksum included, while faults.extra[NAME] is "
+        "VALUE"
+    )
     identity = unit.driver.open()
     unit.driver.close()
     words = [word.encode() for word in f"{identity.maker} {identity.model}".split() if len(word) > 1]

@@ -20,6 +20,9 @@ from .plausible_places import doubtful_places
 from .plausible_pressures import Pressures
 from .plausible_robot import doubtful_numbers
 
+TURNS = ((-1, 1), (-1, -1), *((axis, sign) for axis in range(3) for sign in (1, -1)))
+"""Directions of gravity that are tried: as it is, reversed, along each axis of the base."""
+
 
 def doubtful(robot: Robot, rows: Sequence[TrialRow], robot_name: str) -> tuple[str, ...]:
     """One message for each doubt; `robot_name`: where the robot was read."""
@@ -46,7 +49,7 @@ def _gain(robot: Robot, rows: Sequence[TrialRow]) -> Iterator[str]:
 
 
 def _gravity(robot: Robot, rows: Sequence[TrialRow]) -> Iterator[str]:
-    """About a tip at rest that sags to where reversed gravity would bring it.
+    """About a tip at rest that sags to where gravity in another direction would bring it.
 
     A wrong modulus changes how far it sags, by a factor, but not the side; along the axis nothing sags, and nothing is asked.
     """
@@ -69,22 +72,27 @@ def _gravity(robot: Robot, rows: Sequence[TrialRow]) -> Iterator[str]:
             np.radians([r.roll_deg or 0.0 for r in resting]),
             [r.tip_force for r in resting],
         )
-        found = [solve(rods_of(_with_gravity(robot, sign), asked), FINE) for sign in (1.0, -1.0)]
+        found = {turn: solve(rods_of(_turned(robot, turn), asked), FINE) for turn in TURNS}
     except ModelError:  # the states do not fit this robot, which is said elsewhere
         return
-    stands = found[0].converged & found[1].converged
+    stands = np.all([f.converged for f in found.values()], axis=0)
     if not stands.any():
         return
     seen = np.array([r.tip for r in resting])[stands]
-    given, reversed_ = (float(np.sqrt(((f.tip[stands] - seen) ** 2).sum(axis=1).mean())) for f in found)
-    if given > ASIDE * robot.length and reversed_ < UPSIDE_DOWN_GAIN * given:
+    missed = {turn: float(np.sqrt(((f.tip[stands] - seen) ** 2).sum(axis=1).mean())) for turn, f in found.items()}
+    given, best = missed[TURNS[0]], min(missed, key=lambda turn: missed[turn])
+    if given > ASIDE * robot.length and missed[best] < UPSIDE_DOWN_GAIN * given:
+        other = ", ".join(f"{g + 0.0:g}" for g in _turned(robot, best).gravity)
         yield (
             f"gravity [{', '.join(f'{g:g}' for g in robot.gravity)}] m/s^2: at rest the tip is {1e3 * given:.3g} mm from where "
-            f"the model has it, and {1e3 * reversed_:.3g} mm with gravity reversed: does gravity point down in the base frame, "
-            "and is the frame the right way round?"
+            f"the model has it, and {1e3 * missed[best]:.3g} mm with [{other}]: does gravity point down in the base frame, and "
+            "is the frame the right way round?"
         )
 
 
-def _with_gravity(robot: Robot, factor: float) -> Robot:
-    x, y, z = (factor * g for g in robot.gravity)
+def _turned(robot: Robot, turn: tuple[int, int]) -> Robot:
+    """The robot with gravity (axis, sign) along another axis of the base; axis -1: as it is, or reversed."""
+    axis, sign = turn
+    g = sign * np.array(robot.gravity) if axis < 0 else sign * float(np.linalg.norm(robot.gravity)) * np.eye(3)[axis]
+    x, y, z = g.tolist()
     return robot.model_copy(update={"gravity": (x, y, z)})

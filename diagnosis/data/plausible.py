@@ -159,7 +159,7 @@ def _frame(robot: Robot, resting: list[TrialRow]) -> Iterator[str]:
     place = (
         f"{where(resting[0])}, columns x, y, z: at rest the tip lies at ({tip[0]:.3g}, {tip[1]:.3g}, {tip[2]:.3g}) m"
     )
-    meant = f"without pressure it must be near (0, 0, {robot.length:g}) m, the robot's length along +z from its base"
+    meant = f"at rest it must be near (0, 0, {robot.length:g}) m, the robot's length along +z from its base"
     # a body curled up this far is no soft arm at rest
     if away < 0.05:
         yield f"{place}: looks like the displacement from the rest position; {meant}: add {robot.length:g} to z"

@@ -47,7 +47,9 @@ def doubtful_directions(robot: Robot, rows: Iterable[TrialRow]) -> tuple[str, ..
     towards = robot.bending_directions * np.exp(1j * np.radians([[r.roll_deg or 0.0] for r in own]))
     aside = seen.displacement[:, 0] + 1j * seen.displacement[:, 1]
     push = (seen.pressure * towards).sum(axis=1)
-    told = (np.abs(aside) > ASIDE * robot.length) & (np.abs(push) > PUSHED * np.abs(seen.pressure).max())
+    # each actuator against its own highest, so that one in another unit does not hide the others
+    share = seen.pressure / np.maximum(np.abs(seen.pressure).max(axis=0), 1e-300)
+    told = (np.abs(aside) > ASIDE * robot.length) & (np.abs((share * towards).sum(axis=1)) > PUSHED)
     if told.sum() < FEWEST:
         return ()
     what = "pressures push" if robot.tendons is None else "tensions pull"

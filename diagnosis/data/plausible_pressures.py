@@ -148,10 +148,17 @@ def implausible_pressures(robot: Robot, s: Pressures) -> Iterator[str]:
         ratio = s.ratio if s.ratio != 1.0 else 60e3 / abs(highest)
         units = units_within(ratio, _units(robot), 3.0)
         looks = " or ".join(f"{unit.name} (divide by {1 / unit.per_si:.4g})" for unit in units)
-        yield (
-            f"{place}: {highest:g} Pa gauge, must be at most {HIGHEST_PRESSURE:g} Pa: check its unit, "
-            f"it looks like Pa read as {looks}"
-        )
+        if robot.chambers is None:
+            words = robot.actuators.words
+            yield (
+                f"{place}: {highest / words.pascal:g} {words.unit}, must be at most {HIGHEST_PRESSURE / words.pascal:g} "
+                f"{words.unit}: check its unit"
+            )
+        else:
+            yield (
+                f"{place}: {highest:g} Pa gauge, must be at most {HIGHEST_PRESSURE:g} Pa: check its unit, "
+                f"it looks like Pa read as {looks}"
+            )
     if s.unit != 1.0:
         units = units_within(1 / s.ratio, _units(robot), 3.0)
         moved = np.linalg.norm(s.displacement, axis=1).max()

@@ -27,6 +27,7 @@ from .headings import (
     chamber,
     heading,
     names_inflated,
+    own_column,
     quadruples,
     quantity,
     tendon,
@@ -213,8 +214,8 @@ def _pressure_unit(values: Array, h: Heading, series: Series) -> _Unit:
 def _others(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot) -> None:
     ignored = []
     for h in headings:
-        column = quantity(h)
-        words = h.name in series.words and column != "branch"
+        column = own_column(h) or quantity(h)
+        words = h.name in series.words and column not in ("branch", "protocol", "specimen")
         if column in (None, "trial", "repeat") or f"columns.{column}" in g.reasons or words:
             ignored.append(h.name)
             continue

@@ -210,6 +210,8 @@ def _number(file: _File, name: str, column: Column) -> Array:
     if column.zero == "first":
         finite = found[np.isfinite(found)]
         found = found - (finite[0] if finite.size else 0.0)
+    if isinstance(column.zero, float):
+        found = found - column.zero
     found = found * column.scale * one
     if name == "repeat" and np.nanmin(found) == 0:
         found = found + 1  # a count from 0

@@ -252,7 +252,10 @@ def show(d: Diagnosis, protocols: Path | None = None) -> None:
         out.print(_separated(first))
     if not d.words.by_rig:
         where = f"{protocols}/{first.id}.csv" if protocols else "a file that --protocols FOLDER writes"
-        out.print(f"The states of the first are in {where}; lab import reads what you measure", soft_wrap=True)
+        out.print(
+            f"The states of the first are in {where}; lab import reads what you measure, and lab diagnose both cases as one",
+            soft_wrap=True,
+        )
         return
     run = command(first, protocols)
     out.print(
