@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from timing import Clock
+
 from .errors import LimitExceeded
-from .interfaces import Clock
 
 LONGEST_CREDIT = 1.0
 """Rig seconds of pause that count for the rate limit: after a longer pause a set-point moves by one second's worth."""

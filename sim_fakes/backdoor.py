@@ -20,9 +20,10 @@ from __future__ import annotations
 import json
 import socketserver
 import tempfile
-import threading
 from pathlib import Path
 from typing import Any
+
+import timing
 
 from .parts import Doors
 from .pty_fake import PtyFake
@@ -48,9 +49,7 @@ class BackDoor:
         self._folder = tempfile.TemporaryDirectory(prefix="softlab-")  # of mode 0700
         self.path = Path(self._folder.name) / "operator.sock"
         self._server = Server(str(self.path), Handler)
-        self._thread = threading.Thread(
-            target=self._server.serve_forever, args=(0.05,), name="fake-backdoor", daemon=True
-        )
+        self._thread = timing.Thread(target=self._server.serve_forever, args=(0.05,), name="fake-backdoor", daemon=True)
 
     def start(self) -> None:
         """Accept connections."""

@@ -17,7 +17,8 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
-from .clock import SimClock
+from timing import RigClock
+
 from .plant import Plant
 from .pty_fake import PtyFake
 
@@ -53,7 +54,7 @@ class PfeifferFake(PtyFake):
     def __init__(
         self,
         plant: Plant,
-        clock: SimClock,
+        clock: RigClock,
         address: int = 1,
         kind: str = "    A1",
         noise: float = 0.005,

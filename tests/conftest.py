@@ -17,6 +17,7 @@ from hypothesis import settings
 from xdist.scheduler import LoadScopeScheduling
 
 from lab.guard.child import SESSION, take_place
+from timing import SimulatedClock
 
 if TYPE_CHECKING:
     from sim_fakes.rig import FakeRig
@@ -120,6 +121,37 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         while RUNNING and not talks:
             RUNNING.pop().stop()
         take_place(SESSION if talks else 0, AT_FIRST if talks else STEPPED_BACK)
+
+
+@pytest.fixture
+def simulated() -> Iterator[SimulatedClock]:
+    """The test, and all that it makes, lives in a clock that jumps over the time in which everything waits."""
+    with SimulatedClock() as clock:
+        yield clock
+    clock.close()
+
+
+REAL_TIME = {
+    "test_serial_line.py": "ptys and what the system does to them",
+    "test_pty_fake.py": "ptys",
+    "test_punctual.py": "the computer's own delays",
+    "test_ur5.py": "the maker's library, with threads of its own",
+    "test_ur5_faults.py": "the maker's library",
+    "test_ur5_settings.py": "the maker's library",
+    "test_ur5_state.py": "the maker's library",
+    "test_ur.py": "the maker's library",
+    "test_ur_wire.py": "the maker's library",
+    "test_contract.py": "commands and packages as a person has them",
+    "test_broken_packages.py": "commands as a person has them",
+}
+"""Of the tests of drivers and fakes, those that keep real time, and what for."""
+
+
+@pytest.fixture(autouse=True)
+def _clock(request: pytest.FixtureRequest) -> None:
+    """Drivers and fakes are tried in a simulated clock."""
+    if request.path.parent.name in ("drivers", "motive", "sim_fakes") and request.path.name not in REAL_TIME:
+        request.getfixturevalue("simulated")
 
 
 @pytest.fixture(scope="session")

@@ -20,13 +20,13 @@ import selectors
 import socket
 import struct
 import threading
-import time
 from collections.abc import Collection, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+import timing
 from recordings.json_text import read_json
 
 from .latch import RigLocked
@@ -99,22 +99,22 @@ class Door:
     def open(self, within: float = TAKE_WITHIN) -> None:
         """Own all names. Raises RigLocked at once when a guard owns one whose program is alive, and after `within` host
         seconds when one that is ending has not ended."""
-        deadline = time.monotonic() + within
+        deadline = timing.now() + within
         try:
             for name in sorted(self._names):
                 while (taken := _bound(name)) is None:
-                    late = time.monotonic() > deadline
+                    late = timing.now() > deadline
                     demand_free([name], ending_too=late)
                     if late:
                         raise RigLocked(f"{name} is owned by a program that cannot be asked; end it first")
-                    time.sleep(SLICE)
+                    timing.sleep(SLICE)
                 self._sockets.append(taken)
         except BaseException:
             self.close()
             raise
         for taken in self._sockets:
             self._selector.register(taken, selectors.EVENT_READ)
-        threading.Thread(target=self._serve, name="door", daemon=True).start()
+        timing.Thread(target=self._serve, name="door", daemon=True).start()
 
     def close(self) -> None:
         """Give the names back."""
@@ -132,7 +132,7 @@ class Door:
                     assert isinstance(key.fileobj, socket.socket)
                     connection, _ = key.fileobj.accept()
                     self._turns.acquire()
-                    threading.Thread(target=self._answer, args=(connection,), name="asked", daemon=True).start()
+                    timing.Thread(target=self._answer, args=(connection,), name="asked", daemon=True).start()
 
     def _answer(self, connection: socket.socket) -> None:
         """One question; whatever is wrong with it concerns nobody but who asked."""

@@ -9,16 +9,15 @@ from __future__ import annotations
 
 import contextlib
 import subprocess
-import threading
-import time
 from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any
 
+import timing
 from drivers.errors import InstrumentError, NoReply, NotReady, Unreachable
+from timing import RigClock
 
 from ..files.all_drivers import drivers
-from ..files.clock import RigClock
 from .child import begin_child, how_it_ended, start_served
 from .instruments import make
 
@@ -41,8 +40,8 @@ class Hosted:
         self._setup = (name, driver, own, clock.speed, clock.start)
         self._outside = make(name, driver, drivers()[driver].config.model_validate_json(own), clock)
         """Never opened: it looks at the instrument from outside, without the library that may crash."""
-        self._lock = threading.Lock()
-        self._sending = threading.Lock()
+        self._lock = timing.Lock()
+        self._sending = timing.Lock()
         self._process: subprocess.Popen[bytes] | None = None
         self._line: Connection | None = None
         self._lost = ""
@@ -93,7 +92,7 @@ class Hosted:
                 return
             self._process, line = start_served("lab.guard.hosted", self._setup)
             self._line, self._lost = line, ""
-            threading.Thread(target=self._ping, args=(line,), name=f"ping-{self.name}", daemon=True).start()
+            timing.Thread(target=self._ping, args=(line,), name=f"ping-{self.name}", daemon=True).start()
 
     def _ask(self, method: str, args: tuple[Any, ...], within: float) -> Any:
         if not self._lock.acquire(timeout=within):
@@ -152,7 +151,7 @@ class Hosted:
 
     def _ping(self, line: Connection) -> None:
         """Between the calls, as long as this is the line to the process."""
-        time.sleep(PING_PERIOD)
+        timing.sleep(PING_PERIOD)
         while self._line is line:
             if self._sending.acquire(blocking=False):
                 try:
@@ -161,7 +160,7 @@ class Hosted:
                     pass
                 finally:
                     self._sending.release()
-            time.sleep(PING_PERIOD)
+            timing.sleep(PING_PERIOD)
 
 
 def under_guard(name: str, config: Any, clock: RigClock) -> Any:

@@ -10,15 +10,15 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
-import threading
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
-from queue import SimpleQueue
+from queue import Queue
 from typing import Any
 
+import timing
 from drivers.errors import DeviceFault, InstrumentError
+from timing import RigClock
 
-from ..files.clock import RigClock
 from ..files.rig_file import RigFile
 from .awake import Awake
 from .child import begin_child
@@ -42,8 +42,8 @@ class Reports:
 
     def __init__(self, pipe: Connection) -> None:
         self._pipe = pipe
-        self._queue: SimpleQueue[Any] = SimpleQueue()
-        threading.Thread(target=self._send, name="reports", daemon=True).start()
+        self._queue: Queue[Any] = timing.Queue()
+        timing.Thread(target=self._send, name="reports", daemon=True).start()
 
     def __call__(self, message: Any) -> None:
         """See guard.Tell."""
@@ -57,7 +57,7 @@ class Reports:
                 self._pipe.send(self._queue.get())
 
 
-class ProgramWatch(threading.Thread):
+class ProgramWatch(timing.Thread):
     """Listens to the program's pulse; lands when it ends, falls silent, hangs or shouts."""
 
     def __init__(self, guard: Guard, pulse: Listener) -> None:

@@ -10,16 +10,16 @@ import contextlib
 import queue
 import subprocess
 import threading
-import time
 from multiprocessing.connection import Connection
 from typing import Any
 
+import timing
 from drivers.configs import ArmConfig
 from drivers.errors import BadReply, InstrumentError, NotReady, StaleReading, Unreachable
 from drivers.interfaces import ArmSample, Identity, Sink
+from timing import RigClock
 
 from ..files.all_drivers import drivers
-from ..files.clock import RigClock
 from ..guard.child import begin_child, how_it_ended, start_served
 
 OPEN_WITHIN, CLOSE_WITHIN = 20.0, 5.0
@@ -38,7 +38,7 @@ class HostedArmState:
         self._process: subprocess.Popen[bytes] | None = None
         self._line: Connection | None = None
         self._receiver: threading.Thread | None = None
-        self._opened: queue.Queue[Identity | InstrumentError] = queue.Queue()
+        self._opened: queue.Queue[Identity | InstrumentError] = timing.Queue()
         self._newest: tuple[float, ArmSample] | None = None
         self._doubt: InstrumentError | None = None
         """What is wrong with the newest sample."""
@@ -51,10 +51,10 @@ class HostedArmState:
         clock, config = self._clock, self.config
         setup = (self.name, config.driver, config.model_dump_json(), clock.speed, clock.start)
         self._process, self._line = start_served("lab.rig.hosted_stream", setup)
-        self._opened = queue.Queue()
+        self._opened = timing.Queue()
         self._newest = self._doubt = self._error = None
         self.lost = 0
-        self._receiver = threading.Thread(
+        self._receiver = timing.Thread(
             target=self._receive, args=(self._line, self._process, self._opened), name=self.name, daemon=True
         )
         self._receiver.start()
@@ -94,7 +94,7 @@ class HostedArmState:
             raise NotReady(self.name, "not open; call open() first")
         if self._error is not None:
             raise self._error
-        age = time.monotonic() - newest[0]
+        age = timing.now() - newest[0]
         if age > self.config.max_age:
             raise StaleReading(
                 self.name,
@@ -131,7 +131,7 @@ class HostedArmState:
 # ------------------------------------------------------------------ the process
 def _serve(line: Connection) -> None:
     name, driver_name, config, speed, start = line.recv()
-    samples: queue.SimpleQueue[ArmSample] = queue.SimpleQueue()
+    samples: queue.Queue[ArmSample] = timing.Queue()
     of = drivers()[driver_name]
     assert of.make_state is not None
     driver = of.make_state(name, of.config.model_validate_json(config), RigClock(speed, start), samples.put)
@@ -148,7 +148,7 @@ def _serve(line: Connection) -> None:
                 while len(batch) < LONGEST_BATCH:
                     batch.append(samples.get_nowait())
             if batch:
-                line.send((driver.lost, time.monotonic(), batch, _doubt(driver)))
+                line.send((driver.lost, timing.now(), batch, _doubt(driver)))
     driver.close()
 
 

@@ -13,12 +13,12 @@ import os
 import select
 import signal
 import termios
-import threading
 import tty
 from collections.abc import Callable, Iterator
 from types import FrameType, TracebackType
 from typing import Any
 
+import timing
 from protocols.errors import BadRequest
 from protocols.steering import LONGEST, Steering
 
@@ -99,11 +99,11 @@ class Keys:
         self._decoder = codecs.getincrementaldecoder("utf-8")("replace")
         self._before: list[Any] | None = None
         """The mode to put back; None while it is as it was."""
-        self._lock = threading.RLock()
+        self._lock = timing.RLock()
         """Held while the terminal is read or its mode is changed."""
         self._lent = 0
         self._wake, self._woken = -1, -1
-        self._thread = threading.Thread(target=self._run, name="keys", daemon=True)
+        self._thread = timing.Thread(target=self._run, name="keys", daemon=True)
         self._stop_signal: Any = None
 
     def __enter__(self) -> Keys:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import socket
 import struct
-import threading
 
 import numpy as np
 
-from ..clock import SimClock
+import timing
+from timing import RigClock
+
 from ..plant import Plant
 from ..punctual import punctual
 from .kinematics import rotation_matrix
@@ -18,13 +19,13 @@ from .process import UrProcess
 class UrFake:
     """Made without a process; `start` starts it and returns when it answers."""
 
-    def __init__(self, plant: Plant, clock: SimClock, host: str, seed: int = 0) -> None:
+    def __init__(self, plant: Plant, clock: RigClock, host: str, seed: int = 0) -> None:
         self.plant, self.clock, self.host, self.seed = plant, clock, host, seed
         self.process: UrProcess | None = None
         self._poses = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._poses.bind((host, 0))
         self._running = True
-        self._thread = threading.Thread(target=self._receive, name="fake-arm", daemon=True)
+        self._thread = timing.Thread(target=self._receive, name="fake-arm", daemon=True)
 
     def start(self) -> None:
         """Raises RuntimeError when the controller does not start."""

@@ -13,9 +13,10 @@ import socket
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 from typing import Any
+
+import timing
 
 from . import dashboard, rtde, upload
 
@@ -102,11 +103,11 @@ class UrProcess:
 
     def wait_for(self, what: str, value: object, timeout: float = 5.0) -> dict[str, Any]:
         """Poll the back door until an entry has a value; TimeoutError after `timeout` (s of host time)."""
-        deadline = time.monotonic() + timeout
+        deadline = timing.now() + timeout
         while (state := self.backdoor())[what] != value:
-            if time.monotonic() > deadline:
+            if timing.now() > deadline:
                 raise TimeoutError(f"{what} is {state[what]!r} and not {value!r} after {timeout:g} s")
-            time.sleep(0.01)
+            timing.sleep(0.01)
         return state
 
     def kill(self) -> None:

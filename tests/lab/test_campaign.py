@@ -7,7 +7,6 @@ import shlex
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ import pytest
 import yaml
 from virtual_lab import VirtualLab
 
+import timing
 from benchmarks.faults.night import KILL, Night, Trouble, write_campaign
 from lab.campaign.design import campaign_of
 from lab.campaign.planned import planned_table
@@ -85,10 +85,10 @@ def test_a_stopped_campaign_goes_on_by_the_line_it_printed(virtual_lab: VirtualL
         stderr=subprocess.STDOUT,
         text=True,
     )
-    deadline = time.monotonic() + 240
+    deadline = timing.now() + 240
     while not any('"step"' in journal.read_text() for journal in folder.glob("0001-*/*.journal")):
-        assert program.poll() is None and time.monotonic() < deadline, program.communicate()[0]
-        time.sleep(0.02)
+        assert program.poll() is None and timing.now() < deadline, program.communicate()[0]
+        timing.sleep(0.02)
     program.send_signal(signal.SIGINT)
     output, _ = program.communicate(timeout=300)
     assert program.returncode == 1, output

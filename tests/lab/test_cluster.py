@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+import timing
 from diagnosis.inference.executor import Executor
 from diagnosis.inference.search import Search
 from lab.blind.workers import Crew, spread
@@ -41,7 +41,7 @@ def dies_once(mark: str) -> str:
     if not place.exists():
         place.write_text("was here")
         os._exit(1)
-    time.sleep(0.05)
+    timing.sleep(0.05)
     return mark
 
 

@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ import pytest
 import yaml
 from virtual_lab import VirtualLab
 
+import timing
 from drivers.errors import InstrumentError
 from lab.calibration import calibrate
 from lab.cli import main
@@ -65,7 +65,7 @@ def test_check_tells_an_instrument_that_opens_and_sends_nothing(
         mocap.faults.silent = True
         topic, seen = rig.topic("mocap"), -1
         while topic and seen < (seen := rig.counts.get(topic, 0)):
-            time.sleep(1.0)  # frames that were on their way still arrive
+            timing.sleep(1.0)  # frames that were on their way still arrive
         return failures
 
     monkeypatch.setattr(Rig, "open_all", then_silent)
@@ -173,19 +173,19 @@ def start(virtual_lab: VirtualLab, folder: Path) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "lab.cli", "run", "bending", "--rig", str(virtual_lab.rig), "--out", str(folder)]
     command += [word for pause in PATIENT_SETTLE for word in ("--set", pause)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    deadline = time.monotonic() + 120
+    deadline = timing.now() + 120
     while max(virtual_lab.fakes.plant.chamber_pressure) < 40e3:
-        assert process.poll() is None and time.monotonic() < deadline, process.communicate()[0]
-        time.sleep(0.05)
+        assert process.poll() is None and timing.now() < deadline, process.communicate()[0]
+        timing.sleep(0.05)
     return process
 
 
 def vented(virtual_lab: VirtualLab, within: float) -> bool:
-    deadline = time.monotonic() + within
+    deadline = timing.now() + within
     while max(virtual_lab.fakes.plant.chamber_pressure) > 5e3 or virtual_lab.fakes.plant.valve_on:
-        if time.monotonic() > deadline:
+        if timing.now() > deadline:
             return False
-        time.sleep(0.02)
+        timing.sleep(0.02)
     return True
 
 
@@ -194,7 +194,7 @@ def test_ctrl_c_keeps_the_data_and_leaves_the_rig_safe(virtual_lab: VirtualLab, 
     process = start(virtual_lab, tmp_path)
     for _ in range(presses):
         process.send_signal(signal.SIGINT)
-        time.sleep(0.3)
+        timing.sleep(0.3)
     output, _ = process.communicate(timeout=600)
     assert process.returncode == 1, output
     assert vented(virtual_lab, 20.0)

@@ -8,7 +8,6 @@ import os
 import signal
 import sys
 import termios
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,6 +16,7 @@ import yaml
 from terminal import WITHIN, Terminal
 from virtual_lab import VirtualLab
 
+import timing
 from lab.cli import main
 from lab.files.inputs import read_case
 from lab.rig.keys import HELP, Line
@@ -57,10 +57,10 @@ def asked(file: Path) -> list[tuple[str, str, str, bool]]:
 
 
 def wait(holds: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + WITHIN
+    deadline = timing.now() + WITHIN
     while not holds():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
+        assert timing.now() < deadline
+        timing.sleep(0.02)
 
 
 def test_a_run_is_paused_noted_in_and_goes_on_with_every_state_there_once(

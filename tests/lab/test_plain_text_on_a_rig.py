@@ -6,7 +6,6 @@ import os
 import pty
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import pytest
 import yaml
 from virtual_lab import VirtualLab
 
+import timing
 from lab.cli import main
 from lab.verbs.fakes import PATIENT_SETTLE
 from recordings.file.reader import Recording
@@ -87,7 +87,7 @@ def test_a_fault_in_mid_run_ends_it_with_its_error_and_a_whole_recording(
     hostile_rig: Path, virtual_lab: VirtualLab, tmp_path: Path
 ) -> None:
     plant, valve = virtual_lab.fakes.plant, virtual_lab.fakes.lines["valve"]
-    over = threading.Event()
+    over = timing.Event()
 
     def spoil() -> None:
         while not over.wait(0.005):
@@ -95,7 +95,7 @@ def test_a_fault_in_mid_run_ends_it_with_its_error_and_a_whole_recording(
                 valve.faults.extra["garbled"] = HOSTILE
                 return
 
-    thread = threading.Thread(target=spoil, daemon=True)
+    thread = timing.Thread(target=spoil, daemon=True)
     thread.start()
     code, seen = on_a_terminal("run", "bending", "--rig", str(hostile_rig), *SHORT, "--out", str(tmp_path))
     over.set()

@@ -7,7 +7,6 @@ import os
 import shlex
 import shutil
 import subprocess
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,6 +16,7 @@ from terminal import Terminal
 from test_resume import SHORT, freed, lab, started, wait_for
 from virtual_lab import VirtualLab
 
+import timing
 from lab.files.inputs import read_case
 from lab.rig.current import recording_of
 from lab.verbs import run as run_verb
@@ -116,10 +116,10 @@ def test_a_closed_terminal_ends_a_run_as_a_signal_to_end_does(
         terminal.until("Enter when ready")
         if not asked:
             terminal.press("\n")
-            deadline = time.monotonic() + 120
+            deadline = timing.now() + 120
             while not any(READ in path.read_text() for path in tmp_path.glob("*.journal")):
-                assert time.monotonic() < deadline, terminal.shown
-                time.sleep(0.02)
+                assert timing.now() < deadline, terminal.shown
+                timing.sleep(0.02)
         terminal.hang_up()
         assert terminal.end() == 1
     (file,) = tmp_path.glob("*.mcap")

@@ -9,12 +9,12 @@ import shlex
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 from virtual_lab import VirtualLab
 
+import timing
 from lab.cli import main
 from lab.files.inputs import read_case
 from lab.verbs.fakes import PATIENT_SETTLE
@@ -57,18 +57,18 @@ def started(rig: Path, folder: Path, limit: int | None = None, said: tuple[str, 
 
 def wait_for(text: str, folder: Path, process: subprocess.Popen[str]) -> None:
     """Until the journal says so."""
-    deadline = time.monotonic() + 120
+    deadline = timing.now() + 120
     while not any(text in path.read_text() for path in folder.glob("*.journal")):
-        assert process.poll() is None and time.monotonic() < deadline, process.communicate()[0]
-        time.sleep(0.02)
+        assert process.poll() is None and timing.now() < deadline, process.communicate()[0]
+        timing.sleep(0.02)
 
 
 def freed(virtual_lab: VirtualLab) -> None:
     """What a person does after a crash: look at the rig, bring it into the safe state, say that it is."""
-    deadline = time.monotonic() + 120
+    deadline = timing.now() + 120
     while lab("safe", "--clear", "--rig", virtual_lab.rig) != 0:
-        assert time.monotonic() < deadline
-        time.sleep(0.5)
+        assert timing.now() < deadline
+        timing.sleep(0.5)
 
 
 def shape(table: Table) -> list[tuple[object, ...]]:
@@ -151,16 +151,16 @@ def test_a_full_disk_ends_the_run_safe_and_says_so(virtual_lab: VirtualLab, tmp_
     wait_for('"recording"', tmp_path, process)
     while not (files := list(tmp_path.glob("*.mcap"))):
         assert process.poll() is None, process.communicate()[0]
-        time.sleep(0.01)
+        timing.sleep(0.01)
     (file,), size = files, 0
     while process.poll() is None and (now := file.stat().st_size) >= size:
         size = now
-        time.sleep(0.01)
-    full = time.monotonic()
+        timing.sleep(0.01)
+    full = timing.now()
     plant = virtual_lab.fakes.plant
-    while (max(plant.chamber_pressure) > 5e3 or plant.valve_on) and time.monotonic() < full + 30:
-        time.sleep(0.01)
-    safe = time.monotonic() - full
+    while (max(plant.chamber_pressure) > 5e3 or plant.valve_on) and timing.now() < full + 30:
+        timing.sleep(0.01)
+    safe = timing.now() - full
     output, _ = process.communicate(timeout=600)
     assert process.returncode == 1 and "recording stopped" in output and "lab recover" in output
     assert safe < 30.0, f"{safe:.1f} s"  # a second on an idle machine; measured by benchmarks.recording

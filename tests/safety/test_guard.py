@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,10 +13,10 @@ import numpy as np
 import pytest
 from house import House, until
 
+import timing
 from drivers.errors import DeviceFault, InstrumentError
 from lab.cli import main
 from lab.console import Screen
-from lab.files.clock import RigClock
 from lab.files.inputs import read_case
 from lab.files.rig_file import load_rig
 from lab.guard.child import PRIORITY, SESSION
@@ -30,6 +29,7 @@ from lab.verbs.fakes import PATIENT
 from protocols.actions import ramp
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
+from timing import RigClock
 
 
 @pytest.fixture
@@ -67,7 +67,7 @@ def inflate(rig: Rig, house: House) -> None:
     rig.actuators.call("valve", "set", True)
     for _ in range(20):
         rig.actuators.call("pressure", "set", (60e3, 60e3, 60e3))
-        time.sleep(0.02)
+        timing.sleep(0.02)
     assert until(lambda: house.highest() > 40e3)
 
 
@@ -91,7 +91,7 @@ def test_a_frozen_program_is_landed_and_finds_out_when_it_wakes(house: House, tm
     os.kill(program.pid, signal.SIGSTOP)
     try:
         assert house.vented()
-        time.sleep(0.3)
+        timing.sleep(0.3)
     finally:
         os.kill(program.pid, signal.SIGCONT)
     output, _ = program.communicate(timeout=600)
@@ -108,7 +108,7 @@ def test_a_computer_that_stood_still_condemns_nobody(house: House, tmp_path: Pat
     both = (guard_of(program), program.pid)
     for pid in both:
         os.kill(pid, signal.SIGSTOP)
-    time.sleep(1.8)
+    timing.sleep(1.8)
     for pid in both:
         os.kill(pid, signal.SIGCONT)
     output, _ = program.communicate(timeout=600)
@@ -254,7 +254,7 @@ def test_waiting_for_a_person_is_no_hang(small: House) -> None:
         rig.open_all(lambda name, outcome: None)
         inflate(rig, small)
         with rig.actuators.pulse.waiting_for_person():
-            time.sleep(3.0)
+            timing.sleep(3.0)
         rig.actuators.call("pressure", "set", (50e3, 50e3, 50e3))
 
 
@@ -286,7 +286,7 @@ def test_the_robot_s_own_pressure_clips_and_lands(small: House) -> None:
         inflate(rig, small)
         for _ in range(20):
             got = rig.actuators.call("pressure", "set", (200e3, 60e3, 60e3))
-            time.sleep(0.02)
+            timing.sleep(0.02)
         assert got[0] == pytest.approx(80e3, abs=100)
         small.fakes.set_faults("pressure", {"reading": 120e3})  # above 80 + 30 kPa, far below the regulators' 300
         assert until(lambda: rig.vital.landed is not None, 5.0)
@@ -304,7 +304,7 @@ def test_a_burst_chamber_is_told_with_its_channel(small: House, rig: Rig) -> Non
     small.fakes.accidents.begin("burst")
     for _ in range(20):
         rig.actuators.call("pressure", "set", (60e3, 60e3, 60e3))
-        time.sleep(0.02)
+        timing.sleep(0.02)
     assert until(lambda: rig.vital.pause is not None)
     assert rig.vital.pause is not None and "channel 1" in rig.vital.pause.text and "burst" in rig.vital.pause.text
 
@@ -366,7 +366,7 @@ def test_twenty_signals_during_the_clean_up_still_end_safe(house: House, tmp_pat
     program = house.start(tmp_path)
     for i in range(20):
         program.send_signal(signal.SIGTERM if i % 2 else signal.SIGINT)
-        time.sleep(0.05)
+        timing.sleep(0.05)
     output, _ = program.communicate(timeout=600)
     assert program.returncode == 1, output
     assert house.vented() and not house.latch.exists()

@@ -5,15 +5,14 @@ from __future__ import annotations
 import itertools
 import os
 import signal
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from house import House, until
 
+import timing
 from drivers.errors import InstrumentError, Unreachable
-from lab.files.clock import RigClock
 from lab.files.rig_file import load_rig
 from lab.guard import new_guard
 from lab.guard.instruments import ACTUATORS
@@ -23,6 +22,7 @@ from lab.rig import assembly
 from lab.rig.assembly import Rig
 from lab.verbs.fakes import PATIENT, write_rig
 from sim_fakes.rig import FakeRig
+from timing import RigClock
 
 FIRST, SECOND = "alicat+dynamixel", "smc_itv+tmcl"
 NETWORK = ("arm", "force")
@@ -63,16 +63,16 @@ def inflate(rig: Rig, house: House) -> None:
     rig.actuators.call("valve", "set", True)
     for _ in range(20):
         rig.actuators.call("pressure", "set", (60e3, 60e3, 60e3))
-        time.sleep(0.02)
+        timing.sleep(0.02)
     assert until(lambda: house.highest() > 40e3)
 
 
 def experiment(rig: Rig, ramps: bool) -> None:
     """Command and watch as an experiment does, until something is raised; then land."""
     rig.watch.over([n for n in rig.identities if n not in ("arm_state",)])
-    pressure, give_up = 60e3, time.monotonic() + 60.0
+    pressure, give_up = 60e3, timing.now() + 60.0
     with pytest.raises((InstrumentError, RigLanded)):
-        while time.monotonic() < give_up:
+        while timing.now() < give_up:
             if ramps:
                 pressure = min(pressure + 100.0, 100e3)
                 rig.actuators.call("pressure", "set", (pressure,) * 3)

@@ -18,7 +18,6 @@ import yaml
 from house import House, until
 
 from lab.cli import main
-from lab.files.clock import RigClock
 from lab.files.rig_file import load_rig
 from lab.guard import door, last_used
 from lab.guard.door import Answer, Door, Owner, demand_free, land, names_of_path, owners
@@ -28,6 +27,7 @@ from lab.guard.latch import Latch, RigLocked
 from lab.guard.messages import RigLanded
 from lab.guard.report import SafeReport, SafeStep
 from lab.rig.assembly import Rig
+from timing import RigClock
 
 REPORT = SafeReport((SafeStep("pressure", True, "highest pressure 0.1 kPa"), SafeStep("arm", False, "moving")))
 
