@@ -7,6 +7,8 @@ at once: it comes before other programs where the system allows it, as the guard
 
 from __future__ import annotations
 
+import contextlib
+import functools
 import os
 import signal
 from collections.abc import Iterator
@@ -150,16 +152,42 @@ REAL_TIME = {
 @pytest.fixture(autouse=True)
 def _clock(request: pytest.FixtureRequest) -> None:
     """Drivers and fakes are tried in a simulated clock."""
-    if request.path.parent.name in ("drivers", "motive", "sim_fakes") and request.path.name not in REAL_TIME:
+    near = request.path.parent.name in ("drivers", "motive", "sim_fakes") or request.path.name == "test_call_order.py"
+    if near and request.path.name not in REAL_TIME:
         request.getfixturevalue("simulated")
 
 
 @pytest.fixture(scope="session")
 def whole_rig() -> Iterator[FakeRig]:
-    """All fakes of a rig, at twenty times real speed and without effects; started once, since each start
-    takes a second."""
+    """All fakes of a rig without effects, in a clock that jumps: started once, and used by tests that live in that clock."""
     from sim_fakes.rig import FakeRig  # with a compiler, which few of the tests need
+
+    with world(), FakeRig(speed=20.0, seed=1) as running:
+        yield running
+
+
+@pytest.fixture(scope="session")
+def real_rig() -> Iterator[FakeRig]:
+    """The same on real lines, at twenty times real speed, for tests marked `real`: processes, signals, kills."""
+    from sim_fakes.rig import FakeRig
 
     with FakeRig(speed=20.0, seed=1) as running:
         RUNNING.append(running)
         yield running
+
+
+@functools.cache
+def world() -> SimulatedClock:
+    """The clock of the whole rig."""
+    return SimulatedClock()
+
+
+LIVE_THERE = {"whole_rig", "virtual_lab", "house"}
+"""What tests ask for that live in that clock."""
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    names = set(getattr(item, "fixturenames", ()))
+    with world() if names & LIVE_THERE and not item.get_closest_marker("real") else contextlib.nullcontext():
+        return (yield)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import queue
 import select
+import selectors
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -61,12 +62,12 @@ class Host(Protocol):
         """Wait for the end of a thread."""
 
 
-def readable_now(lines: Sequence[Any], longest: float = 0.0) -> list[Any]:
-    """Which of these can be read without waiting, or have ended, after at most `longest` s of real time."""
+def readable_now(lines: Sequence[Any]) -> list[Any]:
+    """Which of these can be read without waiting, or have ended."""
     poll = select.poll()
     for line in lines:
         poll.register(line, select.POLLIN)
-    found = {number for number, _ in poll.poll(None if longest == math.inf else max(0.0, 1000.0 * longest))}
+    found = {number for number, _ in poll.poll(0)}
     return [line for line in lines if (line if isinstance(line, int) else line.fileno()) in found]
 
 
@@ -87,7 +88,11 @@ class _Real:
         return True
 
     def readable(self, lines: Sequence[Any], longest: float) -> list[Any]:
-        return readable_now(lines, longest)
+        # not select or poll, which keep a line open that another thread closes meanwhile
+        with selectors.DefaultSelector() as selector:
+            for line in lines:
+                selector.register(line, selectors.EVENT_READ)
+            return [key.fileobj for key, _ in selector.select(None if longest == math.inf else max(0.0, longest))]
 
     def event(self) -> threading.Event:
         return threading.Event()
@@ -184,6 +189,12 @@ def recv(line: Any, size: int) -> bytes:
         raise TimeoutError("timed out")
     data: bytes = line.recv(size)
     return data
+
+
+def receive(pipe: Any) -> Any:
+    """The next message of a connection of multiprocessing. Raises EOFError, OSError."""
+    readable([pipe], math.inf)
+    return pipe.recv()
 
 
 def readable(lines: Sequence[Any], longest: float) -> list[Any]:

@@ -22,6 +22,8 @@ from .clock import Host, Thread, live_in, readable_now
 
 START = 1000.0
 """Its first time, s: what never happened lies before."""
+TICK = 1e-9
+"""s that a look at the clock takes: who waits for a time that rounding has put a little later must reach it."""
 LEAST_SLEEP = 1e-6
 """s; who sleeps no time at all would keep it from going on."""
 STUCK_AFTER = 20.0
@@ -117,6 +119,7 @@ class SimulatedClock:
     # -- waiting
     def now(self) -> float:
         """See Host."""
+        self._now += TICK
         return self._now
 
     def sleep(self, duration: float) -> None:

@@ -18,7 +18,7 @@ from drivers.errors import InstrumentError, NoReply, NotReady, Unreachable
 from timing import RigClock
 
 from ..files.all_drivers import drivers
-from .child import begin_child, how_it_ended, start_served
+from .child import Child, begin_child, how_it_ended, start_served
 from .instruments import make
 
 PING_PERIOD = 0.1
@@ -42,7 +42,7 @@ class Hosted:
         """Never opened: it looks at the instrument from outside, without the library that may crash."""
         self._lock = timing.Lock()
         self._sending = timing.Lock()
-        self._process: subprocess.Popen[bytes] | None = None
+        self._process: Child | None = None
         self._line: Connection | None = None
         self._lost = ""
         """Why the process was given up: every call says it until it is opened anew, whoever heard of it first."""
@@ -104,7 +104,7 @@ class Hosted:
             try:
                 with self._sending:
                     line.send((method, args))
-                if not line.poll(within):
+                if not timing.readable([line], within):
                     raise self._give_up(
                         f"{method} did not return within {within:g} s; its process was killed and the controller's watchdog "
                         "stops the arm: check that it stands still, then open it again"
@@ -171,13 +171,20 @@ def under_guard(name: str, config: Any, clock: RigClock) -> Any:
 
 
 # ------------------------------------------------------------------ the process
+def serve(given: list[int]) -> int:
+    """Serve a guard on the file descriptor that it gave, until it ends."""
+    with Connection(given[0]) as line:
+        _serve(line)
+    return 0
+
+
 def _serve(line: Connection) -> None:
-    name, driver_name, config, speed, start = line.recv()
+    name, driver_name, config, speed, start = timing.receive(line)
     driver = make(name, driver_name, drivers()[driver_name].config.model_validate_json(config), RigClock(speed, start))
     stopped = True
     with contextlib.suppress(EOFError, OSError):
         while True:
-            if not line.poll(SILENT_AFTER):
+            if not timing.readable([line], SILENT_AFTER):
                 if not stopped:
                     stopped = True
                     with contextlib.suppress(InstrumentError):
@@ -203,5 +210,4 @@ def _answer(driver: Any, name: str, method: str, args: tuple[Any, ...]) -> tuple
 
 
 if __name__ == "__main__":
-    (given,) = begin_child()
-    _serve(Connection(given))
+    serve(begin_child())

@@ -125,7 +125,7 @@ class Actuators:
         deadline = timing.now() + within
         while True:
             try:
-                come = self._commands.poll(SLICE)
+                come = timing.readable([self._commands], SLICE)
                 if come:
                     answered, ok, answer = self._commands.recv()
                     if answered != number:
@@ -149,7 +149,7 @@ class Actuators:
         """Take what the guard sends until its end."""
         with self._samples, contextlib.suppress(EOFError, OSError):
             while True:
-                message = self._samples.recv()
+                message = timing.receive(self._samples)
                 self._heard = self.pulse.awake.now
                 if isinstance(message, Event):
                     if message.kind != "beat":

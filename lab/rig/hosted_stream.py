@@ -20,7 +20,7 @@ from drivers.interfaces import ArmSample, Identity, Sink
 from timing import RigClock
 
 from ..files.all_drivers import drivers
-from ..guard.child import begin_child, how_it_ended, start_served
+from ..guard.child import Child, begin_child, how_it_ended, start_served
 
 OPEN_WITHIN, CLOSE_WITHIN = 20.0, 5.0
 """Host seconds. A sound controller sends its state within one or two, and a busy computer may take ten to start a process; the
@@ -35,7 +35,7 @@ class HostedArmState:
         self.name, self.config = name, config
         self.lost = 0
         self._clock, self._sink = clock, sink
-        self._process: subprocess.Popen[bytes] | None = None
+        self._process: Child | None = None
         self._line: Connection | None = None
         self._receiver: threading.Thread | None = None
         self._opened: queue.Queue[Identity | InstrumentError] = timing.Queue()
@@ -105,12 +105,10 @@ class HostedArmState:
             raise self._doubt
         return newest[1]
 
-    def _receive(
-        self, line: Connection, process: subprocess.Popen[bytes], opened: queue.Queue[Identity | InstrumentError]
-    ) -> None:
+    def _receive(self, line: Connection, process: Child, opened: queue.Queue[Identity | InstrumentError]) -> None:
         with contextlib.suppress(EOFError, OSError):
             while True:
-                message = line.recv()
+                message = timing.receive(line)
                 if isinstance(message, (Identity, InstrumentError)):
                     opened.put(message)
                     continue
@@ -129,8 +127,15 @@ class HostedArmState:
 
 
 # ------------------------------------------------------------------ the process
+def serve(given: list[int]) -> int:
+    """Serve a rig on the file descriptor that it gave, until it ends."""
+    with Connection(given[0]) as line:
+        _serve(line)
+    return 0
+
+
 def _serve(line: Connection) -> None:
-    name, driver_name, config, speed, start = line.recv()
+    name, driver_name, config, speed, start = timing.receive(line)
     samples: queue.Queue[ArmSample] = timing.Queue()
     of = drivers()[driver_name]
     assert of.make_state is not None
@@ -141,7 +146,7 @@ def _serve(line: Connection) -> None:
         line.send(e)
         return
     with contextlib.suppress(EOFError, OSError):
-        while not line.poll(0):
+        while not timing.readable([line], 0.0):
             batch: list[Any] = []
             with contextlib.suppress(queue.Empty):
                 batch.append(samples.get(timeout=0.05))
@@ -164,5 +169,4 @@ def _doubt(driver: Any) -> InstrumentError | None:
 
 
 if __name__ == "__main__":
-    (given,) = begin_child()
-    _serve(Connection(given))
+    serve(begin_child())

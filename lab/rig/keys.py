@@ -10,7 +10,6 @@ from __future__ import annotations
 import codecs
 import contextlib
 import os
-import select
 import signal
 import termios
 import tty
@@ -176,7 +175,7 @@ class Keys:
         while True:
             own = [self._fd] if self._before is not None and self._foreground else []
             try:
-                ready, _, _ = select.select([self._woken, *own], [], [], LOOK)
+                ready = timing.readable([self._woken, *own], LOOK)
             except OSError:
                 return
             if self._woken in ready:
@@ -192,7 +191,7 @@ class Keys:
 
     def _typed(self) -> str | None:
         """What has come; None at the end of a terminal that is gone."""
-        if self._before is None or not self._foreground or not select.select([self._fd], [], [], 0)[0]:
+        if self._before is None or not self._foreground or not timing.readable([self._fd], 0.0):
             return ""
         try:
             data = os.read(self._fd, 1024)

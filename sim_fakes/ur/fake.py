@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 import struct
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,13 +16,16 @@ from ..punctual import punctual
 from .kinematics import rotation_matrix
 from .process import UrProcess
 
+if TYPE_CHECKING:
+    from .in_process import UrThread
+
 
 class UrFake:
     """Made without a process; `start` starts it and returns when it answers."""
 
     def __init__(self, plant: Plant, clock: RigClock, host: str, seed: int = 0) -> None:
         self.plant, self.clock, self.host, self.seed = plant, clock, host, seed
-        self.process: UrProcess | None = None
+        self.process: UrProcess | UrThread | None = None
         self._poses = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._poses.bind((host, 0))
         self._running = True
@@ -29,7 +33,14 @@ class UrFake:
 
     def start(self) -> None:
         """Raises RuntimeError when the controller does not start."""
-        self.process = UrProcess(self.host, speed=self.clock.speed, pose_to=self._poses.getsockname(), seed=self.seed)
+        if timing.together():
+            from .in_process import UrThread  # with the maker's library
+
+            self.process = UrThread(self.host, self.clock.speed, self._poses.getsockname(), self.seed)
+        else:
+            self.process = UrProcess(
+                self.host, speed=self.clock.speed, pose_to=self._poses.getsockname(), seed=self.seed
+            )
         self._thread.start()
 
     def stop(self) -> None:
@@ -43,15 +54,16 @@ class UrFake:
 
     def _receive(self) -> None:
         punctual()
-        self._poses.settimeout(0.2)
         known: tuple[float, ...] = ()
         while self._running:
             try:
+                if not timing.readable([self._poses], 0.2):
+                    continue
                 data, sender = self._poses.recvfrom(256)
                 pose = struct.unpack("<7d", data)[1:]
-            except (TimeoutError, struct.error):
+            except struct.error:
                 continue
-            except OSError:
+            except (OSError, ValueError):
                 return
             if sender[0] != self.host or pose == known:
                 continue

@@ -71,6 +71,7 @@ def inflate(rig: Rig, house: House) -> None:
     assert until(lambda: house.highest() > 40e3)
 
 
+@pytest.mark.real
 def test_a_killed_program_leaves_the_rig_landed_and_free(house: House, tmp_path: Path) -> None:
     house.change(without=("arm", "force"))
     program = house.start(tmp_path)
@@ -85,6 +86,7 @@ def test_a_killed_program_leaves_the_rig_landed_and_free(house: House, tmp_path:
     assert len(Recording.open(file, truncated=True).states) > 0
 
 
+@pytest.mark.real
 def test_a_frozen_program_is_landed_and_finds_out_when_it_wakes(house: House, tmp_path: Path) -> None:
     house.change(without=("arm", "force"))
     program = house.start(tmp_path)
@@ -100,6 +102,7 @@ def test_a_frozen_program_is_landed_and_finds_out_when_it_wakes(house: House, tm
     assert "was lost" not in output  # the guard was sound: the program itself had been away
 
 
+@pytest.mark.real
 def test_a_computer_that_stood_still_condemns_nobody(house: House, tmp_path: Path) -> None:
     """A paused virtual machine: program and guard wake together, after longer than both wait for each other."""
     house.change(without=("arm", "force"), limits={"max_age": 10.0, "max_hidden": 10.0}, safe={"heartbeat": 0.8})
@@ -116,6 +119,7 @@ def test_a_computer_that_stood_still_condemns_nobody(house: House, tmp_path: Pat
     assert "no heartbeat" not in output and "made the rig safe" not in output
 
 
+@pytest.mark.real
 def test_a_program_without_its_guard_stops_lands_the_rig_anew_and_says_so(house: House, tmp_path: Path) -> None:
     house.change(without=("arm", "force"))
     program = house.start(tmp_path)
@@ -126,6 +130,7 @@ def test_a_program_without_its_guard_stops_lands_the_rig_anew_and_says_so(house:
     assert not house.latch.exists()
 
 
+@pytest.mark.real
 def test_a_frozen_guard_is_replaced(house: House, tmp_path: Path) -> None:
     house.change(without=("arm", "force"))
     program = house.start(tmp_path)
@@ -135,6 +140,7 @@ def test_a_frozen_guard_is_replaced(house: House, tmp_path: Path) -> None:
     assert house.vented()
 
 
+@pytest.mark.real
 def test_regulators_that_can_be_reached_are_vented_though_one_of_them_is_dead(small: House, rig: Rig) -> None:
     """Landed anew, by a process that finds the rig inflated: who does not answer is named, the others do not wait for it."""
     inflate(rig, small)
@@ -151,6 +157,7 @@ def test_regulators_that_can_be_reached_are_vented_though_one_of_them_is_dead(sm
     assert small.latch.exists()
 
 
+@pytest.mark.real
 def test_when_both_are_killed_the_rig_is_locked_until_a_person_clears_it(
     small: House, rig: Rig, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -203,6 +210,7 @@ def test_a_landing_that_comes_after_the_last_one_does_not_judge_closed_drivers(s
         guard.close()
 
 
+@pytest.mark.real
 def test_the_guard_and_its_session_come_first_where_the_system_allows_it(rig: Rig) -> None:
     pid = rig.actuators.pid
     assert os.getsid(pid) == pid  # no Ctrl-C of the terminal reaches it
@@ -230,6 +238,7 @@ def test_a_rig_that_was_closed_leaves_no_file_open(small: House) -> None:
         assert until(lambda: pipes() == before)
 
 
+@pytest.mark.real
 def test_a_guard_of_this_process_leaves_no_thread_behind(house: House) -> None:
     before = set(threading.enumerate())
     Guard(load_rig(house.rig), RigClock(20.0), despite_latch=True).close()
@@ -331,6 +340,7 @@ def test_too_much_force_stops_the_arm_at_once(house: House) -> None:
             rig.actuators.call("arm", "move_to", tuple(pose), 0.05, 0.3)
 
 
+@pytest.mark.real
 def test_the_arms_process_may_crash_and_nobody_else_does(house: House) -> None:
     house.change(without=("force", "mocap"))
     with Rig(load_rig(house.rig)) as rig:
@@ -361,6 +371,7 @@ def test_an_arm_that_its_safety_system_holds_is_confirmed_at_rest_though_it_cann
         assert rig.make_safe().confirmed and not house.latch.exists()
 
 
+@pytest.mark.real
 def test_twenty_signals_during_the_clean_up_still_end_safe(house: House, tmp_path: Path) -> None:
     house.change(without=("arm", "force"))
     program = house.start(tmp_path)

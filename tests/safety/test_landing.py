@@ -45,12 +45,12 @@ SUBSETS = [s for n in range(5) for s in itertools.combinations(ACTUATORS, n)]
 
 
 @pytest.fixture(scope="module")
-def drivers(one_house: House) -> Iterator[dict[str, Any]]:
+def drivers(simulated_house: House) -> Iterator[dict[str, Any]]:
     """The real drivers as under the guard, opened on the fakes."""
     from lab.verbs.fakes import write_rig
 
-    write_rig(one_house.fakes, one_house.rig)
-    instruments = load_rig(one_house.rig).instruments
+    write_rig(simulated_house.fakes, simulated_house.rig)
+    instruments = load_rig(simulated_house.rig).instruments
     clock = RigClock(20.0)
     made = {}
     for name in ACTUATORS:

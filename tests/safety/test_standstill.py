@@ -67,6 +67,7 @@ def at_zero(house: House) -> bool:
     return bool(mocap(house))
 
 
+@pytest.mark.real
 @pytest.mark.parametrize(
     ("phase", "seconds"),
     [
