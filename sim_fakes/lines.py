@@ -117,7 +117,7 @@ class MemoryLine:
     """Two byte queues in this process."""
 
     def __init__(self, name: str) -> None:
-        self.port = f"{MEMORY}{next(_NUMBERS)}/{name}"
+        self.port = f"{MEMORY}{next(_NUMBERS)}/softlab-{name}"
         self._plugged = False
         self.plugs = 0
         """How often the cable was put in: who opened it before holds a dead end."""

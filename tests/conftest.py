@@ -106,6 +106,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         name = group(item.nodeid).partition("/")[0]
         return (*ORDER, name).index(name), "tests/docs/" in item.nodeid
 
+    for item in items:
+        if "real_rig" in getattr(item, "fixturenames", ()):
+            item.add_marker("real")
     items.sort(key=place)
 
 

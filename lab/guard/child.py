@@ -26,6 +26,8 @@ SESSION = -20
 """Of its session among the others: Linux schedules by session (sched(7), autogroup), whatever the nice of what runs in it."""
 
 
+HOLDERS = {"lab.guard.process", "lab.guard.hosted", "lab.rig.hosted_stream"}
+"""Modules whose processes hold instruments, and share the clock of the program that starts them."""
 Child = subprocess.Popen[bytes]
 
 
@@ -57,7 +59,7 @@ class Lodger:
 
 def start_child(module: str, passed: Sequence[int] = (), *more: str, **streams: Any) -> Child:
     """Start `python -m MODULE FD .. MORE ..`, which inherits the file descriptors `passed`; `streams` as of `Popen`."""
-    if timing.together():
+    if timing.together() and module in HOLDERS:
         return cast(Child, Lodger(module, [os.dup(one) for one in passed]))
     command = [sys.executable, "-P", "-m", module, *map(str, passed), *more]
     return subprocess.Popen(

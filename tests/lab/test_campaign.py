@@ -64,7 +64,7 @@ def test_a_campaign_gives_the_table_that_was_planned(virtual_lab: VirtualLab, tm
     assert (table["hold"][~swept & ~held] > 0.5).all() and (planned["hold"][~swept & ~held] > 0.5).all()
 
 
-def test_a_stopped_campaign_goes_on_by_the_line_it_printed(virtual_lab: VirtualLab, tmp_path: Path) -> None:
+def test_a_stopped_campaign_goes_on_by_the_line_it_printed(real_lab: VirtualLab, tmp_path: Path) -> None:
     folder = tmp_path / "with blank"
     file = write_campaign(tmp_path / "night.yaml", (0.0, 0.03), 1, unload=False)
     command = [
@@ -74,7 +74,7 @@ def test_a_stopped_campaign_goes_on_by_the_line_it_printed(virtual_lab: VirtualL
         "campaign",
         str(file),
         "--rig",
-        str(virtual_lab.rig),
+        str(real_lab.rig),
         "--out",
         str(folder),
     ]
@@ -94,7 +94,7 @@ def test_a_stopped_campaign_goes_on_by_the_line_it_printed(virtual_lab: VirtualL
     assert program.returncode == 1, output
     (told,) = [line for line in output.splitlines() if line.startswith("go on with: ")]
     words = shlex.split(told.removeprefix("go on with: "))
-    assert words == ["lab", "campaign", "--resume", str(folder), "--rig", str(virtual_lab.rig)]
+    assert words == ["lab", "campaign", "--resume", str(folder), "--rig", str(real_lab.rig)]
     assert lab(*words[1:]) in (0, 3)
     table = read_case(sorted(folder.glob("*/*.mcap"))).table
     assert [(r.trial, r.step) for r in table] == [(t, s) for t in (1, 2) for s in (1, 2, 3)]
@@ -114,12 +114,10 @@ def test_a_stopped_campaign_goes_on_by_the_line_it_printed(virtual_lab: VirtualL
     assert lab(*command[3:]) == 2  # the folder holds a campaign
 
 
-def test_a_night_with_kills_and_a_fault_loses_nothing_and_doubles_nothing(
-    virtual_lab: VirtualLab, tmp_path: Path
-) -> None:
+def test_a_night_with_kills_and_a_fault_loses_nothing_and_doubles_nothing(real_lab: VirtualLab, tmp_path: Path) -> None:
     file = write_campaign(tmp_path / "night.yaml", (0.0, 0.03, 0.06), 1, unload=False)
     troubles = (Trouble(0, 0, KILL, 0.3), Trouble(2, 2, KILL), Trouble(3, 1, "gauge silence"))
-    report = Night(virtual_lab.fakes, virtual_lab.rig, file, tmp_path / "night", troubles).go()
+    report = Night(real_lab.fakes, real_lab.rig, file, tmp_path / "night", troubles).go()
     assert report.kills == 2 and report.faults == 1 and report.sessions >= 3 and report.torn >= 1
     assert report.planned == report.found == 9 and report.sound, report
     torn = [Recording.open(f) for f in (tmp_path / "night").glob("0002-*/*-recovered.mcap")]

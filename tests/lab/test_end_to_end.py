@@ -71,7 +71,7 @@ def test_check_tells_an_instrument_that_opens_and_sends_nothing(
     monkeypatch.setattr(Rig, "open_all", then_silent)
     rig = virtual_lab.rig.with_name("short.yaml")
     data = yaml.safe_load(virtual_lab.rig.read_text())
-    data["limits"]["max_age"] = 4.0
+    data["limits"] = {"max_age": 4.0}
     rig.write_text(yaml.safe_dump(data))
     try:
         assert lab("check", "--rig", rig, "--seconds", "0", "--json") == 1
@@ -168,13 +168,13 @@ def test_a_sweep_is_read_on_the_fly(virtual_lab: VirtualLab, tmp_path: Path) -> 
     assert {r.rate for r in moving} == {2e3, -2e3}
 
 
-def start(virtual_lab: VirtualLab, folder: Path) -> subprocess.Popen[str]:
+def start(real_lab: VirtualLab, folder: Path) -> subprocess.Popen[str]:
     """A run in a process of its own, as soon as it has inflated the robot."""
-    command = [sys.executable, "-m", "lab.cli", "run", "bending", "--rig", str(virtual_lab.rig), "--out", str(folder)]
+    command = [sys.executable, "-m", "lab.cli", "run", "bending", "--rig", str(real_lab.rig), "--out", str(folder)]
     command += [word for pause in PATIENT_SETTLE for word in ("--set", pause)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     deadline = timing.now() + 120
-    while max(virtual_lab.fakes.plant.chamber_pressure) < 40e3:
+    while max(real_lab.fakes.plant.chamber_pressure) < 40e3:
         assert process.poll() is None and timing.now() < deadline, process.communicate()[0]
         timing.sleep(0.05)
     return process
@@ -190,21 +190,21 @@ def vented(virtual_lab: VirtualLab, within: float) -> bool:
 
 
 @pytest.mark.parametrize("presses", [pytest.param(1, marks=pytest.mark.long), 2])
-def test_ctrl_c_keeps_the_data_and_leaves_the_rig_safe(virtual_lab: VirtualLab, tmp_path: Path, presses: int) -> None:
-    process = start(virtual_lab, tmp_path)
+def test_ctrl_c_keeps_the_data_and_leaves_the_rig_safe(real_lab: VirtualLab, tmp_path: Path, presses: int) -> None:
+    process = start(real_lab, tmp_path)
     for _ in range(presses):
         process.send_signal(signal.SIGINT)
         timing.sleep(0.3)
     output, _ = process.communicate(timeout=600)
     assert process.returncode == 1, output
-    assert vented(virtual_lab, 20.0)
+    assert vented(real_lab, 20.0)
     assert "stopped" in output
     assert len(read_case([recorded(tmp_path)]).table) >= 1
 
 
-def test_a_killed_run_leaves_the_rig_vented_and_the_file_readable(virtual_lab: VirtualLab, tmp_path: Path) -> None:
-    process = start(virtual_lab, tmp_path)
+def test_a_killed_run_leaves_the_rig_vented_and_the_file_readable(real_lab: VirtualLab, tmp_path: Path) -> None:
+    process = start(real_lab, tmp_path)
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
-    assert vented(virtual_lab, 20.0)
+    assert vented(real_lab, 20.0)
     assert lab("info", recorded(tmp_path)) == 3

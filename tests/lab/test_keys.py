@@ -64,9 +64,9 @@ def wait(holds: Callable[[], bool]) -> None:
 
 
 def test_a_run_is_paused_noted_in_and_goes_on_with_every_state_there_once(
-    virtual_lab: VirtualLab, rig: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    real_lab: VirtualLab, rig: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    plant = virtual_lab.fakes.plant
+    plant = real_lab.fakes.plant
     with at_terminal(rig, tmp_path) as terminal:
         assert HELP in terminal.shown and terminal.mode != terminal.before
         (journal,) = tmp_path.glob("*.journal")
@@ -110,7 +110,7 @@ def test_a_run_is_paused_noted_in_and_goes_on_with_every_state_there_once(
 
 
 def test_a_state_read_once_more_counts_once_and_a_skipped_trial_is_not_done_again(
-    virtual_lab: VirtualLab, rig: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    real_lab: VirtualLab, rig: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with at_terminal(rig, tmp_path) as terminal:
         terminal.press("r")
@@ -142,7 +142,7 @@ def test_a_state_read_once_more_counts_once_and_a_skipped_trial_is_not_done_agai
     capsys.readouterr()
 
 
-def test_the_last_reading_of_a_state_is_the_one_that_counts(virtual_lab: VirtualLab, rig: Path, tmp_path: Path) -> None:
+def test_the_last_reading_of_a_state_is_the_one_that_counts(real_lab: VirtualLab, rig: Path, tmp_path: Path) -> None:
     words = ("--set", "spine_lengths=[0.0]", "--set", "pressures=[60 kPa]", *LATE)
     with at_terminal(rig, tmp_path, *words) as terminal:
         terminal.press("r")
@@ -156,8 +156,8 @@ def test_the_last_reading_of_a_state_is_the_one_that_counts(virtual_lab: Virtual
     assert replay(file).rows == table.rows
 
 
-def test_in_a_pause_somebody_may_stand_before_the_cameras(virtual_lab: VirtualLab, rig: Path, tmp_path: Path) -> None:
-    fakes = virtual_lab.fakes
+def test_in_a_pause_somebody_may_stand_before_the_cameras(real_lab: VirtualLab, rig: Path, tmp_path: Path) -> None:
+    fakes = real_lab.fakes
     with at_terminal(rig, tmp_path) as terminal:
         terminal.press("p")
         terminal.until("Paused: vented and stopped")
@@ -195,7 +195,7 @@ while True:
 
 
 def test_by_ctrl_z_the_terminal_is_the_shells_and_keys_work_again_when_the_run_goes_on(
-    virtual_lab: VirtualLab, rig: Path, tmp_path: Path
+    real_lab: VirtualLab, rig: Path, tmp_path: Path
 ) -> None:
     words = ("run", "bending", "--rig", rig, *SHORT, "--out", tmp_path)
     with Terminal(*words, program=(sys.executable, "-c", SHELL)) as terminal:
@@ -213,7 +213,7 @@ def test_by_ctrl_z_the_terminal_is_the_shells_and_keys_work_again_when_the_run_g
 
 
 def test_a_run_that_is_told_to_end_leaves_the_terminal_as_it_was(
-    virtual_lab: VirtualLab, rig: Path, tmp_path: Path
+    real_lab: VirtualLab, rig: Path, tmp_path: Path
 ) -> None:
     with at_terminal(rig, tmp_path) as terminal:
         cbreak = terminal.mode

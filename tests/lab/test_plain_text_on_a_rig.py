@@ -84,9 +84,9 @@ def test_check_shows_a_foreign_answer_plain(
 
 
 def test_a_fault_in_mid_run_ends_it_with_its_error_and_a_whole_recording(
-    hostile_rig: Path, virtual_lab: VirtualLab, tmp_path: Path
+    hostile_rig: Path, real_lab: VirtualLab, tmp_path: Path
 ) -> None:
-    plant, valve = virtual_lab.fakes.plant, virtual_lab.fakes.lines["valve"]
+    plant, valve = real_lab.fakes.plant, real_lab.fakes.lines["valve"]
     over = timing.Event()
 
     def spoil() -> None:

@@ -46,11 +46,11 @@ def truncate(folder: Path) -> None:
 
 @pytest.mark.parametrize("harm", [delete_file, rename_folder, truncate])
 def test_a_run_whose_recording_is_lost_lands_after_the_state_and_goes_on_from_the_rescue_file(
-    harm: Callable[[Path], None], virtual_lab: VirtualLab, tmp_path: Path
+    harm: Callable[[Path], None], real_lab: VirtualLab, tmp_path: Path
 ) -> None:
-    freed(virtual_lab)
+    freed(real_lab)
     rig = tmp_path / "rig" / "rig.yaml"
-    shutil.copytree(virtual_lab.rig.parent, rig.parent)
+    shutil.copytree(real_lab.rig.parent, rig.parent)
     folder = tmp_path / "out"
     process = started(rig, folder)
     wait_for(READ, folder, process)
@@ -100,12 +100,12 @@ def test_what_was_read_is_attached_whatever_the_files_hold_by_then(
 
 @pytest.mark.parametrize("asked", [False, True])
 def test_a_closed_terminal_ends_a_run_as_a_signal_to_end_does(
-    asked: bool, virtual_lab: VirtualLab, tmp_path: Path
+    asked: bool, real_lab: VirtualLab, tmp_path: Path
 ) -> None:
     """While a state is read, and while the person is asked to prepare the rig."""
-    freed(virtual_lab)
-    rig = virtual_lab.rig.with_name("at_terminal.yaml")
-    rig.write_text(yaml.safe_dump({**yaml.safe_load(virtual_lab.rig.read_text()), "operator": "console"}))
+    freed(real_lab)
+    rig = real_lab.rig.with_name("at_terminal.yaml")
+    rig.write_text(yaml.safe_dump({**yaml.safe_load(real_lab.rig.read_text()), "operator": "console"}))
     holding = (
         "--set",
         "reading=hold",

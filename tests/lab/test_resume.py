@@ -80,16 +80,16 @@ def always(table: Table) -> list[str]:
     return [name for name in table.columns if name != "clipped"]
 
 
-def test_a_killed_run_is_resumed_from_its_first_unfinished_trial(virtual_lab: VirtualLab, tmp_path: Path) -> None:
+def test_a_killed_run_is_resumed_from_its_first_unfinished_trial(real_lab: VirtualLab, tmp_path: Path) -> None:
     whole, broken = tmp_path / "whole", tmp_path / "broken"
-    assert lab("run", "bending", "--rig", virtual_lab.rig, *SHORT, "--out", whole) in (0, 3)
-    process = started(virtual_lab.rig, broken)
+    assert lab("run", "bending", "--rig", real_lab.rig, *SHORT, "--out", whole) in (0, 3)
+    process = started(real_lab.rig, broken)
     wait_for('{"trial": 2, "step": 1}', broken, process)
     process.send_signal(signal.SIGKILL)
     process.wait()
     (first,) = broken.glob("*.mcap")
-    freed(virtual_lab)
-    assert lab("run", "--resume", first, "--rig", virtual_lab.rig) in (0, 3)
+    freed(real_lab)
+    assert lab("run", "--resume", first, "--rig", real_lab.rig) in (0, 3)
 
     (journal,) = broken.glob("*.journal")
     progress = read(journal)
@@ -111,13 +111,13 @@ def test_a_killed_run_is_resumed_from_its_first_unfinished_trial(virtual_lab: Vi
     assert [row[5] for row in shape(resumed)] == [row[5] for row in shape(plain)]
     assert (resumed["t"][1:] > resumed["t"][:-1]).all() and always(resumed) == always(plain)
 
-    assert lab("run", "--resume", journal, "--rig", virtual_lab.rig) in (0, 3)
+    assert lab("run", "--resume", journal, "--rig", real_lab.rig) in (0, 3)
     assert read_case([second, broken / "first.mcap"]).table.rows == resumed.rows
 
 
-def test_a_run_that_was_stopped_says_how_to_go_on_and_that_does(virtual_lab: VirtualLab, tmp_path: Path) -> None:
+def test_a_run_that_was_stopped_says_how_to_go_on_and_that_does(real_lab: VirtualLab, tmp_path: Path) -> None:
     folder = tmp_path / "with blank"
-    process = started(virtual_lab.rig, folder, said=("--operator", "Ada", "--tag", "batch=3"))
+    process = started(real_lab.rig, folder, said=("--operator", "Ada", "--tag", "batch=3"))
     wait_for('{"trial": 2, "step": 1}', folder, process)
     process.send_signal(signal.SIGINT)
     output, _ = process.communicate(timeout=300)
@@ -125,7 +125,7 @@ def test_a_run_that_was_stopped_says_how_to_go_on_and_that_does(virtual_lab: Vir
     (told,) = [line for line in output.splitlines() if line.startswith("go on with: ")]
     words = shlex.split(told.removeprefix("go on with: "))
     (first,) = folder.glob("*.mcap")
-    assert words == ["lab", "run", "--resume", str(first), "--rig", str(virtual_lab.rig)]
+    assert words == ["lab", "run", "--resume", str(first), "--rig", str(real_lab.rig)]
     assert lab(*words[1:], "--tag", "batch=4") in (0, 3)
     (second,) = set(folder.glob("*.mcap")) - {first}
     assert labels_of(Recording.open(first)) == {"operator": "Ada", "batch": "3"}
@@ -145,9 +145,9 @@ def test_what_cannot_be_resumed_is_told(
     assert lab("run", "--rig", virtual_lab.rig) == 2
 
 
-def test_a_full_disk_ends_the_run_safe_and_says_so(virtual_lab: VirtualLab, tmp_path: Path) -> None:
-    freed(virtual_lab)
-    process = started(virtual_lab.rig, tmp_path, limit=60_000)
+def test_a_full_disk_ends_the_run_safe_and_says_so(real_lab: VirtualLab, tmp_path: Path) -> None:
+    freed(real_lab)
+    process = started(real_lab.rig, tmp_path, limit=60_000)
     wait_for('"recording"', tmp_path, process)
     while not (files := list(tmp_path.glob("*.mcap"))):
         assert process.poll() is None, process.communicate()[0]
@@ -157,7 +157,7 @@ def test_a_full_disk_ends_the_run_safe_and_says_so(virtual_lab: VirtualLab, tmp_
         size = now
         timing.sleep(0.01)
     full = timing.now()
-    plant = virtual_lab.fakes.plant
+    plant = real_lab.fakes.plant
     while (max(plant.chamber_pressure) > 5e3 or plant.valve_on) and timing.now() < full + 30:
         timing.sleep(0.01)
     safe = timing.now() - full

@@ -76,8 +76,8 @@ def test_everything_that_fakes_listen_on_is_of_this_computer_alone(virtual_lab: 
     assert len(listening) >= 6 and all(ip.startswith("127.") for ip in listening), listening
 
 
-def test_the_back_doors_let_their_own_user_in_alone(virtual_lab: VirtualLab) -> None:
-    ur = virtual_lab.fakes.ur
+def test_the_back_doors_let_their_own_user_in_alone(real_lab: VirtualLab) -> None:
+    ur = real_lab.fakes.ur
     assert ur is not None
-    for path in (virtual_lab.fakes.door.path, ur.door):
+    for path in (real_lab.fakes.door.path, ur.door):
         assert path.is_socket() and stat.S_IMODE(path.parent.stat().st_mode) == 0o700
