@@ -170,6 +170,12 @@ def whole_rig() -> Iterator[FakeRig]:
 
 
 @pytest.fixture(scope="session")
+def shared_clock() -> SimulatedClock:
+    """The clock of the whole rig, for rigs that several tests share."""
+    return world()
+
+
+@pytest.fixture(scope="session")
 def real_rig() -> Iterator[FakeRig]:
     """The same on real lines, at twenty times real speed, for tests marked `real`: processes, signals, kills."""
     from sim_fakes.rig import FakeRig
@@ -185,7 +191,7 @@ def world() -> SimulatedClock:
     return SimulatedClock()
 
 
-LIVE_THERE = {"whole_rig", "virtual_lab", "house"}
+LIVE_THERE = {"whole_rig", "shared_clock", "house"}
 """What tests ask for that live in that clock."""
 
 
