@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
-from virtual_lab import VirtualLab
+from virtual_lab import VirtualLab, meanwhile, press_ctrl_c
 
 import timing
 from drivers.errors import InstrumentError
@@ -168,43 +164,17 @@ def test_a_sweep_is_read_on_the_fly(virtual_lab: VirtualLab, tmp_path: Path) -> 
     assert {r.rate for r in moving} == {2e3, -2e3}
 
 
-def start(real_lab: VirtualLab, folder: Path) -> subprocess.Popen[str]:
-    """A run in a process of its own, as soon as it has inflated the robot."""
-    command = [sys.executable, "-m", "lab.cli", "run", "bending", "--rig", str(real_lab.rig), "--out", str(folder)]
-    command += [word for pause in PATIENT_SETTLE for word in ("--set", pause)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    deadline = timing.now() + 120
-    while max(real_lab.fakes.plant.chamber_pressure) < 40e3:
-        assert process.poll() is None and timing.now() < deadline, process.communicate()[0]
-        timing.sleep(0.05)
-    return process
-
-
 def vented(virtual_lab: VirtualLab, within: float) -> bool:
-    deadline = timing.now() + within
-    while max(virtual_lab.fakes.plant.chamber_pressure) > 5e3 or virtual_lab.fakes.plant.valve_on:
-        if timing.now() > deadline:
-            return False
-        timing.sleep(0.02)
-    return True
+    plant = virtual_lab.fakes.plant
+    return timing.wait(lambda: max(plant.chamber_pressure) < 5e3 and not plant.valve_on, within)
 
 
-@pytest.mark.parametrize("presses", [pytest.param(1, marks=pytest.mark.long), 2])
-def test_ctrl_c_keeps_the_data_and_leaves_the_rig_safe(real_lab: VirtualLab, tmp_path: Path, presses: int) -> None:
-    process = start(real_lab, tmp_path)
-    for _ in range(presses):
-        process.send_signal(signal.SIGINT)
-        timing.sleep(0.3)
-    output, _ = process.communicate(timeout=600)
-    assert process.returncode == 1, output
-    assert vented(real_lab, 20.0)
-    assert "stopped" in output
+@pytest.mark.parametrize("presses", [1, 2])
+def test_ctrl_c_keeps_the_data_and_leaves_the_rig_safe(
+    virtual_lab: VirtualLab, tmp_path: Path, presses: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    meanwhile(lambda: max(virtual_lab.fakes.plant.chamber_pressure) > 40e3, *[press_ctrl_c] * presses)
+    assert lab("run", "bending", "--rig", virtual_lab.rig, "--out", tmp_path) == 1
+    assert "stopped" in "".join(capsys.readouterr())
+    assert vented(virtual_lab, 20.0)
     assert len(read_case([recorded(tmp_path)]).table) >= 1
-
-
-def test_a_killed_run_leaves_the_rig_vented_and_the_file_readable(real_lab: VirtualLab, tmp_path: Path) -> None:
-    process = start(real_lab, tmp_path)
-    os.kill(process.pid, signal.SIGKILL)
-    process.wait()
-    assert vented(real_lab, 20.0)
-    assert lab("info", recorded(tmp_path)) == 3

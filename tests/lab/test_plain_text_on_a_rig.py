@@ -31,15 +31,15 @@ SHORT = [
 
 
 @pytest.fixture
-def hostile_rig(virtual_lab: VirtualLab, tmp_path: Path) -> Iterator[Path]:
+def hostile_rig(real_lab: VirtualLab, tmp_path: Path) -> Iterator[Path]:
     """A rig file and a robot with such names, and a valve with such an identity."""
     name = HOSTILE.replace("\x1b", "")  # a file that holds a control character is refused
-    rig = yaml.safe_load(virtual_lab.rig.read_text()) | {"name": name}
-    robot = yaml.safe_load(virtual_lab.rig.with_name("robot.yaml").read_text()) | {"name": name}
+    rig = yaml.safe_load(real_lab.rig.read_text()) | {"name": name}
+    robot = yaml.safe_load(real_lab.rig.with_name("robot.yaml").read_text()) | {"name": name}
     (tmp_path / "robot.yaml").write_text(yaml.safe_dump(robot))
     path = tmp_path / "rig.yaml"
     path.write_text(yaml.safe_dump(rig))
-    valve = virtual_lab.fakes.lines["valve"]
+    valve = real_lab.fakes.lines["valve"]
     valve.identity = SERIAL  # type: ignore[attr-defined]
     yield path
     valve.identity = "SOFTLAB1"  # type: ignore[attr-defined]
@@ -74,9 +74,9 @@ def test_check_shows_names_and_identities_plain(hostile_rig: Path, capsys: pytes
 
 
 def test_check_shows_a_foreign_answer_plain(
-    hostile_rig: Path, virtual_lab: VirtualLab, capsys: pytest.CaptureFixture[str]
+    hostile_rig: Path, real_lab: VirtualLab, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    virtual_lab.fakes.lines["valve"].faults.extra["foreign"] = HOSTILE
+    real_lab.fakes.lines["valve"].faults.extra["foreign"] = HOSTILE
     assert main(["check", "--rig", str(hostile_rig), "--seconds", "0.3"]) == 1
     said = capsys.readouterr()
     assert "\x1b" not in said.out + said.err

@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from virtual_lab import VirtualLab
+from virtual_lab import VirtualLab, journal_says, meanwhile, press_ctrl_c
 
 import timing
 from lab.cli import main
@@ -115,17 +115,19 @@ def test_a_killed_run_is_resumed_from_its_first_unfinished_trial(real_lab: Virtu
     assert read_case([second, broken / "first.mcap"]).table.rows == resumed.rows
 
 
-def test_a_run_that_was_stopped_says_how_to_go_on_and_that_does(real_lab: VirtualLab, tmp_path: Path) -> None:
+def test_a_run_that_was_stopped_says_how_to_go_on_and_that_does(
+    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     folder = tmp_path / "with blank"
-    process = started(real_lab.rig, folder, said=("--operator", "Ada", "--tag", "batch=3"))
-    wait_for('{"trial": 2, "step": 1}', folder, process)
-    process.send_signal(signal.SIGINT)
-    output, _ = process.communicate(timeout=300)
-    assert process.returncode == 1, output
+    meanwhile(lambda: journal_says('{"trial": 2, "step": 1}', folder), press_ctrl_c)
+    said = ("--operator", "Ada", "--tag", "batch=3")
+    code = lab("run", "bending", "--rig", virtual_lab.rig, *SHORT, "--out", folder, *said)
+    output = "".join(capsys.readouterr())
+    assert code == 1, output
     (told,) = [line for line in output.splitlines() if line.startswith("go on with: ")]
     words = shlex.split(told.removeprefix("go on with: "))
     (first,) = folder.glob("*.mcap")
-    assert words == ["lab", "run", "--resume", str(first), "--rig", str(real_lab.rig)]
+    assert words == ["lab", "run", "--resume", str(first), "--rig", str(virtual_lab.rig)]
     assert lab(*words[1:], "--tag", "batch=4") in (0, 3)
     (second,) = set(folder.glob("*.mcap")) - {first}
     assert labels_of(Recording.open(first)) == {"operator": "Ada", "batch": "3"}
