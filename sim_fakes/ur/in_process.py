@@ -65,9 +65,10 @@ class UrThread:
         pose_to: Address | None,
         seed: int,
         version: tuple[int, int, int, int] = (3, 15, 8, 106339),
+        dashboard: bool = True,
     ) -> None:
         self.host = host
-        self.server = Server(Controller(version, speed, seed), host, timing.now())
+        self.server = Server(Controller(version, speed, seed), host, timing.now(), dashboard)
         self._loop = _Loop()
         self._ready = timing.Event()
         self._pose_to = pose_to

@@ -92,6 +92,7 @@ def test_a_stopped_campaign_goes_on_by_the_line_it_printed(
     assert lab(*command) == 2  # the folder holds a campaign
 
 
+@pytest.mark.long
 def test_a_night_with_kills_and_a_fault_loses_nothing_and_doubles_nothing(real_lab: VirtualLab, tmp_path: Path) -> None:
     file = write_campaign(tmp_path / "night.yaml", (0.0, 0.03, 0.06), 1, unload=False)
     troubles = (Trouble(0, 0, KILL, 0.3), Trouble(2, 2, KILL), Trouble(3, 1, "gauge silence"))

@@ -90,7 +90,7 @@ def test_what_was_read_is_attached_whatever_the_files_hold_by_then(
     assert found.metadata["sha256"] == sums and "protocol.yaml" in sums
 
 
-@pytest.mark.parametrize("asked", [False, True])
+@pytest.mark.parametrize("asked", [pytest.param(False, marks=pytest.mark.long), True])
 def test_a_closed_terminal_ends_a_run_as_a_signal_to_end_does(
     asked: bool, real_lab: VirtualLab, tmp_path: Path
 ) -> None:

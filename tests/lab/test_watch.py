@@ -267,6 +267,7 @@ def page(tmp_path: Path) -> Iterator[Browser]:
         yield browser
 
 
+@pytest.mark.long
 def test_a_browser_shows_a_run_as_it_goes_and_what_it_shows_is_in_the_recording(
     real_lab: VirtualLab, tmp_path: Path, page: Browser
 ) -> None:
@@ -301,6 +302,7 @@ def test_a_browser_shows_a_run_as_it_goes_and_what_it_shows_is_in_the_recording(
         assert page.value(f"({inked})('{canvas}')") > 20, canvas
 
 
+@pytest.mark.long
 def test_buttons_pause_a_run_and_a_note_is_written_down(real_lab: VirtualLab, tmp_path: Path, page: Browser) -> None:
     words = (
         "--set",
@@ -345,6 +347,7 @@ def test_buttons_pause_a_run_and_a_note_is_written_down(real_lab: VirtualLab, tm
     assert [r.text for r in requests if r.kind == "note"] == [HOSTILE]
 
 
+@pytest.mark.long
 def test_in_a_campaign_a_browser_goes_on_with_the_next_run_and_its_buttons_are_for_that(
     real_lab: VirtualLab, tmp_path: Path, page: Browser, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -386,6 +389,7 @@ def test_in_a_campaign_a_browser_goes_on_with_the_next_run_and_its_buttons_are_f
     assert page.said == []
 
 
+@pytest.mark.long
 def test_a_page_of_a_recording_has_no_buttons(run: tuple[dict[str, Any], Path], page: Browser) -> None:
     program = command("watch", run[1], "--speed", "1000", "--no-browser")
     try:
@@ -398,6 +402,7 @@ def test_a_page_of_a_recording_has_no_buttons(run: tuple[dict[str, Any], Path], 
         program.wait()
 
 
+@pytest.mark.long
 def test_what_is_silent_or_not_safe_is_said_and_no_old_number_looks_new(tmp_path: Path, page: Browser) -> None:
     with Recorder(tmp_path / "run.mcap", start_wall_ns=10**18) as recorder:
         for k in range(60):
@@ -423,6 +428,7 @@ def test_what_is_silent_or_not_safe_is_said_and_no_old_number_looks_new(tmp_path
         program.wait()
 
 
+@pytest.mark.long
 def test_a_browser_shows_text_from_outside_as_text_and_asks_for_nothing_beyond_the_page(
     tmp_path: Path, page: Browser
 ) -> None:
