@@ -26,9 +26,8 @@ from rich.console import Console
 from rich.table import Table
 
 from lab.blind.make import drawn, robot_yaml, table_of, walk_of, write_case
-from lab.blind.options import Stratum
 from lab.blind.sweeps import BASE, design
-from lab.blind.truth import Recipe, draw
+from lab.blind.truth import Recipe, Stratum, draw
 from sim_fakes.worlds.campaign import Robot, read, respond
 
 CACHE = "NUMBA_CACHE_DIR"

@@ -36,9 +36,8 @@ from lab.blind.answers import Answer
 from lab.blind.by_mm import APART, FLOORS, HALF, Weighed
 from lab.blind.make import ATTEMPTS, Drawn, Unequal, drawn, noise_floor, table_of
 from lab.blind.metrics import counted
-from lab.blind.options import Stratum
 from lab.blind.sweeps import BASE
-from lab.blind.truth import KINDS, LESS_CLUTTER, SMALL, THRUST, TOLERANCES, Recipe, draw
+from lab.blind.truth import KINDS, LESS_CLUTTER, SMALL, THRUST, TOLERANCES, Recipe, Stratum, draw
 from model.effects.catalogue import CATALOGUE
 from sim_fakes.worlds.campaign import (
     DRIFT,

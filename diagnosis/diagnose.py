@@ -127,7 +127,6 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         found.misfit.outlier_trial, lacking(first.states), assemble.simulator_section(found),
         calibration := assemble.calibration_section(found), names,
     )  # fmt: skip
-    wanted.executor.progress(1.0)
     text = statement(facts)
     if first.changed:
         text = f"{first.sentence} {'Beside that: ' if first.order else ''}{text}"

@@ -39,6 +39,7 @@ from protocols.visits import Sweep, Visit, Walk
 from recordings import trials
 from recordings.messages import STREAMS, MessageType
 from recordings.states.rules import Crossing, Settled, Window
+from sim_fakes.plant import Plant
 from sim_fakes.pty_fake import PtyFake
 
 OFFERS: Mapping[str, type] = {
@@ -263,8 +264,15 @@ def instruments() -> Iterator[str]:
             yield from _but(rows, several)
             for key, prose, rows in inner:
                 yield from (f"#### {key}", "", *prose, *_list(rows))
+    samples = [k for n, k in vars(interfaces).items() if n.endswith("Sample")]
+    yield from ("## Samples", "", "`t`: when it arrived, s of the rig's clock.", "")
+    yield from _list(
+        (_code(f"{k.__name__}({', '.join(inspect.get_annotations(k))})"), "", k.__doc__ or "") for k in samples
+    )
+    yield ""
     for kind in (SerialLine, Retries, PtyFake):
         yield from _class(kind, f"{kind.__module__}.{kind.__name__}", made=True)
+    yield from _class(Plant, f"{Plant.__module__}.{Plant.__name__}")
 
 
 def _calls(interface: type) -> list[Row]:

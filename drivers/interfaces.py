@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from enum import IntFlag
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
 Vector3 = tuple[float, float, float]
@@ -92,6 +93,23 @@ class WrenchSample:
         return (a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3], a[4] - b[4], a[5] - b[5])
 
 
+class SafetyBit(IntFlag):
+    """What an arm's safety system reports: the bits of `ArmSample.safety_bits`, as a UR controller numbers them."""
+
+    NORMAL = 1 << 0
+    REDUCED = 1 << 1
+    PROTECTIVE_STOP = 1 << 2
+    RECOVERY = 1 << 3
+    SAFEGUARD_STOP = 1 << 4
+    SYSTEM_EMERGENCY_STOP = 1 << 5
+    ROBOT_EMERGENCY_STOP = 1 << 6
+    EMERGENCY_STOP = 1 << 7
+    VIOLATION = 1 << 8
+    FAULT = 1 << 9
+    STOPPED = 1 << 10
+    THREE_POSITION_STOP = 1 << 11
+
+
 @dataclass(frozen=True)
 class ArmSample:
     """The arm: its own stamp (s), joint angles (rad), TCP pose (m, rotation vector rad) and TCP speed in its base frame."""
@@ -102,6 +120,7 @@ class ArmSample:
     tcp_pose: Vector6
     tcp_speed: Vector6
     safety_bits: int
+    """See `SafetyBit`."""
     program_running: bool
 
 

@@ -9,6 +9,8 @@ from timing import Clock
 
 from .errors import LimitExceeded
 
+VENTED = 5e3
+"""Pa; a chamber below this counts as vented."""
 LONGEST_CREDIT = 1.0
 """Rig seconds of pause that count for the rate limit: after a longer pause a set-point moves by one second's worth."""
 

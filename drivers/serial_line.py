@@ -21,10 +21,10 @@ import timing
 from .errors import BadReply, InstrumentError, NoReply, NotReady, Unreachable
 from .stop_first import SLICE, StopFirst
 
-LONGEST_ANSWER = 4096
-"""Bytes after which an answer without its terminator is given up: nothing here answers at such length."""
 PADDING = b"\0 \t\r\n"
 """What breakout boxes and terminal servers put between two lines."""
+LONGEST_ANSWER = 4096
+"""Bytes after which an answer without its terminator is given up: nothing here answers at such length."""
 WRITE_WITHIN = 1.0
 """s, least time to write a request. The kernel takes those few bytes at once, and what does not answer is told by reading;
 but pyserial looks at the clock after the last byte, and a busy computer may come back late from a write that was done."""

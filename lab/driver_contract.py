@@ -48,6 +48,8 @@ AGO = 1000.0
 """Host seconds since the rig's clock began: its time is neither that since the start of a driver nor the host's."""
 ASKED = 20e3
 """Pa."""
+GAUGE_ERROR = 0.02
+"""Share of full scale by which a gauge may be wrong: noise, resolution and tolerance of common ones."""
 CALLS: dict[str, tuple[Callable[[Any], Any], ...]] = {
     "pressure": (lambda d: d.read(), lambda d: d.set((0.0,) * d.channels), lambda d: d.vent()),
     "spine": (lambda d: d.read(), lambda d: d.home(), lambda d: d.stop(), lambda d: d.move_to(0.1, 0.01)),
@@ -519,6 +521,52 @@ def test_samples_have_the_time_of_the_rig_s_clock(unit: Unit) -> None:
             f"a sample has t = {sample.t:.3f} s, the rig's clock was at {began:.3f} s before open() and at {arrived:.3f} s "
             "when the sample came; set t to now() of the clock that the driver is given"
         )
+
+
+@units(*(role for role in POLLED if role not in STREAMS))
+def test_a_reading_is_new_and_has_the_time_of_the_rig_s_clock(unit: Unit) -> None:
+    unit.driver.open()
+    for _ in range(2):
+        began = unit.clock.now()
+        sample = unit.driver.read()
+        assert began <= sample.t <= unit.clock.now(), (
+            f"read() gave t = {sample.t:.3f} s, called at {began:.3f} s of the rig's clock; ask the instrument at each call and "
+            "set t to now() of the clock that the driver is given"
+        )
+
+
+@units("gauge")
+def test_a_gauge_reads_the_plant_s_absolute_pressure(unit: Unit) -> None:
+    unit.driver.open()
+    for truth in (101_325.0, 61_325.0, 21_325.0):
+        with unit.plant.lock:
+            unit.plant.vacuum_absolute = truth
+        assert until(lambda truth=truth: abs(unit.driver.read().absolute - truth) < GAUGE_ERROR * 101_325.0), (  # type: ignore[misc]
+            f"read() gave {unit.driver.read().absolute:g} Pa, in the spine are {truth:g} Pa absolute: check unit, offset, and "
+            "that each call asks the instrument anew"
+        )
+
+
+@units("valve")
+def test_a_valve_switches_the_vacuum_and_reads_it_back(unit: Unit) -> None:
+    unit.driver.open()
+    for on in (True, False):
+        unit.driver.set(on)
+        assert until(lambda on=on: unit.plant.valve_on == on == unit.driver.read().on), (  # type: ignore[misc]
+            f"after set({on}) the valve of the plant is {unit.plant.valve_on}, read() gives {unit.driver.read().on}"
+        )
+
+
+@units("spine")
+def test_a_length_unit_pays_out_the_length_that_it_reads(unit: Unit) -> None:
+    unit.driver.open()
+    unit.driver.home()
+    assert until(lambda: unit.driver.read().homed and not unit.driver.read().moving)
+    goal = unit.driver.move_to(0.05, unit.config.max_speed)
+    assert until(lambda: not unit.driver.read().moving and abs(unit.driver.read().length - goal) < 1e-3)
+    assert until(lambda: abs(unit.plant.spine_drive - goal) < 1e-3), (
+        f"read() gives {unit.driver.read().length:.4f} m, the unit has paid out {unit.plant.spine_drive:.4f} m: check the scale"
+    )
 
 
 @units("pressure")

@@ -40,10 +40,13 @@ class Words:
 
         >>> Tendons.words.say("inflate chambers 1, 2"), Tendons.words.say("offset of the pressures [pressure_offset]")
         ('pull tendons 1, 2', 'offset of the tensions [pressure_offset]')
+        >>> Tendons.words.say("calibrated with an area factor")
+        'calibrated with a tension factor'
         """
         if not self.instead:
             return text
-        return re.sub(rf"\b({'|'.join(self.instead)})\b", lambda found: self.instead[found[0]], text)
+        said = re.sub(rf"\b({'|'.join(self.instead)})\b", lambda found: self.instead[found[0]], text)
+        return re.sub(r"\b([Aa])n (?=tension|tendon)", r"\1 ", said)
 
     def number(self, pressure: float, more: int = 0) -> str:
         """A pressure of the tables (Pa) as a number in the unit, with `more` decimals than usual.

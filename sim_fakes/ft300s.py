@@ -22,6 +22,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import IntEnum
 from typing import Any, ClassVar
 
 import numpy as np
@@ -33,15 +34,20 @@ from timing import RigClock
 from .plant import Plant
 from .pty_fake import Device, PtyFake
 
-BAUD = 19200
 PERIOD = 0.01
 """s of host time between two frames."""
 SILENCE = 0.002
 """s without a byte that end a Modbus request: 3.5 characters."""
-STOP_BYTES = 50
 COUNTS = np.array([100.0, 100.0, 100.0, 1000.0, 1000.0, 1000.0])
 """Counts per N and per N m."""
-ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE = 1, 2, 3
+
+
+class Illegal(IntEnum):
+    """Modbus exceptions."""
+
+    FUNCTION = 1
+    ADDRESS = 2
+    VALUE = 3
 
 
 def crc16(data: bytes) -> bytes:
@@ -125,7 +131,7 @@ class Ft300sFake(PtyFake):
         self, plant: Plant, clock: RigClock, seed: int = 0, lever: tuple[float, float, float] = (0.0, 0.0, 0.1)
     ) -> None:
         """`lever`: probe tip in the sensor frame, m."""
-        super().__init__("ft300s", clock, BAUD, seed)
+        super().__init__("ft300s", clock, 19200, seed)
         self.device = Ft300sDevice(plant, np.random.default_rng(seed), np.array(lever))
         self._heard_at = 0.0
         self._stop_bytes = 0
@@ -175,7 +181,7 @@ class Ft300sFake(PtyFake):
     def _listen_for_stop(self, data: bytes) -> None:
         for byte in data:
             self._stop_bytes = self._stop_bytes + 1 if byte == 0xFF else 0
-            if self._stop_bytes >= STOP_BYTES and not self.faults.extra.get("endless"):
+            if self._stop_bytes >= 50 and not self.faults.extra.get("endless"):
                 self.device.streaming = False
                 self._stop_bytes = 0
                 return
@@ -218,20 +224,20 @@ class Ft300sFake(PtyFake):
         elif function == 16:
             self._write(data)
         else:
-            self._refuse(function, ILLEGAL_FUNCTION)
+            self._refuse(function, Illegal.FUNCTION)
 
     def _read(self, data: bytes) -> None:
         if len(data) != 4:
             return
         first, count = struct.unpack(">HH", data)
         if not 1 <= count <= 125:
-            self._refuse(3, ILLEGAL_VALUE)
+            self._refuse(3, Illegal.VALUE)
             return
         letters = str(self.faults.extra.get("foreign", self.device.letters))
         found = [self.device.register(first + i, letters) for i in range(count)]
         values = [v for v in found if v is not None]
         if len(values) < count:
-            self._refuse(3, ILLEGAL_ADDRESS)
+            self._refuse(3, Illegal.ADDRESS)
             return
         self._answer(bytes((3, 2 * count)) + struct.pack(f">{count}H", *values))
 
@@ -240,11 +246,11 @@ class Ft300sFake(PtyFake):
             return
         first, count, size = struct.unpack(">HHB", data[:5])
         if size != 2 * count or count < 1:
-            self._refuse(16, ILLEGAL_VALUE)
+            self._refuse(16, Illegal.VALUE)
         elif (first, count) != (410, 1):
-            self._refuse(16, ILLEGAL_ADDRESS)
+            self._refuse(16, Illegal.ADDRESS)
         elif data[5:] not in (b"\x02\x00", b"\x00\x00"):
-            self._refuse(16, ILLEGAL_VALUE)
+            self._refuse(16, Illegal.VALUE)
         else:
             self._answer(bytes((16,)) + data[:4])
             self.device.streaming = data[5:] == b"\x02\x00"

@@ -42,8 +42,6 @@ SEEDS = MappingProxyType({"force": 1, "spine": 2, "valve": 3, "gauge": 4, "press
 """What each adds to the rig's seed; the arm comes first, since it takes longest to start."""
 OF_SPINE = ("spine", "valve", "gauge")
 THREE_SETS = ((9, 1, 2), (3, 4, 5), (6, 7, 8))
-MOST_PRESSURE = 300e3
-"""Pa that rig.yaml allows its regulators unless it says otherwise."""
 
 
 class FakeRig:
@@ -121,7 +119,8 @@ class FakeRig:
             table: dict[str, Any] = {"driver": driver}
             if role == "pressure":
                 table |= {"chambers": [list(group) for group in self.wiring], "full_scale": site.full_scale}
-                if site.full_scale < MOST_PRESSURE:
+                # Pa that rig.yaml allows its regulators unless it says otherwise
+                if site.full_scale < 300e3:
                     table["max_pressure"] = site.full_scale
             return {**table, **fake.table(site, parts)}
 

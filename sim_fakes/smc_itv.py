@@ -28,8 +28,6 @@ from .plant import Plant
 from .pty_fake import Device, PtyFake
 
 STEPS = 1023
-NOISE = 200.0
-"""Standard deviation of a reading, Pa."""
 
 
 @dataclass
@@ -147,7 +145,8 @@ class SmcItvFake(PtyFake):
         return str(self.device.setpoint)
 
     def _measured(self) -> int:
-        reading = self.random.gauss(self.device.pressure, NOISE) / self.device.full_scale * STEPS
+        # Pa, standard deviation of a reading
+        reading = self.random.gauss(self.device.pressure, 200.0) / self.device.full_scale * STEPS
         counts = max(0, min(STEPS, round(reading)))
         if isinstance(shown := self.faults.extra.get("reading"), int):
             counts = shown

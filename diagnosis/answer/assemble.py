@@ -29,7 +29,6 @@ from .verdict import conclude, rivals
 
 Array = NDArray[np.float64]
 
-MM = 1e3
 LISTED = 12
 """Hypotheses shown in the ranking, besides none and unknown, which always are."""
 
@@ -46,7 +45,7 @@ def data_section(p: Prepared, table: Table) -> Data:
     noise = p.noise_components.channel["tip"]
     if p.pushes is not None and p.pushes_only:
         noise = float(np.median(p.pushes.noise_components.channel["force"] / p.pushes.stiffness))
-    return Data(len(table), len(np.unique(p.states.trial)), channels, noise * MM, source)
+    return Data(len(table), len(np.unique(p.states.trial)), channels, noise * 1e3, source)
 
 
 def locate_section(f: Attribution, stages: Mapping[str, str]) -> Locate:
@@ -62,9 +61,9 @@ def locate_section(f: Attribution, stages: Mapping[str, str]) -> Locate:
     rmse = float(np.sqrt((gap[seen] ** 2).sum(axis=1).mean()))
     significant = any(c.significant for group in by.values() for c in group)
     stage = dict.fromkeys(STAGES, 0.0) | f.posterior.by_stage(stages)
-    numerical = float("nan") if p.baseline is not None else locate.numerical_error(p.robot, own) * MM
+    numerical = float("nan") if p.baseline is not None else locate.numerical_error(p.robot, own) * 1e3
     what: Literal["tip", "deflection"] = "deflection" if p.pushes_only else "tip"
-    return Locate(rmse * MM, p.noise_floor * MM, significant, by, stage, numerical, what)
+    return Locate(rmse * 1e3, p.noise_floor * 1e3, significant, by, stage, numerical, what)
 
 
 def calibration_section(f: Attribution) -> Calibration | None:
@@ -138,12 +137,12 @@ def detail_section(
     made: dict[str, Any] = {
         "misfit": asdict(f.misfit),
         "tolerance_of_other_effects": f.best.grid_point.spike,
-        "discrepancy_mm": f.best.grid_point.size * p.unit * MM,
+        "discrepancy_mm": f.best.grid_point.size * p.unit * 1e3,
         "waterfall_mm": {
             "as given": _rms(p, observed - given),
             "calibrated": _rms(p, observed - calibrated),
             "with the best hypothesis": _rms(p, observed - explained),
-            "noise floor": p.noise_floor * MM,
+            "noise floor": p.noise_floor * 1e3,
         },
         "best_hypothesis": list(f.best.named),
         "confounding": _confounding(p, slope),
@@ -212,7 +211,7 @@ def simulator_section(f: Attribution) -> Simulator | None:
     slope = p.problem.linearise(fitted.theta, free)[1][own]
     left = difference - slope @ np.linalg.lstsq(slope, difference, rcond=None)[0]
     share = float(fitted.theta[at])
-    differs, beyond = (float(np.sqrt(d @ d / count)) * MM for d in (difference, left))
+    differs, beyond = (float(np.sqrt(d @ d / count)) * 1e3 for d in (difference, left))
     return Simulator(p.baseline.name, p.baseline.area_factor, differs, beyond, share, share * beyond)
 
 
@@ -224,7 +223,7 @@ def _stiffness(p: Prepared, pushes: StiffnessTrials, predicted: Mapping[str, Arr
     missed = {name: _rms_of(p.deflection(p.problem.observed - y)) for name, y in predicted.items()}
     return {
         "waterfall_mm": missed,
-        "floor_mm": pushes.noise_floor * MM,
+        "floor_mm": pushes.noise_floor * 1e3,
         "floor_from_repeats": noise.contrasts > 0,
         "floor": {**noise.channel, "deflection": noise.pressure, "trial": dict(noise.trial)},
         "trial": p.states.trial[own].tolist(),
@@ -239,7 +238,7 @@ def _stiffness(p: Prepared, pushes: StiffnessTrials, predicted: Mapping[str, Arr
 
 def _rms_of(error: Array) -> float:
     """mm."""
-    return float(np.sqrt(np.nanmean(error**2))) * MM
+    return float(np.sqrt(np.nanmean(error**2))) * 1e3
 
 
 def _separations(f: Attribution) -> dict[str, Any]:
@@ -253,7 +252,7 @@ def _separations(f: Attribution) -> dict[str, Any]:
 
 def _rms(p: Prepared, missed: Array) -> float:
     """Root mean square of the gap, mm."""
-    return float(np.sqrt(np.nanmean((p.gap(missed) ** 2).sum(axis=1)))) * MM
+    return float(np.sqrt(np.nanmean((p.gap(missed) ** 2).sum(axis=1)))) * 1e3
 
 
 def _confounding(p: Prepared, slope: Array) -> dict[str, dict[str, float]]:

@@ -23,15 +23,12 @@ from ..inference.executor import SINGLE_THREAD, Executor
 from ..inference.fit import Fit, fit
 from ..inference.posterior import Posterior, posterior, prior, with_unknown
 from ..inference.prepare import Prepared
-from ..inference.search import AFTER_SEARCH, Search
+from ..inference.search import Search
 from ..judgement import COMPARED_DISCREPANCY, OUTSIDE_ON, RIVAL_PROBABILITY, STAGE_GAIN
 from .distinguishability import Distinguishability, distinguishability
 from .verdict import Decision, decide
 
 Array = NDArray[np.float64]
-
-CALIBRATION_ROUNDS = 30
-"""Iterations: the numbers of a robot.yaml may be far from the data, where a few are not enough."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +69,7 @@ class Attribution:
 
 def attribute(p: Prepared, stages: Mapping[str, Stage], executor: Executor = SINGLE_THREAD) -> Attribution:
     """Log evidence of the catalogue's hypotheses, their probabilities, and the decision; `stages` effect -> stage."""
-    standard = executor.ahead(standard_normal, [len(p.problem.parameters.scale)], AFTER_SEARCH, AFTER_SEARCH)
+    standard = executor.ahead(standard_normal, [len(p.problem.parameters.scale)])
     search = Search(p.problem, executor=executor)
     candidates = search.run()
     found = {c.named: c for c in candidates}
@@ -91,7 +88,7 @@ def attribute(p: Prepared, stages: Mapping[str, Stage], executor: Executor = SIN
         (_stage_errors(p, c, stages) for c in {leading.named: leading, best.named: best}.values()), key=total_gain
     )
     weighed = with_unknown(known, unknown, CALIBRATED.probability_outside(misfit, total_gain(free)))
-    decision = decide(weighed, CALIBRATED, not lacking(p.states))
+    decision = decide(weighed, CALIBRATED, not lacking(p.states), carried.nothing_stands_out)
     separations = _distinguishability(p, found, weighed, best)
     return Attribution(
         p, weighed, found[NONE], replace(best, made=None), calibrated(p), misfit, decision, separations, CALIBRATED, carried, free
@@ -112,7 +109,8 @@ def _stage_errors(p: Prepared, c: Candidate, stages: Mapping[str, Stage]) -> tup
 def calibrated(p: Prepared) -> Fit:
     """The baseline fitted: area factor and tolerances, no effect."""
     parameters = p.problem.parameters
-    return fit(p.problem, parameters.no_effects(), 0.0, parameters.mean, CALIBRATION_ROUNDS)
+    # the numbers of a robot.yaml may be far from the data, where a few rounds are not enough
+    return fit(p.problem, parameters.no_effects(), 0.0, parameters.mean, 30)
 
 
 def _distinguishability(

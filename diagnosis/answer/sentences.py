@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import combinations
 from typing import Any
 
 from ..criticism.stage_errors import StageError
 from ..inference.posterior import UNKNOWN
-from ..judgement import ABSORBED, CALIBRATION_STATED, EXPLAINS, OUTSIDE_STATED
-from .headline import percent
-from .result import Calibration, Carries, Conclusion, Locate, Shrink, Simulator, Waterfall
+from ..judgement import ABSORBED, CALIBRATION_STATED, EXPLAINS, MORE_THAN_GAP, OUTSIDE_STATED, OUTSTANDING_FLOORS
+from .headline import LEAST_STATED, percent
+from .result import Calibration, Carries, Conclusion, Locate, Ranked, Shrink, Simulator, Waterfall
 from .shrink import share_closed
 from .verdict import Decision, stage
 
@@ -105,6 +106,14 @@ def _verdict(f: Facts) -> str:
         by = f" To tell them apart: {f.tie_breaker}." if f.tie_breaker else ""
         return f"Behaves most like {named} ({_sure(f)}); the data do not exclude {_others(f)}.{by}"
     if f.conclusion == "none":
+        if f.decision.too_small:
+            leading = " and ".join(with_id(e, f.names) for e in f.decision.too_small)
+            by = _by_calibration(f)
+            start = f"{by} no cause stands out" if by else "No cause stands out"
+            return (
+                f"{start}: probably no effect carries {OUTSTANDING_FLOORS:.0f} noise floors ({_sure(f)}). The most probable "
+                f"one is {leading}."
+            )
         first = _by_calibration(f) or "No cause:"
         return f"{first} no effect accounts for enough above the noise floor ({_sure(f)})."
     if f.conclusion == "noise":
@@ -209,7 +218,12 @@ def _moved(f: Facts) -> str:
         for c in f.budget
         if c.role == "named"
     ]
-    return f"Beyond what an area factor takes up, {'; '.join(shares)}." if shares else ""
+    if not shares:
+        return ""
+    gap = f.waterfall.steps[0].left_mm if f.waterfall is not None else f.where.gap_rmse_mm
+    more = max(c.mm for c in f.budget if c.role == "named") > MORE_THAN_GAP * gap
+    hidden = ", more than the gap, since tolerances of other effects counteract it" if more else ""
+    return f"Beyond what an area factor takes up, {'; '.join(shares)}{hidden}."
 
 
 def _closing(f: Facts) -> str:
@@ -225,10 +239,10 @@ def _closing(f: Facts) -> str:
         if share < 0:
             return f"On unseen states it makes the prediction worse: {before} mm without it, {after} mm with it."
         by = f"With it, {after} mm remain on unseen states: {percent(share)} % of the reducible gap is closed"
-        alone = _by_cause(f)
-        if alone is None or alone >= EXPLAINS * share:
+        alone = closed_alone(f.waterfall, f.shrink)
+        if alone is None:
             return f"{by}."
-        return f"{by}, {percent(max(alone, 0.0))} % by itself and the rest by tolerances of other effects."
+        return f"{by}, {percent(alone)} % by itself and the rest by tolerances of other effects."
     nearest = " and ".join(with_id(e, f.names) for e in f.nearest)
     if not nearest or share is None:
         return ""
@@ -243,10 +257,14 @@ def _closing(f: Facts) -> str:
     )
 
 
-def _by_cause(f: Facts) -> float | None:
-    """Share of the reducible gap that what is named closes without any tolerance of other effects."""
-    left = [s.left_mm for s in (f.waterfall.steps if f.waterfall else ()) if s.step == "cause"]
-    return share_closed(f.shrink.before_mm, left[-1], f.shrink.floor_mm) if left and f.shrink else None
+def closed_alone(w: Waterfall | None, s: Shrink | None) -> float | None:
+    """Share of the reducible gap that what is named closes without any tolerance of other effects; None where tolerances hardly
+    add to it."""
+    left = [step.left_mm for step in (w.steps if w else ()) if step.step == "cause"]
+    if not left or s is None or s.share_closed is None or s.share_closed < 0:
+        return None
+    alone = share_closed(s.before_mm, left[-1], s.floor_mm)
+    return None if alone is None or alone >= EXPLAINS * s.share_closed else max(alone, 0.0)
 
 
 def _absorbed(f: Facts) -> str:
@@ -282,3 +300,26 @@ def stiffness_sentence(pushes: Mapping[str, Any], d: Decision) -> str:
     if d.verdict != "effect":
         return f"{text}."
     return f"{text}; with the cause, by " + ("as much." if f"{after:.3f}" == f"{before:.3f}" else f"{after:.3f} mm.")
+
+
+def disorder(ranking: Sequence[Ranked]) -> str:
+    """Why probability and evidence disagree in order; empty where they agree.
+
+    That a cause lies outside the catalogue has no evidence of its own.
+    """
+    known = [r for r in ranking if r.effects != UNKNOWN and r.probability >= LEAST_STATED]
+    over = [
+        (a, b) for a, b in combinations(known, 2) if a.probability > b.probability and a.log_evidence < b.log_evidence
+    ]
+    if not over:
+        return ""
+    if any(len(b.effects) <= len(a.effects) and b.effects for a, b in over):
+        return (
+            "Probability and evidence differ in order: a probability counts how often an effect moves the readings by more than "
+            "the noise floor, over the fits of all hypotheses, in which the other effects are tolerances; log evidence is that "
+            "of one fit. Take the first for a candidate, and make the proposed experiment."
+        )
+    return (
+        "Probability and evidence differ in order: of two hypotheses the one with more log evidence may be less probable, since "
+        "one that names more effects has a smaller prior, and only an effect that carries more than the noise floor is named."
+    )

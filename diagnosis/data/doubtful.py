@@ -14,18 +14,35 @@ from model.section import rods_of
 from recordings.trials import TrialRow
 
 from ..judgement import UPSIDE_DOWN_GAIN
+from .plausible import weight_ratio
 from .plausible_directions import ASIDE, doubtful_directions
+from .plausible_places import doubtful_places
 from .plausible_pressures import Pressures
 from .plausible_robot import doubtful_numbers
-
-MOST_STATES = 60
-"""Of those at rest that are solved for."""
 
 
 def doubtful(robot: Robot, rows: Sequence[TrialRow], robot_name: str) -> tuple[str, ...]:
     """One message for each doubt; `robot_name`: where the robot was read."""
     of_robot = (*doubtful_numbers(robot), *_gravity(robot, rows))
-    return (*(f"{robot_name}: {text}" for text in of_robot), *doubtful_directions(robot, rows))
+    directions = (*_gain(robot, rows), *doubtful_directions(robot, rows))
+    return (*(f"{robot_name}: {text}" for text in of_robot), *directions, *doubtful_places(robot, rows))
+
+
+def _gain(robot: Robot, rows: Sequence[TrialRow]) -> Iterator[str]:
+    """About a tip that moves many times as far as a beam of these numbers would, or as little."""
+    tips = [r for r in rows if r.protocol != "stiffness" and r.tip is not None]
+    tips = [r for r in tips if np.isfinite((*r.tip, r.spine_length, *r.pressures)).all()]  # type: ignore[misc]
+    # a lighter body's weight changes the ratio below by less than a factor of two or so
+    if not tips or {len(r.pressures) for r in tips} != {len(robot.bending_directions)} or weight_ratio(robot) > 10.0:
+        return
+    found = Pressures.of(robot, tips)
+    # models are right within a factor of three
+    if found.unit != 1.0 or 1 / 5.0 < found.ratio < 5.0:
+        return
+    yield robot.actuators.words.say(
+        f"the tip moves {found.ratio:.2g} times as far as a beam with the numbers of robot.yaml under these pressures: check the "
+        "unit and scale of the pressures, the moduli, radii and path_radius"
+    )
 
 
 def _gravity(robot: Robot, rows: Sequence[TrialRow]) -> Iterator[str]:
@@ -40,7 +57,7 @@ def _gravity(robot: Robot, rows: Sequence[TrialRow]) -> Iterator[str]:
     ]
     if robot.effects or not tips or {len(r.pressures) for r in tips} != {len(robot.bending_directions)}:
         return
-    resting = [r for r, rests in zip(tips, Pressures.of(robot, tips).resting, strict=True) if rests][:MOST_STATES]
+    resting = [r for r, rests in zip(tips, Pressures.of(robot, tips).resting, strict=True) if rests][:60]
     if not resting:
         return
     try:

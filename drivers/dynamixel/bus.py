@@ -25,8 +25,6 @@ from ..errors import BadReply, NoReply, Unreachable
 from ..serial_line import WRITE_WITHIN, PortWatch
 
 ATTEMPTS = 3
-CRC_REFUSED = 3
-"""Error number of a servo that received a damaged instruction: worth repeating, unlike the other refusals."""
 ALERT = 0x80
 MARKS = (6, 7, 9, 10, 11, 12)
 """Lengths (bytes) of a read from address 0 by which the line is caught up, used in turn; no other answer is so long."""
@@ -194,7 +192,8 @@ class Servo:
                     value, result, error = call(port)
                 except IndexError:  # the SDK trips over an answer that is shorter than it should be
                     value, result, error = None, COMM_RX_CORRUPT, 0
-                if result == COMM_SUCCESS and error & ~ALERT != CRC_REFUSED:
+                # the servo received a damaged instruction, which is worth repeating
+                if result == COMM_SUCCESS and error & ~ALERT != 3:
                     break
                 self._behind = True
                 timing.sleep(self._timeout)

@@ -298,8 +298,8 @@ class DynamixelSpine:
     def _set_goal(self, counts: int, speed: float) -> None:
         """Profile velocity and goal, read back. Velocity 0 would mean "as fast as can be", so one step is the least."""
         data = table.PROFILE_AND_GOAL.pack(max(1, round(speed / self._speed_step)), counts)
-        self._servo.write_block(table.PROFILE_VELOCITY, data)
-        echo = self._servo.read_block(table.PROFILE_VELOCITY, len(data))
+        self._servo.write_block(table.Address.PROFILE_AND_GOAL, data)
+        echo = self._servo.read_block(table.Address.PROFILE_AND_GOAL, len(data))
         if echo != data:
             raise DeviceFault(
                 self.name,
@@ -349,7 +349,7 @@ class DynamixelSpine:
     # -- judging what was read
     def _poll(self) -> _State:
         """One reading; latches what the servo reports as wrong."""
-        block = self._servo.read_block(table.STATE_ADDRESS, table.STATE.size)
+        block = self._servo.read_block(table.Address.STATE, table.STATE.size)
         _, _, _, _, current, velocity, counts = table.STATE.unpack(block)
         alert = self._servo.alert
         watchdog = self._servo.read(table.WATCHDOG)
@@ -378,7 +378,7 @@ class DynamixelSpine:
         return all(
             self._servo.read(table.WATCHDOG) == 0
             and self._servo.read(table.TORQUE) == 0
-            and not any(self._servo.read_block(table.PROFILE_VELOCITY, 4))
+            and not any(self._servo.read_block(table.Address.PROFILE_AND_GOAL, 4))
             for _ in range(2)
         )
 

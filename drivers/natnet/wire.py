@@ -13,9 +13,6 @@ from .packets import DISCONNECT, HEADER, KEEPALIVE
 
 KEEP_ALIVE = 0.5
 """Pause between two keep-alive messages, s; Motive forgets a client that is silent for 10 s."""
-AT_ONCE = 100
-"""Datagrams that one look takes, or throws away: a flood must not hold the stream's thread."""
-LARGEST = 65536
 
 
 class Server:
@@ -76,8 +73,9 @@ class Server:
     def _received(self, heard: socket.socket) -> list[bytes]:
         found = []
         with contextlib.suppress(OSError):
-            for _ in range(AT_ONCE):
-                data, sender = heard.recvfrom(LARGEST)
+            # a flood must not hold the stream's thread
+            for _ in range(100):
+                data, sender = heard.recvfrom(65536)
                 if sender[0] == self._address:
                     found.append(data)
                 else:

@@ -21,7 +21,6 @@ from ..retries import Retries
 from ..serial_line import SerialLine, show
 from ..spec import Driver
 
-PA_PER_BAR = 1e5
 SUITABLE = ("CPT 100", "RPT 100")
 HEALTH_EVERY = 20
 """Readings between two checks of the gauge's error code and correction factor."""
@@ -117,7 +116,7 @@ class PfeifferGauge:
     def read(self) -> GaugeSample:
         """Poll. Raises `DeviceFault` when the gauge reports an error or the reading cannot be true."""
         with self._lock:
-            absolute = PA_PER_BAR * self._query("pressure", protocol.read_pressure)
+            absolute = 1e5 * self._query("pressure", protocol.read_pressure)
             t = self._clock.now()
             plausible = self._config.lowest <= absolute <= self._config.highest
             if not plausible or self._readings % HEALTH_EVERY == 0:

@@ -17,7 +17,7 @@ from timing import Clock
 from ..chambers import ChamberMap
 from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, Unreachable, WrongDevice
 from ..interfaces import Identity, PressureSample
-from ..pressure_limits import PressureLimits
+from ..pressure_limits import VENTED, PressureLimits
 from ..retries import Retries
 from ..serial_line import SerialLine, show
 from ..spec import Driver
@@ -37,10 +37,8 @@ QUIET = 1.2
 """Host seconds of silence on a line after which answers that are owed no longer come."""
 REREAD_EVERY = 10
 """Readings between two checks that each unit still holds the set-point that it confirmed: that takes a poll of its own."""
-VENTED = 5e3
-"""Pa; `close` waits for all channels to fall below this,"""
 VENT_WAIT = 0.5
-"""but not longer than this, s of host time."""
+"""s of host time that `close` waits for all channels to fall below `VENTED`."""
 
 
 @dataclass

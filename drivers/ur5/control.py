@@ -26,8 +26,6 @@ CONNECT_TIMEOUT = 15.0
 """s of host time; the library has time-outs of 2.5, 5 and 6 s of its own in there."""
 RELEASED_WITHIN = 3.0
 """s of host time in which the controller may yet learn that the program before has ended, and free its RTDE inputs."""
-KICKS_PER_LIMIT = 5
-"""Watchdog kicks within the time after which the watchdog bites."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +134,8 @@ class ControlThread:
     def watch(self, frequency: float) -> bool:
         """Turn the controller's watchdog on: it stops the program when kicks come less often than `frequency` (Hz)."""
         accepted = self.call(lambda control: control.setWatchdog(frequency))
-        self._kick_interval = 1.0 / frequency / KICKS_PER_LIMIT
+        # five kicks within the time after which the watchdog bites
+        self._kick_interval = 1.0 / frequency / 5
         return bool(accepted)
 
     def operation(self) -> Operation:

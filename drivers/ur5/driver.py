@@ -30,11 +30,8 @@ from .state import Config as StateConfig
 from .state import UR5State
 from .tool import Tool, millimetres, same_pose
 
-RUNNING = 7
-"""robot_mode of an arm that is powered with its brakes released."""
 STILL_SPEED, STILL_TURNING = 2e-3, 1e-2
 """m/s and rad/s: below both the TCP counts as standing; the encoders' noise stays well below."""
-STILL_SAMPLES = 3
 DEADLINE_FACTOR = 2.0
 """A motion may take this many times as long as computed."""
 LEAST_SLIDER = 1 / DEADLINE_FACTOR
@@ -245,7 +242,7 @@ class UR5:
         travel = self.config.max_speed / self.config.stop_deceleration + STOP_ALLOWANCE
         deadline = Deadline.after(self._clock, travel, self.config.timeout)
         still, last = 0, sample.device_time
-        while still < STILL_SAMPLES:
+        while still < 3:
             sample = self._fresh(control)
             if sample.device_time != last:
                 last = sample.device_time
@@ -297,7 +294,7 @@ class UR5:
         """Raises DeviceFault for a stop, NotReady for an arm without power or with its brakes on."""
         if stop := stop_text(seen.safety_bits, seen.safety_mode):
             raise DeviceFault(self.name, stop)
-        if seen.robot_mode != RUNNING:
+        if seen.robot_mode != 7:  # powered, brakes released
             raise NotReady(
                 self.name, f"robot mode {seen.robot_mode}; power the arm on at the pendant and release its brakes"
             )

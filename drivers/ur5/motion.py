@@ -17,9 +17,6 @@ from timing import Clock
 from ..errors import LimitExceeded
 from ..interfaces import Vector3, Vector6
 
-LEVER = 0.2
-"""m per rad: distance that a turn counts for when the time of a motion is estimated; more than the controller takes."""
-
 
 class Limits(Protocol):
     """The limits of `drivers.ur5.driver.Config`, in its units."""
@@ -101,7 +98,8 @@ def check_step(name: str, limits: Limits, here: Sequence[float], goal: Sequence[
 
 def duration(here: Sequence[float], goal: Sequence[float], speed: float, acceleration: float) -> float:
     """Time of a straight motion, s: accelerate, cruise, decelerate (an upper bound: v/a + d/v)."""
-    way = max(distance_between(here, goal), LEVER * turn_between(here, goal))
+    # a turn counts for 0.2 m per rad, more than the controller takes
+    way = max(distance_between(here, goal), 0.2 * turn_between(here, goal))
     return way / speed + speed / acceleration
 
 

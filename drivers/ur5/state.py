@@ -30,8 +30,6 @@ VARIABLES = [
     "robot_status_bits",
     "target_speed_fraction",
 ]
-PROGRAM_RUNNING = 1 << 1
-"""Bit of robot_status_bits."""
 RETRY_INTERVAL = 0.5
 """s of host time between attempts to get a lost stream back."""
 FARTHEST, LARGEST_ANGLE = 3.0, 7.0
@@ -193,7 +191,7 @@ class UR5State:
             tcp_pose=_six(pose),
             tcp_speed=_six(speed),
             safety_bits=int(safety),
-            program_running=bool(status & PROGRAM_RUNNING),
+            program_running=bool(status & (1 << 1)),
         )
         self.lost += self._counter.add(stamp)
         self.safety_mode, self.speed_slider = int(mode), float(slider)

@@ -21,8 +21,6 @@ from ..interfaces import Identity, Vector3, Vector6
 
 RTDE_PORT, SCRIPT_PORT, DASHBOARD_PORT = 30004, 30003, 29999
 _VERSION, _CONTROLLER, _OUTPUTS, _START, _TEXT, _DATA = b"VvOSMU"
-_RATE = 10.0
-"""Hz, of the one package that is waited for."""
 _HEADER = struct.Struct(">HB")
 _FORMATS = {"DOUBLE": "d", "INT32": "i", "UINT32": "I", "VECTOR6D": "6d", "VECTOR3D": "3d"}
 _ASKED = ("robot_mode", "safety_status_bits", "safety_mode", "target_speed_fraction", "actual_TCP_speed")
@@ -124,7 +122,8 @@ class _Rtde:
 
     def subscribe(self, names: Sequence[str]) -> list[str]:
         """Ask for output variables; returns their types, `NOT_FOUND` for what is not offered."""
-        answer = self.ask(_OUTPUTS, struct.pack(">d", _RATE) + ",".join(names).encode())
+        # the one package that is waited for comes at 10 Hz
+        answer = self.ask(_OUTPUTS, struct.pack(">d", 10.0) + ",".join(names).encode())
         return answer[1:].decode("ascii", "replace").split(",")
 
     def receive(self, kind: int) -> bytes:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -14,7 +14,9 @@ from sim_fakes.worlds.outside import OUTSIDE, Cause
 from sim_fakes.worlds.robot import LENGTH, draw_places
 from sim_fakes.worlds.table import World, world
 
-from .options import Stratum
+Stratum = Literal[
+    "clean", "none", "cluttered", "cluttered_none", "pairs", "cluttered_pairs", "outside", "cluttered_outside", "walls"
+]
 
 THRUST = "chamber_thrust"
 """Never clutter and never a single cause: where the gas acts is a robot's design, the stratum `walls` asks for it."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import secrets
 import shlex
 from collections.abc import Sequence
@@ -20,6 +21,7 @@ from ..console import Screen, answer, clock, err, out
 from ..files.campaign_file import OWN_LABELS
 from ..files.config import ConfigError
 from ..files.units import shown
+from ..options import JSON, LABELS, Verb, given_labels, option, rig
 from ..rig.margins import Margin, margins
 from ..rig.operator import preparations
 from .design import Campaign, campaign_of
@@ -202,3 +204,42 @@ def _tell(c: Campaign, folder: Path, journal: Journal, ended: Ended, as_json: bo
         err.print("The safe state is not confirmed: use the vent valve and the emergency stop.", style="red")
     if again is not None:
         out.print(f"go on with: {again}", soft_wrap=True)
+
+
+def _campaign(a: argparse.Namespace) -> int:
+    said = given_labels(a)
+    if (a.file is None) == (a.resume is None):
+        raise ConfigError("give a campaign's file, or the folder of one with --resume")
+    if a.resume is not None:
+        if a.plan or a.out is not None:
+            raise ConfigError("--resume goes on with the campaign as it is in its folder: do not give --plan or --out")
+        return resume(a.resume, a.rig, said, a.json, a.watch)
+    return plan(a.file, a.rig, a.json) if a.plan else run(a.file, a.rig, a.out, said, a.json, a.watch)
+
+
+VERBS = (
+    Verb(
+        "campaign",
+        _campaign,
+        options=(
+            JSON,
+            option("file", nargs="?", type=Path, help="campaign.yaml"),
+            rig(),
+            option("--plan", action="store_true", help="what it will do, how long it takes, its limits; nothing moves"),
+            option(
+                "--out",
+                type=Path,
+                metavar="FOLDER",
+                help="folder for all its recordings (default: the campaign's name)",
+            ),
+            option("--resume", type=Path, metavar="FOLDER", help="go on with the campaign of this folder"),
+            option("--watch", action="store_true", help="show run after run on a page in the browser"),
+            *LABELS,
+        ),
+        examples=(
+            "lab campaign campaign.yaml --rig rig/rig.yaml --plan",
+            "lab campaign --resume april --rig rig/rig.yaml",
+        ),
+        page="docs/howto/campaign.md",
+    ),
+)

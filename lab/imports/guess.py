@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.robot import Robot
+from recordings.states.rules import AMBIENT
 from recordings.trials import unit_of
 
 from ..files.config import ConfigError, check
@@ -33,7 +34,7 @@ from .headings import (
 )
 from .map_file import Map
 from .proposal import Guess
-from .quantities import ATMOSPHERE, quantities_of
+from .quantities import quantities_of
 from .reading import EPOCH, texts
 from .series import Series
 from .trials import Change, Stages, changes
@@ -42,8 +43,6 @@ Array = NDArray[np.float64]
 
 USUAL_PRESSURES = {"Pa": (4e3, 2e6), "kPa": (4.0, 600.0), "bar": (0.02, 4.0), "mbar": (600.0, 6e3), "psi": (4.0, 90.0)}
 """Highest pressures of soft robots by unit, in the order in which they are considered."""
-AT_AMBIENT = 0.05
-"""Share of the atmosphere within which a lowest pressure is the atmosphere."""
 STEADY = 0.02
 """Of the highest pressure, within which a plateau stands."""
 MOTION_CAPTURE = ("Motive", "C3D")
@@ -51,8 +50,6 @@ LONG_STEP, MANY = 5.0, 200
 """Step and number of rows from which times without a unit are not in s."""
 STEPS = {"ms": 5e3, "us": 5e6}
 """Step below which such times are in this unit."""
-FEW = 5
-"""Rows of the same pressure, on average, from which a file is a time series."""
 
 
 def guess_map(series: Series, robot: Robot) -> Guess:
@@ -199,7 +196,7 @@ def _pressure_unit(values: Array, h: Heading, series: Series) -> _Unit:
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
 
     def absolute(unit: str) -> bool:
-        return abs(low * KINDS["Pa"][unit] - ATMOSPHERE) < AT_AMBIENT * ATMOSPHERE
+        return abs(low * KINDS["Pa"][unit] - AMBIENT) < 0.05 * AMBIENT
 
     if said := h.unit if h.kind == "Pa" else series.unit_of(h.name, KINDS["Pa"]):
         return _Unit(said, f"the file says {said} of {h.name!r}", absolute(said))
@@ -251,10 +248,9 @@ def _others(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot)
                 continue
             entry["values"] = values
         g.say(f"columns.{column}", entry, why)
-    if "columns.spine_length" not in g.reasons:
+    if "columns.spine_length" not in g.reasons and robot.spine is not None:
         g.say("constants.spine_length", "0 mm", "no column names the spine")
-        if robot.spine is not None:
-            g.doubts.append("constants.spine_length: no column names the spine of robot.yaml: was it 0 mm in all rows?")
+        g.doubts.append("constants.spine_length: no column names the spine of robot.yaml: was it 0 mm in all rows?")
     if ignored:
         g.doubts.append(f"not used: {', '.join(ignored[:20])}")
 
@@ -286,7 +282,8 @@ def _states(g: Guess, series: Series, pressures: Sequence[str], robot: Robot) ->
     stays = np.abs(np.diff(values, axis=0)).max(axis=1) < STEADY * span if len(values) > 1 else np.zeros(0, bool)
     stretches = 1 + int((~stays).sum())
     timed = "columns.t" in g.reasons or "time" in series.numbers
-    if len(values) >= FEW * stretches or (len(series) > 500 and stays.mean() > 0.5):
+    # with five rows of the same pressure on average, a file is a time series
+    if len(values) >= 5 * stretches or (len(series) > 500 and stays.mean() > 0.5):
         steady = float(f"{STEADY * span / 1e3:.2g}")
         why = f"{len(series)} rows in which pressures mostly stand still: a recording over time"
         g.say("states.plateaus", {"steady": f"{steady:g} kPa"}, why)
@@ -322,7 +319,7 @@ def _trials(g: Guess, series: Series, counting: Sequence[Heading], pressures: Se
         every = changes(q, stages)
     for h in counting:
         own = [c for c in every if c.column == h.name]
-        if stages is not None and not _useful(g, series, h, own, stages):
+        if stages is not None and not _useful(g, series, h, own, stages, robot):
             continue
         known = stages is None or all([
             *(stages.within(own, *rest) for rest in stages.returns()), *map(stages.at_rest, own)
@@ -336,13 +333,13 @@ def _trials(g: Guess, series: Series, counting: Sequence[Heading], pressures: Se
     if "columns.trial" in g.reasons or not pressures:
         g.doubts += [f"not used: {', '.join(change)}"] if change else []
     elif change:
-        why = f"each return to ambient pressure and each change of {' or '.join(change)} begins a trial"
+        why = f"each return to rest and each change of {' or '.join(change)} begins a trial"
         g.say("trials", {"begin": "rest", "change": change}, why)
     else:
-        g.say("trials", {"begin": "rest"}, "each return to ambient pressure begins a trial")
+        g.say("trials", {"begin": "rest"}, "each return to rest begins a trial")
 
 
-def _useful(g: Guess, series: Series, h: Heading, own: Sequence[Change], stages: Stages) -> bool:
+def _useful(g: Guess, series: Series, h: Heading, own: Sequence[Change], stages: Stages, robot: Robot) -> bool:
     """Whether trials may begin at these changes of a column; asks where the data do not show it."""
     away = [c for c in own if not stages.at_rest(c)]
     returns = len(stages.returns())
@@ -353,8 +350,9 @@ def _useful(g: Guess, series: Series, h: Heading, own: Sequence[Change], stages:
         g.doubts.append(f"each change of {h.name!r} begins a trial, though the robot does not come to rest between two")
     elif away and returns:
         used = len(away) <= len(own) / 2 and len(own) < len(stages.start) / 2
+        driven = robot.actuators.words.say("chambers are inflated")
         g.doubts.append(
-            f"{h.name!r} changes while chambers are inflated (first from {away[0].before!r} to {away[0].after!r} in "
+            f"{h.name!r} changes while {driven} (first from {away[0].before!r} to {away[0].after!r} in "
             f"{series.place(away[0].row)}): {'no trial begins there; correct the cells' if used else 'it is not used'}"
         )
         return used

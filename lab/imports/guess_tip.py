@@ -24,18 +24,10 @@ from .series import Series
 
 Array = NDArray[np.float64]
 
-ASIDE = 0.5
-"""Robot lengths off the longest axis from which the resting tip does not tell which way the robot hangs."""
 ORDERS_IN_WORDS = (
     "small letters turn about fixed axes (extrinsic, as in SciPy), capitals about axes that turn with the body (intrinsic); "
     "robots of Universal Robots write a rotation vector"
 )
-STILL = 0.02
-"""Share of the tip's movement within which a marker stands still."""
-SAG_KNOWN = 1.5
-"""Times the sag that robot.yaml's weight and stiffness give, within which a tip rests where the robot may bring it."""
-AGREED = 0.9
-"""Cosine between pressures and displacements below which the frame remains in doubt."""
 FITS = 1.5
 """Factor between the distance of the resting tip and the robot's length below which a unit of length is told by it."""
 
@@ -68,7 +60,7 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
     tips, bases = (_whole([t for t in found if t.words & words]) for words in (TIP_WORDS, BASE_WORDS))
     if not tips:
         left = _whole([t for t in found if t not in bases]) or found
-        tips = [max(left, key=lambda t: _spread(series, t))]
+        tips = [max(left, key=lambda t: _spread(_xyz(series, t)))]
         if len(left) > 1:
             g.doubts.append(f"columns.x ..: no heading names a tip; {' / '.join(tips[0].columns)} move most")
     bases = [t for t in bases if t not in tips] or _still(g, series, [t for t in found if t not in tips], tips[0])
@@ -108,16 +100,15 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
     _frame(g, series, between * KINDS["m"][unit], rest, robot, rests)
     others = [t for t in found if t not in tips and t not in bases]
     if others and len(others) == len(robot.markers):
-        away = [
-            float(np.nanmedian(np.linalg.norm((_xyz(series, t, rest, common) - base)[rest], axis=1))) for t in others
-        ]
-        for k, t in enumerate((others[i] for i in np.argsort(away)), 1):
-            g.say(f"points.m{k}.of", [list(t.columns)], "in the order of their distance from the base")
+        moved = [_spread(_xyz(series, t, rest, common) - base) for t in others]
+        for k, t in enumerate((others[i] for i in np.argsort(moved)), 1):
+            g.say(f"points.m{k}.of", [list(t.columns)], "in the order in which they move, least next to the base")
             if bases:
                 g.say(f"points.m{k}.against", [list(b.columns) for b in bases], "as the tip")
             if not _said(series, t.columns[0]):
                 g.say(f"points.m{k}.unit", unit, "as the tip")
-        g.doubts.append(f"points.m1 ..: {len(others)} places for the markers of robot.yaml: check which is which")
+        if len(others) > 1:
+            g.doubts.append(f"points.m1 ..: {len(others)} places for the markers of robot.yaml: check which is which")
     elif others:
         g.doubts.append(
             f"not used: {', '.join('/'.join(t.columns) for t in others)}; markers along the body go under points.m1 .."
@@ -127,8 +118,8 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
 
 def _still(g: Guess, series: Series, others: Sequence[Triple], tip: Triple) -> list[Triple]:
     """The one place that stands still while the tip moves."""
-    moves = _spread(series, tip)
-    still = [t for t in others if t.unit == tip.unit and _spread(series, t) < STILL * moves]
+    moves = _spread(_xyz(series, tip))
+    still = [t for t in others if t.unit == tip.unit and _spread(_xyz(series, t)) < 0.02 * moves]
     if len(still) != 1:
         return []
     g.doubts.append(f"points.tip.against: {' / '.join(still[0].columns)} stands still: taken for a marker at the base")
@@ -160,8 +151,8 @@ def _xyz(series: Series, t: Triple, rest: NDArray[np.bool_] | None = None, unit:
     return np.where(unseen(found, rest)[:, None], np.nan, found)
 
 
-def _spread(series: Series, t: Triple) -> float:
-    found = _xyz(series, t)
+def _spread(found: Array) -> float:
+    """How far places (n, 3) move: their standard deviation, summed over the axes."""
     seen = found[np.isfinite(found).all(axis=1)]
     return float(seen.std(axis=0).sum()) if len(seen) else 0.0
 
@@ -202,8 +193,10 @@ def _frame(g: Guess, series: Series, tip: Array, rest: NDArray[np.bool_], robot:
     away = float(np.linalg.norm(at_rest))
     aside = float(np.linalg.norm(np.delete(at_rest, along)))
     sag, chord = _under_its_weight(robot)
-    elsewhere = rests and (abs(away - chord) > 0.02 * robot.length or aside > 0.05 * robot.length + SAG_KNOWN * sag)
-    told = aside <= ASIDE * robot.length
+    # the sag that robot.yaml's weight and stiffness give may be half as large again
+    elsewhere = rests and (abs(away - chord) > 0.02 * robot.length or aside > 0.05 * robot.length + 1.5 * sag)
+    # a tip that rests farther off the longest axis does not tell which way the robot hangs
+    told = aside <= 0.5 * robot.length
     lies = "-" * bool(at_rest[along] < 0) + "xyz"[along]
     frames = [
         Frame(x=x, y=y, z=z) for z in ([lies] if told else ["z", "-z", "x", "-x", "y", "-y"]) for x, y in _turned(z)
@@ -212,7 +205,8 @@ def _frame(g: Guess, series: Series, tip: Array, rest: NDArray[np.bool_], robot:
     best = int(np.argmax(agreement))
     found = frames[best]
     bends = f"the tip bends {_sense(robot)} ({agreement[best]:.2f} of 1)"
-    if agreement[best] < AGREED:
+    # the frame remains in doubt
+    if agreement[best] < 0.9:
         g.doubts.append(
             f"frame.x, frame.y: with the base's x along the file's {found.x} and its y along the file's {found.y} {bends}: "
             "the best turn about the base's z, but not forced by these data"
@@ -228,9 +222,14 @@ def _frame(g: Guess, series: Series, tip: Array, rest: NDArray[np.bool_], robot:
         why = f"{AXES_OF_BASE}: {lies} the file's {found.z}, the base's z; with these x and y {bends}"
         g.say("frame", {"x": found.x, "y": found.y, "z": found.z}, why)
     if elsewhere:
-        text = f"at rest the tip is {away * 1e3:.1f} mm from the origin and {aside * 1e3:.1f} mm off the axis"
-        g.say(
-            "straight", "first state", f"{text} of a robot of {robot.length * 1e3:g} mm: markers were placed elsewhere"
+        text = (
+            f"at rest the tip is {away * 1e3:.1f} mm from the origin and {aside * 1e3:.1f} mm off the axis, where the model of "
+            f"robot.yaml stands {chord * 1e3:.1f} mm from it and {sag * 1e3:.1f} mm off the axis"
+        )
+        g.say("straight", "at rest", f"{text}: markers were placed elsewhere")
+        g.doubts.append(
+            f"straight: {text}; `at rest` moves the readings there, which hides what moves the tip at rest: measure where the "
+            "base is among the cameras' axes to see it"
         )
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from ..files.units import KINDS
 
 WORDS = {
-    "t": "t time zeit temps tiempo timestamp seconds sec elapsed",
+    "t": "t time zeit uhrzeit temps heure tiempo hora tempo ora timestamp datetime clock seconds sec elapsed",
     "trial": "trial trials run runs experiment exp versuch inflation sweep cycle zyklus lauf messreihe essai ensayo prova",
     "repeat": "repeat repeats repetition rep reps wiederholung wdh durchlauf durchgang répétition repetición ripetizione",
     "branch": "branch direction phase richtung",

@@ -249,8 +249,9 @@ class Map(Part):
     """Tracked point on the straight robot, from the end of the body; needs an orientation."""
     forces: Literal["base", "tip"] = "base"
     """Axes of force_x, force_y, force_z: of the base, or of a sensor that turns with the tip."""
-    straight: Literal["as recorded", "first state", "first row"] = "as recorded"
-    """Reading of the straight robot, whose offset is that of cameras and markers; first row: of each file."""
+    straight: Literal["as recorded", "at rest", "first state", "first row"] = "as recorded"
+    """Readings that show the offset of cameras and markers: those at rest, where the model stands under its weight; or the first
+    state, or the first row of each file, of a straight robot."""
     states: States = States()
     """Which rows make a state."""
     trials: Trials = Trials()

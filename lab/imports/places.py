@@ -20,8 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from model.condition import conditions
+from model.effects import ForwardModel
+from model.errors import ModelError
+from model.robot import Robot
 from recordings.trials import TrialRow
 
+from ..files.config import ConfigError
 from .reading import at_rest
 
 Array = NDArray[np.float64]
@@ -123,10 +128,6 @@ def length_at_rest(rows: Sequence[TrialRow], length: float) -> float | None:
     return float(z) if straight and abs(z / length - 1) > OTHER_LENGTH else None
 
 
-TOO_FAR = 1.02
-"""Robot lengths from the base beyond which no body at rest reaches, but for stretch."""
-
-
 def beside_at_rest(rows: Sequence[TrialRow], straight: Array) -> tuple[float, float] | None:
     """m off the axis and m from the base at which the tip rests where a body cannot bring it, so that the base is elsewhere;
     `straight` (3,) m: the tracked point of the straight robot. None otherwise."""
@@ -137,24 +138,53 @@ def beside_at_rest(rows: Sequence[TrialRow], straight: Array) -> tuple[float, fl
     tip = np.array([r.tip for r in kept])[resting].mean(axis=0)
     away, off = float(np.linalg.norm(tip)), float(np.linalg.norm((tip - straight)[:2]))
     reach = float(np.linalg.norm(straight))
-    return (off, away) if off > ON_AXIS * reach and away > TOO_FAR * reach else None
+    # no body at rest reaches farther, but for stretch
+    return (off, away) if off > ON_AXIS * reach and away > 1.02 * reach else None
 
 
-AHEAD = 1.2
-"""Times the tip's movement from which a marker moves more than noise and stretch let it."""
+# ------------------------------------------------------------------ at rest
+@dataclass(frozen=True)
+class Stands:
+    """Where n states of the robot at rest are in its base frame."""
 
+    tip: Array
+    """(n, 3) m"""
+    turn: Rotation
+    """Of n states."""
+    markers: Array
+    """(n, k, 3) m"""
 
-def marker_ahead(rows: Sequence[TrialRow]) -> tuple[int, float] | None:
-    """The marker, from 1, that moves farther than the tip, and how many times as far; None where none does."""
-    if len({len(r.markers) for r in rows}) != 1 or not rows[0].markers:
-        return None
-    places = np.array([[r.tip or (np.nan,) * 3, *r.markers] for r in rows], np.float64)
-    places = places[np.isfinite(places).all(axis=(1, 2))]
-    if not len(places):
-        return None
-    spread = np.sqrt(places.var(axis=0).sum(axis=1))
-    most = int(np.argmax(spread))
-    return (most, float(spread[most] / spread[0])) if spread[most] > AHEAD * spread[0] > 0 else None
+    @classmethod
+    def straight(cls, end: Array, arcs: Sequence[float]) -> Stands:
+        """One state of the straight robot with its tracked point at `end` (3,) m and markers at arc lengths (k,) m."""
+        on_axis = np.array([(0.0, 0.0, s) for s in arcs]).reshape(1, -1, 3)
+        return cls(end[None], Rotation.identity(1), on_axis)
+
+    @classmethod
+    def of(cls, robot: Robot, rows: Sequence[TrialRow]) -> Stands:
+        """States of rows as the model of robot.yaml has them: with their spine, mass, roll and force, without pressure.
+
+        Raises ConfigError where the model finds no equilibrium.
+        """
+        try:
+            asked = conditions(
+                robot,
+                np.clip([r.spine_length for r in rows], 0.0, None),
+                np.zeros((len(rows), len(robot.actuators.azimuths_deg))),
+                [robot.tip_mass if r.tip_mass is None else r.tip_mass for r in rows],
+                np.radians([r.roll_deg or 0.0 for r in rows]),
+                [r.tip_force for r in rows],
+            )
+            model = ForwardModel.of_single_states(robot).at(asked, np.array(robot.markers))
+            read = model.read(np.zeros(len(model.parameters)))
+        except ModelError as e:
+            raise ConfigError(f"straight: at rest: {e}") from e
+        if not np.isfinite(read.tip).all():
+            raise ConfigError(
+                "straight: at rest: the model of robot.yaml finds no equilibrium for the states at rest; correct its modulus "
+                "and weight, or write `straight: first state` for a robot that is straight at rest"
+            )
+        return cls(read.tip[0], Rotation.from_quat(read.orientation[0], scalar_first=True), read.markers[0])
 
 
 # ------------------------------------------------------------------ jumps

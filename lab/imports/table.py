@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,7 @@ from ..files.config import ConfigError
 from .columns import DAY
 from .formats import KNOWN, RECORDING, read
 from .map_file import AXES, Map, Name, named
-from .places import Jump, beside_at_rest, jumps, length_at_rest, lever_off, marker_ahead, moves_within, strays, turn_off
+from .places import Jump, Stands, beside_at_rest, jumps, length_at_rest, lever_off, moves_within, strays, turn_off
 from .plateaus import Cut, cuts
 from .quantities import BETWEEN_RUNS, Quantities, quantities_of
 from .reading import EPOCH
@@ -35,11 +35,7 @@ from .trials import trials_of_rows
 
 Array = NDArray[np.float64]
 
-NO_PRESSURE = 2e3
-"""Pa, steps in which the state nearest to no pressure is looked for; the first of equals is taken."""
 FORCES = ("force_x", "force_y", "force_z")
-MOST_STRAYS = 0.2
-"""Of the rows of a state that may hold a place elsewhere."""
 MOST_JUMPS = 3
 """Jumps of places that are told one by one."""
 FOLLOWS, FEW_SETTINGS = 0.9, 4
@@ -173,7 +169,7 @@ def imported(
             q = _straightened(q, 0, straight, wanted.sensor, arcs)
         if number and ("t" not in own_map.columns and not absolute or q.t[0] < start):
             q = replace(q, t=q.t - q.t[0] + start + BETWEEN_RUNS)
-        trial, doubts = trials_of_rows(series, q, own_map)
+        trial, doubts = trials_of_rows(series, q, own_map, robot.actuators.words)
         notes += doubts
         pushed = [q.others[name] for name in FORCES if name in q.others]
         own = cuts(wanted.states, q.t, q.pressures, trial, np.column_stack(pushed) if pushed else None)
@@ -192,8 +188,8 @@ def imported(
         group += max(numbers) + 1
         start = float(np.nanmax(q.t))
         read_files.append((series, q, tuple(own)))
-    if wanted.straight == "first state":
-        states = _from_first(states, straight, wanted.sensor, arcs)
+    if wanted.straight in ("first state", "at rest"):
+        states = _mounted(states, robot, wanted.straight, wanted.sensor)
     elif any(wanted.sensor) and wanted.straight == "as recorded":
         states = [_moved(s, np.array(wanted.sensor), np.zeros(3)) for s in states]
     if wanted.forces == "tip":
@@ -207,7 +203,7 @@ def imported(
         aside, away = (1e3 * m for m in rests)
         notes.append(
             f"at rest the tip is {aside:.0f} mm off the axis and {away:.0f} mm from the origin, the robot is "
-            f"{1e3 * straight[2]:.0f} mm long: add `straight: first state` to the map, or check the frame and the unit"
+            f"{1e3 * straight[2]:.0f} mm long: add `straight: at rest` to the map, or check the frame and the unit"
         )
     notes += _jump_notes(list(jumps(rows, float(straight[2]))), states, every, robot.actuators.words)
     _demand_mounted(rows)
@@ -233,8 +229,6 @@ def _contradictions(rows: Sequence[TrialRow], length: float) -> Iterator[str]:
             f"at rest the tip lies on the axis, {1e3 * other:.0f} mm from the base of a robot of {1e3 * length:.0f} mm: is this "
             "marker the tip, and its unit right?"
         )
-    if (ahead := marker_ahead(rows)) is not None:
-        yield f"marker {ahead[0]} moves {ahead[1]:.2g} times as far as the tip: was it taken for the tip?"
     for name, same in (("roll_deg", SAME_ROLL), ("tip_mass", SAME_MASS)):
         share = follows_pressure(rows, name, same)
         if share > FOLLOWS:
@@ -291,7 +285,7 @@ def _without_strays(
             continue
         first = row + own.start if first is None else first
         rows = np.flatnonzero(strays(tip[own], markers[own], length)) + own.start
-        if len(rows) > MOST_STRAYS * (own.stop - own.start):
+        if len(rows) > 0.2 * (own.stop - own.start):
             torn.append(cut)
             continue
         tip[rows], markers[rows] = np.nan, np.nan
@@ -353,32 +347,52 @@ def _straightened(
     moved = q.tip - q.tip[at]
     if turn is not None:
         moved = moved - (turn.apply(lever) - lever)
-    shift = _on_axis(q.markers[at], arcs)
+    known = min(len(arcs), q.markers.shape[1])
+    on_axis = np.array([(0.0, 0.0, s) for s in arcs[:known]]).reshape(-1, 3)
+    shift = np.zeros_like(q.markers[at])
+    shift[:known] = np.nan_to_num(on_axis - q.markers[at, :known])
     return replace(q, tip=moved + straight, turn=turn, markers=q.markers + shift)
 
 
-def _on_axis(markers: Array, arcs: Sequence[float]) -> Array:
-    """(k, 3) m by which markers (k, 3) of the straight robot are off their arc lengths on the axis; 0 without either."""
-    shift, known = np.zeros_like(markers), min(len(arcs), len(markers))
-    shift[:known] = np.array([(0.0, 0.0, s) for s in arcs[:known]]).reshape(-1, 3) - markers[:known]
-    return np.where(np.isfinite(shift).all(axis=1, keepdims=True), shift, 0.0)
+def _mounted(
+    states: list[_State], robot: Robot, straight: Literal["first state", "at rest"], sensor: Sequence[float]
+) -> list[_State]:
+    """States moved so that those at rest are where the robot stands then; a marker not seen there stays where it is.
 
-
-def _from_first(states: list[_State], end: Array, sensor: Sequence[float], arcs: Sequence[float]) -> list[_State]:
-    """The same for states: the first one without pressure is the straight robot, or the first where none is."""
-    at = min(range(len(states)), key=lambda i: (round(max(map(abs, states[i].row.pressures)) / NO_PRESSURE), i))
-    straight, lever = states[at], np.array(sensor)
-    origin = np.array(straight.row.tip)
-    beside = _on_axis(_places(straight.row), arcs)
+    first state: the first one at rest is the straight robot. at rest: the mean of those at rest, of those that begin a trial
+    where there are any, is where the model stands under its weight.
+    """
+    # in steps of 2 kPa, of which the first of equals is taken
+    level = [round(max(map(abs, s.row.pressures)) / 2e3) for s in states]
+    resting = [i for i, own in enumerate(level) if own == min(level)]
+    if straight == "first state":
+        resting, end = resting[:1], _straight_point(robot)
+        stands = Stands.straight(end, robot.markers)
+    else:
+        beginning = [i for i in resting if not i or states[i].group != states[i - 1].group]
+        resting = beginning or resting
+        stands = Stands.of(robot, [states[i].row for i in resting])
+    lever, known = np.array(sensor), [k for k, i in enumerate(resting) if states[i].turn is not None]
+    if known:
+        recorded = Rotation.concatenate([turn for k in known if (turn := states[resting[k]].turn) is not None])
+        mount = (stands.turn[known].inv() * recorded).mean().inv()
+        states = [replace(s, turn=None if s.turn is None else s.turn * mount) for s in states]
+    else:
+        states = [replace(s, turn=None) for s in states]
+    states = [_moved(s, lever, np.zeros(3)) for s in states]
+    shift = np.mean(stands.tip - [states[i].row.tip for i in resting], axis=0)
+    places = np.array([_places(states[i].row) for i in resting])
+    beside = np.zeros(places.shape[1:])
+    both = min(len(beside), stands.markers.shape[1])
+    missed = stands.markers[:, :both] - places[:, :both]
+    seen = np.isfinite(missed).all(axis=2)
+    for k in np.flatnonzero(seen.any(axis=0)).tolist():
+        beside[k] = missed[seen[:, k], k].mean(axis=0)
     out = []
     for state in states:
-        turn = None if state.turn is None or straight.turn is None else state.turn * straight.turn.inv()
-        shift = end - origin
-        if turn is not None:
-            shift = shift - (turn.apply(lever) - lever)
-        moved = _moved(replace(state, turn=turn), np.zeros(3), shift)
-        places = _places(state.row) + beside
-        out.append(replace(moved, row=replace(moved.row, markers=tuple((x, y, z) for x, y, z in places.tolist()))))
+        moved = _moved(state, np.zeros(3), shift)
+        own = (_places(state.row) + beside).tolist()
+        out.append(replace(moved, row=replace(moved.row, markers=tuple((x, y, z) for x, y, z in own))))
     return out
 
 

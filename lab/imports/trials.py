@@ -14,6 +14,8 @@ from itertools import groupby, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from model.actuators import Words
+
 from .map_file import Map, States
 from .plateaus import plateaus
 from .quantities import Quantities
@@ -23,8 +25,6 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Texts = NDArray[np.str_]
 
-ONE_LEVEL = 1.5
-"""Usual lengths of a level (rows) beyond which a rest is the end of one sweep and the begin of the next."""
 MOST_NOTES = 3
 """Changes away from rest that are noted one by one."""
 
@@ -121,7 +121,7 @@ class Stages:
         return float(np.median(lengths)) if lengths else 1.0
 
 
-def trials_of_rows(series: Series, q: Quantities, wanted: Map) -> tuple[Ints, tuple[str, ...]]:
+def trials_of_rows(series: Series, q: Quantities, wanted: Map, drive: Words) -> tuple[Ints, tuple[str, ...]]:
     """(n,) trial of each row, from 0, in this file, and notes about columns that contradict the rests."""
     below, by_rest = wanted.trials.below, wanted.trials.begin == "rest" and "trial" not in wanted.columns
     stages = Stages.of(q, wanted.states, below)
@@ -138,10 +138,11 @@ def trials_of_rows(series: Series, q: Quantities, wanted: Map) -> tuple[Ints, tu
         parted += own
         if not own and not by_rest:
             continue
-        middle = (b - a) // 2 if b - a >= max(2.0, ONE_LEVEL * usual) and not wanted.states.windows else 0
+        # a rest that is longer than levels usually are ends one sweep and begins the next
+        middle = (b - a) // 2 if b - a >= max(2.0, 1.5 * usual) and not wanted.states.windows else 0
         begins[[stages.border(row) for row in _borders(own, int(stages.begin[a + middle]))]] = True
     begins[[stages.border(c.row) for c in followed if c not in parted]] = True
-    return np.cumsum(begins).astype(np.int64), tuple(_notes(series, q, strange, by_rest))
+    return np.cumsum(begins).astype(np.int64), tuple(_notes(series, q, strange, by_rest, drive))
 
 
 def _borders(own: Sequence[Change], middle: int) -> list[int]:
@@ -154,14 +155,15 @@ def _borders(own: Sequence[Change], middle: int) -> list[int]:
     return [min((int(np.clip(middle, c.first, c.row)) for c in own), key=lambda r: abs(r - middle), default=middle)]
 
 
-def _notes(series: Series, q: Quantities, strange: Sequence[Change], by_rest: bool) -> Iterator[str]:
+def _notes(series: Series, q: Quantities, strange: Sequence[Change], by_rest: bool, drive: Words) -> Iterator[str]:
     for c in strange[:MOST_NOTES]:
         held = q.pressures[c.row]
         chamber = int(np.nanargmax(np.abs(held))) if np.isfinite(held).any() else 0
         place = f"{series.path.name}, {series.place(int(q.row[c.row]))}"
         yield (
-            f"{place}: column {c.column!r} ({c.key}) changes from {c.before[:40]!r} to {c.after[:40]!r} while p{chamber + 1} is "
-            f"{held[chamber] / 1e3:.3g} kPa, not at rest: {'no' if by_rest else 'a'} trial begins there; correct the cell, or "
+            f"{place}: column {c.column!r} ({c.key}) changes from {c.before[:40]!r} to {c.after[:40]!r} "
+            f"while p{chamber + 1} is {held[chamber] / drive.pascal:.3g} {drive.unit}, not at rest: {'no' if by_rest else 'a'} "
+            "trial begins there; correct the cell, or "
             "name another column"
         )
     if len(strange) > MOST_NOTES:

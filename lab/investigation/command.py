@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import shlex
@@ -25,13 +26,13 @@ from ..files.config import ConfigError
 from ..files.inputs import read_case, same_robot
 from ..files.own_effects import catalogue
 from ..files.rig_file import load_rig
+from ..files.units import UnitError, to_si
 from ..live.beside import page_where
+from ..options import ANY_SIZE, JSON, LABELS, OWN_EFFECTS, ROBOT, WORKERS, Verb, given_labels, option, rig, settings
 from ..pages import diagnosis_report, investigation_page
 from ..processes import for_case
 from .laboratory import RigLaboratory
 
-LEADING = 4
-"""Hypotheses shown after each diagnosis."""
 STORY, ANSWER, PAGE, ANSWER_PAGE = "investigation.json", "diagnosis.json", "investigation.html", "diagnosis.html"
 
 
@@ -63,13 +64,11 @@ class _Weighing:
         self._quiet = quiet
         self._screen: Screen | None = None
 
-    def progress(self, share: float) -> None:
-        """So much of a diagnosis is done."""
+    def step(self, name: str, share: float) -> None:
+        """See Screen.step."""
         if self._screen is None:
             self._screen = Screen("weighing hypotheses", quiet=self._quiet).__enter__()
-        self._screen.progress(share, 1.0)
-        if share >= 1.0:
-            self.stop()
+        self._screen.step(name, share)
 
     def stop(self) -> None:
         """None is going on."""
@@ -108,9 +107,11 @@ def run(w: Wanted, as_json: bool) -> int:
         as_json,
     )
     rounds: list[Round] = []
+    weighing = _Weighing(as_json)
     say = Screen("", quiet=as_json).say
 
     def diagnosed(r: Round) -> None:
+        weighing.stop()
         rounds.append(r)
         if not as_json:
             _show(r)
@@ -118,12 +119,11 @@ def run(w: Wanted, as_json: bool) -> int:
     ended: BaseException | None = None
     found: Investigation | None = None
     cores = w.workers if w.workers is not None else len(os.sched_getaffinity(0))
-    weighing = _Weighing(as_json)
     try:
         with for_case(len(case.table), cores) as others, page_where(w.watched, say) as at.page:
             if at.page is not None:
                 say(f"watch it at {at.page.address}")
-            fits = Executor(progress=weighing.progress, remote_map=None if others is None else others.in_order)
+            fits = Executor(progress=weighing.step, remote_map=None if others is None else others.in_order)
             found = investigate(case, at, Options(catalogue=weighed, executor=fits), w.limits, diagnosed)
     except (DiagnosisError, ModelError) as e:
         raise ConfigError(str(e)) from e
@@ -158,11 +158,11 @@ def _again(w: Wanted, inputs: Sequence[Path], unreadable: str = "") -> str:
     """What to type to go on with what is measured by now, as it was asked for. `unreadable`: an experiment that could not be
     read on this rig and is left out from now on."""
     words = ["lab", "investigate", *map(str, inputs), "--rig", str(w.rig), "--out", f"{w.folder}-2"]
-    for option, place in (("--robot", w.robot), ("--effects", w.effects)):
-        words += [option, str(place)] if place is not None else []
+    for name, place in (("--robot", w.robot), ("--effects", w.effects)):
+        words += [name, str(place)] if place is not None else []
     words += [] if w.hands else ["--no-hands"]
-    for option, several in (("--without", (*w.without, *filter(None, (unreadable,)))), ("--set", w.settings)):
-        words += [word for one in several for word in (option, one)]
+    for name, several in (("--without", (*w.without, *filter(None, (unreadable,)))), ("--set", w.settings)):
+        words += [word for one in several for word in (name, one)]
     return shlex.join(words)
 
 
@@ -179,7 +179,7 @@ def _named(effects: Sequence[str]) -> str:
 
 
 def _leading(d: Diagnosis) -> list[Ranked]:
-    return list(d.attribute.ranking[:LEADING])
+    return list(d.attribute.ranking[:4])
 
 
 def _show(r: Round) -> None:
@@ -199,3 +199,63 @@ def _foretold(f: Foretold, quiet: bool) -> None:
     for rival in f.rivals:
         x, y, z = rival.tip_mm[state]
         out.print(f"  state {state + 1}, by {_named(rival.effects)}: ({x:.1f}, {y:.1f}, {z:.1f}) mm", soft_wrap=True)
+
+
+def _minutes(text: str) -> float:
+    """A time with its unit, in minutes."""
+    try:
+        return to_si(text, "s") / 60
+    except UnitError as e:
+        raise argparse.ArgumentTypeError(str(e)) from e
+
+
+def _investigate(a: argparse.Namespace) -> int:
+    limits = Limits(a.budget, a.experiments)
+    menu = not a.no_hands, tuple(a.without), tuple(a.set)
+    labels = tuple(given_labels(a))
+    wanted = Wanted(tuple(a.inputs), a.rig, a.out, limits, a.robot, a.effects, *menu, labels, a.workers, a.watch)
+    return run(wanted, a.json)
+
+
+VERBS = (
+    Verb(
+        "investigate",
+        _investigate,
+        options=(
+            JSON,
+            ANY_SIZE,
+            option(
+                "inputs",
+                type=Path,
+                nargs="+",
+                metavar="INPUT",
+                help="recordings (.mcap) or a case folder of the robot on the rig",
+            ),
+            rig(),
+            option(
+                "--budget", type=_minutes, default=60.0, metavar="60min", help="time for experiments (default 60min)"
+            ),
+            option("--experiments", type=int, default=3, metavar="N", help="at most this many (default 3)"),
+            option("--without", action="append", default=[], metavar="ID", help="leave out an experiment (repeatable)"),
+            settings("change a parameter of every experiment (repeatable)"),
+            option("--no-hands", action="store_true", help="nothing to mount, turn or hang on"),
+            option(
+                "--out",
+                type=Path,
+                default=Path("investigation"),
+                metavar="FOLDER",
+                help="folder for recordings, answer and page",
+            ),
+            ROBOT,
+            WORKERS,
+            option("--watch", action="store_true", help="show the experiments on a page in the browser"),
+            *LABELS,
+            OWN_EFFECTS,
+        ),
+        examples=(
+            "lab investigate runs/sweep.mcap --rig rig/rig.yaml --budget 30min",
+            "lab investigate case --rig rig/rig.yaml --no-hands",
+        ),
+        page="docs/howto/investigate.md",
+    ),
+)

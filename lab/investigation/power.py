@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,6 +30,7 @@ from ..files.config import ConfigError, load
 from ..files.inputs import read_case
 from ..files.own_effects import catalogue
 from ..files.rig_file import load_rig
+from ..options import JSON, OWN_EFFECTS, Verb, option, rig, settings
 from ..rig.limits import wiring
 from ..verbs.run import protocol_plan
 
@@ -36,7 +38,6 @@ Columns = dict[str, NDArray[np.generic]]
 
 READ = ("x", "y", "z", "qw", "qx", "qy", "qz")
 """What motion capture tells of the tip."""
-SHOWN_PAIRS = 8
 CLUTTERS = {"clean": (0.0,), "cluttered": (0.05, 0.1, 0.2)}
 
 
@@ -187,7 +188,7 @@ def _show(found: dict[str, Power], brings: tuple[Addition, ...]) -> None:
             f"other laws than the catalogue's about {p.right * OTHER_LAWS[name]:.2f}",
             soft_wrap=True,
         )
-    if pairs := cluttered.pairs[:SHOWN_PAIRS]:
+    if pairs := cluttered.pairs[:8]:
         out.print(
             "not distinguished: " + "; ".join(f"{a} from {b} ({share:.2f})" for a, b, share in pairs), soft_wrap=True
         )
@@ -197,3 +198,36 @@ def _show(found: dict[str, Power], brings: tuple[Addition, ...]) -> None:
         said = f"{a.gained:+.2f} of worlds named right, for {a.experiment.minutes:g} min"
         out.print(f"to add: {a.experiment.do}: {said}", soft_wrap=True)
     out.print("linear about the robot as described; pairs of causes and causes outside the catalogue are not drawn")
+
+
+def _power(a: argparse.Namespace) -> int:
+    asked = Asked(a.protocol, tuple(a.set), a.campaign, tuple(a.case), a.rig, a.robot)
+    return run(asked, a.worlds, a.seed, not a.no_additions, a.effects, a.json)
+
+
+VERBS = (
+    Verb(
+        "power",
+        _power,
+        options=(
+            JSON,
+            option("--protocol", metavar="PROTOCOL", help="a protocol or its file"),
+            settings("change one of its parameters"),
+            option("--campaign", type=Path, metavar="FILE.yaml", help="a campaign instead"),
+            option(
+                "--case", type=Path, nargs="+", default=[], metavar="CASE", help="states that were measured instead"
+            ),
+            rig(required=False),
+            option("--robot", type=Path, metavar="ROBOT.yaml", help="robot.yaml (default: the rig's, or the case's)"),
+            option("--worlds", type=int, default=30, metavar="N", help="robots drawn of each cause (default 30)"),
+            option("--seed", type=int, default=1, help="of what is drawn"),
+            option("--no-additions", action="store_true", help="do not try what further experiments would bring"),
+            OWN_EFFECTS,
+        ),
+        examples=(
+            "lab power --protocol bending --rig rig/rig.yaml",
+            "lab power --protocol bending --robot robot.yaml --worlds 10 --no-additions",
+        ),
+        page="docs/explanations/experiments.md",
+    ),
+)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import itertools
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
@@ -14,9 +13,10 @@ import numpy as np
 
 from diagnosis.answer.candidate_experiments import to_apply
 from diagnosis.answer.headline import for_people, percent, stated
-from diagnosis.answer.result import Diagnosis, Ranked
-from diagnosis.answer.sentences import OUTSIDE, hypothesis_name, plain_name, with_id
+from diagnosis.answer.result import Diagnosis
+from diagnosis.answer.sentences import closed_alone, disorder, hypothesis_name, plain_name, with_id
 from diagnosis.data.first_calibration import CALIBRATED_FIRST
+from diagnosis.inference.posterior import UNKNOWN
 from diagnosis.judgement import RIVAL_WORTH_SEPARATING
 from model.actuators import Words
 from recordings.campaign.labels import RECORD
@@ -151,7 +151,13 @@ def gap_numbers(d: Diagnosis) -> list[tuple[str, str, str]]:
         if d.shrink is not None and d.attribute.verdict == "effect":
             found.append((WITH_CAUSE, d.shrink.after_mm))
     floor = ("noise floor", f"{d.locate.noise_floor_mm:.{digits}f} mm", "repeats of a state")
-    return [*((name, f"{mm:.{digits}f} mm", f"rms, {how}") for name, mm in found), floor]
+    alone = closed_alone(d.waterfall, d.shrink)
+    told = (
+        {}
+        if alone is None
+        else {WITH_CAUSE: f", and tolerances of other effects; the cause alone closes {percent(alone)} %"}
+    )
+    return [*((name, f"{mm:.{digits}f} mm", f"rms, {how}{told.get(name, '')}") for name, mm in found), floor]
 
 
 def _on_top(d: Diagnosis) -> list[str]:
@@ -238,7 +244,9 @@ def _steps(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
         interval = "" if ends is None else f" (95 %: {percent(ends[0])} .. {percent(ends[1])} %)"
         best = d.detail["best_hypothesis"]
         of = hypothesis(best, d) if best else "tolerances alone"
-        s.text(f"Share of the reducible gap closed on unseen states with {of}: {closed}{interval}.")
+        alone = closed_alone(w, d.shrink) if d.attribute.verdict == "effect" else None
+        itself = "" if alone is None else f", {percent(alone)} % by itself and the rest by tolerances of other effects"
+        s.text(f"Share of the reducible gap closed on unseen states with {of}: {closed}{interval}{itself}.")
 
 
 def _against(d: Diagnosis) -> list[str]:
@@ -376,28 +384,13 @@ def _which(s: Section, d: Diagnosis, folder: Path) -> None:
         ]
         s.table(("effect", d.words.say("moves the tip beyond an area factor by, mm rms"), "95 %", ""), rows)
     rows = [
-        [hypothesis(r.effects, d), stated(r.probability), f"{r.log_evidence:.1f}",
+        [hypothesis(r.effects, d), stated(r.probability), "" if r.effects == UNKNOWN else f"{r.log_evidence:.1f}",
          "" if r.heldout_rmse_mm is None else f"{r.heldout_rmse_mm:.2f}"]
         for r in d.attribute.ranking
     ]  # fmt: skip
     s.table(("hypothesis", "probability", "log evidence, in-sample", "unseen states, mm"), rows)
-    if why := _disorder(d.attribute.ranking):
+    if why := disorder(d.attribute.ranking):
         s.text(why)
-
-
-def _disorder(ranking: Sequence[Ranked]) -> str:
-    """Why probability and evidence disagree in order; empty where they agree."""
-    pairs = list(itertools.combinations(ranking, 2))
-    over = [(a, b) for a, b in pairs if a.probability > b.probability and a.log_evidence < b.log_evidence]
-    why = []
-    if any(("unknown",) in (a.effects, b.effects) for a, b in over):
-        why.append(f"The probability of {OUTSIDE} follows from the misfit diagnostics and not from its evidence.")
-    if any(("unknown",) not in (a.effects, b.effects) for a, b in over):
-        why.append(
-            "Of two hypotheses the one with more log evidence may be less probable: one that names more effects has a smaller "
-            "prior, and only an effect that carries more than the noise floor is named."
-        )
-    return f"Probability and evidence differ in order. {' '.join(why)}" if why else ""
 
 
 def _misfit(s: Section, d: Diagnosis, spine: bool) -> None:

@@ -36,8 +36,6 @@ ANSWER_WITHIN = 50.0
 """Host seconds after which a guard that lives and beats but does not answer is given up."""
 BEATS_MISSED = 2.0
 """The guard counts as frozen after so many times the rig's `safe.heartbeat` without a sign of life."""
-LONGEST_COMMAND = 200
-"""Characters of this program's command that are shown to others."""
 SLICE = 0.05
 LIVING_ON: list[subprocess.Popen[bytes]] = []
 """Guards that go on landing their rigs without this program."""
@@ -229,7 +227,7 @@ class Actuators:
 
 def _about() -> str:
     """This program, for others who want the rig."""
-    command = shlex.join([os.path.basename(sys.argv[0]), *sys.argv[1:]])[:LONGEST_COMMAND]
+    command = shlex.join([os.path.basename(sys.argv[0]), *sys.argv[1:]])[:200]
     return f"{command} (process {os.getpid()}, since {time.strftime('%H:%M')})"
 
 

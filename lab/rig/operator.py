@@ -46,10 +46,6 @@ def preparations(setup: Setup, before: Setup | None = None) -> str:
     )
 
 
-LONGEST_ANSWER = 65536
-"""Bytes of one line that a program may answer."""
-
-
 class Console:
     """Asks the person to prepare and waits for Enter; without a terminal, assumes that it is prepared and says so."""
 
@@ -110,7 +106,7 @@ class Program:
                 self._check_peer(connection)
                 connection.sendall(json.dumps(question).encode() + b"\n")
                 line = b""
-                while b"\n" not in line and len(line) < LONGEST_ANSWER and (more := timing.recv(connection, 4096)):
+                while b"\n" not in line and len(line) < 65536 and (more := timing.recv(connection, 4096)):
                     line += more
             answer = read_json(line.partition(b"\n")[0])
         except (OSError, ValueError) as e:

@@ -15,7 +15,7 @@ from typing import Any
 
 import timing
 from drivers.errors import BadReply, DeviceFault, InstrumentError, StaleReading
-from drivers.interfaces import ArmSample, BodySample, WrenchSample
+from drivers.interfaces import ArmSample, BodySample, SafetyBit, WrenchSample
 from protocols.errors import StoodStill, Suspended
 from timing import RigClock
 
@@ -27,8 +27,6 @@ from .repeats import Repeats
 
 GRACE = 0.5
 """Host seconds for which a stream may be late, less those for which it was not: a loaded computer must not end a run."""
-SAFEGUARD = 1 << 4
-"""Safety bit of an arm whose safeguard input has opened: somebody is in the cell."""
 OWN_SLEEP, CATCH_UP = 0.5, 0.2
 """Host seconds that this program may have stood still between two looks; time to make up for more."""
 STANDSTILL = 5.0
@@ -36,8 +34,14 @@ STANDSTILL = 5.0
 STUCK = 1.0
 """Host seconds for which all values of a force sensor, of a tracked body or of a noisy gauge may stay the same to the last
 digit."""
-HELD = 1 << 2 | 1 << 4 | 1 << 5 | 1 << 6 | 1 << 7
-"""Safety bits of an arm that stands by a protective, safeguard or emergency stop until a person sets it free."""
+HELD = (
+    SafetyBit.PROTECTIVE_STOP
+    | SafetyBit.SAFEGUARD_STOP
+    | SafetyBit.SYSTEM_EMERGENCY_STOP
+    | SafetyBit.ROBOT_EMERGENCY_STOP
+    | SafetyBit.EMERGENCY_STOP
+)
+"""Of an arm that stands by a protective, safeguard or emergency stop until a person sets it free."""
 SLICE = 0.02
 """Longest host seconds between two looks while the experiment sleeps."""
 
@@ -207,7 +211,9 @@ class Watch:
                 self._hidden_since = math.inf
             self._lateness(name, now, late=False)
             self._moves_on(name, sample, now)
-            if isinstance(sample, ArmSample) and sample.safety_bits & SAFEGUARD:
+            if (
+                isinstance(sample, ArmSample) and sample.safety_bits & SafetyBit.SAFEGUARD_STOP
+            ):  # somebody is in the cell
                 raise Suspended(
                     DeviceFault("arm", "safeguard stop: somebody has opened the cell; close it and reset it")
                 )

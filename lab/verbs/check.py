@@ -26,14 +26,13 @@ from ..files.config import ConfigError, unit_of
 from ..files.rig_file import RigFile, load_rig, table_of
 from ..files.units import shown
 from ..guard.latch import Latch
+from ..options import JSON, Verb, option, rig
 from ..rig.assembly import Rig
 from ..rig.checked import Moved, keep
 from ..rig.interrupts import Interrupts
 from ..rig.limits import bodies
 from ..rig.losses import newly_lost
 
-VACUUM = 80e3
-"""Pa below ambient that the supply is set to."""
 LOOK = 0.05
 """Host seconds between two looks at what has come."""
 
@@ -133,7 +132,7 @@ def _moved(rig: Rig, robot: Robot, as_json: bool) -> list[Moved]:
         rig.record_to(recorder)
         try:
             if rig.file.operator != "console":  # a person at the console has just been asked
-                bench.operator.prepare(Setup("robot", robot.tip_mass, 0.0, VACUUM))
+                bench.operator.prepare(Setup("robot", robot.tip_mass, 0.0, 80e3))  # Pa below ambient
             for result in moves(bench, rig.file, robot):
                 tell(result)
         except (ProtocolError, KeyboardInterrupt) as e:
@@ -220,3 +219,22 @@ def _table(title: str, rows: list[dict[str, Any]], span: float) -> Table:
         )
         table.add_row(r["instrument"], identity, rate, str(r.get("lost", "")), limits)
     return table
+
+
+VERBS = (
+    Verb(
+        "check",
+        lambda a: check(a.rig, a.seconds, a.json, a.move, a.yes),
+        options=(
+            JSON,
+            rig(),
+            option("--move", action="store_true", help="move each actuator a little and compare with rig.yaml"),
+            option(
+                "--yes", action="store_true", help="with --move: do not ask for confirmation; nobody is within reach"
+            ),
+            option("--seconds", type=float, default=2.0, help="host seconds over which rates and losses are counted"),
+        ),
+        examples=("lab check --rig rig/rig.yaml", "lab check --rig rig/rig.yaml --move"),
+        page="docs/tutorials/your-rig.md",
+    ),
+)

@@ -19,6 +19,7 @@ from ..files.config import ConfigError, load
 from ..files.example import paper_robot
 from ..files.inputs import marked_notes, read_case
 from ..files.own_effects import stated_by
+from ..options import ANY_SIZE, FIGURES, INPUTS, JSON, ROBOT, Verb
 from ..pages.figures import in_a_row, tip_curves
 from ..pages.sensors_figure import quantities, sensors
 
@@ -77,3 +78,14 @@ def _of_the_paper(robot: Robot) -> bool:
     """Whether a robot has the length and the chambers of the paper's, which bends in the plane of its tables."""
     paper = load(paper_robot(), Robot)
     return (robot.length, robot.chambers) == (paper.length, paper.chambers)
+
+
+VERBS = (
+    Verb(
+        "compare",
+        lambda a: compare(a.inputs, a.robot, a.out, a.json),
+        options=(JSON, ANY_SIZE, INPUTS, ROBOT, FIGURES),
+        examples=("lab compare runs/*.mcap", "lab compare case --robot robot.yaml --out figures"),
+        page="docs/tutorials/first-day.md",
+    ),
+)

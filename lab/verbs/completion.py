@@ -12,6 +12,7 @@ from model.effects import CATALOGUE
 
 from ..files.all_protocols import found_protocols
 from ..files.protocol_keys import protocol_keys
+from ..options import Verb, option
 from .fakes import effect_names
 
 SHELLS = ("bash", "zsh")
@@ -65,3 +66,14 @@ def arguments(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
                 yield from arguments(inner)
         else:
             yield action
+
+
+VERBS = (
+    Verb(
+        "completion",
+        lambda a: completion(a.shell, a.parser()),
+        options=(option("shell", choices=SHELLS),),
+        examples=("lab completion bash > completions/lab", "lab completion zsh > completions/_lab"),
+        page="docs/howto/command.md",
+    ),
+)

@@ -28,6 +28,7 @@ from ..files.all_drivers import found_drivers
 from ..files.config import ConfigError
 from ..files.inputs import Case, read_case
 from ..files.rig_file import load_rig
+from ..options import Verb, option
 from ..pages.demo_report import Seal, write
 from ..rig.assembly import Rig
 from .check import check
@@ -205,3 +206,19 @@ def _replay(files: list[Path]) -> bool:
 def _shown(result: T, sheet: Callable[[T], object]) -> T:
     out.print(sheet(result))
     return result
+
+
+VERBS = (
+    Verb(
+        "demo",
+        lambda a: demo(a.out, a.seed, a.speed, a.effect),
+        options=(
+            option("--out", type=Path, default=Path("demo"), metavar="FOLDER", help="folder for recordings and report"),
+            option("--seed", type=int, help="choose withheld effect and noise"),
+            option("--speed", type=float, default=20.0, help="how much faster than real the rig runs (default 20)"),
+            option("--effect", metavar="ID=SIZE", help="withhold this effect instead of a drawn one"),
+        ),
+        examples=("lab demo", "lab demo --out demo --seed 3"),
+        page="docs/tutorials/first-day.md",
+    ),
+)

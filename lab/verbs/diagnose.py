@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,12 +15,14 @@ from rich.table import Table as Sheet
 from diagnosis.answer.candidate_experiments import columns, to_apply
 from diagnosis.answer.headline import LEAST_STATED, sized, stated
 from diagnosis.answer.result import Diagnosis, Proposal, Ranked
+from diagnosis.answer.sentences import disorder
 from diagnosis.compare_campaigns import compare_campaigns
 from diagnosis.data.baseline import Baseline
 from diagnosis.diagnose import Options
 from diagnosis.diagnose import diagnose as diagnosed
 from diagnosis.errors import BadHoldout, DiagnosisError
 from diagnosis.inference.executor import PRACTISED, Executor, FirstLook
+from diagnosis.inference.posterior import UNKNOWN
 from model.actuators import Words
 from model.effects.spec import EffectSpec
 from model.errors import ModelError
@@ -35,10 +38,8 @@ from ..files.config import ConfigError, demand_writable, in_units
 from ..files.inputs import UNCONFIRMED_GUESSES, Case, marked_notes, read_case, unconfirmed_guesses
 from ..files.own_effects import catalogue
 from ..next_step import FIRST, command, nothing_next, worth_doing
+from ..options import ANY_SIZE, INPUTS, OWN_EFFECTS, ROBOT, SCHEDULER, WORKERS, Verb, option
 from ..processes import for_case
-
-FIRST_PAIRS = 3
-"""Pairs of hypotheses named that the first proposal distinguishes."""
 
 
 @dataclass(frozen=True)
@@ -172,7 +173,7 @@ def _baseline(case: Case, comparisons: Comparisons, weighed: Mapping[str, Effect
 
 
 def _shown(screen: Screen, executor: Executor) -> Executor:
-    return replace(executor, progress=lambda share: screen.progress(share, 1.0))
+    return replace(executor, progress=screen.step)
 
 
 def _at_first_sight(screen: Screen, look: FirstLook) -> None:
@@ -239,7 +240,9 @@ def show(d: Diagnosis, protocols: Path | None = None) -> None:
             out.print(f"  note: {concern}")
     if d.change is not None:
         out.print(d.change.statement)
-    out.print(_ranking(d.attribute.ranking, d.words))
+    out.print(ranked(d.attribute.ranking, d.words))
+    if why := disorder(d.attribute.ranking):
+        out.print(why)
     if not d.next_experiment:
         out.print(f"What to do next: {nothing_next(d)}")
         return
@@ -260,7 +263,8 @@ def show(d: Diagnosis, protocols: Path | None = None) -> None:
     )
 
 
-def _ranking(ranking: Sequence[Ranked], words: Words) -> Sheet:
+def ranked(ranking: Sequence[Ranked], words: Words) -> Sheet:
+    """The hypotheses as a table, most probable first."""
     t = Sheet(title="What the data support", title_justify="left")
     for column in ("hypothesis", "p", "log evidence", "unseen states", "size"):
         t.add_column(column)
@@ -268,8 +272,9 @@ def _ranking(ranking: Sequence[Ranked], words: Words) -> Sheet:
         if r.probability < LEAST_STATED:
             continue
         sizes = ", ".join(f"{name.partition('.')[2]} {sized(v, words)}" for name, v in r.parameters.items())
+        evidence = "" if r.effects == UNKNOWN else f"{r.log_evidence:.1f}"
         held = "" if r.heldout_rmse_mm is None else f"{r.heldout_rmse_mm:.2f} mm"
-        t.add_row(" + ".join(r.effects) or "none", stated(r.probability), f"{r.log_evidence:.1f}", held, sizes)
+        t.add_row(" + ".join(r.effects) or "none", stated(r.probability), evidence, held, sizes)
     return t
 
 
@@ -287,5 +292,59 @@ def _proposals(d: Diagnosis) -> Sheet:
 
 
 def _separated(p: Proposal) -> str:
-    pairs = " and ".join(" from ".join(pair) for pair in p.separates[:FIRST_PAIRS])
+    pairs = " and ".join(" from ".join(pair) for pair in p.separates[:3])
     return f"{p.id} is expected to distinguish {pairs}."
+
+
+def _diagnose_verb(a: argparse.Namespace) -> int:
+    others = Comparisons(a.reference, a.holdout, a.effects, a.baseline, a.simulator)
+    return diagnose(a.inputs, a.robot, Outputs(a.json, a.report, a.protocols), others, a.workers, a.scheduler)
+
+
+VERBS = (
+    Verb(
+        "diagnose",
+        _diagnose_verb,
+        options=(
+            ANY_SIZE,
+            INPUTS,
+            ROBOT,
+            option("--json", type=Path, metavar="OUT", help="write diagnosis.json here"),
+            option("--report", type=Path, metavar="OUT.html", help="write the page with all figures here"),
+            option(
+                "--protocols",
+                type=Path,
+                metavar="FOLDER",
+                help="write the proposed experiments as protocol files; no earlier answer is kept, so later the whole "
+                "diagnosis is repeated for them",
+            ),
+            option(
+                "--reference",
+                type=Path,
+                metavar="CASE",
+                help="an earlier campaign: report what has changed since",
+            ),
+            option(
+                "--holdout",
+                type=Path,
+                metavar="CASE",
+                help="a campaign (case folder or .mcap) to test the answer on",
+            ),
+            option(
+                "--baseline",
+                type=Path,
+                metavar="PREDICTED.csv",
+                help="predictions of another simulator: diagnose its gap",
+            ),
+            option("--simulator", metavar="NAME|FILE.py", help="the same, asking the simulator itself"),
+            WORKERS,
+            SCHEDULER,
+            OWN_EFFECTS,
+        ),
+        examples=(
+            "lab diagnose runs/*.mcap --report diagnosis.html",
+            "lab diagnose case --json diagnosis.json --protocols next",
+        ),
+        page="docs/explanations/diagnosis.md",
+    ),
+)

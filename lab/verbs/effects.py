@@ -14,8 +14,10 @@ from model.robot import Robot, load_robot
 
 from ..console import note, styled
 from ..console import out as screen
+from ..files.config import load
 from ..files.example import paper_robot
 from ..files.own_effects import catalogue
+from ..options import JSON, OWN_EFFECTS, Verb, option
 from ..signatures import Signature, signatures
 
 
@@ -85,3 +87,19 @@ def _as_dict(s: Signature) -> dict[str, object]:
         "rms": s.rms,
         "hidden_by_area": s.hidden,
     }
+
+
+VERBS = (
+    Verb(
+        "effects",
+        lambda a: run(a.out, load(a.robot, Robot) if a.robot else None, a.effects, a.json),
+        options=(
+            JSON,
+            option("--out", type=Path, default=Path("out/effects"), metavar="FOLDER", help="folder for the picture"),
+            option("--robot", type=Path, metavar="ROBOT.yaml", help="robot.yaml (default: the paper's robot)"),
+            OWN_EFFECTS,
+        ),
+        examples=("lab effects", "lab effects --robot robot.yaml --effects my_effects.py"),
+        page="docs/explanations/effects.md",
+    ),
+)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import json
 from collections.abc import Iterator, Sequence
@@ -24,6 +25,7 @@ from ..files.arviz_file import write_inference
 from ..files.config import ConfigError, load
 from ..files.crate import write_crate
 from ..files.inputs import marked_notes, same_body, without_torn
+from ..options import ANY_SIZE, JSON, OneOf, Verb, option
 
 DIAGNOSIS = "diagnosis.json"
 IN_A_CASE = ("map.yaml", "states.png", DIAGNOSIS, "diagnosis.html", "rig.yaml", "predicted.csv")
@@ -181,3 +183,43 @@ def joined(tables: Sequence[Table]) -> Table:
         before = max((r.trial for r in rows), default=0)
         rows += [replace(r, trial=r.trial + before) for r in table]
     return Table(tuple(rows))
+
+
+def _export_verb(a: argparse.Namespace) -> int:
+    streams: StreamFormat = "mat" if a.mat else "parquet" if a.parquet else "csv"
+    return export(a.inputs, a.out, Forms(a.case, a.crate, a.arviz, streams, a.license, a.name), a.json)
+
+
+VERBS = (
+    Verb(
+        "export",
+        _export_verb,
+        options=(
+            JSON,
+            ANY_SIZE,
+            option(
+                "inputs",
+                type=Path,
+                nargs="+",
+                metavar="INPUT",
+                help="recordings (.mcap); with --mat, --crate and --arviz also a case folder",
+            ),
+            option("--out", type=Path, required=True, metavar="FOLDER", help="folder to write"),
+            OneOf(
+                (
+                    option("--case", action="store_true", help="robot.yaml + trials.csv, as other tools take it"),
+                    option("--parquet", action="store_true", help="Parquet instead of CSV (needs pyarrow)"),
+                    option(
+                        "--mat", action="store_true", help="one MATLAB file for each recording or case instead of CSV"
+                    ),
+                    option("--crate", action="store_true", help="one described folder, as a paper's supplement"),
+                    option("--arviz", action="store_true", help="each case's diagnosis.json as NetCDF for ArviZ"),
+                )
+            ),
+            option("--license", metavar="URL", help="of the crate"),
+            option("--name", help="of the crate (default: the folder's name)"),
+        ),
+        examples=("lab export runs/sweep.mcap --out csv", "lab export runs/*.mcap --case --out case"),
+        page="docs/explanations/recordings.md",
+    ),
+)

@@ -30,6 +30,7 @@ from ..files.example import paper_robot
 from ..files.packages import Found, Unusable, installed
 from ..files.rig_file import RigFile
 from ..files.units import to_si, unit_text
+from ..options import Option, Verb, option
 from ..rig.operator import process_of
 
 PATIENT: dict[str, Any] = {
@@ -155,9 +156,9 @@ def _demand_agreement(instruments: Mapping[str, Any]) -> None:
 def _rig(a: argparse.Namespace) -> FakeRig:
     """The fakes that the options ask for; raises ConfigError."""
     others = {role: getattr(a, role) for role in ("arm", "force", "valve", "gauge", "mocap")}
-    for option, role, driver in (("regulators", "pressure", a.regulators), ("spine", "spine", a.spine),
-                                 *((role, role, driver) for role, driver in others.items())):  # fmt: skip
-        _asked(f"--{option} {driver}", role, driver)
+    for name, role, driver in (("regulators", "pressure", a.regulators), ("spine", "spine", a.spine),
+                               *((role, role, driver) for role, driver in others.items())):  # fmt: skip
+        _asked(f"--{name} {driver}", role, driver)
     sensors = {}
     for setting in a.sensor:
         name, found, driver = setting.partition("=")
@@ -263,3 +264,54 @@ def effects(settings: list[str]) -> dict[str, float]:
         except ValueError as e:
             raise ConfigError(f"--effect {setting}: {size!r} is not a number in {known[name].unit}") from e
     return chosen
+
+
+def _driver(role: str, usual: str, what: str) -> Option:
+    return option(f"--{role}", metavar="DRIVER", default=usual, help=f"{what}: {usual}, or a package's fake")
+
+
+VERBS = (
+    Verb(
+        "fakes",
+        serve,
+        options=(
+            option("--speed", type=float, default=1.0, help="how much faster than real time they run (default 1)"),
+            option(
+                "--effect", action="append", default=[], metavar="ID[=SIZE]", help="switch an effect on (repeatable)"
+            ),
+            option("--seed", type=int, default=0, help="seed of all noise"),
+            option("--regulators", metavar="DRIVER", default="alicat", help="alicat, smc_itv, or a package's fake"),
+            option("--full-scale", metavar="PRESSURE", help="range of the regulators, such as '900 kPa'"),
+            option("--firmware", default="10v20.0-R24", help="firmware of an Alicat; before 6v00 it reports no unit"),
+            option("--unit", default="kPa", help="unit that an Alicat reads and accepts, such as psi"),
+            option("--swap", metavar="I,K", help="swap the hoses of two channels"),
+            option("--spine", metavar="DRIVER", default="dynamixel", help="dynamixel, tmcl, or a package's fake"),
+            _driver("arm", "ur5", "the arm"),
+            _driver("force", "ft300s", "the force sensor"),
+            _driver("valve", "numato", "the jamming valve"),
+            _driver("gauge", "pfeiffer", "the vacuum gauge"),
+            _driver("mocap", "natnet", "the motion capture"),
+            option(
+                "--sensor", action="append", default=[], metavar="NAME=DRIVER", help="an additional sensor (repeatable)"
+            ),
+            option(
+                "--channels",
+                choices=("3", "9"),
+                default="3",
+                help="three groups of three chambers, or nine separate chambers",
+            ),
+            option(
+                "--robot",
+                type=Path,
+                metavar="ROBOT.yaml",
+                help="robot.yaml of the robot to simulate (default: the paper's robot)",
+            ),
+            option(
+                "--rig", type=Path, metavar="RIG.yaml", help="write rig.yaml and robot.yaml here instead of printing"
+            ),
+            option("--list-effects", action="store_true", help="list what can be switched on"),
+        ),
+        examples=("lab fakes --rig rig/rig.yaml --speed 20", "lab fakes --list-effects"),
+        page="docs/howto/fakes.md",
+    ),
+)

@@ -3,6 +3,7 @@ a robot.yaml that holds them."""
 
 from __future__ import annotations
 
+import argparse
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,6 +26,7 @@ from ..files.config import ConfigError
 from ..files.inputs import Case, read_case
 from ..files.own_effects import catalogue
 from ..files.robot_file import write_robot
+from ..options import ANY_SIZE, FIGURES, INPUTS, JSON, OWN_EFFECTS, ROBOT, Verb, option
 from ..samples import drawn, write_samples
 
 
@@ -53,7 +55,7 @@ def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_json
         )  # fmt: skip
     try:
         with Screen("calibrating", quiet=as_json) as screen:
-            result = calibrate(Case(case.robot.plain, case.table), lambda share: screen.progress(share, 1.0))
+            result = calibrate(Case(case.robot.plain, case.table), screen.step)
     except (DiagnosisError, ModelError) as e:
         raise ConfigError(str(e)) from e
     if folder is not None:
@@ -83,7 +85,7 @@ def fit_with(inputs: Sequence[Path], robot: Path | None, asked: WithEffects, fol
     note(left_out)
     try:
         with Screen("fitting", quiet=as_json) as screen:
-            found = fit_effects(case, asked.effects, known, lambda share: screen.progress(share, 1.0), asked.residual)
+            found = fit_effects(case, asked.effects, known, screen.step, asked.residual)
     except BadEffect:
         raise
     except (DiagnosisError, ModelError) as e:
@@ -188,3 +190,52 @@ def _mpa(e: Estimate) -> str:
 
 def _plain(e: Estimate) -> str:
     return f"{e.value:.3f} ± {e.standard_error:.3f}"
+
+
+def _names(text: str) -> tuple[str, ...]:
+    """Names between commas."""
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def _fit_verb(a: argparse.Namespace) -> int:
+    if a.with_effects is None and not a.residual:
+        for name, given in (("--samples", a.samples), ("--effects", a.effects)):
+            if given:
+                raise ConfigError(f"{name}: needs --with EFFECT[,EFFECT..]")
+        return fit(a.inputs, a.robot, a.out, a.json)
+    asked = WithEffects(a.with_effects or (), a.effects, a.samples, a.seed, a.residual)
+    return fit_with(a.inputs, a.robot, asked, a.out, a.json)
+
+
+VERBS = (
+    Verb(
+        "fit",
+        _fit_verb,
+        options=(
+            JSON,
+            ANY_SIZE,
+            INPUTS,
+            ROBOT,
+            FIGURES,
+            option(
+                "--with",
+                dest="with_effects",
+                type=_names,
+                metavar="EFFECT[,EFFECT..]",
+                help="fit these effects too, and write them into robot.yaml",
+            ),
+            option("--residual", action="store_true", help="learn what the model still misses, for predictions"),
+            option(
+                "--samples",
+                type=int,
+                default=0,
+                metavar="N",
+                help="with --with: write N robots drawn from the posterior",
+            ),
+            option("--seed", type=int, default=0, help="seed of --samples (default 0)"),
+            OWN_EFFECTS,
+        ),
+        examples=("lab fit runs/*.mcap --out fitted", "lab fit case --with spine_slip --out fitted"),
+        page="docs/howto/use-the-answer.md",
+    ),
+)

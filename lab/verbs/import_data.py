@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 from collections.abc import Sequence
 from dataclasses import replace
@@ -21,6 +22,7 @@ from ..imports.map_file import Map, Source, demand_units
 from ..imports.proposal import Guess, guess_text
 from ..imports.series import Series
 from ..imports.table import NOT_READ, Imported, imported
+from ..options import ANY_SIZE, JSON, Verb, option
 
 MAP, PICTURE = "map.yaml", "states.png"
 
@@ -123,3 +125,47 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, as_json
     names = " ".join(str(p) for p in inputs)
     out.print(f"lab import {names} --map {folder / MAP} --out CASE")
     return 0
+
+
+def _import_verb(a: argparse.Namespace) -> int:
+    if a.guess:
+        return guess(a.inputs, a.robot, a.out, a.json)
+    if a.map is None:
+        raise ConfigError("--map: give the map.yaml that says what the columns are, or --guess to have one proposed")
+    return import_files(a.inputs, a.map, a.robot, a.out, a.json)
+
+
+VERBS = (
+    Verb(
+        "import",
+        _import_verb,
+        options=(
+            JSON,
+            ANY_SIZE,
+            option(
+                "inputs",
+                type=Path,
+                nargs="+",
+                metavar="INPUT",
+                help="files (CSV, MATLAB, NumPy, C3D, Parquet, MCAP) or a folder of them",
+            ),
+            option("--map", type=Path, metavar="MAP.yaml", help="map.yaml: columns, units, frame, what a state is"),
+            option(
+                "--guess", action="store_true", help="propose a map with its reasons and a picture, for you to check"
+            ),
+            option("--robot", type=Path, metavar="ROBOT.yaml", help="robot.yaml (default: the one that the map names)"),
+            option(
+                "--out",
+                type=Path,
+                required=True,
+                metavar="FOLDER",
+                help="case folder to write; with --guess: where the map goes",
+            ),
+        ),
+        examples=(
+            "lab import table.csv --guess --robot robot.yaml --out map",
+            "lab import table.csv --map map/map.yaml --robot robot.yaml --out case",
+        ),
+        page="docs/howto/other-data.md",
+    ),
+)

@@ -28,6 +28,7 @@ from recordings.own_files import replaced
 from ..console import PlainConsole
 from ..console import out as screen
 from ..files.example import paper_robot
+from ..options import JSON, Verb, option
 from ..pages import findings_figures, paper_figures
 from ..paper.findings import Findings, find
 
@@ -223,3 +224,17 @@ def _draw(r: PaperReport, out: Path) -> tuple[Path, ...]:
         paper_figures.area_factors(lengths, *factors, r.steps, out / "area_factors.png"),
         *findings_figures.draw(r.findings, out),
     )
+
+
+VERBS = (
+    Verb(
+        "paper",
+        lambda a: main(a.out, a.json),
+        options=(
+            JSON,
+            option("--out", type=Path, default=Path("out/paper"), metavar="FOLDER", help="folder for the figures"),
+        ),
+        examples=("lab paper", "lab paper --out figures --json"),
+        page="docs/explanations/model.md",
+    ),
+)

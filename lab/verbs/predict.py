@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import csv
 import io
 import json
@@ -28,9 +29,10 @@ from protocols.parameters import RobotFacts
 from protocols.planned import planned_rows
 
 from ..console import Screen, note, out
-from ..files.config import ConfigError, demand_writable
+from ..files.config import ConfigError, demand_writable, load
 from ..files.number_table import Columns, read_numbers
 from ..files.own_effects import stated_by
+from ..options import JSON, OWN_EFFECTS, OneOf, Verb, option, settings
 from .run import protocol_plan
 
 Array = NDArray[np.float64]
@@ -39,10 +41,6 @@ AT_REST = {"spine_length", "tip_mass", "roll_deg"}
 """What a table may tell of states that are each reached from rest by one ramp."""
 MM, SHOWN = 1e3, 40
 """Rows that are printed; all are written."""
-OWN_COLUMNS = 4
-"""Chambers of which each has a column of its own; those of a robot with more are listed in one."""
-LEAST_SHOWN = 10.0
-"""Pa."""
 INTERVAL = (
     "95 %: parameters of robot.yaml to first order, model-form error, discrepancy, pressure and spine from trial to trial; "
     "of a reading also its noise"
@@ -51,10 +49,6 @@ NO_INTERVAL = (
     "no interval: robot.yaml states no uncertainty; `lab fit CASE --with EFFECT --out FOLDER` writes a robot.yaml that "
     "does"
 )
-LEAST_PRESSURE = 1e3
-"""Pa; a table whose highest pressure is below is one in kPa or bar."""
-FARTHEST = 3.0
-"""Robot lengths; a target that is farther from the base is not in m."""
 PICTURES = (".svg", ".png", ".pdf")
 
 
@@ -182,7 +176,8 @@ def table_states(path: Path, words: Words) -> Columns:
     n = len(next(iter(found.values())))
     found.setdefault("spine_length", np.zeros(n))
     highest = {name: float(np.nanmax(np.abs(column))) for name, column in found.items() if re.fullmatch(r"p\d+", name)}
-    if highest and 0 < max(highest.values()) < LEAST_PRESSURE:
+    # such a table is in kPa or bar
+    if highest and 0 < max(highest.values()) < 1e3:
         name = max(highest, key=lambda n: highest[n])
         raise ConfigError(
             f"{path}: column {name}: the highest {words.say('pressure')} is {highest[name]:g} Pa, which looks like another "
@@ -195,7 +190,8 @@ def table_states(path: Path, words: Words) -> Columns:
 def _demand_metres(path: Path, place: Array, robot: Robot) -> None:
     """Raises ConfigError for targets (m, 3) that cannot be in m."""
     far = float(np.nanmax(np.abs(place), initial=0.0))
-    if far > FARTHEST * robot.length:
+    # such a target is not in m
+    if far > 3.0 * robot.length:
         raise ConfigError(
             f"{path}: a target is {far:g} m from the base of a robot of {robot.length:g} m, which looks like mm or cm; write m"
         )
@@ -341,7 +337,8 @@ def _sheet(robot: Robot, states: Columns, found: Prediction) -> Sheet:
     low, high = found.interval()
     pressures, words = _pressures(robot, states), robot.actuators.words
     count = pressures.shape[1]
-    own = count <= OWN_COLUMNS
+    # chambers of a robot with more are listed in one column
+    own = count <= 4
     columns = [f"p{c}" for c in range(1, count + 1)] if own else [words.say("p (chambers)")]
     named = " + ".join(robot.effects) or "no effect"
     t = Sheet(title=f"Expected readings of the tip, p in {words.unit}: {robot.name}, {named}", title_justify="left")
@@ -381,7 +378,7 @@ def _inflated(pressures: Array, words: Words) -> str:
     """Pressure or tension and, in brackets, the actuators that have it."""
     by: dict[str, list[str]] = {}
     for c, p in enumerate(pressures.tolist(), 1):
-        if p > LEAST_SHOWN:
+        if p > 10.0:
             by.setdefault(words.number(p, 1), []).append(str(c))
     return "; ".join(f"{number} ({', '.join(own)})" for number, own in by.items()) or "none"
 
@@ -391,3 +388,75 @@ def _with_half(value: Array, low: Array, high: Array) -> list[str]:
         "none" if not np.isfinite(v) else f"{MM * v:.2f}" + (f" ± {MM * (h - l) / 2:.2f}" if h >= l else "")
         for v, l, h in zip(value, low, high, strict=True)
     ]
+
+
+def _groups(text: str) -> tuple[tuple[int, ...], ...]:
+    """Chambers between commas, groups between blanks."""
+    try:
+        return tuple(tuple(int(c) for c in group.split(",")) for group in text.split())
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r}: write chambers between commas and groups between blanks") from None
+
+
+def _predict_verb(a: argparse.Namespace) -> int:
+    outputs, robot = Outputs(a.json, a.out, a.figure), load(a.robot, Robot)
+    if a.inverse is not None:
+        return invert(robot, a.inverse, Wanted(a.spine_length, a.groups, a.max_pressure), outputs, a.effects)
+    by_table = a.table is not None
+    states = table_states(a.table, robot.actuators.words) if by_table else protocol_states(a.protocol, a.set, robot)
+    return predict(robot, states, outputs, a.effects)
+
+
+GIVEN = OneOf(
+    (
+        option("--protocol", help="the states of a protocol: its name, or a protocol file (.yaml, .py)"),
+        option(
+            "--table",
+            type=Path,
+            metavar="STATES.csv",
+            help="the states of a table: p1 .. in Pa ('p1 [kPa]', of tendons 'p1 [N]'), spine_length in m; or a trials.csv",
+        ),
+        option(
+            "--inverse",
+            type=Path,
+            metavar="TARGETS.csv",
+            help="pressures for wanted tips: x, y, z in m; an empty cell is free",
+        ),
+    ),
+    required=True,
+)
+
+VERBS = (
+    Verb(
+        "predict",
+        _predict_verb,
+        options=(
+            JSON,
+            option(
+                "--robot",
+                type=Path,
+                required=True,
+                metavar="ROBOT.yaml",
+                help="robot.yaml, with its effects (lab fit --with)",
+            ),
+            GIVEN,
+            settings("with --protocol: change one parameter"),
+            option("--spine-length", type=float, metavar="M", help="with --inverse: keep the spine at this length, m"),
+            option(
+                "--groups",
+                type=_groups,
+                metavar="'9,1,2 3,4,5'",
+                help="with --inverse: chambers that share a regulator (others stay vented)",
+            ),
+            option("--max-pressure", type=float, metavar="PA", help="with --inverse: less than robot.yaml allows, Pa"),
+            option("--out", type=Path, metavar="FILE.csv", help="write all rows here"),
+            option("--figure", type=Path, metavar="FILE.svg", help="draw them here (.svg, .png or .pdf)"),
+            OWN_EFFECTS,
+        ),
+        examples=(
+            "lab predict --robot fitted/robot.yaml --protocol bending",
+            "lab predict --robot fitted/robot.yaml --inverse targets.csv",
+        ),
+        page="docs/howto/use-the-answer.md",
+    ),
+)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import hashlib
 import json
 import math
@@ -26,6 +27,7 @@ from ..console import note, out
 from ..files.config import ConfigError, parse_yaml
 from ..files.inputs import attached, without_torn
 from ..files.units import UnitError, to_si, unit_text
+from ..options import ANY_SIZE, JSON, Verb, option
 from .repair import SHOWN
 
 
@@ -185,3 +187,42 @@ def replay(files: Sequence[Path], as_json: bool) -> int:
             )
             out.print(f"{name}{result.replayed} rows recomputed, {word}; sha256 {digest}", soft_wrap=True)
     return 0 if all(result.equal for _, result, _ in found) else 1
+
+
+def _replay_verb(a: argparse.Namespace) -> int:
+    if not a.play:
+        return replay(a.files, a.json)
+    if len(a.files) > 1:
+        raise ConfigError("--play: give one recording")
+    return play(a.files[0], a.speed)
+
+
+FILES = option("files", nargs="+", type=Path, metavar="FILE")
+
+VERBS = (
+    Verb(
+        "info",
+        lambda a: info(a.files, a.json),
+        options=(JSON, ANY_SIZE, FILES),
+        examples=("lab info runs/sweep.mcap", "lab info runs/*.mcap --json"),
+        page="docs/explanations/recordings.md",
+    ),
+    Verb(
+        "replay",
+        _replay_verb,
+        options=(
+            JSON,
+            ANY_SIZE,
+            FILES,
+            option("--play", action="store_true", help="print all messages as JSON lines in order of time instead"),
+            option(
+                "--speed",
+                type=float,
+                default=math.inf,
+                help="with --play: how much faster than rig time (default: without waiting)",
+            ),
+        ),
+        examples=("lab replay runs/sweep.mcap", "lab replay runs/sweep.mcap --play --speed 1"),
+        page="docs/explanations/recordings.md",
+    ),
+)

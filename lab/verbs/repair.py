@@ -10,6 +10,7 @@ from recordings.file.verify import verify as inspect
 from recordings.file.writer import LIBRARY
 
 from ..console import out
+from ..options import ANY_SIZE, JSON, Verb, option
 
 SHOWN = 20
 """Problems printed; all are in the JSON."""
@@ -58,3 +59,31 @@ def recover(file: Path, target: Path | None, as_json: bool) -> int:
         ours = "up to 0.2 s of data" if r.library == LIBRARY else "what its recorder still held"
         out.print(f"The recording ended abruptly: {ours} in memory was never written.")
     return 3
+
+
+VERBS = (
+    Verb(
+        "verify",
+        lambda a: verify(a.file, a.json),
+        options=(JSON, ANY_SIZE, option("file", type=Path)),
+        examples=("lab verify runs/sweep.mcap", "lab verify runs/sweep.mcap --json"),
+        page="docs/explanations/recordings.md",
+    ),
+    Verb(
+        "recover",
+        lambda a: recover(a.file, a.out, a.json),
+        options=(
+            JSON,
+            ANY_SIZE,
+            option("file", type=Path),
+            option(
+                "--out",
+                type=Path,
+                metavar="FILE",
+                help="the new file (default: <name>-recovered.mcap beside the old one)",
+            ),
+        ),
+        examples=("lab recover runs/sweep.mcap", "lab recover runs/sweep.mcap --out saved.mcap"),
+        page="docs/howto/resume.md",
+    ),
+)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import copy
 import json
@@ -20,7 +21,7 @@ from rich.padding import Padding
 from drivers.errors import InstrumentError
 from drivers.interfaces import Identity
 from model.robot import Robot
-from protocols.errors import BadProtocol, Stopped
+from protocols.errors import BadProtocol, NotReached, Stopped
 from protocols.experiment import Plan, Step, Trials
 from protocols.parameters import Parameters, RobotFacts
 from protocols.planned import planned_rows, unlike
@@ -45,6 +46,7 @@ from ..files.resume import Broken, find
 from ..files.rig_file import RigFile, load_rig
 from ..live.about import PLAN
 from ..live.beside import Page, page_where
+from ..options import JSON, LABELS, Verb, given_labels, option, rig, settings
 from ..rig.assembly import Rig
 from ..rig.checked import last
 from ..rig.current import announce
@@ -392,6 +394,13 @@ def run(
             err.print("The safe state is not confirmed: use the vent valve and the emergency stop.", style="red")
         if again is not None:
             out.print(f"go on with: {again}", soft_wrap=True)
+    if isinstance(result.error, NotReached) and j.rig.clock.speed > 1:
+        note(
+            [
+                f"the clock of this rig runs at {j.rig.clock.speed:g} times real speed; a computer that cannot keep up reads too "
+                "few samples: start the fakes with a smaller --speed, such as 5"
+            ]
+        )
     if result.error is not None and not isinstance(result.error, Stopped):
         raise result.error
     if not result.safe or (result.error is not None and (result.asked or not result.displaced)):
@@ -589,3 +598,54 @@ def _make_safe(rig: Rig, screen: Screen, as_planned: bool) -> bool:
         landed = rig.vital.landed.report if rig.vital.landed is not None else None  # the guard was first
         screen.say((landed if landed is not None and report.confirmed else report).said)
     return report.confirmed
+
+
+def _plan_verb(a: argparse.Namespace) -> int:
+    if a.keys:
+        return keys(a.protocol, a.rig, a.json)
+    if a.rig is None:
+        raise ConfigError("--rig: give the rig.yaml of the rig, or --keys for what can be set of the protocol")
+    return plan(a.protocol, a.rig, a.set, a.all, a.json, a.rehearse)
+
+
+PROTOCOL = "stiffness, bending, elongation, cycles, one of a package, or a file (.yaml, .py)"
+SET = settings("change one parameter; `lab plan PROTOCOL --keys` lists them")
+
+VERBS = (
+    Verb(
+        "plan",
+        _plan_verb,
+        options=(
+            JSON,
+            option("protocol", help=PROTOCOL),
+            rig(required=False),
+            option("--keys", action="store_true", help="list what --set can change: unit, default, limits"),
+            option("--all", action="store_true", help="list the steps of every repeat"),
+            option(
+                "--rehearse", action="store_true", help="execute its run as well, with instruments that move nothing"
+            ),
+            SET,
+        ),
+        examples=("lab plan bending --rig rig/rig.yaml", "lab plan bending --keys"),
+        page="docs/tutorials/first-day.md",
+    ),
+    Verb(
+        "run",
+        lambda a: run(a.protocol, a.rig, a.set, a.out, a.json, a.resume, a.watch, given_labels(a)),
+        options=(
+            JSON,
+            option("protocol", nargs="?", help=PROTOCOL),
+            rig(),
+            SET,
+            option("--out", type=Path, metavar="FOLDER", help="folder for the recording (default: this one)"),
+            option("--resume", type=Path, metavar="RUN", help="continue an interrupted run (.mcap)"),
+            option("--watch", action="store_true", help="show the run on a page in the browser"),
+            *LABELS,
+        ),
+        examples=(
+            "lab run bending --rig rig/rig.yaml --set repeats=3 --out runs",
+            "lab run --resume runs/bending-20260102-101500.mcap --rig rig/rig.yaml",
+        ),
+        page="docs/tutorials/first-day.md",
+    ),
+)

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..guard.door import Landed, land, names_of_path, owners
 from ..guard.report import SafeReport, SafeStep
+from ..options import JSON, OneOf, Verb, option
 
 if TYPE_CHECKING:
     from ..files.rig_file import RigFile
@@ -207,3 +208,28 @@ def _without(rig: RigFile, names: frozenset[str]) -> RigFile:
     landed = {name: None for name, lines in exclusive(rig).items() if lines & names and "." not in name}
     left = rig.model_copy(update={"instruments": rig.instruments.model_copy(update=landed)})
     return left.read_from(None) if rig.path is not None and names_of_path(rig.path) & names else left
+
+
+VERBS = (
+    Verb(
+        "safe",
+        lambda a: safe_all(a.json) if a.all else safe(a.rig, a.json, a.clear),
+        options=(
+            JSON,
+            OneOf(
+                (
+                    option("--rig", type=Path, metavar="RIG.yaml", help="rig.yaml"),
+                    option(
+                        "--all",
+                        action="store_true",
+                        help="every rig of this computer that is in use or was not left safe",
+                    ),
+                ),
+                required=True,
+            ),
+            option("--clear", action="store_true", help="unlock the rig when everything is confirmed safe"),
+        ),
+        examples=("lab safe --rig rig/rig.yaml", "lab safe --all"),
+        page="docs/explanations/safety.md",
+    ),
+)

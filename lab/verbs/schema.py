@@ -15,6 +15,7 @@ from ..files.campaign_file import CampaignFile
 from ..files.config import ConfigError
 from ..files.rig_file import RigFile
 from ..imports.map_file import Map
+from ..options import Verb, option
 
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 
@@ -65,3 +66,14 @@ def _or_text(field: dict[str, Any]) -> dict[str, Any]:
         if isinstance(field.get(key), list):
             field[key] = [_or_text(item) if isinstance(item, dict) else item for item in field[key]]
     return field
+
+
+VERBS = (
+    Verb(
+        "schema",
+        lambda a: schema(a.file),
+        options=(option("file", metavar="rig|robot|map|campaign|PROTOCOL"),),
+        examples=("lab schema rig > rig.schema.json", "lab schema bending"),
+        page="docs/howto/command.md",
+    ),
+)

@@ -16,9 +16,7 @@ from recordings.errors import BadMessage
 
 from ..console import clock, out
 from ..files.config import ConfigError
-
-WIDEST = 10_000
-"""Columns of a terminal beyond any."""
+from ..options import ANY_SIZE, JSON, Verb, option
 
 
 def _listed(found: Sequence[Run]) -> None:
@@ -86,7 +84,7 @@ def runs(folder: Path, since: str, protocol: str, spine: float | None, as_json: 
         notes, labels = str(run.notes or ""), ", ".join(f"{k}={v}" for k, v in run.labels.items())
         sheet.add_row(run.path, run.start[:19].replace("T", " "), clock(run.duration), run.protocol, spines,
                       _states(run), run.outcome, str(run.lost), notes, labels)  # fmt: skip
-    if out.measure(sheet, options=out.options.update(max_width=WIDEST)).maximum <= out.width:
+    if out.measure(sheet, options=out.options.update(max_width=10_000)).maximum <= out.width:
         out.print(sheet)
     else:
         _listed(found)
@@ -100,3 +98,28 @@ def runs(folder: Path, since: str, protocol: str, spine: float | None, as_json: 
                 f"{run.path}: the recording was not finished; `lab recover` writes a complete file from what can be read"
             )
     return 0
+
+
+VERBS = (
+    Verb(
+        "runs",
+        lambda a: runs(a.folder, a.since, a.protocol, a.spine, a.json, a.where),
+        options=(
+            JSON,
+            ANY_SIZE,
+            option("folder", type=Path),
+            option("--since", default="", metavar="DATE", help="from this date or time on (UTC)"),
+            option("--protocol", default="", help="only runs of this protocol"),
+            option("--spine", type=float, metavar="M", help="only runs that set this spine length, m"),
+            option(
+                "--where",
+                action="append",
+                default=[],
+                metavar="KEY=VALUE",
+                help="only runs with this label: operator, specimen, or a tag (repeatable)",
+            ),
+        ),
+        examples=("lab runs runs", "lab runs runs --since 2026-01-02 --where operator=Ada"),
+        page="docs/explanations/recordings.md",
+    ),
+)

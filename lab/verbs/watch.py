@@ -18,6 +18,7 @@ from ..files.config import ConfigError
 from ..live.beside import opened_in_browser
 from ..live.foxglove_server import LAYOUT, Foxglove
 from ..live.show import LOOPBACK, Part, Place, Show, place
+from ..options import ANY_SIZE, JSON, Verb, option
 from ..rig.current import recording_of
 
 LOOK = 0.2
@@ -113,3 +114,35 @@ def _recording(what: Path) -> Path:
 def _goes_on(file: Path) -> bool:
     """Whether a recording is being written now."""
     return not ended(file) and time.time() - file.stat().st_mtime < GOING_ON
+
+
+VERBS = (
+    Verb(
+        "watch",
+        lambda a: watch(a.what, a.speed, a.bind, a.port, not a.no_browser, a.json, a.foxglove),
+        options=(
+            JSON,
+            ANY_SIZE,
+            option("what", type=Path, metavar="FILE|RIG", help="a recording (.mcap), or the rig.yaml of the run"),
+            option("--speed", type=float, help="of a recording: how much faster than rig time (default 1)"),
+            option(
+                "--bind",
+                default="127.0.0.1",
+                metavar="ADDRESS",
+                help="listen there, for other computers (default: this one only)",
+            ),
+            option("--port", type=int, default=0, help="listen at this port (default: any that is free)"),
+            option("--no-browser", action="store_true", help="print the address only"),
+            option(
+                "--foxglove",
+                nargs="?",
+                type=int,
+                const=8765,
+                metavar="PORT",
+                help="the same streams to Foxglove and Lichtblick, on this computer (default port 8765)",
+            ),
+        ),
+        examples=("lab watch rig/rig.yaml", "lab watch runs/sweep.mcap --speed 10"),
+        page="docs/howto/watch.md",
+    ),
+)

@@ -36,8 +36,6 @@ from ..pty_fake import PtyFake
 from .device import PA_PER_UNIT, UNIT_NAMES, UNITS, AlicatDevice
 
 __all__ = ["PA_PER_UNIT", "UNITS", "AlicatDevice", "AlicatFake"]
-NOISE = 100.0
-"""Standard deviation of a reading, Pa."""
 STREAM_PERIOD = 0.05
 """Host seconds between two frames of a unit in streaming mode."""
 SECONDS = {"3": 1e-3, "4": 1.0, "5": 60.0, "6": 3600.0, "7": 86400.0}
@@ -278,7 +276,8 @@ class AlicatFake(PtyFake):
         status = self.faults.extra.get("status")
         if isinstance(status, dict) and letter in status:
             codes.append(str(status[letter]))
-        reading = self.random.gauss(measured - unit.offset, NOISE)
+        # Pa, standard deviation of a reading
+        reading = self.random.gauss(measured - unit.offset, 100.0)
         reading = 0.0 if abs(reading) < unit.zero_band / 100 * unit.full_scale else reading
         if isinstance(shown := self.faults.extra.get("reading"), float):
             reading = shown

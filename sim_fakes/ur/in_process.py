@@ -18,8 +18,8 @@ import rtde_receive
 import timing
 
 from . import backdoor
-from .controller import PLAYING, Controller
-from .script import DONE, READY, STOP_SCRIPT
+from .controller import Controller, Runtime
+from .script import DONE, READY
 from .server import Address, Server
 from .wire import Hub
 
@@ -219,7 +219,7 @@ class Control:
         hub.owner["input_int_register_0"] = self._link  # type: ignore[assignment]
         self._write(0, 0)
         controller.load(PROGRAM)
-        if controller.runtime != PLAYING:
+        if controller.runtime != Runtime.PLAYING:
             self._link.abort()
             raise RuntimeError(f"Failed to start control script: {controller.ended[-1]}; is it in remote control?")
         self._await(READY)
@@ -234,12 +234,12 @@ class Control:
         timing.wait(
             lambda: (
                 (controller.out_int[0] == said and not hub.frozen)
-                or controller.runtime != PLAYING
+                or controller.runtime != Runtime.PLAYING
                 or not self._link.connected
             ),
             ANSWERED_WITHIN,
         )
-        return controller.out_int[0] == said and controller.runtime == PLAYING and self._link.connected
+        return controller.out_int[0] == said and controller.runtime == Runtime.PLAYING and self._link.connected
 
     def _command(self, code: int, values: Sequence[float] = (), flag: int | None = None) -> bool:
         if not self._await(READY):
@@ -274,8 +274,8 @@ class Control:
         self._command(33, [deceleration], int(asynchronous))
 
     def stopScript(self) -> None:  # noqa: N802
-        self._write(0, STOP_SCRIPT)
-        timing.wait(lambda: self._controller.runtime != PLAYING or not self._link.connected, 1.0)
+        self._write(0, 255)
+        timing.wait(lambda: self._controller.runtime != Runtime.PLAYING or not self._link.connected, 1.0)
         self._write(0, 0)
 
     def setTcp(self, pose: Sequence[float]) -> bool:  # noqa: N802

@@ -10,7 +10,7 @@ from drivers.errors import BadReply, DeviceFault, NotReady, Unreachable, WrongDe
 from drivers.interfaces import SpineSample
 from drivers.tmcl.driver import Config, TmclSpine
 from sim_fakes.plant import Plant
-from sim_fakes.tmcl import MAX_DEVIATION, TmclFake
+from sim_fakes.tmcl import Axis, TmclFake
 from timing import RigClock
 
 Make = Callable[..., tuple[TmclSpine, TmclFake]]
@@ -68,7 +68,7 @@ def test_open_names_the_module_and_switches_the_deviation_stop_on(make: Make) ->
     spine, module = make(max_deviation=0.002)
     identity = spine.open()
     assert (identity.model, identity.firmware) == ("TMCM-1260", "1.16")
-    assert module.drum.parameters[MAX_DEVIATION] == 1024
+    assert module.drum.parameters[Axis.MAX_DEVIATION] == 1024
     assert module.drum.heartbeat == 2.0
 
 

@@ -6,7 +6,7 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -19,7 +19,6 @@ from lab.blind.by_mm import Weighed, mm_metrics, weighed
 from lab.blind.folder import SetFolder, open_seal
 from lab.blind.make import make, walk_of
 from lab.blind.metrics import Scored, best_temperature, bootstrap, calibration_error, flagged_at, metrics, share
-from lab.blind.options import STRATA
 from lab.blind.score import score, write
 from lab.blind.sheet import draw as draw_sheet
 from lab.blind.sheet import sheet
@@ -126,10 +125,11 @@ def test_the_help_names_every_world(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_every_stratum_can_be_asked_for_and_a_mixture_holds_them_all() -> None:
-    assert set(drawing.KINDS) == set(drawing.MIXED) == set(STRATA)
+    strata = get_args(drawing.Stratum)
+    assert set(drawing.KINDS) == set(drawing.MIXED) == set(strata)
     drawn = [s for s, _ in draw(Recipe("bench", 60, 1))]
-    assert set(drawn) == set(STRATA) and drawn != sorted(
-        drawn, key=STRATA.index
+    assert set(drawn) == set(strata) and drawn != sorted(
+        drawn, key=strata.index
     )  # its number says nothing about a case
     assert {s for s, _ in draw(Recipe("bench", 5, 1, ("walls", "none")))} == {"walls", "none"}
 

@@ -54,10 +54,12 @@ def test_every_item_comes_back(scheduler: str) -> None:
 
 @pytest.mark.long
 def test_the_fits_of_a_diagnosis_give_the_same_answer_there(scheduler: str) -> None:
-    told: list[float] = []
+    told: list[str] = []
     problem = toy_problem(5, {"play": 1.0, "turned": -0.9})
     with cluster(scheduler) as workers:
-        there = Search(problem, executor=Executor(progress=told.append, remote_map=workers.in_order)).run()
+        there = Search(
+            problem, executor=Executor(progress=lambda step, _: told.append(step), remote_map=workers.in_order)
+        ).run()
     here = Search(problem).run()
     assert [c.named for c in there] == [c.named for c in here]
     assert [c.log_evidence for c in there] == pytest.approx([c.log_evidence for c in here], abs=1e-6)

@@ -22,7 +22,7 @@ from lab.guard.latch import Latch
 from lab.pages.figures import STYLE, save
 from lab.pages.report import Report
 from lab.plain import plain
-from lab.verbs import fakes
+from lab.verbs import fakes, recorded
 from lab.verbs.check import _table
 
 HOSTILE = "[/red] [bold]x[/] \x1b[2J\r\x07\0\u202e <script>alert(1)</script> :smile: \ud800 {{ 1 }}"
@@ -88,6 +88,16 @@ def test_progress_on_a_terminal_shows_text_plain() -> None:
     assert seen.count(SHOWN) >= 2 and "\x1b[2J" not in seen and "\x07" not in seen
 
 
+def test_a_step_of_unknown_length_is_named_with_the_share_that_is_done() -> None:
+    seen = on_terminal("""
+        from lab.console import Screen
+        with Screen("weighing hypotheses") as screen:
+            screen.step("step 3 of 9: pairs", 0.25)
+            screen._progress.refresh()
+    """)
+    assert "weighing hypotheses, step 3 of 9: pairs" in seen and "25 %" in seen
+
+
 def test_the_address_of_the_page_stays_below_the_progress(capsys: pytest.CaptureFixture[str]) -> None:
     seen = on_terminal("""
         from lab.console import Screen
@@ -120,10 +130,10 @@ def test_the_table_of_lab_check_is_plain() -> None:
 def test_an_error_that_ends_the_command_is_plain(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    def fail(a: object) -> int:
+    def fail(files: object, as_json: bool) -> int:
         raise DeviceFault("valve", HOSTILE)
 
-    monkeypatch.setattr(cli, "_info", fail)
+    monkeypatch.setattr(recorded, "info", fail)
     assert cli.main(["info", str(tmp_path)]) == 1
     assert capsys.readouterr().err == f"valve: {SHOWN}\n"
 

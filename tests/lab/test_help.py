@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import shlex
+import subprocess
+import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 
-from lab.cli import main, parser
-from lab.help import GROUPS
+from lab.cli import GROUPS, declared, main, parser
 
 ROOT = Path(__file__).parents[2]
 VERBS = [verb for group in GROUPS.values() for verb in group]
@@ -41,6 +43,46 @@ def test_an_unknown_verb_is_answered_with_the_nearest(
     assert main(words) == 2
     told = capsys.readouterr().err
     assert said in told and len(told.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["replay", "a.mcap", "--sped", "5"], "lab replay --sped: is not an option; did you mean --speed?"),
+        (["replay", "a.mcap", "--sped=5"], "lab replay --sped: is not an option; did you mean --speed?"),
+        (["run", "-rig", "rig.yaml"], "lab run -rig: is not an option; did you mean --rig?"),
+        (["safe", "--xyzzy"], "lab safe --xyzzy: is not an option; lab safe --help lists the options"),
+        (["blind", "make", "set", "--sede", "5"], "lab blind make --sede: is not an option; did you mean --seed?"),
+        (["blind", "score", "set", "--seed", "5"], "lab blind score --seed: is not an option; lab blind score --help"),
+    ],
+)
+def test_an_unknown_option_is_answered_with_the_nearest(
+    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(words) == 2
+    told = capsys.readouterr().err
+    assert told.startswith(said) and len(told.splitlines()) == 1
+
+
+@pytest.mark.parametrize("words", [["--spe", "5"], ["--", "--sped"], ["--help", "--sped"]])
+def test_a_beginning_of_an_option_and_what_follows_two_dashes_are_no_unknown_options(words: list[str]) -> None:
+    assert declared("replay").unknown_option(["a.mcap", *words]) == ""
+
+
+def test_the_table_and_the_modules_name_the_same_verbs() -> None:
+    modules = {f"lab.{module}" for group in GROUPS.values() for module, _ in group.values()}
+    declarations = [verb.name for module in modules for verb in import_module(module).VERBS]
+    assert sorted(declarations) == sorted(VERBS)
+
+
+@pytest.mark.parametrize("words", [["help"], ["recovr"]])
+def test_the_list_of_verbs_needs_none_of_their_modules(words: list[str]) -> None:
+    said = (
+        "import sys; from lab.cli import main; main(sys.argv[1:]); "
+        "print([m for m in sys.modules if m.startswith(('lab.verbs', 'numpy', 'pydantic', 'drivers'))])"
+    )
+    done = subprocess.run([sys.executable, "-c", said, *words], capture_output=True, text=True, check=True)
+    assert done.stdout.endswith("[]\n")
 
 
 @pytest.mark.parametrize("verb", VERBS)

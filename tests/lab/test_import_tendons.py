@@ -21,6 +21,7 @@ from lab.pages.diagnosis_figures import Group
 from lab.pages.diagnosis_report import write
 from lab.verbs.diagnose import show, write_protocols
 from model.effects import CATALOGUE
+from model.prediction import Predictor
 
 ROBOT = """\
 name: trunk
@@ -113,6 +114,82 @@ def test_markers_too_are_taken_from_the_straight_robot(straight: str, tmp_path: 
     (first, *others) = read_case([tmp_path / "case"]).table.rows
     assert first.markers[0] == pytest.approx((0.0, 0.0, 0.09), abs=1e-9)
     assert max(abs(r.markers[0][0]) for r in others) > 0.005
+
+
+def test_a_robot_at_rest_is_put_where_the_model_stands_under_its_weight(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its tip sags, and each trial's first reading has its own noise: their mean counts."""
+    own = trunk(tmp_path / "lab", "Seil_")
+    (own / "robot.yaml").write_text(ROBOT.replace("gravity: [0, 0, 9.81]", "gravity: [1, 0, 0]"))
+    robot = lab.load_robot(own / "robot.yaml")
+    sag = Predictor(robot)(np.zeros(3)).tip[0]
+    assert sag[0] > 0.002
+    head, *rows = (own / "table.csv").read_text().splitlines()
+    noise = [0.3, -0.3] + [0.0] * len(rows)
+    for at, off in zip((i for i, r in enumerate(rows) if r.split(";")[1:4] == ["0,000"] * 3), noise, strict=False):
+        cells = rows[at].split(";")
+        cells[5] = f"{float(cells[5].replace(',', '.')) + off:.3f}".replace(".", ",")
+        rows[at] = ";".join(cells)
+    (own / "table.csv").write_text("\n".join([head, *rows]) + "\n")
+    table, proposed = str(own / "table.csv"), tmp_path / "map/map.yaml"
+    assert main(["import", table, "--guess", "--robot", str(own / "robot.yaml"), "--out", str(tmp_path / "map")]) == 0
+    assert "# CHECK: straight: at rest the tip is" in proposed.read_text()
+    assert yaml.safe_load(proposed.read_text())["straight"] == "at rest"
+    assert main(["import", table, "--map", str(proposed), "--out", str(tmp_path / "case")]) == 0
+    tips = [r.tip for r in read_case([tmp_path / "case"]).table.rows if max(r.pressures) == 0 and r.step == 1]
+    assert np.mean(np.array(tips), axis=0) == pytest.approx(sag, abs=1e-6)
+
+
+TIP, MIDDLE = (tuple(f"{m}_{a} [mm]" for a in "xyz") for m in ("Spitze", "Mitte"))
+
+
+@pytest.mark.parametrize(
+    ("tip", "marker", "straight", "said"),
+    [
+        (TIP, MIDDLE, "at rest", ""),
+        ((TIP[1], TIP[0], TIP[2]), MIDDLE, "at rest", "the tip moves along z, the robot's axis"),
+        (TIP, (MIDDLE[1], MIDDLE[0], MIDDLE[2]), "at rest", "marker 1 moves along z, the robot's axis"),
+        ((TIP[1], f"-{TIP[0]}", TIP[2]), MIDDLE, "at rest", "the tip is up to"),
+        (MIDDLE, TIP, "at rest", "was it taken for it?"),
+    ],
+)
+def test_places_that_are_no_points_along_the_body_are_asked_about(
+    tip: tuple[str, ...], marker: tuple[str, ...], straight: str, said: str, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    lab = trunk(tmp_path / "lab", "Seil_")
+    head, *rows = (lab / "table.csv").read_text().splitlines()
+    one_sided = [r for r in rows if r.split(";")[2:4] == ["0,000", "0,000"]]
+    (lab / "table.csv").write_text("\n".join([head, *one_sided]) + "\n")
+    columns: dict[str, dict[str, object]] = {f"p{k}": {"column": f"Seil_{k} [N]", "unit": "N"} for k in (1, 2, 3)}
+    columns |= {"t": {"column": "Zeit [s]"}}
+    columns |= {
+        a: {"column": c.lstrip("-"), "scale": -1 if c[0] == "-" else 1} for a, c in zip("xyz", tip, strict=True)
+    }
+    values = {
+        "robot": "robot.yaml", "columns": columns, "frame": {"x": "x", "y": "z", "z": "-y"}, "straight": straight,
+        "constants": {"spine_length": 0}, "points": {"m1": {"of": [list(marker)], "unit": "mm"}},
+    }  # fmt: skip
+    (lab / "map.yaml").write_text(yaml.safe_dump(values))
+    code = main(["import", str(lab / "table.csv"), "--map", str(lab / "map.yaml"), "--out", str(tmp_path / "case")])
+    asked = " ".join(capsys.readouterr().err.split())
+    assert code == 0 and (said in asked if said else asked == ""), asked
+
+
+def test_tensions_ten_times_too_large_are_asked_about(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    imported(tmp_path)
+    assert "times as far as a beam" not in " ".join(capsys.readouterr().err.split())
+    text = yaml.safe_load((tmp_path / "lab/map.yaml").read_text())
+    for k in (1, 2, 3):
+        text["columns"][f"p{k}"]["scale"] = 10
+    (tmp_path / "lab/map.yaml").write_text(yaml.safe_dump(text))
+    argv = ["import", str(tmp_path / "lab/table.csv"), "--map", str(tmp_path / "lab/map.yaml")]
+    assert main([*argv, "--out", str(tmp_path / "other")]) == 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert re.search(
+        r"the tip moves 0\.\d+ times as far as a beam .* under these tensions: check the unit and scale of the", said
+    )
 
 
 def imported(folder: Path) -> Path:
@@ -234,7 +311,7 @@ def test_a_resting_tip_that_no_body_reaches_asks_for_the_straight_state(
     assert (
         "at rest the tip is 30 mm off the axis and 202 mm from the origin, the robot is 180 mm long" in said
     ) == asked
-    assert ("straight: first state" in said) == asked
+    assert ("straight: at rest" in said) == asked
 
 
 @pytest.mark.parametrize(

@@ -65,7 +65,8 @@ def also(**more: Any) -> Change:
 def told(folder: Path, content: str, values: dict[str, Any], capsys: pytest.CaptureFixture[str]) -> str:
     """What the import notes or refuses."""
     (folder / "a.csv").write_text(content)
-    (folder / "map.yaml").write_text(yaml.safe_dump({"robot": str(ROBOT)} | values))
+    (folder / "robot.yaml").write_text(ROBOT.read_text().replace("markers: [0.05, 0.10]", "markers: [0.075]"))
+    (folder / "map.yaml").write_text(yaml.safe_dump({"robot": "robot.yaml"} | values))
     code = main(["import", str(folder / "a.csv"), "--map", str(folder / "map.yaml"), "--out", str(folder / "case")])
     assert code in (0, 2)
     return " ".join(capsys.readouterr().err.split())
@@ -122,9 +123,7 @@ def test_a_marker_that_moves_more_than_the_tip_is_asked_about(
     }
     values["columns"] |= {a: {"column": c, "unit": "mm"} for a, c in zip("xyz", HALF, strict=True)}
     content = table(TWO_RESTS, cells, (*ANGLES, *HALF), groups=GROUPS)
-    assert "marker 1 moves 4 times as far as the tip: was it taken for the tip?" in told(
-        tmp_path, content, values, capsys
-    )
+    assert "marker 1 moves 4 times as far as the tip: was it taken for it?" in told(tmp_path, content, values, capsys)
 
 
 def test_units_that_differ_among_columns_alike_are_asked_about_where_the_file_says_none(

@@ -14,13 +14,16 @@ import pytest
 from page_text import read_as_text
 
 from diagnosis.answer.candidate_experiments import candidate_experiments
-from diagnosis.answer.result import Diagnosis
+from diagnosis.answer.result import Diagnosis, Ranked
+from diagnosis.answer.sentences import disorder
 from diagnosis.data.case import states
 from lab.cli import main
+from lab.console import out
 from lab.files.config import load
 from lab.files.inputs import read_case
 from lab.pages.diagnosis_figures import groups
-from lab.pages.diagnosis_report import _disorder
+from lab.verbs.diagnose import ranked
+from model.actuators import Chambers
 from model.effects import CATALOGUE, ForwardModel, design_from_columns
 from model.robot import Robot
 from recordings.table_file import write_csv
@@ -123,8 +126,19 @@ def test_empty_tables_are_left_out_and_every_caption_says_in_sample_or_unseen(ma
 
 def test_probability_and_evidence_that_disagree_are_explained(made: tuple[Path, Path, Path]) -> None:
     first, second, *_ = Diagnosis.from_json(made[1].read_text()).attribute.ranking
-    assert _disorder((first, replace(second, log_evidence=first.log_evidence - 1))) == ""
-    told = _disorder((first, replace(second, effects=("unknown",), log_evidence=first.log_evidence + 9)))
-    assert "misfit diagnostics" in told and "smaller prior" not in told
-    other = _disorder((first, replace(second, effects=(), log_evidence=first.log_evidence + 9)))
-    assert "smaller prior" in other and "misfit diagnostics" not in other
+    second = replace(second, probability=min(0.2, first.probability))
+    assert disorder((first, replace(second, log_evidence=first.log_evidence - 1))) == ""
+    outside = replace(second, effects=("unknown",), log_evidence=first.log_evidence + 9)
+    assert disorder((first, outside)) == "" and "-123.0" not in shown(first, replace(outside, log_evidence=-123.0))
+    carried = replace(second, effects=("contact",), log_evidence=first.log_evidence + 9)
+    assert "over the fits of all hypotheses" in disorder((first, carried))
+    assert "over the fits of all hypotheses" in shown(first, carried)
+    assert "smaller prior" in disorder((first, replace(carried, effects=("contact", "payload"))))
+
+
+def shown(*ranking: Ranked) -> str:
+    """What the command prints of a ranking."""
+    with out.capture() as printed:
+        out.print(ranked(ranking, Chambers.words))
+        out.print(disorder(ranking))
+    return " ".join(printed.get().split())

@@ -101,7 +101,7 @@ def test_this_process_works_beside_the_others_and_what_a_method_belongs_to_is_re
 def test_what_is_begun_ahead_is_done_elsewhere_while_this_process_does_something_else(
     two: Processes, tmp_path: Path
 ) -> None:
-    ahead = Executor(remote_map=two.in_order).ahead(Meets(tmp_path, 2).read, [0, 1], 0.0, 1.0)
+    ahead = Executor(remote_map=two.in_order).ahead(Meets(tmp_path, 2).read, [0, 1])
     deadline = timing.now() + 120
     while len(list(tmp_path.iterdir())) < 2:
         assert timing.now() < deadline
@@ -111,7 +111,7 @@ def test_what_is_begun_ahead_is_done_elsewhere_while_this_process_does_something
 
 
 def test_a_single_item_is_not_sent(two: Processes, tmp_path: Path) -> None:
-    (where,) = {pid for pid, _ in Executor(remote_map=two.in_order).map(Meets(tmp_path, 1).read, [0], 0.0, 1.0)}
+    (where,) = {pid for pid, _ in Executor(remote_map=two.in_order).map(Meets(tmp_path, 1).read, [0])}
     assert where == os.getpid()
 
 

@@ -95,7 +95,7 @@ def in_statement(text: str) -> Numbers:
         },
         text,
     )
-    moved = re.search(r"Beyond what an area factor takes up, (.*?\))\.", text)
+    moved = re.search(r"Beyond what an area factor takes up, (.*?\))(?:, more than the gap[^.]*)?\.", text)
     parts = moved[1].split("; ") if moved else []
     return said | {
         f"{name} moves": mm for p in parts for name, mm in re.findall(r"^(.+) moves the tip by ([\d.]+) mm", p)
@@ -118,7 +118,7 @@ def in_page(text: str) -> Numbers:
         if heading[0] == "hypothesis":
             for row in rows:
                 name = identifier(row[0])
-                said |= {f"p of {name}": row[1], f"log evidence of {name}": row[2]}
+                said |= {f"p of {name}": row[1]} | ({f"log evidence of {name}": row[2]} if row[2] else {})
                 said |= {f"held out with {name}": row[3]} if row[3] else {}
         if heading[0] == "effect" and "moves" in heading[1]:
             said |= {f"{identifier(row[0])} moves": row[1] for row in rows if "not be seen" not in row[3]}
@@ -146,7 +146,7 @@ def in_command(text: str) -> Numbers:
     rows = [[c.strip() for c in line.split("│")[1:-1]] for line in text.splitlines() if line.startswith("│")]
     for row in rows:
         if len(row) == 5 and re.fullmatch(r"[\d.]+", row[1]):
-            said |= {f"p of {row[0]}": row[1], f"log evidence of {row[0]}": row[2]}
+            said |= {f"p of {row[0]}": row[1]} | ({f"log evidence of {row[0]}": row[2]} if row[2] else {})
             said |= {f"held out with {row[0]}": row[3].removesuffix(" mm")} if row[3] else {}
     return said
 

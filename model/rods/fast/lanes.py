@@ -26,6 +26,7 @@ from model.rods.columns import (
     SPRING,
     TIP_FORCE,
 )
+from model.rods.description import MOST_SPRINGS
 from model.rods.fast.algebra import Quaternion, Vector, dot
 from model.rods.fast.instructions import number_at, put_number
 from model.rods.fast.jit import allocating, inline, routine
@@ -48,7 +49,6 @@ U_REST_NORM, PARTS = 16, 17
 TERMS, RISES = 18, 21
 """Hyperelastic a, b, c (3), and the coefficients of z, z^2, z^3 of u* (9): of rods in full form, else unused."""
 ELEMENT = 30
-MOST_SPRINGS = 4
 
 # The quantities in `work`, one array for all so that nothing has to be counted or checked for overlap on the way.
 Q, M, R, N, PEAK_M2 = 0, 4, 7, 10, 13

@@ -1,0 +1,159 @@
+"""What a verb of the command is: its options, its examples, its page and its function. Each is declared below that function."""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Option:
+    """One argument of a verb."""
+
+    names: tuple[str, ...]
+    how: dict[str, Any]
+    """As argparse takes it."""
+
+    def add_to(self, parser: argparse._ActionsContainer) -> None:
+        """Have it parsed."""
+        parser.add_argument(*self.names, **self.how)
+
+
+@dataclass(frozen=True)
+class OneOf:
+    """Options of which at most one may be given; exactly one if `required`."""
+
+    options: tuple[Option, ...]
+    required: bool = False
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of all of them."""
+        return tuple(name for one in self.options for name in one.names)
+
+    def add_to(self, parser: argparse._ActionsContainer) -> None:
+        """Have them parsed."""
+        group = parser.add_mutually_exclusive_group(required=self.required)
+        for one in self.options:
+            one.add_to(group)
+
+
+Options = Sequence[Option | OneOf]
+
+
+@dataclass(frozen=True)
+class Step:
+    """A verb's own verb, such as `make` of `lab blind make`."""
+
+    name: str
+    summary: str
+    options: Options
+
+
+@dataclass(frozen=True)
+class Verb:
+    """What the command needs beyond the verb's group and summary, which are in the table of `lab.cli`."""
+
+    name: str
+    call: Callable[[argparse.Namespace], int]
+    """The function: takes the parsed arguments, returns the exit code."""
+    options: Options
+    examples: tuple[str, str]
+    page: str
+    """The page of the documentation that explains it."""
+    steps: Sequence[Step] = ()
+
+    def add_to(self, parser: argparse.ArgumentParser) -> None:
+        """Add options, steps and the end of the help to the verb's parser."""
+        lines = "\n".join(f"  {line}" for line in self.examples)
+        parser.epilog = f"examples:\n{lines}\n\npage: {self.page}"
+        parser.formatter_class = argparse.RawDescriptionHelpFormatter
+        for one in self.options:
+            one.add_to(parser)
+        if self.steps:
+            parsers = parser.add_subparsers(dest="step", required=True, metavar="STEP")
+            for step in self.steps:
+                inner = parsers.add_parser(step.name, help=step.summary)
+                for one in step.options:
+                    one.add_to(inner)
+
+    def unknown_option(self, words: Sequence[str]) -> str:
+        """Return the complaint about the first of the words that is an option of neither verb nor step; "" if all are known."""
+        steps = [step for step in self.steps if step.name in words]
+        options = [*self.options, *(one for step in steps[:1] for one in step.options)]
+        known = ["-h", "--help", *(name for one in options for name in one.names)]
+        given = words[: words.index("--")] if "--" in words else words
+        if {"-h", "--help"} & set(given):
+            return ""
+        for name in (word.partition("=")[0] for word in given):
+            begins = any(one.startswith(name) for one in known)  # argparse needs no more of it
+            if OPTION.fullmatch(name) and not begins:
+                verb = " ".join(("lab", self.name, *(step.name for step in steps[:1])))
+                return unknown(f"{verb} {name}", "an option", name, known, f"{verb} --help lists the options")
+        return ""
+
+
+OPTION = re.compile(r"--?[a-zA-Z][^\s]*")
+"""What is taken for an option, not for a value."""
+
+
+def unknown(said: str, kind: str, name: str, known: Iterable[str], otherwise: str) -> str:
+    """Return the complaint about a name that is not known: the nearest one, or where to look."""
+    near = difflib.get_close_matches(name, known, 1)
+    return f"{said}: is not {kind}; " + (f"did you mean {near[0]}?" if near else otherwise)
+
+
+def option(*names: str, **how: Any) -> Option:
+    """Return an option, or an argument that is given by its place; `how` as argparse's add_argument takes it."""
+    return Option(names, how)
+
+
+def rig(required: bool = True) -> Option:
+    """Return the option --rig."""
+    return option("--rig", type=Path, required=required, metavar="RIG.yaml", help="rig.yaml")
+
+
+def settings(text: str) -> Option:
+    """Return the option --set."""
+    return option("--set", action="append", default=[], metavar="KEY=VALUE", help=text)
+
+
+JSON = option("--json", action="store_true", help="print the result as JSON")
+ANY_SIZE = option(
+    "--any-size",
+    action="store_true",
+    help="read files that claim to unpack to more than their size allows; only if you trust them",
+)
+"""Of every verb that reads recordings, whose limits of size it lifts."""
+INPUTS = option("inputs", type=Path, nargs="+", metavar="INPUT", help="recordings (.mcap) or a case folder")
+ROBOT = option("--robot", type=Path, metavar="ROBOT.yaml", help="robot.yaml (default: the one in the input)")
+WORKERS = option("--workers", type=int, metavar="N", help="processor cores to use (default: all)")
+SCHEDULER = option("--scheduler", help="a Dask scheduler instead, tcp://host:port (extra `cluster`)")
+FIGURES = option("--out", type=Path, metavar="FOLDER", help="folder for figures and the calibrated robot.yaml")
+OWN_EFFECTS = option(
+    "--effects", type=Path, metavar="FILE.py", help="Python file with your own effects (a tuple named EFFECTS)"
+)
+LABELS = (
+    option("--operator", metavar="NAME", help="who runs it; recorded, as the two below"),
+    option("--specimen", metavar="NAME", help="which piece is mounted"),
+    option("--tag", action="append", default=[], metavar="KEY=VALUE", help="a label of your own (repeatable)"),
+)
+
+
+def given_labels(a: argparse.Namespace) -> list[tuple[str, str]]:
+    """Return name and text of the labels that LABELS gave; raises ConfigError."""
+    from recordings.campaign.labels import split
+    from recordings.errors import BadMessage
+
+    from .files.config import ConfigError
+
+    named = [(name, text) for name in ("operator", "specimen") if (text := getattr(a, name)) is not None]
+    try:
+        return [*named, *map(split, a.tag)]
+    except BadMessage as e:
+        raise ConfigError(f"--tag {e}") from e
