@@ -15,6 +15,8 @@ LATE = 0.1
 
 def punctual() -> None:
     """Put the calling thread (Linux) before others. Without CAP_SYS_NICE the system says no, and all stays as it is."""
+    if timing.together():
+        return
     with contextlib.suppress(OSError):
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), PRIORITY)
 

@@ -122,6 +122,27 @@ def test_text_reaches_the_screen_through_the_plain_console_alone() -> None:
     assert [str(p) for p in LAB if calls(p, "Text") and p != CONSOLE] == []
 
 
+THEIR_OWN_TIME = ("timing/", "recordings/", "lab/live/", "lab/blind/", "lab/console.py", "lab/verbs/", "tests/timing/",
+                  "tests/recordings/", "tests/docs/", "tests/test_house.py")  # fmt: skip
+"""What waits for files, browsers and persons, or says how long something took: the computer's own time."""
+
+
+def test_all_else_waits_on_the_one_clock() -> None:
+    """So that it can jump over the time in which everything waits, see `timing`."""
+    waits = re.compile(
+        r"\btime\.(sleep|monotonic)\b|\bthreading\.(Event|R?Lock|Condition|Thread|Timer)\(|\bselect\.select\("
+    )
+    files = [p for room in (*ROOMS, "tests") for p in (ROOT / room).rglob("*.py")]
+    found = [
+        f"{path.relative_to(ROOT)}:{number}"
+        for path in files
+        if not str(path.relative_to(ROOT)).startswith(THEIR_OWN_TIME)
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
+        if waits.search(line)
+    ]
+    assert found == []
+
+
 @pytest.mark.parametrize("room", [r for r in ROOMS if r not in ("sim_fakes", "lab")])
 def test_no_room_but_the_lab_prints(room: str) -> None:
     users = [str(p) for p in (ROOT / room).rglob("*.py") if calls(p, "print") or "import rich" in p.read_text()]

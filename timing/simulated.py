@@ -11,9 +11,10 @@ from __future__ import annotations
 
 import math
 import queue
+import select
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Any, Self, cast
@@ -38,6 +39,11 @@ class Stopped(BaseException):
     """The clock was closed: the thread ends."""
 
 
+def _never() -> bool:
+    """The condition of a sleeper."""
+    return False
+
+
 class _Waiter:
     """A thread that waits."""
 
@@ -45,6 +51,8 @@ class _Waiter:
         self.name = name
         self.condition: Callable[[], bool] = bool
         self.until = math.inf
+        self.numbers: tuple[int, ...] = ()
+        """File descriptors of which one must be readable before its condition is looked at."""
         self.failure: Deadlock | None = None
         self.turn = threading.Lock()
         self.turn.acquire()
@@ -67,6 +75,9 @@ class SimulatedClock:
         self._closed = False
         self._threads: list[Thread] = []
         self._before: list[Host | None] = []
+        self._poll = select.poll()
+        self._polled: Counter[int] = Counter()
+        """Who waits for a file descriptor, how many."""
 
     # -- who lives in it
     def __enter__(self) -> Self:
@@ -124,9 +135,9 @@ class SimulatedClock:
 
     def sleep(self, duration: float) -> None:
         """See Host."""
-        self.wait(lambda: False, self._now + max(LEAST_SLEEP, duration))
+        self.wait(_never, self._now + max(LEAST_SLEEP, duration))
 
-    def wait(self, condition: Callable[[], bool], until: float = math.inf) -> bool:
+    def wait(self, condition: Callable[[], bool], until: float = math.inf, numbers: tuple[int, ...] = ()) -> bool:
         """See Host. Raises Deadlock when nothing can happen any more."""
         if self._closed:
             raise Stopped
@@ -137,9 +148,13 @@ class SimulatedClock:
             raise RuntimeError(
                 f"{threading.current_thread().name} does not live in this clock, so it must not wait on it"
             )
-        me.condition, me.until = condition, until
+        me.condition, me.until, me.numbers = condition, until, numbers
         self._waiting.append(me)
-        self._pass_on(me)
+        self._watch(numbers, 1)
+        try:
+            self._pass_on(me)
+        finally:
+            self._watch(numbers, -1)
         if me.failure is not None:
             failure, me.failure = me.failure, None
             raise failure
@@ -156,16 +171,27 @@ class SimulatedClock:
         try:
             me.turn.acquire()
         except BaseException:  # a signal's handler has raised: it goes on from here, in its turn
-            me.condition = lambda: True
+            me.condition, me.numbers = lambda: True, ()
             me.turn.acquire()
             raise
         if self._closed:
             raise Stopped
 
+    def _watch(self, numbers: tuple[int, ...], more: int) -> None:
+        for number in numbers:
+            self._polled[number] += more
+            if more > 0 and self._polled[number] == 1:
+                self._poll.register(number, select.POLLIN)
+            elif not self._polled[number]:
+                self._poll.unregister(number)
+
     def _next(self) -> _Waiter:
         stuck = 0.0
         while True:
+            ready = {number for number, _ in self._poll.poll(0)}
             for waiter in self._waiting:
+                if waiter.condition is _never or (waiter.numbers and ready.isdisjoint(waiter.numbers)):
+                    continue
                 if waiter.holds():
                     self._waiting.remove(waiter)
                     return waiter
@@ -191,7 +217,8 @@ class SimulatedClock:
             found[:] = readable_now(lines)
             return bool(found)
 
-        self.wait(ready, self._now + max(0.0, longest))
+        numbers = tuple(line if isinstance(line, int) else line.fileno() for line in lines)
+        self.wait(ready, self._now + max(0.0, longest), numbers)
         return found
 
     # -- what waits on it

@@ -35,14 +35,8 @@ class _Selector(selectors.SelectSelector):
     """Waits on the clock that its thread lives in."""
 
     def select(self, timeout: float | None = None) -> Any:
-        found: list[Any] = []
-
-        def ready() -> bool:
-            found[:] = super(_Selector, self).select(0)
-            return bool(found)
-
-        timing.wait(ready, math.inf if timeout is None else timeout)
-        return found
+        timing.readable(list(self.get_map()), math.inf if timeout is None else timeout)
+        return super().select(0)
 
 
 class _Loop(asyncio.SelectorEventLoop):

@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import json
 import random
-import select
 import socket
 import subprocess
 import sys
@@ -77,7 +76,7 @@ class UrProcess:
         output = self.process.stdout
         if output is None:
             raise RuntimeError("the controller's output is not connected")
-        ready, _, _ = select.select([output], [], [], START_TIMEOUT)
+        ready = timing.readable([output], START_TIMEOUT)
         if not ready or output.readline().strip() != b"ready":
             self.kill()
             raise RuntimeError(f"the controller at {self.host} did not start within {START_TIMEOUT:g} s")

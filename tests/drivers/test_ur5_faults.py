@@ -7,7 +7,6 @@ import os
 import signal
 import socket
 import struct
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
@@ -113,7 +112,12 @@ def test_an_arm_that_another_program_controls_is_not_taken(rig: Rig) -> None:
 def test_what_a_program_that_has_just_ended_still_holds_is_waited_for(rig: Rig) -> None:
     control = ControlThread("arm", rig.host, 3.0)
     with holding_its_inputs(rig.host) as held:
-        ended = threading.Timer(1.0, held.close)
+
+        def end() -> None:
+            timing.sleep(1.0)
+            held.close()
+
+        ended = timing.Thread(target=end)
         ended.start()
         control.start()
         ended.join()
