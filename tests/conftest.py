@@ -165,5 +165,6 @@ LIVE_THERE = {"whole_rig", "shared_clock", "house"}
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     names = set(getattr(item, "fixturenames", ()))
+    assert not {"whole_rig", "real_rig"} <= names, f"{item.nodeid} asks for a rig of each kind"
     with world() if names & LIVE_THERE and not item.get_closest_marker("real") else contextlib.nullcontext():
         return (yield)

@@ -33,10 +33,10 @@ HOSTILE = "[red]<b>3</b>"
 
 
 @pytest.fixture
-def rig(virtual_lab: VirtualLab) -> Path:
+def rig(real_lab: VirtualLab) -> Path:
     """The rig of fakes, with a person at the terminal."""
-    told = yaml.safe_load(virtual_lab.rig.read_text())
-    own = virtual_lab.rig.with_name("at_terminal.yaml")
+    told = yaml.safe_load(real_lab.rig.read_text())
+    own = real_lab.rig.with_name("at_terminal.yaml")
     own.write_text(yaml.safe_dump({**told, "operator": "console"}))
     own.with_suffix(".latch").unlink(missing_ok=True)
     return own

@@ -96,8 +96,7 @@ def test_a_late_answer_of_the_model_comes_with_the_tip_that_it_is_about(
         """The replay is a second further than at the question."""
         nonlocal newest
         picture = show._picture
-        assert picture is not None
-        if picture.t < newest + 1.0 and not picture.ended:
+        if picture is None or (picture.t < newest + 1.0 and not picture.ended):
             return False
         newest = picture.t
         return True
