@@ -18,7 +18,6 @@ import os
 import pwd
 import socket
 import struct
-import threading
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -93,7 +92,10 @@ class Door:
         self._names, self._guard = frozenset(names), guard
         self._about = {"guard": f"{os.getpid()}-{id(self):x}", "rig": rig, "about": about, "names": sorted(names)}
         self._sockets: list[socket.socket] = []
-        self._turns = threading.BoundedSemaphore(MOST_AT_ONCE)
+        self._turns = timing.Queue()
+        """A turn for each that may be answered now."""
+        for turn in range(MOST_AT_ONCE):
+            self._turns.put(turn)
 
     def open(self, within: float = TAKE_WITHIN) -> None:
         """Own all names. Raises RigLocked at once when a guard owns one whose program is alive, and after `within` host
@@ -129,10 +131,10 @@ class Door:
             for asked in asked_at:
                 with contextlib.suppress(OSError):
                     connection, _ = asked.accept()
-                    self._turns.acquire()
-                    timing.Thread(target=self._answer, args=(connection,), name="asked", daemon=True).start()
+                    turn = self._turns.get()
+                    timing.Thread(target=self._answer, args=(connection, turn), name="asked", daemon=True).start()
 
-    def _answer(self, connection: socket.socket) -> None:
+    def _answer(self, connection: socket.socket, turn: int) -> None:
         """One question; whatever is wrong with it concerns nobody but who asked."""
         try:
             with connection, contextlib.suppress(OSError, ValueError):
@@ -149,7 +151,7 @@ class Door:
                     answer = {"error": "ask who or land"}
                 connection.sendall(json.dumps(answer).encode() + b"\n")
         finally:
-            self._turns.release()
+            self._turns.put(turn)
 
 
 # ------------------------------------------------------------------ who asks

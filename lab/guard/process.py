@@ -73,6 +73,12 @@ class ProgramWatch(timing.Thread):
 
     def run(self) -> None:
         """Until the program or the guard ends."""
+        try:
+            self._listen()
+        finally:
+            self._pulse.close()
+
+    def _listen(self) -> None:
         guard, heard, beat_back = self._guard, self._awake.now, 0.0
         while not guard.gone:  # to the last: an arm takes its time to disconnect
             timing.readable([self._pulse.pipe], LOOK)
@@ -158,6 +164,7 @@ def main(commands: Connection, pulse: Listener, reports: Connection) -> int:
     except RigLocked as e:
         commands.send((0, False, e))
         told.close()
+        pulse.close()
         return 1
     commands.send((0, True, None))
     guard.start()
@@ -172,7 +179,6 @@ def serve(given: list[int]) -> int:
     commands, pulse, reports = given
     with Connection(commands) as taken, Connection(reports, readable=False) as sent:
         code = main(taken, Listener(pulse), sent)
-        os.close(pulse)
         return code
 
 

@@ -84,6 +84,10 @@ class Listener:
         """True once the other end is closed: the program has ended."""
         self._rest = b""
 
+    def close(self) -> None:
+        """Hear no more."""
+        os.close(self.pipe)
+
     def take(self) -> list[tuple[bytes, float]]:
         """All records that have come."""
         try:
