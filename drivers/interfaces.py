@@ -1,4 +1,4 @@
-"""What each kind of instrument offers, whatever its maker.
+"""What each kind of instrument offers, independent of its maker.
 
 Conventions for every driver
 - Units are SI; pressures are gauge unless a name says absolute.
@@ -10,12 +10,11 @@ Conventions for every driver
 - Public commands are idempotent and confirmed by read-back.
 
 Two optional methods
-- `confirm_settings() -> None` reads again the settings on which safety rests and which may change at a panel, by another
-  program or by a loss of power. It may write a setting that has one right value. It raises `WrongDevice` (setting, register,
-  value found, value needed, remedy) or `NoReply`. The guard calls it before the first pressure after a vent and when a pressure
-  jumps, and lands the rig after any error. `open()` does the same checks; `read()` raises `WrongDevice` when it meets a change.
-- `take_notices() -> list[str]` returns sentences worth a warning, each once, such as frequent retries. The guard asks after
-  each reading.
+- `confirm_settings() -> None` reads again, as `open()` does, the settings on which safety rests and which may change at a
+  panel, by another program or by a loss of power. It may write a setting that has one right value. It raises `WrongDevice`
+  (setting, register, value found, value needed, remedy) or `NoReply`. The guard calls it before the first pressure after a
+  vent and when a pressure jumps, and lands the rig after any error.
+- `take_notices() -> list[str]` returns sentences worth a warning, each once, such as frequent retries.
 """
 
 from __future__ import annotations
@@ -52,7 +51,7 @@ class PressureSample:
 
 @dataclass(frozen=True)
 class SpineSample:
-    """The length unit: spine length (m), its speed (m/s), the length it was told to go to (m)."""
+    """The length unit: spine length (m), its speed (m/s), and its goal (m)."""
 
     t: float
     length: float

@@ -134,7 +134,7 @@ def set_spine(bench: Bench, length: float, vacuum: float, motion: SpineMotion, r
 
 
 def keep_jammed(bench: Bench, jam: Callable[[], object]) -> None:
-    """After a pause: have `jam` jam a spine anew that was soft, and raise JamLost."""
+    """After a pause, jam a soft spine again by `jam`, and raise JamLost."""
     if jam_lost(bench):
         jam()
         raise JamLost("the spine was jammed anew")
@@ -156,8 +156,9 @@ def jam_lost(bench: Bench) -> bool:
 
 
 def ramp(bench: Bench, target: Sequence[float], rate: float) -> float:
-    """Ramp all channels (Pa) to `target` at `rate` Pa/s; returns the rig time of arrival. `bench.clipped` tells until the next
-    ramp whether limits clipped a set-point. Raises NotReached when the regulators hold other set-points in the end.
+    """Ramp all channels (Pa) to `target` at `rate` Pa/s; returns the rig time of arrival.
+
+    Sets `bench.clipped` if limits clipped a set-point. Raises NotReached when the regulators hold other set-points in the end.
     """
     bench.clipped = False
     regulators = bench.need(bench.pressure, "pressure")

@@ -1,7 +1,7 @@
 """A protocol that goes through pressures and reads a state at each, in a few lines of one's own.
 
-`plan_of` makes the plan, `go_through` carries it out with trials, pauses and resuming. See examples/protocol/staircase.py. A
-protocol that does more in a trial builds on `in_one_jamming` and `Walk`.
+`plan_of` makes the plan, `go_through` carries it out with trials, pauses and resuming. A protocol that does more in a trial
+builds on `in_one_jamming` and `Walk`, as `protocols/bending.py` does.
 """
 
 from __future__ import annotations

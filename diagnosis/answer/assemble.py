@@ -14,7 +14,7 @@ from recordings.trials import Table
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.on_baseline import SHARE
 from ..inference.posterior import UNKNOWN
-from ..inference.prepare import AREA, Prepared
+from ..inference.prepare import AREA, MODULUS, Prepared
 from ..inference.stiffness_trials import StiffnessTrials
 from ..judgement import TIED
 from . import locate
@@ -74,7 +74,9 @@ def calibration_section(f: Attribution) -> Calibration | None:
     robot, states = p.described or (p.robot, p.states)
     own = ~p.states.pushed
     given = float(np.mean(robot.area_factor_at(states.spine_length[own])))
-    return Calibration(p.area_factor(f.calibrated.theta), given, p.robot.youngs_modulus / robot.youngs_modulus)
+    found = dict(zip(p.problem.parameters.names, f.calibrated.theta.tolist(), strict=True))
+    modulus = p.robot.youngs_modulus / robot.youngs_modulus * (1 + found.get(MODULUS, 0.0))
+    return Calibration(p.area_factor(f.calibrated.theta), given, modulus)
 
 
 def _pushes(p: Prepared, missed: Array) -> locate.Pushes | None:
@@ -107,7 +109,7 @@ def attribute_section(f: Attribution, significant: bool, heldout: Mapping[Hypoth
     d = f.decision
     return Attribute(
         d.verdict, d.effects, d.probability, f.posterior.credible_set, tuple(ranked), f.cannot_tell_apart, f.asking,
-        conclude(d, significant, f.asking), rivals(d, f.posterior),
+        conclude(d, significant, f.asking, bool(f.tense)), rivals(d, f.posterior),
     )  # fmt: skip
 
 

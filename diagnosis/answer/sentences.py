@@ -48,6 +48,8 @@ class Facts:
     """Effect -> plain name."""
 
 
+BEYOND_TOLERANCE = "Beyond its tolerance: "
+"""How the concern about a number of robot.yaml begins."""
 NO_EFFECT, OUTSIDE = "no effect", "a cause outside the catalogue"
 
 
@@ -164,12 +166,12 @@ def _calibrated(f: Facts) -> str:
 def _factor(f: Facts) -> str:
     """Value of the calibrated area factor, in brackets; empty where it is that of robot.yaml."""
     c = f.calibration
-    if c is None or abs(c.stiffness - 1) < CALIBRATION_STATED:
+    if c is None or max(abs(c.stiffness - 1), abs(c.modulus - 1)) < CALIBRATION_STATED:
         return ""
     how = f"{100 * abs(c.stiffness - 1):.0f} % {'stiffer' if c.stiffness > 1 else 'softer'}"
     if c.stiffness > 2:
         how = f"{c.stiffness:.1f} times as stiff"
-    if c.modulus != 1:
+    if abs(c.modulus - 1) >= CALIBRATION_STATED:
         how = f"with {c.modulus:.2f} times the modulus; these data show hardly more than their ratio, that of a body {how}"
         return f" ({c.area_factor:.2f} instead of {c.given:.2f}, {how})"
     return f" ({c.area_factor:.2f} instead of {c.given:.2f}; a body {how} would look the same)"
@@ -190,6 +192,20 @@ def _by_calibration(f: Facts) -> str:
     """What calibration closes of the uncalibrated gap, where that is most of it; empty otherwise."""
     closed = closed_by_calibration(f)
     return "" if closed is None else f"Calibration closes {percent(closed)} % of the reducible gap; beyond it,"
+
+
+def beyond_tolerance(source: str, unit: str, value: float, sd: float) -> str:
+    """What to say of a number of robot.yaml that the fit moves by `value`, where its tolerance is `sd`, both in `unit`."""
+    away, stated = (
+        (f"{100 * abs(value):.0f} %", f"{100 * sd:.2g} %")
+        if unit == "1"
+        else (f"{abs(value):.3g} {unit}", f"{sd:.2g} {unit}")
+    )
+    return (
+        f"{BEYOND_TOLERANCE}{source.replace('_', ' ')} [{source}], {away} {'above' if value > 0 else 'below'} robot.yaml, "
+        f"{abs(value) / sd:.1f} standard deviations of the {stated} it may be off: measure it and correct robot.yaml, or "
+        "state it less surely; until then no cause is certain"
+    )
 
 
 def _model(f: Facts) -> str:

@@ -72,12 +72,13 @@ def rivals(d: Decision, posterior: Posterior) -> tuple[str, ...]:
     return tuple(dict.fromkeys(e for h in others for e in h if e not in d.effects))
 
 
-def conclude(d: Decision, gap: bool, asking: Sequence[StageError]) -> Conclusion:
-    """As deep as the data carry; `gap` whether it is anywhere above the noise floor."""
+def conclude(d: Decision, gap: bool, asking: Sequence[StageError], tense: bool = False) -> Conclusion:
+    """As deep as the data carry; `gap` whether it is anywhere above the noise floor, `tense` whether the fit moves a number of
+    robot.yaml far beyond its tolerance: no cause is certain then."""
     if not d.enough:
         return "too little data"
     if d.verdict == "effect":
-        return "cause" if d.probability >= CAUSE_PROBABILITY else "one of several"
+        return "cause" if d.probability >= CAUSE_PROBABILITY and not tense else "one of several"
     if d.verdict == "none":
         return "none" if gap else "noise"
     return "stage" if stage(asking) else "outside"

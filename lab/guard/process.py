@@ -178,8 +178,7 @@ def serve(given: list[int]) -> int:
     """Run one guard on the file descriptors that it was given; returns the exit code."""
     commands, pulse, reports = given
     with Connection(commands) as taken, Connection(reports, readable=False) as sent:
-        code = main(taken, Listener(pulse), sent)
-        return code
+        return main(taken, Listener(pulse), sent)
 
 
 if __name__ == "__main__":

@@ -230,7 +230,7 @@ class Map(Part):
     """What a file of measurements holds."""
 
     robot: str = "robot.yaml"
-    """Its robot.yaml, beside this file."""
+    """Its robot.yaml, next to this file."""
     source: Source = Source()
     """How a file is read."""
     columns: dict[str, Column] = {}
