@@ -30,16 +30,6 @@ Quaternion = tuple[float, float, float, float]
 """w, x, y, z"""
 
 
-class Clock(Protocol):
-    """The time of the rig (s); real instruments run at the pace of the host, a sped-up rig runs faster."""
-
-    def now(self) -> float:
-        """Time since the clock was made, s."""
-
-    def sleep(self, duration: float) -> None:
-        """Wait for `duration` seconds of this clock."""
-
-
 @dataclass(frozen=True)
 class Identity:
     """Who answered at `open()`; empty strings where the instrument does not tell."""

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from timing import Clock
+
 from .errors import LimitExceeded
-from .interfaces import Clock
 
 VENTED = 5e3
 """Pa; a chamber below this counts as vented."""

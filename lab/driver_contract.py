@@ -8,7 +8,6 @@ import itertools
 import math
 import os
 import threading
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,18 +17,18 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+import timing
 from drivers.configs import HOSTS, PORTS
 from drivers.errors import InstrumentError, LimitExceeded, StaleReading, Unreachable
 from drivers.interfaces import ArmSample, BodySample, Identity, PressureSample
-from sim_fakes.clock import SimClock
 from sim_fakes.instrument import Part, Site
 from sim_fakes.plant import Plant
 from sim_fakes.pty_fake import Faults, PtyFake
 from sim_fakes.registry import of_role
 from sim_fakes.ur.process import free_host
+from timing import RigClock
 
 from .files.all_drivers import drivers
-from .files.clock import RigClock
 from .verbs.fakes import PATIENT, found_fakes
 
 SPEED = 20.0
@@ -76,7 +75,7 @@ class Unit:
     parts: list[Part]
     plant: Plant
     config: Any
-    clock: RigClock = field(default_factory=lambda: RigClock(SPEED, time.monotonic() - AGO))
+    clock: RigClock = field(default_factory=lambda: RigClock(SPEED, timing.now() - AGO))
     samples: list[Any] = field(default_factory=list)
     """What a stream has sent."""
     arrived: list[float] = field(default_factory=list)
@@ -197,7 +196,7 @@ def units(*roles: str) -> Any:
 def unit(request: pytest.FixtureRequest) -> Iterator[Unit]:
     """The driver of one name on its fake, not yet opened."""
     fake = found_fakes().usable[request.param]
-    site = Site(Plant(), SimClock(SPEED), 1, HOSES, fake.full_scale, host=free_host(), markers=MARKERS)
+    site = Site(Plant(), RigClock(SPEED), 1, HOSES, fake.full_scale, host=free_host(), markers=MARKERS)
     parts = list(fake.plug(site))
     for part in parts:
         part.start()
@@ -228,11 +227,11 @@ def _config(kind: type[Any], table: dict[str, Any], changes: dict[str, float]) -
 
 def until(condition: Callable[[], bool], within: float = WITHIN) -> bool:
     """Look until the condition holds, for some host seconds."""
-    end = time.monotonic() + within
+    end = timing.now() + within
     while not condition():
-        if time.monotonic() > end:
+        if timing.now() > end:
             return False
-        time.sleep(0.01)
+        timing.sleep(0.01)
     return True
 
 
@@ -693,7 +692,7 @@ def test_a_stream_hands_over_its_samples_in_the_order_of_time_until_it_is_closed
         assert math.isfinite(getattr(newest, name)), name
     unit.driver.close()
     sent = len(unit.samples)
-    time.sleep(0.2)
+    timing.sleep(0.2)
     assert len(unit.samples) == sent, f"{len(unit.samples) - sent} samples came after close()"
 
 

@@ -20,7 +20,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, ClassVar
 
-from .clock import SimClock
+from timing import RigClock
+
 from .plant import Plant
 from .pty_fake import Device, PtyFake
 from .punctual import Silence
@@ -319,7 +320,7 @@ class DynamixelFake(PtyFake):
     def __init__(
         self,
         plant: Plant,
-        clock: SimClock,
+        clock: RigClock,
         metres_per_turn: float = 0.1,
         direction: int = 1,
         start_length: float = 0.03,

@@ -20,7 +20,6 @@ The back door `device` gives the sensor's state: device id, tool load, lever arm
 from __future__ import annotations
 
 import struct
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
@@ -29,7 +28,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from .clock import SimClock
+import timing
+from timing import RigClock
+
 from .plant import Plant
 from .pty_fake import Device, PtyFake
 
@@ -127,14 +128,14 @@ class Ft300sFake(PtyFake):
     checked: ClassVar[slice | None] = slice(0, -2)
 
     def __init__(
-        self, plant: Plant, clock: SimClock, seed: int = 0, lever: tuple[float, float, float] = (0.0, 0.0, 0.1)
+        self, plant: Plant, clock: RigClock, seed: int = 0, lever: tuple[float, float, float] = (0.0, 0.0, 0.1)
     ) -> None:
         """`lever`: probe tip in the sensor frame, m."""
         super().__init__("ft300s", clock, 19200, seed)
         self.device = Ft300sDevice(plant, np.random.default_rng(seed), np.array(lever))
         self._heard_at = 0.0
         self._stop_bytes = 0
-        self._due = time.monotonic()
+        self._due = timing.now()
         self._frames = 0
         self._sent_at = 0.0
         self.sent = 0
@@ -152,7 +153,7 @@ class Ft300sFake(PtyFake):
 
     def feed(self) -> bool:
         """Bytes only note their time here: silence, not content, ends a request."""
-        self._heard_at = time.monotonic()
+        self._heard_at = timing.now()
         if self.device.streaming and self.buffer:
             self._listen_for_stop(self.buffer)
             self.buffer = b""
@@ -160,7 +161,7 @@ class Ft300sFake(PtyFake):
 
     def idle(self) -> float | None:
         """Send the frames that are due, or take a request that silence has ended."""
-        now = time.monotonic()
+        now = timing.now()
         if self.device.streaming:
             while self._due <= now:
                 self._due += PERIOD
@@ -191,9 +192,9 @@ class Ft300sFake(PtyFake):
         if self.faults.extra.get("no_stream") or (isinstance(drop, int) and self._frames % drop == 0):
             return
         drip = self.faults.extra.get("drip")
-        if isinstance(drip, (int, float)) and time.monotonic() - self._sent_at < drip:
+        if isinstance(drip, (int, float)) and timing.now() - self._sent_at < drip:
             return
-        self._sent_at = time.monotonic()
+        self._sent_at = timing.now()
         self.sent += 1
         body = b"\x20\x4e" + struct.pack("<6h", *self._counts())
         self.send(body + crc16(body), line_time=False)
@@ -253,7 +254,7 @@ class Ft300sFake(PtyFake):
         else:
             self._answer(bytes((16,)) + data[:4])
             self.device.streaming = data[5:] == b"\x02\x00"
-            self._due = time.monotonic() + PERIOD
+            self._due = timing.now() + PERIOD
 
     def _refuse(self, function: int, code: int) -> None:
         self._answer(bytes((function | 0x80, code)))

@@ -34,11 +34,8 @@ from __future__ import annotations
 
 import contextlib
 import math
-import select
 import socket
 import struct
-import threading
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
@@ -47,7 +44,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from .clock import SimClock
+import timing
+from timing import RigClock
+
 from .instrument import loopback
 from .plant import Plant
 from .pty_fake import Faults
@@ -157,7 +156,7 @@ class Body:
         self.number = self.number or self.id
 
 
-class MotiveFake(threading.Thread):
+class MotiveFake(timing.Thread):
     """The server: command socket, data socket, and the cameras."""
 
     own_faults: ClassVar[Mapping[str, tuple[str, Any]]] = {
@@ -170,7 +169,7 @@ class MotiveFake(threading.Thread):
     def __init__(
         self,
         plant: Plant,
-        clock: SimClock,
+        clock: RigClock,
         host: str = "127.0.0.1",
         command_port: int = 1510,
         data_port: int = 1511,
@@ -241,13 +240,13 @@ class MotiveFake(threading.Thread):
 
     def run(self) -> None:
         punctual()
-        due = time.monotonic()
+        due = timing.now()
         while self._running:
-            ready, _, _ = select.select([self._command], [], [], max(0.0, min(0.05, due - time.monotonic())))
+            ready = timing.readable([self._command], min(0.05, due - timing.now()))
             if ready:
                 self._serve()
             self._deliver()
-            now = time.monotonic()
+            now = timing.now()
             if now >= due:
                 due = max(due + 1 / self.rate, now - 5 / self.rate)
                 self._stream(now)
@@ -266,7 +265,7 @@ class MotiveFake(threading.Thread):
         if f.corrupt and self._random.random() < 0.5:
             return
         pieces = [datagram[: len(datagram) // 2], datagram[len(datagram) // 2 :]] if f.split else [datagram]
-        due = time.monotonic() + f.delay
+        due = timing.now() + f.delay
         if message == Message.FRAME:
             due += float(f.extra.get("jitter", 0.0)) * self._random.random()  # type: ignore[arg-type]
             pieces *= 2 if f.extra.get("twice") else 1
@@ -275,7 +274,7 @@ class MotiveFake(threading.Thread):
 
     def _deliver(self) -> None:
         """Send what is due."""
-        now = time.monotonic()
+        now = timing.now()
         self._outgoing.sort(key=lambda waiting: waiting[0])
         while self._outgoing and self._outgoing[0][0] <= now:
             _, via, client, piece = self._outgoing.pop(0)
@@ -294,7 +293,7 @@ class MotiveFake(threading.Thread):
         if message == Message.KEEPALIVE:
             self.keep_alives += 1
             if client in self.clients:
-                self.clients[client] = time.monotonic()
+                self.clients[client] = timing.now()
             return
         self.messages.append(message)
         deaf = self.faults.extra.get("deaf", 0)
@@ -305,7 +304,7 @@ class MotiveFake(threading.Thread):
             self.clients.pop(client, None)
             return
         if message == Message.CONNECT:
-            self.clients[client] = time.monotonic()
+            self.clients[client] = timing.now()
             self._want(client, payload[ASKED_VERSION : ASKED_VERSION + 2])
         answer = self._answer(message, payload, client)
         self._send(self._command, client, *answer)

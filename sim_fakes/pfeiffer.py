@@ -18,7 +18,8 @@ from collections.abc import Callable, Mapping
 from enum import IntEnum
 from typing import Any, ClassVar
 
-from .clock import SimClock
+from timing import RigClock
+
 from .plant import Plant
 from .pty_fake import PtyFake
 
@@ -61,7 +62,7 @@ class PfeifferFake(PtyFake):
     def __init__(
         self,
         plant: Plant,
-        clock: SimClock,
+        clock: RigClock,
         address: int = 1,
         kind: str = "    A1",
         noise: float = 0.005,

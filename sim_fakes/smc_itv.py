@@ -15,14 +15,15 @@ The back door `device` gives the unit's state: set-point in counts, range, highe
 from __future__ import annotations
 
 import re
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from .clock import SimClock
+import timing
+from timing import RigClock
+
 from .plant import Plant
 from .pty_fake import Device, PtyFake
 
@@ -77,7 +78,7 @@ class SmcItvFake(PtyFake):
     def __init__(
         self,
         plant: Plant,
-        clock: SimClock,
+        clock: RigClock,
         chambers: Sequence[int],
         seed: int = 0,
         full_scale: float = 500e3,
@@ -122,7 +123,7 @@ class SmcItvFake(PtyFake):
         return True
 
     def _too_soon(self) -> bool:
-        last, self._polled_at = self._polled_at, time.monotonic()
+        last, self._polled_at = self._polled_at, timing.now()
         return self._polled_at - last < self._poll_interval
 
     def _answer(self, text: str) -> str:

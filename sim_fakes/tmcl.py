@@ -15,12 +15,13 @@ Faults by name in `faults.extra`:
 from __future__ import annotations
 
 import struct
-import time
 from collections.abc import Callable, Mapping
 from enum import IntEnum
 from typing import Any, ClassVar
 
-from .clock import SimClock
+import timing
+from timing import RigClock
+
 from .plant import Plant
 from .pty_fake import Device, PtyFake
 from .punctual import Silence
@@ -333,7 +334,7 @@ class TmclFake(PtyFake):
     def __init__(
         self,
         plant: Plant,
-        clock: SimClock,
+        clock: RigClock,
         metres_per_turn: float = 0.1,
         direction: int = 1,
         start_length: float = 0.03,
@@ -353,7 +354,7 @@ class TmclFake(PtyFake):
         """Another address that it obeys; 0 for none."""
         self.lines = dict(LINES)
         self.user = [0] * USER_VARIABLES
-        self._heard = time.monotonic()
+        self._heard = timing.now()
 
     def process(self, dt: float) -> None:
         extra = self.faults.extra
@@ -368,7 +369,7 @@ class TmclFake(PtyFake):
         self.drum.restart()
 
     def idle(self) -> float | None:
-        if self.buffer and time.monotonic() - self._heard > GAP_TIME:
+        if self.buffer and timing.now() - self._heard > GAP_TIME:
             self.buffer = b""
         return None
 
@@ -380,7 +381,7 @@ class TmclFake(PtyFake):
         return lambda: None
 
     def feed(self) -> bool:
-        self._heard = time.monotonic()
+        self._heard = timing.now()
         if len(self.buffer) < 9:
             return False
         frame, self.buffer = self.buffer[:9], self.buffer[9:]

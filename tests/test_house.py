@@ -16,7 +16,7 @@ import pytest
 ROOT = Path(__file__).parent.parent
 BLIND_BENCH = ("truth", "make")
 """Modules of lab/blind that draw and measure the sealed robot."""
-ROOMS = ("lab", "drivers", "sim_fakes", "protocols", "recordings", "model", "diagnosis")
+ROOMS = ("lab", "drivers", "sim_fakes", "protocols", "recordings", "model", "diagnosis", "timing")
 
 
 def test_import_contracts_hold() -> None:
@@ -45,7 +45,7 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
     TopologicalSorter({m: graph.find_modules_directly_imported_by(m) for m in graph.modules}).prepare()
 
 
-@pytest.mark.parametrize("room", [r for r in ROOMS if r not in ("sim_fakes", "lab")])
+@pytest.mark.parametrize("room", [r for r in ROOMS if r not in ("sim_fakes", "lab", "timing")])
 def test_no_room_but_its_own_speaks_of_fakes(room: str) -> None:
     word = re.compile(r"\b(sim_fakes|fakes?|simulated?|is_sim|mock)\b", re.IGNORECASE)
     found = [
@@ -120,6 +120,27 @@ def test_text_reaches_the_screen_through_the_plain_console_alone() -> None:
     )
     assert [str(p) for p in LAB if p != CONSOLE and parts.search(p.read_text())] == []
     assert [str(p) for p in LAB if calls(p, "Text") and p != CONSOLE] == []
+
+
+THEIR_OWN_TIME = ("timing/", "recordings/", "lab/live/", "lab/blind/", "lab/console.py", "lab/verbs/", "tests/timing/",
+                  "tests/recordings/", "tests/docs/", "tests/test_house.py")  # fmt: skip
+"""What waits for files, browsers and persons, or says how long something took: the computer's own time."""
+
+
+def test_all_else_waits_on_the_one_clock() -> None:
+    """So that it can jump over the time in which everything waits, see `timing`."""
+    waits = re.compile(
+        r"\btime\.(sleep|monotonic)\b|\bthreading\.(Event|R?Lock|Condition|Thread|Timer)\(|\bselect\.select\("
+    )
+    files = [p for room in (*ROOMS, "tests") for p in (ROOT / room).rglob("*.py")]
+    found = [
+        f"{path.relative_to(ROOT)}:{number}"
+        for path in files
+        if not str(path.relative_to(ROOT)).startswith(THEIR_OWN_TIME)
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
+        if waits.search(line)
+    ]
+    assert found == []
 
 
 @pytest.mark.parametrize("room", [r for r in ROOMS if r not in ("sim_fakes", "lab")])

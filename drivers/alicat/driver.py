@@ -8,12 +8,14 @@ from __future__ import annotations
 import contextlib
 import functools
 import math
-import time
 from collections.abc import Sequence
+
+import timing
+from timing import Clock
 
 from ..chambers import ChamberMap
 from ..errors import BadReply, DeviceFault, InstrumentError, StaleReading, WrongDevice
-from ..interfaces import Clock, Identity, PressureSample
+from ..interfaces import Identity, PressureSample
 from ..pressure_limits import VENTED, PressureLimits
 from ..retries import Retries
 from ..serial_line import SerialLine
@@ -116,7 +118,7 @@ class Alicat:
             frames, arrived = [], []
             for channel in range(self.channels):
                 frames.append(self._polled(channel))
-                arrived.append(time.monotonic())
+                arrived.append(timing.now())
             if max(self._confirmed) > 0 and self._wrong() != known:
                 self._refuse_wrong()
             if (age := arrived[-1] - arrived[0]) > self.config.max_age:
@@ -164,9 +166,9 @@ class Alicat:
             with contextlib.suppress(InstrumentError):
                 self.vent()
             with contextlib.suppress(InstrumentError):
-                deadline = time.monotonic() + VENT_WAIT
-                while time.monotonic() < deadline and any(unit.poll().measured > VENTED for unit in self._units):
-                    time.sleep(0.02)
+                deadline = timing.now() + VENT_WAIT
+                while timing.now() < deadline and any(unit.poll().measured > VENTED for unit in self._units):
+                    timing.sleep(0.02)
             for channel in self._locked:
                 with contextlib.suppress(InstrumentError):
                     self._units[channel].unlock(min(BRISK, self.config.timeout))

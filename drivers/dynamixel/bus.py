@@ -13,13 +13,13 @@ from __future__ import annotations
 import contextlib
 import itertools
 import termios
-import threading
-import time
 from collections.abc import Callable, Iterator
 from typing import NamedTuple, TypeVar
 
 import serial
 from dynamixel_sdk import COMM_RX_CORRUPT, COMM_RX_TIMEOUT, COMM_SUCCESS, PortHandler, Protocol2PacketHandler
+
+import timing
 
 from ..errors import BadReply, NoReply, Unreachable
 from ..serial_line import WRITE_WITHIN, PortWatch
@@ -67,7 +67,7 @@ class _Port(PortHandler):  # type: ignore[misc]
         self.timeout = timeout
 
     def setupPort(self, cflag_baud: int) -> bool:  # noqa: N802 (the SDK's name)
-        self.ser = serial.Serial(
+        self.ser = serial.serial_for_url(
             self.port_name, cflag_baud, timeout=0.005, write_timeout=max(WRITE_WITHIN, self.timeout), exclusive=True
         )
         self.is_open = True
@@ -78,7 +78,7 @@ class _Port(PortHandler):  # type: ignore[misc]
         self.setPacketTimeoutMillis(self.tx_time_per_byte * packet_length + 1000.0 * self.timeout)
 
     def getCurrentTime(self) -> float:  # noqa: N802
-        return 1000.0 * time.monotonic()
+        return 1000.0 * timing.now()
 
 
 class Servo:
@@ -97,7 +97,7 @@ class Servo:
         self._marks = itertools.cycle(MARKS)
         self._behind = True
         """Whether answers to earlier questions may still come, those of an earlier program included."""
-        self._lock = threading.RLock()
+        self._lock = timing.RLock()
         self._watch = PortWatch(name, port, self.close)
 
     @property
@@ -196,7 +196,7 @@ class Servo:
                 if result == COMM_SUCCESS and error & ~ALERT != 3:
                     break
                 self._behind = True
-                time.sleep(self._timeout)
+                timing.sleep(self._timeout)
                 port.clearPort()
         where = self._where
         if result == COMM_RX_CORRUPT:

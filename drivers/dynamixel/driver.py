@@ -15,16 +15,17 @@ from __future__ import annotations
 
 import contextlib
 import math
-import threading
-import time
 from dataclasses import dataclass
 from typing import Literal
 
 from pydantic import Field, model_validator
 
+import timing
+from timing import Clock
+
 from ..configs import LengthUnitConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, LimitExceeded, NoReply, NotReady, Unreachable, WrongDevice
-from ..interfaces import Clock, Identity, SpineSample
+from ..interfaces import Identity, SpineSample
 from ..spec import Driver
 from ..stall import StallWatch
 from . import settings, table
@@ -93,7 +94,7 @@ class DynamixelSpine:
         self._config = config
         self._clock = clock
         self._servo = Servo(name, config.port, config.baud, config.id, config.timeout)
-        self._lock = threading.RLock()
+        self._lock = timing.RLock()
         self._ampere = 0.0
         self._zero: int | None = None
         self._end_stop: int | None = None
@@ -328,13 +329,13 @@ class DynamixelSpine:
         """Reboot the servo and wait for it; raises `DeviceFault` when its hardware error stays."""
         with contextlib.suppress(NoReply):  # it may restart before its answer is out
             self._servo.reboot()
-        deadline = time.monotonic() + REBOOT_TIME
+        deadline = timing.now() + REBOOT_TIME
         while True:
             try:
                 self._servo.ping()
                 break
             except (NoReply, BadReply):
-                if time.monotonic() > deadline:
+                if timing.now() > deadline:
                     raise
         self._zero = self._end_stop = None
         if bits := self._servo.read(table.HARDWARE_ERROR):

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import math
-import select
 import socket
-import time
 from collections.abc import Callable
+
+import timing
 
 from .packets import DISCONNECT, HEADER, KEEPALIVE
 
@@ -54,13 +54,13 @@ class Server:
 
     def hear(self, longest: float) -> list[bytes]:
         """What the server has sent, after `longest` s at most; nothing when there is no network."""
-        now = time.monotonic()
+        now = timing.now()
         if now - self._kept_alive >= KEEP_ALIVE:
             self._kept_alive = now
             with contextlib.suppress(OSError):
                 self.ask(KEEPALIVE)
         sockets = [s for s in (self._socket, self._group) if s is not None]
-        ready, _, _ = select.select(sockets, [], [], longest)
+        ready = timing.readable(sockets, longest)
         return [data for s in ready for data in self._received(s)]
 
     def close(self) -> None:

@@ -5,16 +5,18 @@ The family's Pirani gauges hardly resolve the range of jamming, 10 kPa to ambien
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from typing import TypeVar
 
 import pfeiffer_vacuum_protocol as protocol
 from pydantic import Field, model_validator
 
+import timing
+from timing import Clock
+
 from ..configs import GaugeConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, Unreachable, WrongDevice
-from ..interfaces import Clock, GaugeSample, Identity
+from ..interfaces import GaugeSample, Identity
 from ..retries import Retries
 from ..serial_line import SerialLine, show
 from ..spec import Driver
@@ -88,7 +90,7 @@ class PfeifferGauge:
         self._line = SerialLine(name, config.port, config.baud, config.timeout)
         self._wire = _Wire(self._line)
         self._retries = Retries(self._line)
-        self._lock = threading.RLock()
+        self._lock = timing.RLock()
         self._readings = 0
 
     def open(self) -> Identity:

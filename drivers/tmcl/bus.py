@@ -14,14 +14,14 @@ import contextlib
 import random
 import struct
 import termios
-import threading
-import time
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import serial
 from pytrinamic.helpers import to_signed_32
 from pytrinamic.tmcl import TMCLCommand, TMCLReplyChecksumError, TMCLReplyStatusError, TMCLStatus
+
+import timing
 
 from ..errors import BadReply, InstrumentError, NoReply, Unreachable
 from ..serial_line import WRITE_WITHIN, PortWatch
@@ -51,7 +51,7 @@ class Axis:
         self._timeout = timeout
         self._serial: serial.Serial | None = None
         self._tmcl: SerialTmclInterface | None = None
-        self._lock = threading.RLock()
+        self._lock = timing.RLock()
         self._behind = False
         """Whether answers to earlier questions may still come."""
         self._tick = 0
@@ -69,7 +69,7 @@ class Axis:
         from pytrinamic.connections.serial_tmcl_interface import SerialTmclInterface
 
         try:
-            self._serial = serial.Serial(
+            self._serial = serial.serial_for_url(
                 self._path,
                 self._baud,
                 timeout=self._timeout,
@@ -182,7 +182,7 @@ class Axis:
                         self.name, f"no answer from {where} to {what}; check its power, address and baud rate"
                     )
                 self._behind = True
-                time.sleep(self._timeout)
+                timing.sleep(self._timeout)
                 line.reset_input_buffer()
             raise failure
 
@@ -202,8 +202,8 @@ class Axis:
 
     def _await(self, line: serial.Serial, command: int, values: range) -> bool:
         """Read answers until one to this command has one of these values; False when they cease before."""
-        give_up = time.monotonic() + CATCH_UP_WAITS * self._timeout
-        while time.monotonic() < give_up:
+        give_up = timing.now() + CATCH_UP_WAITS * self._timeout
+        while timing.now() < give_up:
             frame = line.read(9)
             if len(frame) == 9 and sum(frame[:8]) & 0xFF == frame[8]:
                 _, module, _, answered, value = FRAME.unpack(frame[:8])

@@ -16,15 +16,17 @@ from __future__ import annotations
 
 import contextlib
 import math
-import threading
 from dataclasses import dataclass
 from typing import Literal
 
 from pydantic import Field
 
+import timing
+from timing import Clock
+
 from ..configs import LengthUnitConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, LimitExceeded, NoReply, NotReady, Unreachable, WrongDevice
-from ..interfaces import Clock, Identity, SpineSample
+from ..interfaces import Identity, SpineSample
 from ..spec import Driver
 from . import settings
 from .bus import Axis
@@ -79,7 +81,7 @@ class TmclSpine:
         self._config = config
         self._clock = clock
         self._axis = Axis(name, config.port, config.baud, config.address, config.host, config.motor, config.timeout)
-        self._lock = threading.RLock()
+        self._lock = timing.RLock()
         self._homed = False
         self._homing_until: float | None = None
         self._goal = 0.0

@@ -9,15 +9,17 @@ ur_rtde may hang or crash when the controller goes away, so this driver belongs 
 from __future__ import annotations
 
 import contextlib
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pydantic import Field, model_validator
 
+import timing
+from timing import Clock
+
 from ..configs import ArmConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, NotReady, StaleReading, WrongDevice
-from ..interfaces import ArmSample, Clock, Identity, Sink, Vector6
+from ..interfaces import ArmSample, Identity, Sink, Vector6
 from ..spec import Driver
 from . import motion as ur5_motion
 from . import wire as ur5_wire
@@ -215,8 +217,8 @@ class UR5:
             self._move = None
             return False
         # The state comes over a connection of its own and may be some cycles behind.
-        move.ended = move.ended or time.monotonic()
-        if time.monotonic() - move.ended > self.config.timeout:
+        move.ended = move.ended or timing.now()
+        if timing.now() - move.ended > self.config.timeout:
             self._move = None
             raise DeviceFault(
                 self.name,
@@ -248,7 +250,7 @@ class UR5:
             if deadline.expired:
                 speed = max(abs(v) for v in sample.tcp_speed[:3])
                 raise DeviceFault(self.name, f"does not stop: still {speed:.3f} m/s; press the emergency stop")
-            time.sleep(LOOK_INTERVAL)
+            timing.sleep(LOOK_INTERVAL)
 
     def standing(self) -> bool:
         """True when the newest state shows the arm standing, whatever else is wrong with it.
@@ -323,16 +325,16 @@ class UR5:
 
     def _raise_cause(self, control: ControlThread) -> None:
         """Raise what the state shows to be wrong; it may come some cycles after the command's refusal."""
-        give_up = time.monotonic() + STATE_LAG
-        while time.monotonic() < give_up:
+        give_up = timing.now() + STATE_LAG
+        while timing.now() < give_up:
             self._healthy(control)
-            time.sleep(LOOK_INTERVAL)
+            timing.sleep(LOOK_INTERVAL)
 
     def _await_program(self, control: ControlThread) -> None:
         """Wait until the state, which comes over its own connection, shows the program running."""
-        give_up = time.monotonic() + self.config.timeout
-        while not self._fresh(control).program_running and time.monotonic() < give_up:
-            time.sleep(LOOK_INTERVAL)
+        give_up = timing.now() + self.config.timeout
+        while not self._fresh(control).program_running and timing.now() < give_up:
+            timing.sleep(LOOK_INTERVAL)
         self._healthy(control)
 
     def _set_tcp(self, control: ControlThread) -> None:
@@ -347,14 +349,14 @@ class UR5:
 
     def _started(self, control: ControlThread, before: int) -> int:
         """Number of the motion that was just sent, once the controller counts it; a quick one may be over by then."""
-        give_up = time.monotonic() + self.config.timeout
+        give_up = timing.now() + self.config.timeout
         while (number := control.operation().number) == before:
             self._healthy(control)
-            if time.monotonic() > give_up:
+            if timing.now() > give_up:
                 raise NoReply(
                     self.name, "the controller accepted the motion but did not start it; see the log on the pendant"
                 )
-            time.sleep(LOOK_INTERVAL)
+            timing.sleep(LOOK_INTERVAL)
         return number
 
     def _take_too_long(self, move: _Move) -> None:

@@ -25,11 +25,12 @@ every 50 ms and has no letter until it is given one (`@@ A`).
 from __future__ import annotations
 
 import re
-import time
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
-from ..clock import SimClock
+import timing
+from timing import RigClock
+
 from ..plant import Plant
 from ..pty_fake import PtyFake
 from .device import PA_PER_UNIT, UNIT_NAMES, UNITS, AlicatDevice
@@ -56,7 +57,7 @@ class AlicatFake(PtyFake):
     def __init__(
         self,
         plant: Plant,
-        clock: SimClock,
+        clock: RigClock,
         units: Sequence[str] = ("A", "B", "C"),
         chambers: Sequence[Sequence[int]] = ((9, 1, 2), (3, 4, 5), (6, 7, 8)),
         baud: int = 115200,
@@ -138,7 +139,7 @@ class AlicatFake(PtyFake):
         # a set-point works on the plant before its answer is out
         if not self.faults.freeze:
             unit.process(0.0)
-        time.sleep(IDLE_BYTES * self.byte_time)
+        timing.sleep(IDLE_BYTES * self.byte_time)
         tail = str(self.faults.extra.get("tail", ""))
         self.send("".join(f"{row}\r{tail}" for row in answer.split("\r")).encode("ascii"))
         return True

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+import timing
 from diagnosis.inference.executor import Executor
 from diagnosis.inference.search import Search
 from lab.blind.workers import Crew, spread
@@ -41,16 +41,18 @@ def dies_once(mark: str) -> str:
     if not place.exists():
         place.write_text("was here")
         os._exit(1)
-    time.sleep(0.05)
+    timing.sleep(0.05)
     return mark
 
 
+@pytest.mark.long
 def test_every_item_comes_back(scheduler: str) -> None:
     with cluster(scheduler) as workers:
         assert sorted(workers.as_they_come(square, range(20))) == [x * x for x in range(20)]
         assert list(workers.in_order(square, range(20))) == [x * x for x in range(20)]
 
 
+@pytest.mark.long
 def test_the_fits_of_a_diagnosis_give_the_same_answer_there(scheduler: str) -> None:
     told: list[str] = []
     problem = toy_problem(5, {"play": 1.0, "turned": -0.9})
@@ -64,6 +66,7 @@ def test_the_fits_of_a_diagnosis_give_the_same_answer_there(scheduler: str) -> N
     assert told == sorted(told)
 
 
+@pytest.mark.long
 def test_a_lost_worker_loses_no_case(scheduler: str, tmp_path: Path) -> None:
     marks = [str(tmp_path / f"{i}") for i in range(3)]
     (tmp_path / "0").write_text("already")
@@ -84,6 +87,7 @@ class DiesOnce:
         return x * x
 
 
+@pytest.mark.long
 def test_a_worker_lost_in_the_middle_loses_nothing_of_what_was_sent_once(scheduler: str, tmp_path: Path) -> None:
     one = DiesOnce(tmp_path / "mark")
     with cluster(scheduler) as workers:
