@@ -16,7 +16,7 @@ import pytest
 from hypothesis import settings
 from xdist.scheduler import LoadScopeScheduling
 
-from timing import SimulatedClock
+from sim_fakes.simulated_clock import SimulatedClock
 
 if TYPE_CHECKING:
     from sim_fakes.rig import FakeRig

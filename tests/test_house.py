@@ -16,7 +16,7 @@ import pytest
 ROOT = Path(__file__).parent.parent
 BLIND_BENCH = ("truth", "make")
 """Modules of lab/blind that draw and measure the sealed robot."""
-ROOMS = ("lab", "drivers", "sim_fakes", "protocols", "recordings", "model", "diagnosis", "timing")
+ROOMS = ("lab", "drivers", "sim_fakes", "protocols", "recordings", "model", "diagnosis")
 
 
 def test_import_contracts_hold() -> None:
@@ -24,6 +24,13 @@ def test_import_contracts_hold() -> None:
         [Path(sys.executable).parent / "lint-imports"], cwd=ROOT, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stdout
+
+
+def test_the_clock_stands_on_nothing() -> None:
+    tree = ast.parse((ROOT / "timing.py").read_text())
+    named = [a.name for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names]
+    named += [n.module or "" for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)]
+    assert not {n.split(".")[0] for n in named} & set(ROOMS)
 
 
 def test_no_folder_holds_more_than_a_person_can_keep_in_the_head_and_each_says_what_lives_there() -> None:
@@ -45,7 +52,7 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
     TopologicalSorter({m: graph.find_modules_directly_imported_by(m) for m in graph.modules}).prepare()
 
 
-@pytest.mark.parametrize("room", [r for r in ROOMS if r not in ("sim_fakes", "lab", "timing")])
+@pytest.mark.parametrize("room", [r for r in ROOMS if r not in ("sim_fakes", "lab")])
 def test_no_room_but_its_own_speaks_of_fakes(room: str) -> None:
     word = re.compile(r"\b(sim_fakes|fakes?|simulated?|is_sim|mock)\b", re.IGNORECASE)
     found = [
@@ -122,8 +129,10 @@ def test_text_reaches_the_screen_through_the_plain_console_alone() -> None:
     assert [str(p) for p in LAB if calls(p, "Text") and p != CONSOLE] == []
 
 
-THEIR_OWN_TIME = ("timing/", "recordings/", "lab/live/", "lab/blind/", "lab/console.py", "lab/verbs/", "tests/timing/",
-                  "tests/recordings/", "tests/docs/", "tests/test_house.py")  # fmt: skip
+THEIR_OWN_TIME = (
+    "timing.py", "sim_fakes/simulated_clock.py", "recordings/", "lab/live/", "lab/blind/", "lab/console.py", "lab/verbs/",
+    "tests/sim_fakes/test_simulated_clock.py", "tests/recordings/", "tests/docs/", "tests/test_house.py",
+)  # fmt: skip
 """What waits for files, browsers and persons, or says how long something took: the computer's own time."""
 
 

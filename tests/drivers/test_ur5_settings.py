@@ -15,7 +15,8 @@ from drivers.ur5.driver import UR5, Config
 from drivers.ur5.safety import stop_text
 from drivers.ur5.state import Config as StateConfig
 from drivers.ur5.state import UR5State
-from timing import RigClock, SimulatedClock
+from sim_fakes.simulated_clock import SimulatedClock
+from timing import RigClock
 
 pytestmark = needs_the_fake
 E_SERIES = "5.11.0.108318"

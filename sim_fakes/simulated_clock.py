@@ -19,7 +19,7 @@ from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Any, Self, cast
 
-from .clock import Host, Thread, live_in, readable_now
+from timing import Host, Thread, live_in, readable_now
 
 START = 1000.0
 """Its first time, s: what never happened lies before."""

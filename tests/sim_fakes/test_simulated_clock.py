@@ -12,7 +12,9 @@ from collections.abc import Iterator
 import pytest
 
 import timing
-from timing import Deadlock, RigClock, SimulatedClock, simulated
+from sim_fakes import simulated_clock as simulated
+from sim_fakes.simulated_clock import Deadlock, SimulatedClock
+from timing import RigClock
 
 
 @pytest.fixture(autouse=True)

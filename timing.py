@@ -1,4 +1,9 @@
-"""The clock that a thread lives in, and what waits on it."""
+"""The host's time and all that waits on it: one clock for drivers, fakes, guard, rig and protocols.
+
+A program runs on the host's own clock. `sim_fakes.simulated_clock.SimulatedClock` replaces it for the threads that live in
+it: its time stands still while any of them computes, and jumps to the earliest deadline when all of them wait. What a thread
+makes here (`Event`, `Lock`, `Thread` ...) belongs to the clock that the thread lives in.
+"""
 
 from __future__ import annotations
 
