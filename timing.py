@@ -16,9 +16,6 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Protocol
 
-POLL = 0.005
-"""s of real time between two looks at a condition."""
-
 
 class Clock(Protocol):
     """The time of the rig (s); real instruments run at the pace of the host, a sped-up rig runs faster."""
@@ -89,7 +86,7 @@ class _Real:
         while not condition():
             if time.monotonic() > until:
                 return False
-            time.sleep(POLL)
+            time.sleep(0.005)
         return True
 
     def readable(self, lines: Sequence[Any], longest: float) -> list[Any]:

@@ -25,8 +25,6 @@ START = 1000.0
 """Its first time, s: what never happened lies before."""
 TICK = 1e-9
 """s that a look at the clock takes: who waits for a time that rounding has put a little later must reach it."""
-LEAST_SLEEP = 1e-6
-"""s; who sleeps no time at all would keep it from going on."""
 STUCK_AFTER = 20.0
 """Real s for which all threads may wait without a deadline: something outside may end that."""
 
@@ -135,7 +133,8 @@ class SimulatedClock:
 
     def sleep(self, duration: float) -> None:
         """See Host."""
-        self.wait(_never, self._now + max(LEAST_SLEEP, duration))
+        # who sleeps no time at all would keep it from going on
+        self.wait(_never, self._now + max(1e-6, duration))
 
     def wait(self, condition: Callable[[], bool], until: float = math.inf, numbers: tuple[int, ...] = ()) -> bool:
         """See Host. Raises Deadlock when nothing can happen any more."""

@@ -15,8 +15,6 @@ from model.effects.spec import EffectSpec, Law, Parameter, Values
 
 DEADBAND_SOFTNESS = 0.2
 """Width of the smooth corner of a dead band, in dead bands."""
-LAGGING_STATES = 3
-"""States before a reading whose lag it may still show; what is older has decayed, or is the robot's rest."""
 ORDERS = ((1, -1), (-1, -1), (-1, 0), (-1, 1), (1, 1))
 """Ways to connect hoses wrongly, as sense and start of counting: turned back, three mirror images, turned on."""
 
@@ -56,7 +54,7 @@ def _pressure_lag(q: Quantities, v: Values) -> None:
     own = slope * tau * -np.expm1(-ramp / tau) * held
     kept = np.where(first[:, None], 0.0, held * np.exp(-ramp / tau))
     lag = own
-    for _ in range(LAGGING_STATES):
+    for _ in range(3):  # states before a reading whose lag it may still show
         lag = own + kept * np.roll(lag, 1, axis=-2)
     q.pressure = np.where(known & ~q.design.stiffness[:, None], p - lag, p)
 
