@@ -9,7 +9,20 @@ from numpy.typing import NDArray
 
 from model.rods.fast.algebra import Vector, add, dot, scaled, turned
 from model.rods.fast.compiler import inline, kernel, routine
-from model.rods.fast.group import ROD, Counts, Full, Group, Rod, RowLayout, cut, each_rod, fixed_cut, gather, new_group
+from model.rods.fast.group import (
+    ROD,
+    Counts,
+    Full,
+    Group,
+    Rod,
+    RowLayout,
+    Six,
+    cut,
+    each_rod,
+    fixed_cut,
+    gather,
+    new_group,
+)  # fmt: skip
 from model.rods.fast.lanes import LANES, Record
 from model.rods.fast.newton import (
     NEAR,
@@ -21,7 +34,7 @@ from model.rods.fast.newton import (
     improve,
     size_of,
     worst_residual,
-)
+)  # fmt: skip
 from model.rods.fast.passes import evaluate, orientation
 from model.rods.solution import (
     AT_FORCE,
@@ -32,7 +45,7 @@ from model.rods.solution import (
     AT_ORIENTATION,
     AT_RESIDUAL,
     AT_TIP,
-)
+)  # fmt: skip
 
 Array = NDArray[np.float64]
 
@@ -64,16 +77,22 @@ def put_three(out: Array, row: int, at: int, a: Vector) -> None:
     out[row, at], out[row, at + 1], out[row, at + 2] = a
 
 
+@inline
+def weighed_rows(rows: list[Six], change: Six) -> Vector:
+    """Three rows of a matrix times a change."""
+    x, y, z = rows[0], rows[1], rows[2]
+    turn, shift = change.turn, change.shift
+    return add(
+        (dot(x.turn, turn), dot(y.turn, turn), dot(z.turn, turn)),
+        (dot(x.shift, shift), dot(y.shift, shift), dot(z.shift, shift)),
+    )
+
+
 @routine
 def write_result(rod: Rod, springs: int, out: Array, row: int) -> None:
     """What was read at the base, with the last correction (already made) carried over to first order."""
-    change, by = rod.change, rod.seen_by_change
-    moved = (
-        dot(by[0].turn, change.turn) + dot(by[0].shift, change.shift),
-        dot(by[1].turn, change.turn) + dot(by[1].shift, change.shift),
-        dot(by[2].turn, change.turn) + dot(by[2].shift, change.shift),
-    )
-    put_three(out, row, AT_TIP, add(rod.seen, moved))
+    change, moved = rod.change, weighed_rows(rod.seen_by, rod.change)
+    put_three(out, row, AT_TIP, add(rod.found.seen, moved))
     w, x, y, z = rod.tip.turn
     sign = math.copysign(1.0, w)
     out[row, AT_ORIENTATION] = sign * w
@@ -151,14 +170,22 @@ def exchange(rod: Rod, springs: int, memory: Array, row: int, keep: bool) -> Non
     """Keep the pose, Jacobians and largest moment of a rod in a row of `memory`, or start from those of an earlier solve."""
     unknowns = 6 if springs > 0 else 3
     at = carry(rod.tip, 1 + unknowns, memory, row, 0, keep)
-    for r in range(unknowns):
-        at = carry(rod.jacobian[r], unknowns, memory, row, at, keep)
-    for r in range(3):
-        at = carry(rod.seen_by_change[r], unknowns, memory, row, at, keep)
+    at = carry_rows(rod.jacobian.turn, unknowns, memory, row, at, keep)
+    if springs > 0:
+        at = carry_rows(rod.jacobian.shift, unknowns, memory, row, at, keep)
+    at = carry_rows(rod.seen_by, unknowns, memory, row, at, keep)
     if keep:
         memory[row, at] = rod.largest_moment
     else:
         rod.largest_moment = memory[row, at]
+
+
+@inline
+def carry_rows(rows: list[Six], count: int, memory: Array, row: int, at: int, keep: bool) -> int:
+    """The same of three rows of a matrix."""
+    for k in range(3):
+        at = carry(rows[k], count, memory, row, at, keep)
+    return at
 
 
 @inline

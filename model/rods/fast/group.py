@@ -69,6 +69,24 @@ class Six(Record):
 
 
 @record
+class Found(Record):
+    """What comes of a tip."""
+
+    residual: Six
+    """By how much the base misses its pose."""
+    seen: Vector
+    """The tip as seen from the base, m, mount frame."""
+
+
+@record
+class Matrix(Record):
+    """d residual / d change, row by row."""
+
+    turn: Annotated[list[Six], 3]
+    shift: Annotated[list[Six], 3]
+
+
+@record
 class Rod(Record):
     """A rod that is being solved."""
 
@@ -79,19 +97,15 @@ class Rod(Record):
     share: float
     """Of that step, up to there; negative where there is none."""
     tip: Pose
-    residual: Six
-    """By how much the base misses its pose."""
-    seen: Vector
-    """The tip as seen from the base, m, mount frame."""
+    found: Found
     change: Six
     """The last change of the tip's pose."""
     tip_before: Pose
-    residual_before: Six
-    seen_before: Vector
+    found_before: Found
     """As they were before it."""
-    jacobian: Annotated[list[Six], 6]
-    """d residual / d change; three by three of it without springs."""
-    seen_by_change: Annotated[list[Six], 3]
+    jacobian: Matrix
+    """Its first three by three numbers only, without springs."""
+    seen_by: Annotated[list[Six], 3]
     """d seen / d change."""
     pivots: Annotated[list[Six], 7]
     """Room for elimination."""
@@ -117,8 +131,8 @@ class Rod(Record):
 
 
 # Numba takes sizes as constants of a module.
-ROD, SECTION, SPRING = Rod.size, Section.size, Spring.size
-TERMS = Terms.size
+ROD, SECTION, TERMS, SPRING = Rod.size, Section.size, Terms.size, Spring.size
+POSE, SIX, FOUND = Pose.size, Six.size, Found.size
 
 
 class RowLayout(NamedTuple):

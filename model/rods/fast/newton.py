@@ -17,8 +17,8 @@ import math
 
 from model.rods.fast.algebra import Vector, along, conjugate, dot, minus, product, scaled, unit
 from model.rods.fast.compiler import inline, routine
-from model.rods.fast.group import Group, Pose, Rod, Six, each_rod
-from model.rods.fast.lanes import copy
+from model.rods.fast.group import FOUND, POSE, SIX, Group, Rod, Six, each_rod
+from model.rods.fast.lanes import copy, copy_lanes
 from model.rods.fast.passes import change_tip, evaluate, orientation
 
 NUDGE = 1e-4
@@ -31,7 +31,6 @@ HALF_TURNED = 0.5
 """Cosine of half the angle (2.1 rad) from which a tip counts as turned far."""
 LEAST_LEFT, LEAST_LEFT_OF_TURNED = 0.01, 0.1
 """Share of the residual that is expected at least after a step, and of rods that turn their tip far."""
-SIX = 6
 
 
 @inline
@@ -53,62 +52,25 @@ def guess_tip(rod: Rod) -> None:
     """A pass that starts at B and ends at R reaches B from B R^T B."""
     b = rod.tip.turn
     rod.tip.turn = product(b, product(conjugate(orientation(rod.here)), b))
-    rod.tip.place = rod.seen
+    rod.tip.place = rod.found.seen
 
 
 @routine
 def difference_jacobian(group: Group) -> None:
     """d residual / d change and d seen / d change by finite differences; leaves the pass at the unchanged tip behind."""
+    all_rods = Rod(group.work, 0)
     evaluate(group, group.springs, 1.0)
-    keep_tip(group)
-    keep_residual(group)
+    copy_lanes(all_rods.tip, all_rods.tip_before, POSE)
+    copy_lanes(all_rods.found, all_rods.found_before, FOUND)
     for c in range(6 if group.springs > 0 else 3):
         nudge(group, c)
         change_tip(group)
         evaluate(group, group.springs, 1.0)
-        differ_turn(group, c)
+        differ(group, c)
         if group.springs > 0:
             differ_shift(group, c)
-        take_tip_back(group)
-    take_residual_back(group)
-
-
-@inline
-def copy_pose(a: Pose, into: Pose) -> None:
-    """A tip."""
-    into.turn, into.place = a.turn, a.place
-
-
-@inline
-def copy_six(a: Six, into: Six) -> None:
-    """A residual."""
-    into.turn, into.shift = a.turn, a.shift
-
-
-@each_rod
-def keep_tip(rod: Rod) -> None:
-    """Keep the tip."""
-    copy_pose(rod.tip, rod.tip_before)
-
-
-@each_rod
-def keep_residual(rod: Rod) -> None:
-    """Keep what came of it."""
-    copy_six(rod.residual, rod.residual_before)
-    rod.seen_before = rod.seen
-
-
-@each_rod
-def take_tip_back(rod: Rod) -> None:
-    """Undo a nudge."""
-    copy_pose(rod.tip_before, rod.tip)
-
-
-@each_rod
-def take_residual_back(rod: Rod) -> None:
-    """Undo what it brought."""
-    copy_six(rod.residual_before, rod.residual)
-    rod.seen = rod.seen_before
+        copy_lanes(all_rods.tip_before, all_rods.tip, POSE)
+    copy_lanes(all_rods.found_before, all_rods.found, FOUND)
 
 
 @each_rod
@@ -118,32 +80,35 @@ def nudge(rod: Rod, c: int) -> None:
 
 
 @each_rod
-def differ_turn(rod: Rod, c: int) -> None:
-    """Column c of the rows of the Jacobian that belong to the turn, and of d seen / d change."""
-    set_column(rod.jacobian, 0, c, scaled(1.0 / NUDGE, minus(rod.residual.turn, rod.residual_before.turn)))
-    set_column(rod.seen_by_change, 0, c, scaled(1.0 / NUDGE, minus(rod.seen, rod.seen_before)))
+def differ(rod: Rod, c: int) -> None:
+    """Column c of what a turn misses, and of d seen / d change."""
+    found, before = rod.found, rod.found_before
+    set_column(rod.jacobian.turn, c, scaled(1.0 / NUDGE, minus(found.residual.turn, before.residual.turn)))
+    set_column(rod.seen_by, c, scaled(1.0 / NUDGE, minus(found.seen, before.seen)))
 
 
 @each_rod
 def differ_shift(rod: Rod, c: int) -> None:
-    """Column c of the rows that belong to the shift."""
-    set_column(rod.jacobian, 3, c, scaled(1.0 / NUDGE, minus(rod.residual.shift, rod.residual_before.shift)))
+    """Column c of what a shift misses."""
+    now, before = rod.found.residual.shift, rod.found_before.residual.shift
+    set_column(rod.jacobian.shift, c, scaled(1.0 / NUDGE, minus(now, before)))
 
 
 @inline
-def set_column(rows: list[Six], first: int, c: int, column: Vector) -> None:
-    """Three rows' entries of column c."""
-    set_entry(rows[first], c, column[0])
-    set_entry(rows[first + 1], c, column[1])
-    set_entry(rows[first + 2], c, column[2])
+def set_column(rows: list[Six], c: int, column: Vector) -> None:
+    """Column c of three rows. (Vectors are written whole, at places known to the compiler: else it makes no vectors of lanes.)"""
+    for k in range(3):
+        row = rows[k]
+        if c < 3:
+            row.turn = with_entry(row.turn, c, column[k])
+        else:
+            row.shift = with_entry(row.shift, c - 3, column[k])
 
 
 @inline
-def set_entry(row: Six, c: int, x: float) -> None:
-    """Entry c. (All are written, in places known to the compiler: else it makes no vectors of the lanes.)"""
-    (i, j, k), (u, v, w) = row.turn, row.shift
-    row.turn = (x if c == 0 else i, x if c == 1 else j, x if c == 2 else k)
-    row.shift = (x if c == 3 else u, x if c == 4 else v, x if c == 5 else w)
+def with_entry(a: Vector, k: int, x: float) -> Vector:
+    """The vector with another entry k."""
+    return (x if k == 0 else a[0], x if k == 1 else a[1], x if k == 2 else a[2])
 
 
 @inline
@@ -158,8 +123,8 @@ def newton_step(group: Group) -> None:
 @each_rod
 def step_by_three(rod: Rod) -> None:
     """The step in three unknowns."""
-    (a, b, c), (d, e, f), (g, h, i) = by_turn(rod.jacobian)
-    x, y, z = rod.residual.turn
+    (a, b, c), (d, e, f), (g, h, i) = turn_by_turn(rod)
+    x, y, z = rod.found.residual.turn
     ca, cb, cc = e * i - f * h, f * g - d * i, d * h - e * g
     scale = -1.0 / (a * ca + b * cb + c * cc)
     rod.change.turn = (
@@ -170,8 +135,9 @@ def step_by_three(rod: Rod) -> None:
 
 
 @inline
-def by_turn(rows: list[Six]) -> tuple[Vector, Vector, Vector]:
-    """The first three rows of a matrix, as far as they belong to the turn."""
+def turn_by_turn(rod: Rod) -> tuple[Vector, Vector, Vector]:
+    """The Jacobian of three unknowns, row by row."""
+    rows = rod.jacobian.turn
     return (rows[0].turn, rows[1].turn, rows[2].turn)
 
 
@@ -193,9 +159,10 @@ def eliminate(rod: Rod) -> float:
     """Bring the Jacobian to triangular form in `pivots`, with the residual as their last row; returns the determinant."""
     a, total = rod.pivots, 1.0
     b = a[SIX]
-    for r in range(SIX):
-        copy(rod.jacobian[r], a[r], SIX)
-        b[r] = rod.residual[r]
+    copy(rod.found.residual, b, SIX)
+    for r in range(3):
+        copy(rod.jacobian.turn[r], a[r], SIX)
+        copy(rod.jacobian.shift[r], a[3 + r], SIX)
     for k in range(SIX):
         top = k
         for r in range(k + 1, SIX):
@@ -227,46 +194,44 @@ def shorten(rod: Rod) -> None:
 @inline
 def broyden(group: Group) -> None:
     """Make the Jacobian explain the last step: J += (residual - residual_before - J change) change^T / |change|^2."""
-    learn_turn(group)
     if group.springs > 0:
-        learn_shift(group)
+        learn(group)
     else:
-        learn_seen(group)
+        learn_turn(group)
+
+
+@each_rod
+def learn(rod: Rod) -> None:
+    """In six unknowns."""
+    now, before, change = rod.found.residual, rod.found_before.residual, rod.change
+    scale = 1.0 / (dot(change.turn, change.turn) + dot(change.shift, change.shift) + 1e-30)
+    for k in range(3):
+        explain(rod.jacobian.turn[k], now.turn[k] - before.turn[k], change, scale)
+        explain(rod.jacobian.shift[k], now.shift[k] - before.shift[k], change, scale)
+
+
+@inline
+def explain(row: Six, gained: float, change: Six, scale: float) -> None:
+    """Make a row explain what a change gained."""
+    by = (gained - (dot(row.turn, change.turn) + dot(row.shift, change.shift))) * scale
+    row.turn, row.shift = along(row.turn, by, change.turn), along(row.shift, by, change.shift)
 
 
 @each_rod
 def learn_turn(rod: Rod) -> None:
-    """The rows that belong to the turn."""
-    explain(rod.jacobian, 0, minus(rod.residual.turn, rod.residual_before.turn), rod.change)
-
-
-@each_rod
-def learn_shift(rod: Rod) -> None:
-    """The rows that belong to the shift."""
-    explain(rod.jacobian, 3, minus(rod.residual.shift, rod.residual_before.shift), rod.change)
-
-
-@each_rod
-def learn_seen(rod: Rod) -> None:
-    """d seen / d change learns in the same way, so that the last correction moves the tip as the last step did."""
-    explain(rod.seen_by_change, 0, minus(rod.seen, rod.seen_before), rod.change)
+    """In three; d seen / d change learns in the same way, so that the last correction moves the tip as the last step did."""
+    now, before, turn = rod.found, rod.found_before, rod.change.turn
+    scale = 1.0 / (dot(turn, turn) + 1e-30)
+    gained, moved = minus(now.residual.turn, before.residual.turn), minus(now.seen, before.seen)
+    for k in range(3):
+        rod.jacobian.turn[k].turn = explained(rod.jacobian.turn[k].turn, gained[k], turn, scale)
+        rod.seen_by[k].turn = explained(rod.seen_by[k].turn, moved[k], turn, scale)
 
 
 @inline
-def explain(rows: list[Six], first: int, gained: Vector, change: Six) -> None:
-    """Make three rows of a matrix explain what a change gained."""
-    scale = 1.0 / (dot(change.turn, change.turn) + dot(change.shift, change.shift) + 1e-30)
-    explain_row(rows[first], gained[0], change, scale)
-    explain_row(rows[first + 1], gained[1], change, scale)
-    explain_row(rows[first + 2], gained[2], change, scale)
-
-
-@inline
-def explain_row(row: Six, gained: float, change: Six, scale: float) -> None:
-    """A row."""
-    turn, shift = change.turn, change.shift
-    by = (gained - (dot(row.turn, turn) + dot(row.shift, shift))) * scale
-    row.turn, row.shift = along(row.turn, by, turn), along(row.shift, by, shift)
+def explained(row: Vector, gained: float, turn: Vector, scale: float) -> Vector:
+    """A row that explains what a turn gained."""
+    return along(row, (gained - dot(row, turn)) * scale, turn)
 
 
 @inline
@@ -284,7 +249,7 @@ def expected_residual(rod: Rod) -> float:
     d seen / d change knows only the directions of the last steps well, so that a least share is expected: of 300,000 random
     robots one was 0.03 mm off whose tip had turned far and that was judged as the others.
     """
-    residual, before = size_of(rod.residual), size_of(rod.residual_before)
+    residual, before = size_of(rod.found.residual), size_of(rod.found_before.residual)
     q, b = rod.tip.turn, rod.base
     straight = abs(q[0] * b[0] + q[1] * b[1] + q[2] * b[2] + q[3] * b[3])
     least = LEAST_LEFT if straight > HALF_TURNED else LEAST_LEFT_OF_TURNED
@@ -312,12 +277,13 @@ def correct(group: Group) -> None:
 def improve(group: Group, close: float, most_rounds: int) -> int:
     """Newton steps with Broyden's updates from an evaluated point until the expected residual is below `close` in every lane
     (the step that `expected_residual` counts on is the caller's); returns the rounds used."""
-    keep_residual(group)
+    all_rods = Rod(group.work, 0)
+    copy_lanes(all_rods.found, all_rods.found_before, FOUND)
     for i in range(most_rounds):
         if worst_residual(group) < close:
             return i
         correct(group)
-        keep_residual(group)
+        copy_lanes(all_rods.found, all_rods.found_before, FOUND)
         evaluate(group, group.springs, 1.0)
         broyden(group)
     return most_rounds
@@ -335,7 +301,7 @@ def buckling_margin(rod: Rod, springs: int) -> float:
     """
     if springs > 0:
         return eliminate(rod)
-    (a, b, c), (d, e, f), (g, h, i) = by_turn(rod.jacobian)
+    (a, b, c), (d, e, f), (g, h, i) = turn_by_turn(rod)
     trace = a + e + i
     minors = a * e - b * d + a * i - c * g + e * i - f * h
     determinant = a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g)

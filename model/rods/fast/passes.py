@@ -171,8 +171,8 @@ def miss_base(rod: Rod) -> None:
     e = product(q, conjugate(rod.base))
     # Four times the tangent of a quarter of the angle: the rotation vector to third order, regular up to 2 pi.
     scale = math.copysign(4.0 / (1.0 + abs(e[0])), e[0])
-    rod.residual.turn = (scale * e[1] - v[0], scale * e[2] - v[1], scale * e[3] - v[2])
-    rod.seen = turned(q, rod.here.r)
+    rod.found.residual.turn = (scale * e[1] - v[0], scale * e[2] - v[1], scale * e[3] - v[2])
+    rod.found.seen = turned(q, rod.here.r)
 
 
 @routine
@@ -180,17 +180,17 @@ def relieve(rod: Rod) -> None:
     """Take back the share `relief` of what the compliance made of the moment of the follower loads about the base, and what
     a base that stiffens does not turn."""
     q = rod.tip.turn
-    follower = plus_cross(turned(q, rod.tip_moment), rod.seen, turned(q, rod.tip_force))
+    follower = plus_cross(turned(q, rod.tip_moment), rod.found.seen, turned(q, rod.tip_force))
     whole = times(turned(orientation(rod.here), rod.here.m), rod.compliance)
     left = along(whole, -rod.relief * rod.load_share, times(follower, rod.compliance))
     yielded = (1.0 + rod.stiffening * dot(left, left)) ** (-1.0 / 3.0)
-    rod.residual.turn = along(add(rod.residual.turn, whole), -yielded, left)
+    rod.found.residual.turn = along(add(rod.found.residual.turn, whole), -yielded, left)
 
 
 @each_rod
 def read_gap(rod: Rod) -> None:
     """How far the tip is from where the springs take it to be, over the rod's length."""
-    rod.residual.shift = scaled(1.0 / rod.length, along(rod.tip.place, -1.0, rod.seen))
+    rod.found.residual.shift = scaled(1.0 / rod.length, along(rod.tip.place, -1.0, rod.found.seen))
 
 
 @inline

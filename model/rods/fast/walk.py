@@ -24,7 +24,7 @@ from model.rods.fast.group import (
     new_group,
     section_of,
     terms_of,
-)
+)  # fmt: skip
 from model.rods.fast.lanes import LANES
 from model.rods.fast.passes import advance, advance_group, orientation, start_at_tip
 from model.rods.solution import AT_LARGEST, AT_ORIENTATION, AT_TIP, Solution

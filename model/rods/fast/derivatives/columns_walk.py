@@ -29,7 +29,7 @@ from model.rods.fast.derivatives.tangent import (
     Walk,
     load_column,
     step_column,
-)
+)  # fmt: skip
 from model.rods.fast.equations import strains
 from model.rods.fast.group import SECTION, Full, Group, Point, Rod, each_rod, section_of, terms_of
 from model.rods.fast.lanes import LANES, Record, copy, copy_lanes, record

@@ -80,7 +80,7 @@ def linearise_ends(rod: Rod, ends: Ends, tilt: Vector) -> None:
     for k in range(3):
         ends.chi_by_turn[k] = chi_rate(e, unit(k))
         ends.turn_by_tilt[k] = turned(e, turn_rate(tilt, unit(k)))
-    carried = plus_cross(ends.moment, rod.seen, ends.force)
+    carried = plus_cross(ends.moment, rod.found.seen, ends.force)
     ends.felt = along(turned(base, rod.here.m), -rod.relief, carried)
 
 
@@ -188,7 +188,7 @@ def weighed(columns: list[Vector], by: Vector) -> Vector:
 @inline
 def base_residual_change(rod: Rod, ends: Ends, change: SectionChange, force: Vector, twist: Vector) -> Vector:
     """Change of the base's residual when the section there changes, f by `force` and g by `twist`."""
-    follower = plus_cross(cross(ends.force, change.shift), rod.seen, force)
+    follower = plus_cross(cross(ends.force, change.shift), rod.found.seen, force)
     moment = along(change.moment, -rod.relief, add(twist, follower))
     return minus(weighed(ends.chi_by_turn, change.turn), compliant_turn(rod, ends, times(rod.compliance, moment), 0.0))
 
@@ -197,6 +197,6 @@ def base_residual_change(rod: Rod, ends: Ends, change: SectionChange, force: Vec
 def base_parameter_change(rod: Rod, ends: Ends, d: Parameters) -> Vector:
     """Change of the base's residual with the base's own parameters."""
     tilted = weighed(ends.turn_by_tilt, scaled(-1.0, d.base_turn))
-    follower = plus_cross(ends.moment, rod.seen, ends.force)
+    follower = plus_cross(ends.moment, rod.found.seen, ends.force)
     v = along(times(d.base_compliance, ends.felt), -d.base_relief, times(rod.compliance, follower))
     return minus(weighed(ends.chi_by_turn, tilted), compliant_turn(rod, ends, v, d.base_stiffening))

@@ -34,7 +34,7 @@ from model.rods.fast.derivatives.columns_walk import (
     scan_directions,
     start_within,
     walk_columns,
-)
+)  # fmt: skip
 from model.rods.fast.derivatives.ends import (
     ENDS,
     Ends,
@@ -44,7 +44,7 @@ from model.rods.fast.derivatives.ends import (
     linearise_ends,
     springs_by_motion,
     tip_wrench_change,
-)
+)  # fmt: skip
 from model.rods.fast.derivatives.tangent import COLUMN, NOTHING, TIP_COLUMNS, WALK, Column
 from model.rods.fast.direct import put_three
 from model.rods.fast.group import Counts, Full, Group, Rod, RowLayout, elements_of, new_group, three
@@ -180,9 +180,9 @@ def differentiate_unknowns(group: Group, room: Room) -> None:
             force, moment = cross(turn, ends.force), cross(turn, ends.moment)
             start.turn, start.moment, start.force = turn, add(moment, pulled[1]), add(force, pulled[0])
             combine(Station(room.base, l).by, start, base)
-            set_column(rod.jacobian, 0, c, base_residual_change(rod, ends, base, force, moment))
+            set_column(rod.jacobian.turn, c, base_residual_change(rod, ends, base, force, moment))
             if group.springs > 0:
-                set_column(rod.jacobian, 3, c, add(base.shift, shift))
+                set_column(rod.jacobian.shift, c, add(base.shift, shift))
 
 
 @routine
@@ -197,8 +197,8 @@ def differentiate_direction(group: Group, room: Room, direction: Direction) -> N
         rod, change, d = Rod(group.work, l), Change(room.change, l), Parameters(direction.d, l)
         ends, q = Ends(room.ends, l), rod.tip.turn
         residual = base_residual_change(rod, ends, change.base, turned(q, d.tip_force), turned(q, d.tip_moment))
-        rod.residual.turn = add(residual, base_parameter_change(rod, ends, d))
-        rod.residual.shift = change.base.shift
+        rod.found.residual.turn = add(residual, base_parameter_change(rod, ends, d))
+        rod.found.residual.shift = change.base.shift
     newton_step(group)
     for c in range(6 if group.springs > 0 else 3):
         for l in range(LANES):
