@@ -23,7 +23,7 @@ from .answer.headline import headline
 from .answer.holdout import evaluate_holdout, unseen_states
 from .answer.result import Diagnosis
 from .answer.rivals import Rivals
-from .answer.sentences import Facts, closed_by_calibration, statement, stiffness_sentence
+from .answer.sentences import Facts, beyond_tolerance, closed_by_calibration, statement, stiffness_sentence
 from .answer.unseen import Unseen, unseen
 from .data.baseline import Baseline
 from .data.case import CaseLike, lacking, states
@@ -127,7 +127,6 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         found.misfit.outlier_trial, lacking(first.states), assemble.simulator_section(found),
         calibration := assemble.calibration_section(found), names,
     )  # fmt: skip
-    wanted.executor.progress(1.0)
     text = statement(facts)
     if first.changed:
         text = f"{first.sentence} {'Beside that: ' if first.order else ''}{text}"
@@ -137,6 +136,10 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         which = assemble.beside(which, ORDER)
     if calibration is not None:
         concerns = (*concerns, *doubtful_area_factor(calibration.area_factor / calibration.given))
+    made = prepared.problem.parameters
+    for name, value in found.tense.items():
+        i = made.names.index(name)
+        concerns = (*concerns, beyond_tolerance(made.infos[i].source, made.infos[i].unit, value, float(made.sd[i])))
     concerns = (*concerns, *_scatter_concern(prepared.noise_components.excess_scatter))
     answer = Diagnosis(
         statement=words.say(text) + (f" {detail['holdout']['statement']}" if tested is not None else ""),

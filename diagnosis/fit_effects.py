@@ -12,7 +12,7 @@ With `residual=True` what the robot then still misses is learnt on top, see `dia
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -32,10 +32,10 @@ from .data.case import CaseLike, states
 from .data.chamber_sides import ORDER, contradicted
 from .data.first_calibration import FirstCalibration, calibrate_first
 from .errors import BadCase
-from .fit_residual import learn_residual
+from .fit_residual import DIGITS, learn_residual
 from .inference.candidate import Candidate
 from .inference.evidence import KNOWN, weigh
-from .inference.executor import one_thread
+from .inference.executor import Progress, no_progress, one_thread
 from .inference.linear import Linear, Prior
 from .inference.prepare import AREA, Prepared, prepare
 from .inference.problem import Parameters
@@ -45,19 +45,14 @@ from .judgement import TENSE_SD, UNDETERMINED_SHARE
 
 Array = NDArray[np.float64]
 
-MM = 1e3
 ALWAYS_CONSIDERED = "pressure_offset"
 """Noise of the pressure readings is found by its derivatives, whether or not it is fitted."""
-DIGITS = 7
-"""Significant digits of what is written."""
 RECURRING = {
     "spine_length": "spine_length", "spine_stiffness": "spine_stiffness", "turn": "repeat_turn", "shift": "repeat_shift",
 }  # fmt: skip
 """Key of `posterior.noise` -> the tolerance that recurs with each trial or repeat."""
 LAW_ERRORS = np.array([0.0, 0.01, 0.03, 0.1, 0.3])
 """Among which the data tell how wrong a law is here. (A diagnosis takes no law for exact, lest it be too sure of a name.)"""
-SHRINKING = 1 - 1e-6
-"""Of correlations, so that rounding leaves them positive definite."""
 
 
 @dataclass(frozen=True)
@@ -105,9 +100,9 @@ class Fitted:
             "in_sample": True,
             "calibrated_mm": self.calibrated_mm,
             "fitted_mm": self.fitted_mm,
-            "noise_floor_mm": MM * posterior.noise.floor if posterior else None,
+            "noise_floor_mm": 1e3 * posterior.noise.floor if posterior else None,
             "law_error": posterior.law_error if posterior else None,
-            "discrepancy_mm": MM * posterior.discrepancy if posterior else None,
+            "discrepancy_mm": 1e3 * posterior.discrepancy if posterior else None,
             "residual_left_out_mm": self.left_out_mm,
         }
 
@@ -117,7 +112,7 @@ def fit_effects(
     case: CaseLike,
     effects: Sequence[str],
     catalogue: Mapping[str, EffectSpec] = CATALOGUE,
-    progress: Callable[[float], None] = lambda share: None,
+    progress: Progress = no_progress,
     residual: bool = False,
 ) -> Fitted:
     """Fit area factor, effects (none: the calibrated baseline) and tolerances to the states of a case.
@@ -145,13 +140,13 @@ def fit_effects(
         )
     considered = {*named, *stated_effects(robot, catalogue), ALWAYS_CONSIDERED}
     p = prepare(robot, own, catalogue={id: spec for id, spec in catalogue.items() if id in considered})
-    progress(0.1)
+    progress("step 1 of 4: starting points", 0.0)
     search = Search(p.problem)
-    progress(0.4)
+    progress("step 2 of 4: calibration", 0.0)
     baseline = calibrated(p)
-    progress(0.6)
+    progress("step 3 of 4: effects", 0.0)
     found = search.fitted(named)
-    progress(0.9)
+    progress("step 4 of 4: tolerances", 0.0)
     missed = _missed(p, _written_alone(p, found.fit.theta))
     before, after = _rms(p, _missed(p, p.common(baseline.theta))), _rms(p, missed)
     stated, posterior, unseen = _posterior(p, found, after)
@@ -163,11 +158,10 @@ def fit_effects(
             written, own.trial[main], with_vented_at_zero(own)[main], own.spine_length[main], missed[main]
         )
         written = written.model_copy(update={"residual": learnt.residual})
-    progress(1.0)
     concerns = (*concerns, *_tense(p, found.fit.theta, named))
     return Fitted(
-        written, (*found_before, *named), stated, len(own), len(np.unique(own.trial)), MM * before,
-        p.area_factor(baseline.theta), MM * after, concerns, unseen, None if learnt is None else MM * learnt.left_out,
+        written, (*found_before, *named), stated, len(own), len(np.unique(own.trial)), 1e3 * before,
+        p.area_factor(baseline.theta), 1e3 * after, concerns, unseen, None if learnt is None else 1e3 * learnt.left_out,
     )  # fmt: skip
 
 
@@ -231,7 +225,8 @@ def _posterior(p: Prepared, c: Candidate, left: float) -> tuple[dict[str, Stated
         stated[name] = Stated(value=_rounded(value), sd=_rounded(spread), unit=parameters.infos[i].unit)
     own = list(place.values())
     scale = np.sqrt(np.diag(covariance))[own]
-    correlation = SHRINKING * covariance[np.ix_(own, own)] / np.outer(scale, scale)
+    # rounding must leave the correlations positive definite
+    correlation = (1 - 1e-6) * covariance[np.ix_(own, own)] / np.outer(scale, scale)
     posterior = {
         "parameters": list(place),
         "area_factor_sd": stated[AREA_FACTOR].sd,

@@ -29,19 +29,14 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 LEAST_STATES = 6
-MOST_STATES = 1000
-"""That robot.yaml holds; of more, whole trials evenly."""
-MOST_FOR_SCALES = 400
-"""From which the scales are learnt; likewise."""
 SCALE_RANGE, SCALE_SD = 0.7, 1.0
 """Prior of both scales: log-normal about this share of the campaign's range, its standard deviation in ln."""
 LOW, HIGH = 0.05, 20.0
 """Bounds of both scales, in ranges."""
-LEAST_NOISE = 1e-3
-"""Of the rms: below, two equal states would be one."""
 STARTS = ((1.0, 0.7, 0.7, 0.3, 0.3), (1.0, 0.3, 0.3, 0.1, 0.3), (0.5, 1.5, 1.5, 0.7, 0.7))
 """Amplitude, scales, trial and reading, in units of the rms and of the ranges."""
 DIGITS = 7
+"""Significant digits of what is written."""
 
 
 @dataclass(frozen=True)
@@ -66,11 +61,12 @@ def learn_residual(robot: Robot, trial: Ints, pressure: Array, length: Array, mi
             f"residual: {len(missed)} states with a tip in {trials} trial(s), it needs at least {LEAST_STATES} states in "
             "two trials: record more, or leave --residual out"
         )
-    kept = _some(trial, MOST_STATES)
+    # robot.yaml holds this many; of more, whole trials evenly
+    kept = _some(trial, 1000)
     trial, pressure, length, missed = trial[kept], pressure[kept], length[kept], missed[kept]
     u = section_sums(robot, pressure)
     ranges = _range(np.linalg.norm(u, axis=1)), _range(length)
-    kept = _some(trial, MOST_FOR_SCALES)
+    kept = _some(trial, 400)
     scales = _scales(u[kept], length[kept], trial[kept], missed[kept], ranges)
     table = np.column_stack([trial, u, length, missed])
     own = Residual(
@@ -96,7 +92,8 @@ def _scales(u: Array, length: Array, trial: Ints, missed: Array, ranges: tuple[f
     bounds = [
         (np.log(1e-2), np.log(1e2)),
         *[(np.log(LOW), np.log(HIGH))] * 2,
-        *[(np.log(LEAST_NOISE), np.log(10.0))] * 2,
+        # below this share of the rms, two equal states would be one
+        *[(np.log(1e-3), np.log(10.0))] * 2,
     ]
     found = [minimize(cost, np.log(start), method="L-BFGS-B", bounds=bounds) for start in STARTS]
     best = min(found, key=lambda f: float(f.fun))

@@ -29,8 +29,6 @@ from .judgement import CERTAIN, LEAST_BITS, UNFORESEEN
 
 Array = NDArray[np.float64]
 
-MM = 1e3
-
 
 @dataclass(frozen=True)
 class Limits:
@@ -229,7 +227,7 @@ def judge(before: Examined, case: CaseLike, more: CaseLike) -> tuple[Judged, ...
         missed = np.linalg.norm(own.tip - p.tip[0], axis=1)
         bits = float((its - max(density)) / np.log(2))
         chance = p.p_value(observed, rivals.prepared.noise_components.contrasts)
-        out.append(Judged(c.named, float(np.sqrt(np.nanmean(missed**2))) * MM, chance, bits))
+        out.append(Judged(c.named, float(np.sqrt(np.nanmean(missed**2))) * 1e3, chance, bits))
     return tuple(out)
 
 
@@ -245,7 +243,7 @@ def bits_gained(before: Diagnosis, after: Diagnosis) -> float:
 
 
 def _mm(values: Array) -> tuple[tuple[float, ...], ...]:
-    return tuple(tuple(round(float(x) * MM, 3) for x in row) for row in values)
+    return tuple(tuple(round(float(x) * 1e3, 3) for x in row) for row in values)
 
 
 def _round(r: Round) -> dict[str, Any]:

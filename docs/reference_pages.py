@@ -1,8 +1,7 @@
-"""The reference pages and the glossary, made from the code: command, files, protocols, effects, instruments, streams, Python."""
+"""The reference pages and the glossary, made from the code: files, protocols, effects, instruments, streams, Python."""
 
 from __future__ import annotations
 
-import argparse
 import ast
 import inspect
 import re
@@ -17,9 +16,6 @@ from pydantic import BaseModel
 import lab
 from drivers import interfaces
 from drivers.registry import ROLES
-from drivers.retries import Retries
-from drivers.serial_line import SerialLine
-from lab.cli import parser
 from lab.files.all_drivers import drivers
 from lab.files.all_protocols import found_protocols
 from lab.files.campaign_file import CampaignFile
@@ -35,12 +31,10 @@ from model.robot import Robot
 from protocols import actions, suspension, visits
 from protocols.bench import Bench, Setup
 from protocols.experiment import Ask, Plan, Reading, Step, Trials
-from protocols.visits import Sweep, Visit, Walk
+from protocols.visits import Sweep, Visit
 from recordings import trials
 from recordings.messages import STREAMS, MessageType
 from recordings.states.rules import Crossing, Settled, Window
-from sim_fakes.plant import Plant
-from sim_fakes.pty_fake import PtyFake
 
 OFFERS: Mapping[str, type] = {
     "arm": interfaces.ArmDriver,
@@ -53,16 +47,39 @@ OFFERS: Mapping[str, type] = {
     "sensor": interfaces.Stream,
 }
 """What a driver of each role is."""
+WITHIN: Mapping[type, Sequence[str]] = {
+    Trials: ("begin_again", "zero", "soft"),
+    Bench: (
+        *("recorder", "narrator", "recoverable", "recover", "steering", "rest", "repeatable", "stood", "patience"),
+        *("jammed", "bodies", "has_topic", "look_anew"),
+    ),
+    Quantities: ("robot", "design"),
+    History: ("quantities", "path"),
+    Readings: ("design",),
+}
+"""Members that only the project's own code uses."""
+HELPERS = (
+    "in_one_jamming",
+    "setpoints",
+    "change_of",
+    "signed",
+    "planned_rest",
+    "around",
+    "jam_lost",
+    "release",
+    "jam",
+    "grow",
+)
+"""Functions likewise."""
 MADE = "This page is made from the code."
 WIDTH = 120
 """Of a line."""
-VALUES = "`key`: default unit, limits. Meaning. (0, 1]: above 0, at most 1. A number may carry its unit: `250 kPa`."
+VALUES = "[How to read a line](index.md)."
 
 
 def write_all(folder: Path) -> None:
     """Write every page into `folder`."""
     pages = {
-        "command": command(),
         "rig": rig_file(),
         "robot": robot_file(),
         "map": map_file(),
@@ -93,46 +110,6 @@ def glossary() -> Iterator[str]:
     yield MADE
 
 
-def command() -> Iterator[str]:
-    """Every verb with its arguments, from the parser itself."""
-    yield from ("# The command", "")
-    yield from ("Exit code 0: done; 1: failed; 2: wrong usage or configuration; 3: done, but data was lost.", "")
-    verbs = {f"lab {name}": (does, [_argument(a) for a in _arguments(verb)]) for name, does, verb in _verbs(parser())}
-    several = _several(rows for _, rows in verbs.values())
-    yield from ("## Options of several verbs", "", *_list(several))
-    for name, (does, rows) in verbs.items():
-        yield from (f"## {name}", "", _sentence(does.replace("%%", "%")), "")
-        yield from _but(rows, several)
-
-
-def _arguments(verb: argparse.ArgumentParser) -> list[argparse.Action]:
-    left_out = (argparse._HelpAction, argparse._SubParsersAction)  # noqa: SLF001
-    return [a for a in verb._actions if not isinstance(a, left_out)]  # noqa: SLF001 - argparse has no other list
-
-
-def _argument(a: argparse.Action) -> Row:
-    """An argument: how it is typed, whether it must be, what it means."""
-    names = ", ".join(a.option_strings)
-    called = a.metavar if isinstance(a.metavar, str) else " ".join(a.metavar or ()) or _metavar(a)
-    many = {0: "", "?": f"[{called}]", "+": f"{called} ..", "*": f"[{called} ..]"}
-    value = many.get(a.nargs if a.nargs is not None else called, called)
-    needed = "required" if names and a.required else ""
-    return f"`{f'{names} {value}'.strip()}`", needed, (a.help or "").replace("%%", "%")
-
-
-def _metavar(a: argparse.Action) -> str:
-    return "{" + ",".join(map(str, a.choices)) + "}" if a.choices else a.dest.upper() if a.option_strings else a.dest
-
-
-def _verbs(top: argparse.ArgumentParser, before: str = "") -> Iterator[tuple[str, str, argparse.ArgumentParser]]:
-    for action in top._actions:  # noqa: SLF001
-        if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
-            for name, verb in action.choices.items():
-                told = next((a.help for a in action._get_subactions() if a.dest == name), "")  # noqa: SLF001
-                yield before + name, verb.description or told or "", verb
-                yield from _verbs(verb, f"{before}{name} ")
-
-
 def rig_file() -> Iterator[str]:
     """Every table of rig.yaml but those of the instruments."""
     yield from ("# rig.yaml", "", "The tables of `instruments` are on [a page of their own](instruments.md).")
@@ -157,7 +134,7 @@ def campaign_file() -> Iterator[str]:
 
 
 def _file(model: type[BaseModel], name: str, leave_out: Sequence[str] = ()) -> Iterator[str]:
-    yield from (f"For an editor: `lab schema {name}`.", "", VALUES, "", *_prose(model))
+    yield from (f"For an editor: `lab schema {name}`. {VALUES}", "", *_prose(model))
     for key, prose, rows in _tables(model, leave_out):
         yield from (*((f"## {key}", "", *prose) if key else ()), *_list(rows))
 
@@ -169,7 +146,7 @@ def trials_file() -> Iterator[str]:
     yield from ("| column | unit | meaning |", "|---|---|---|")
     for pattern, unit, meaning in trials.COLUMNS:
         if meaning:
-            names = ", ".join(f"`{name}`" for name in pattern.replace("[0-9]+", "1").split("|"))
+            names = ", ".join(f"`{name}`" for name in pattern.replace("[0-9]+", "1").replace(".*", "..").split("|"))
             yield f"| {names} | {unit} | {meaning} |"
 
 
@@ -199,14 +176,14 @@ def protocol_calls() -> Iterator[str]:
         "[`settle`, `jam` and `spine`](protocols.md) as fields."
     )
     yield ""
-    for kind in (Visit, Sweep, Walk, Trials, Bench, Setup, Plan, Step, Ask, Reading, Settled, Window, Crossing):
+    for kind in (Visit, Sweep, Trials, Bench, Setup, Plan, Step, Ask, Reading, Settled, Window, Crossing):
         yield from _class(kind, kind.__name__)
     for module in (visits, actions, suspension):
         yield from (f"## {module.__name__}", "", *_prose(module))
         yield from _list(
             (_code(f"{name}{_signature(f)}"), "", inspect.getdoc(f) or "")
             for name, f in vars(module).items()
-            if inspect.isfunction(f) and f.__module__ == module.__name__ and not name.startswith("_")
+            if inspect.isfunction(f) and f.__module__ == module.__name__ and name[0] != "_" and name not in HELPERS
         )
 
 
@@ -220,26 +197,24 @@ def quantities() -> Iterator[str]:
         yield from _class(kind, f"{kind.__name__}: `{part}`")
 
 
-def _class(kind: type, title: str, made: bool = False) -> Iterator[str]:
-    """Fields and methods of a class, with their notes; `made`: how it is made, too."""
+def _class(kind: type, title: str) -> Iterator[str]:
+    """Fields and methods of a class, with their notes."""
     yield from (f"## {title}", "", *_prose(kind))
-    notes, fields = _notes(kind), [name for name in inspect.get_annotations(kind) if not name.startswith("_")]
-    methods = [
-        (name, f)
-        for name, f in vars(kind).items()
-        if inspect.isfunction(f) and (not name.startswith("_") or (made and name == "__init__")) and name not in fields
-    ]
-    calls = {name: kind.__name__ if name == "__init__" else name for name, _ in methods}
-    yield from _fields(
-        fields, notes, [(_code(f"{calls[name]}{_signature(f)}"), "", f.__doc__ or "") for name, f in methods]
-    )
+    notes, leave_out = _notes(kind), WITHIN.get(kind, ())
+    said = kind.__doc__ or ""
+    leave_out = (*leave_out, *(n for n in inspect.get_annotations(kind) if n not in notes and f"`{n}`" in said))
+    fields = [n for n in inspect.get_annotations(kind) if n[0] != "_" and n not in leave_out]
+    methods = {n: f for n, f in vars(kind).items() if inspect.isfunction(f) and n[0] != "_"}
+    known = (*fields, *leave_out)
+    rows = [(_code(f"{n}{_signature(f)}"), "", f.__doc__ or "") for n, f in methods.items() if n not in known]
+    yield from _fields(fields, notes, rows)
 
 
 def _fields(fields: Sequence[str], notes: Mapping[str, str], more: Sequence[Row] = ()) -> Iterator[str]:
     """Fields with a note and other rows as a list, the names of the rest in one line."""
     yield from _list([*((_code(n), "", notes[n]) for n in fields if notes.get(n)), *more])
     bare = ", ".join(_code(n) for n in fields if not notes.get(n))
-    yield from _wrapped(f"{'Other fields' if len(bare.split()) < len(fields) else 'Fields'}: {bare}.") if bare else ()
+    yield from _wrapped(f"{'Also' if len(bare.split()) < len(fields) else 'Fields:'} {bare}.") if bare else ()
     yield ""
 
 
@@ -270,9 +245,6 @@ def instruments() -> Iterator[str]:
         (_code(f"{k.__name__}({', '.join(inspect.get_annotations(k))})"), "", k.__doc__ or "") for k in samples
     )
     yield ""
-    for kind in (SerialLine, Retries, PtyFake):
-        yield from _class(kind, f"{kind.__module__}.{kind.__name__}", made=True)
-    yield from _class(Plant, f"{Plant.__module__}.{Plant.__name__}")
 
 
 def _calls(interface: type) -> list[Row]:
@@ -297,7 +269,8 @@ def effects() -> Iterator[str]:
         for e in (e for e in CATALOGUE.values() if e.stage == stage):
             yield from (f"### {e.id}", "", f"{_sentence(e.name)}", "", *_wrapped(f"`{e.equation}`"), "")
             yield from _wrapped("; ".join(map(_parameter, e.parameters)) + ".")
-            yield from ("", *_wrapped(f"Seen best in: {e.seen_best_in}. Source: {e.citation}."), "")
+            source = f" Source: {e.citation}." if len(e.citation.split()) > 1 else ""
+            yield from ("", *_wrapped(f"Shows in: {e.seen_best_in}.{source}"), "")
 
 
 def _parameter(p: Parameter) -> str:
@@ -503,8 +476,12 @@ def _several(tables: Iterable[Sequence[Row]]) -> list[Row]:
 
 
 def _but(rows: Sequence[Row], several: Sequence[Row]) -> Iterator[str]:
-    """The rows of a table, of those that are explained elsewhere on the page the names alone."""
-    known = {row for row in rows if (row[0], row[1].removeprefix("required"), row[2]) in several}
+    """The rows of a table; the names alone of those that are explained elsewhere on the page, as tables of their own are."""
+    known = {
+        (name, form, text)
+        for name, form, text in rows
+        if (name, form.removeprefix("required"), text) in several or (form.startswith("table") and not text)
+    }
     yield from _list(row for row in rows if row not in known)
     names = (
         f"`{name.strip('`').split()[0]}`{' (required)' * (form == 'required')}"

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-MOST_CHAMBERS = 64
-"""Of a robot; chambers are numbered from 1 around its axis."""
 PAPER_WIRING = ((9, 1, 2), (3, 4, 5), (6, 7, 8))
 """Nine chambers in three sets of three neighbours, each set on one channel."""
 
@@ -19,7 +17,7 @@ class ChamberMap:
         Raises ValueError for a number outside 1..count, a chamber named twice, or a channel without a chamber.
         """
         wired = [n for group in chambers_by_channel for n in group if isinstance(n, int)]
-        self.count = min(max(wired, default=0), MOST_CHAMBERS) if count is None else count
+        self.count = min(max(wired, default=0), 64) if count is None else count
         self.channels = tuple(tuple(group) for group in chambers_by_channel)
         self._channel_of: dict[int, int] = {}
         for channel, group in enumerate(self.channels):

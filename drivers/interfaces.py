@@ -1,4 +1,4 @@
-"""What each kind of instrument offers, whatever its maker.
+"""What each kind of instrument offers, independent of its maker.
 
 Conventions for every driver
 - Units are SI; pressures are gauge unless a name says absolute.
@@ -10,34 +10,24 @@ Conventions for every driver
 - Public commands are idempotent and confirmed by read-back.
 
 Two optional methods
-- `confirm_settings() -> None` reads again the settings on which safety rests and which may change at a panel, by another
-  program or by a loss of power. It may write a setting that has one right value. It raises `WrongDevice` (setting, register,
-  value found, value needed, remedy) or `NoReply`. The guard calls it before the first pressure after a vent and when a pressure
-  jumps, and lands the rig after any error. `open()` does the same checks; `read()` raises `WrongDevice` when it meets a change.
-- `take_notices() -> list[str]` returns sentences worth a warning, each once, such as frequent retries. The guard asks after
-  each reading.
+- `confirm_settings() -> None` reads again, as `open()` does, the settings on which safety rests and which may change at a
+  panel, by another program or by a loss of power. It may write a setting that has one right value. It raises `WrongDevice`
+  (setting, register, value found, value needed, remedy) or `NoReply`. The guard calls it before the first pressure after a
+  vent and when a pressure jumps, and lands the rig after any error.
+- `take_notices() -> list[str]` returns sentences worth a warning, each once, such as frequent retries.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from enum import IntFlag
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
 Vector3 = tuple[float, float, float]
 Vector6 = tuple[float, float, float, float, float, float]
 Quaternion = tuple[float, float, float, float]
 """w, x, y, z"""
-
-
-class Clock(Protocol):
-    """The time of the rig (s); real instruments run at the pace of the host, a sped-up rig runs faster."""
-
-    def now(self) -> float:
-        """Time since the clock was made, s."""
-
-    def sleep(self, duration: float) -> None:
-        """Wait for `duration` seconds of this clock."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +51,7 @@ class PressureSample:
 
 @dataclass(frozen=True)
 class SpineSample:
-    """The length unit: spine length (m), its speed (m/s), the length it was told to go to (m)."""
+    """The length unit: spine length (m), its speed (m/s), and its goal (m)."""
 
     t: float
     length: float
@@ -102,6 +92,23 @@ class WrenchSample:
         return (a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3], a[4] - b[4], a[5] - b[5])
 
 
+class SafetyBit(IntFlag):
+    """What an arm's safety system reports: the bits of `ArmSample.safety_bits`, as a UR controller numbers them."""
+
+    NORMAL = 1 << 0
+    REDUCED = 1 << 1
+    PROTECTIVE_STOP = 1 << 2
+    RECOVERY = 1 << 3
+    SAFEGUARD_STOP = 1 << 4
+    SYSTEM_EMERGENCY_STOP = 1 << 5
+    ROBOT_EMERGENCY_STOP = 1 << 6
+    EMERGENCY_STOP = 1 << 7
+    VIOLATION = 1 << 8
+    FAULT = 1 << 9
+    STOPPED = 1 << 10
+    THREE_POSITION_STOP = 1 << 11
+
+
 @dataclass(frozen=True)
 class ArmSample:
     """The arm: its own stamp (s), joint angles (rad), TCP pose (m, rotation vector rad) and TCP speed in its base frame."""
@@ -112,6 +119,7 @@ class ArmSample:
     tcp_pose: Vector6
     tcp_speed: Vector6
     safety_bits: int
+    """See `SafetyBit`."""
     program_running: bool
 
 

@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from .errors import LimitExceeded
-from .interfaces import Clock
+from timing import Clock
 
+from .errors import LimitExceeded
+
+VENTED = 5e3
+"""Pa; a chamber below this counts as vented."""
 LONGEST_CREDIT = 1.0
 """Rig seconds of pause that count for the rate limit: after a longer pause a set-point moves by one second's worth."""
 

@@ -11,11 +11,6 @@ from .serial_line import SerialLine
 
 T = TypeVar("T")
 
-WINDOW = 40
-"""Requests over which repeats are counted."""
-RULE = 10
-"""Repeats among them above which they are the rule: a sound line needs none, a disturbed one a few in a thousand."""
-
 
 class Retries:
     """The requests of one line."""
@@ -23,7 +18,7 @@ class Retries:
     def __init__(self, line: SerialLine) -> None:
         """`line`: on which they are made."""
         self._line = line
-        self._repeated: deque[bool] = deque(maxlen=WINDOW)
+        self._repeated: deque[bool] = deque(maxlen=40)
         self._told: set[str] = set()
         self.total = 0
         """Repeated requests since the line was made."""
@@ -47,7 +42,8 @@ class Retries:
     def notices(self) -> list[str]:
         """What is worth a warning and was not yet reported."""
         found = {}
-        if sum(self._repeated) > RULE:
+        # a sound line needs no repeats, a disturbed one a few in a thousand requests
+        if sum(self._repeated) > 10:
             found["retries"] = (
                 f"{sum(self._repeated)} of the last {len(self._repeated)} requests on {self._line.port} had to be repeated, "
                 f"{self.total} since it was opened; check cable, baud rate and adapter"

@@ -12,18 +12,19 @@ from __future__ import annotations
 import contextlib
 import os
 import termios
-import time
 from collections.abc import Callable, Iterator
 
 import serial
 
+import timing
+
 from .errors import BadReply, InstrumentError, NoReply, NotReady, Unreachable
 from .stop_first import SLICE, StopFirst
 
-LONGEST_ANSWER = 4096
-"""Bytes after which an answer without its terminator is given up: nothing here answers at such length."""
 PADDING = b"\0 \t\r\n"
 """What breakout boxes and terminal servers put between two lines."""
+LONGEST_ANSWER = 4096
+"""Bytes after which an answer without its terminator is given up: nothing here answers at such length."""
 WRITE_WITHIN = 1.0
 """s, least time to write a request. The kernel takes those few bytes at once, and what does not answer is told by reading;
 but pyserial looks at the clock after the last byte, and a busy computer may come back late from a write that was done."""
@@ -117,7 +118,7 @@ class SerialLine:
                 return
             self.close()
             try:
-                self._serial = serial.Serial(
+                self._serial = serial.serial_for_url(
                     self.port,
                     self.baud,
                     parity=self._parity,
@@ -171,9 +172,9 @@ class SerialLine:
 
     def listen(self, duration: float) -> bytes:
         """Everything that arrives within `duration` s, host time."""
-        deadline = time.monotonic() + duration
+        deadline = timing.now() + duration
         heard = b""
-        while time.monotonic() < deadline:
+        while timing.now() < deadline:
             heard += self.read_some()
         return heard
 
@@ -182,7 +183,7 @@ class SerialLine:
         silence, `BadReply` on an unfinished answer.
         """
         with self._guarded() as port:
-            deadline = time.monotonic() + (self.timeout if timeout is None else timeout)
+            deadline = timing.now() + (self.timeout if timeout is None else timeout)
             while True:
                 while (end := self._buffer.find(until)) < 0:
                     self._wait_for_more(port, deadline, f"up to {until!r}")
@@ -195,7 +196,7 @@ class SerialLine:
     def read_exactly(self, count: int, timeout: float | None = None) -> bytes:
         """`count` bytes; `NoReply` on silence, `BadReply` when fewer arrive."""
         with self._guarded() as port:
-            deadline = time.monotonic() + (self.timeout if timeout is None else timeout)
+            deadline = timing.now() + (self.timeout if timeout is None else timeout)
             while len(self._buffer) < count:
                 self._wait_for_more(port, deadline, f"of {count} bytes")
             return self._take(count)
@@ -220,7 +221,7 @@ class SerialLine:
     def _wait_for_more(self, port: serial.Serial, deadline: float, wanted: str) -> None:
         """Read once more; past the deadline, or when the answer has no end, drop what came and raise."""
         self.lock.give_way()
-        if time.monotonic() >= deadline or len(self._buffer) > LONGEST_ANSWER:
+        if timing.now() >= deadline or len(self._buffer) > LONGEST_ANSWER:
             got = self._take(len(self._buffer))
             if got:
                 raise BadReply(self.name, f"expected an answer {wanted} on {self.port}, got only {show(got)}")

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import contextlib
 import threading
-import time
 from collections.abc import Iterator
+
+import timing
 
 from .errors import NoReply
 
@@ -23,8 +24,8 @@ class StopFirst:
     def __init__(self, name: str) -> None:
         """`name` of the instrument, for messages."""
         self.name = name
-        self._lock = threading.RLock()
-        self._count = threading.Lock()
+        self._lock = timing.RLock()
+        self._count = timing.Lock()
         self._stops = 0
         self._stopping: int | None = None
         """Thread whose stop has the line."""
@@ -59,7 +60,7 @@ class StopFirst:
 
     def sleep(self, duration: float) -> None:
         """Wait, host seconds; raises NoReply as soon as a stop wants the line."""
-        end = time.monotonic() + duration
-        while (left := end - time.monotonic()) > 0:
+        end = timing.now() + duration
+        while (left := end - timing.now()) > 0:
             self.give_way()
-            time.sleep(min(SLICE, left))
+            timing.sleep(min(SLICE, left))

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from diagnosis.fit_effects import Fitted, fit_effects
+from diagnosis.inference.executor import Progress, no_progress
 from model.calibration import (
     AXES,
     AreaFit,
@@ -23,9 +24,6 @@ from model.stated import AREA_FACTOR
 from recordings.trials import TrialRow
 
 from .files.inputs import Case
-
-LENGTH_KNOWN_TO = 0.1e-3
-"""m; standard uncertainty of the spine length read from the drum, with the play of cord and clamp."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +73,7 @@ def _one_for_all(f: Fitted) -> AreaFit:
     return AreaFit(Estimate(f.calibrated_area_factor, f.parameters[AREA_FACTOR].sd, numbers, numbers, rms))
 
 
-def calibrate(case: Case, progress: Callable[[float], None] = lambda share: None) -> Calibration:
+def calibrate(case: Case, progress: Progress = no_progress) -> Calibration:
     """Everything that this data can calibrate. Raises DiagnosisError, ModelError."""
     robot = case.robot
     spine = _spine_modulus(case)
@@ -111,7 +109,8 @@ def _spine_modulus(case: Case) -> dict[float, Estimate]:
 
 def _with_length(e: Estimate, length: float) -> Estimate:
     """E goes with the cube of the length, so what is not known of the length is added to the standard error."""
-    return replace(e, standard_error=math.hypot(e.standard_error, 3 * LENGTH_KNOWN_TO / length * e.value))
+    # 0.1 mm of the drum's reading are not known, with the play of cord and clamp
+    return replace(e, standard_error=math.hypot(e.standard_error, 3 * 0.1e-3 / length * e.value))
 
 
 def _body_modulus(case: Case) -> Estimate | None:

@@ -18,8 +18,6 @@ A = TypeVar("A")
 B = TypeVar("B")
 
 CONNECT_SECONDS = 20.0
-CHANCES = 3
-"""Times an item is sent out before its worker's loss is an error."""
 
 
 class Cluster:
@@ -73,7 +71,7 @@ class Cluster:
                 # A result that is there may be lost with its worker before it comes here.
                 result = future.result()
             except (CancelledError, self._distributed.KilledWorker, OSError):
-                if chance == CHANCES:
+                if chance == 3:
                     raise
                 running.add(send(i, chance + 1, number))
                 continue

@@ -167,6 +167,11 @@ class Screen:
         self._progress.typed = text
         self._progress.refresh()
 
+    def step(self, name: str, share: float) -> None:
+        """A step whose time is not known, such as "step 3 of 9: pairs", and the share of it that is done."""
+        if self._task is not None:
+            self._progress.update(self._task, description=plain(f"{self._title}, {name}"), completed=share)
+
     def progress(self, done: float, total: float) -> None:
         """Seconds of rig time done, of the total planned; the time left is corrected by the pace kept so far."""
         if self._task is None or total <= 0:

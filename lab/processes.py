@@ -94,17 +94,14 @@ def _here(do: Callable[[A], B], item: A) -> Future[B]:
     return done
 
 
-MANY_ROWS = 25
-"""Of a case, from which processes are worth their start."""
-
-
 @contextmanager
 def for_case(rows: int, cores: int) -> Iterator[Processes | None]:
     """Processes for a case of so many rows, with this one as many as there are cores; None where one process is as quick.
 
     What the rod's kernels are not compiled for yet on this machine is compiled here and there side by side.
     """
-    if cores == 1 or rows < MANY_ROWS:
+    # fewer rows are not worth the start of processes
+    if cores == 1 or rows < 25:
         yield None
         return
     with processes(cores - 1, ("derivatives",)) as others:

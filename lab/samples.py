@@ -20,8 +20,6 @@ from .files.robot_file import write_robot
 
 Array = NDArray[np.float64]
 
-ATTEMPTS = 1000
-"""Draws for one robot until all parameters lie within their bounds; then those that do not are put on the bound."""
 LEAST_AREA, MOST_AREA = 1e-6, 20.0
 
 
@@ -52,7 +50,8 @@ def drawn(
 def _within(mean: Array, half: Array, limits: Array, rng: np.random.Generator) -> Array:
     low, high = limits[:, 0], limits[:, 1]
     value = mean
-    for _ in range(ATTEMPTS):
+    # then those that do not lie within their bounds are put on them
+    for _ in range(1000):
         value = mean + half @ rng.normal(size=len(mean))
         if ((value >= low) & (value <= high)).all():
             break

@@ -24,8 +24,6 @@ RATE, HOLD = 25e3, 2.0
 """Pa/s and s of the ramps in between."""
 DEFLECTIONS = np.linspace(0.0, 0.02, 9)
 """Of the specimen's length."""
-SEEN = 1e-5
-"""m or N: less is no signature."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +79,8 @@ def _signature(spec: EffectSpec, models: list[tuple[str, Columns, ForwardModel]]
         still = forward.predict(theta)
         theta[forward.index(spec.id)] = sizes
         change = forward.predict(theta) - still
-        if np.nanmax(np.abs(change)) > SEEN:
+        # m or N: less is no signature
+        if np.nanmax(np.abs(change)) > 1e-5:
             break
     else:
         none = np.zeros((0, 0))

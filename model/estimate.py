@@ -11,8 +11,6 @@ from scipy.special import stdtrit
 from model.errors import BadCondition, NotIdentified
 
 Array = NDArray[np.float64]
-FEWEST_TRIALS = 3
-"""From this many trials on, the scatter between trials sets the standard error."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +57,8 @@ def estimate(
     rms = float(np.sqrt(np.mean(residual**2)))
     score = sensitivity * residual
     names = np.unique(trial) if trial is not None else np.zeros(0)
-    if trial is not None and names.size >= FEWEST_TRIALS:
+    # the scatter between trials sets the standard error; that of two says nothing
+    if trial is not None and names.size >= 3:
         total = sum(float(score[trial == name].sum()) ** 2 for name in names)
         small_sample = names.size / (names.size - 1)
         return Estimate(value, float(np.sqrt(small_sample * total)) / information, names.size - 1, n, rms)

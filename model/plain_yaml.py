@@ -15,6 +15,8 @@ import yaml
 
 MOST_CHARACTERS = 500_000
 """Of a file that a person writes; the longest of this project has 5000."""
+MOST_PROBLEMS = 50
+"""Of a file that are spelled out."""
 DEEPEST = 20
 """Tables and lists within each other; the files of this project have five."""
 MOST_VALUES = 10_000

@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, T
 from model import smooth_table
 from model.actuators import Chambers, Tendons
 from model.errors import BadRobot
-from model.plain_yaml import MOST_CHARACTERS, BadYaml, parse
+from model.plain_yaml import MOST_CHARACTERS, MOST_PROBLEMS, BadYaml, parse
 from model.sections import Positive, Section, Weight, section_problems
 from model.stated import AREA_FACTOR, Noise, Posterior, Residual, Stated, Table, named, problems
 
@@ -28,10 +28,6 @@ Vector3 = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 LengthKey = Annotated[FiniteFloat, Field(ge=0, le=5, json_schema_extra={"unit": "m"})]
 Modulus = Annotated[FiniteFloat, Field(ge=1e3, le=1e11, json_schema_extra={"unit": "Pa"})]
 Factor = Annotated[FiniteFloat, Field(gt=0, le=20, json_schema_extra={"unit": "1"})]
-
-
-MOST_PROBLEMS = 50
-"""Of one file that are spelled out."""
 
 
 def _form(value: object) -> str:

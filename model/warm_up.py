@@ -18,8 +18,6 @@ from model.rods import FINE, PAPER, Form, Rods, rods, sensitivities, solve, stat
 from model.rods.fast.compiler import compiled_here
 from model.rods.solution import AT_ORIENTATION, RESULT, Solution, no_shape
 
-PRIORITY = 5
-"""Others come first, but it is waited for in the end."""
 BUCKLING = 2.0
 """A margin that no rod has: every rod is loaded in steps."""
 
@@ -80,5 +78,6 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(prog="python -m model.warm_up", description=__doc__)
     parser.add_argument("part", nargs="?", choices=list(PARTS), help="one part; all unless given")
     only = parser.parse_args().part
-    os.nice(PRIORITY)
+    # others come first
+    os.nice(5)
     warm_up([only] if only else list(PARTS))

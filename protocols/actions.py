@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from statistics import fmean
 
+from drivers.pressure_limits import LONGEST_CREDIT, VENTED
 from recordings.states.demands import VacuumBand, left_band
 from recordings.states.rules import AMBIENT
 
@@ -13,8 +14,6 @@ from .bench import Bench, Jammed
 from .errors import JamLost
 from .parameters import Jam, SpineMotion
 
-VENTED_BELOW = 5e3
-"""Pa; all chambers measured below this count as vented."""
 LOWEST_AMBIENT = 80e3
 """Pa absolute; a spine below this is still evacuated."""
 CLIPPED = 1e3
@@ -23,12 +22,6 @@ VACUUM_NOISE = 3e3
 """Pa by which one reading of a gauge may be off: six times a noise of 0.5 % of the reading, at ambient pressure."""
 REST_READINGS = 6
 """A gauge is judged to rest from at least so many readings."""
-LONGEST_STEP = 1.0
-"""Rig seconds by which a ramp goes on at most from one set-point to the next: what regulators credit after a pause."""
-CONFIRM_WITHIN = 30.0
-"""Rig seconds in which the regulators must have confirmed the end of a ramp."""
-RAMP_STEP = 0.1
-"""Rig seconds between two set-points of a ramp."""
 
 
 def vent(bench: Bench, within: float = 20.0) -> None:
@@ -36,8 +29,8 @@ def vent(bench: Bench, within: float = 20.0) -> None:
     regulators = bench.need(bench.pressure, "pressure")
     regulators.vent()
     bench.wait(
-        f"pressure: all chambers below {VENTED_BELOW / 1e3:g} kPa",
-        lambda: True if max(regulators.read().measured) < VENTED_BELOW else None,
+        f"pressure: all chambers below {VENTED / 1e3:g} kPa",
+        lambda: True if max(regulators.read().measured) < VENTED else None,
         within,
     )
 
@@ -141,7 +134,7 @@ def set_spine(bench: Bench, length: float, vacuum: float, motion: SpineMotion, r
 
 
 def keep_jammed(bench: Bench, jam: Callable[[], object]) -> None:
-    """After a pause: have `jam` jam a spine anew that was soft, and raise JamLost."""
+    """After a pause, jam a soft spine again by `jam`, and raise JamLost."""
     if jam_lost(bench):
         jam()
         raise JamLost("the spine was jammed anew")
@@ -163,8 +156,9 @@ def jam_lost(bench: Bench) -> bool:
 
 
 def ramp(bench: Bench, target: Sequence[float], rate: float) -> float:
-    """Ramp all channels (Pa) to `target` at `rate` Pa/s; returns the rig time of arrival. `bench.clipped` tells until the next
-    ramp whether limits clipped a set-point. Raises NotReached when the regulators hold other set-points in the end.
+    """Ramp all channels (Pa) to `target` at `rate` Pa/s; returns the rig time of arrival.
+
+    Sets `bench.clipped` if limits clipped a set-point. Raises NotReached when the regulators hold other set-points in the end.
     """
     bench.clipped = False
     regulators = bench.need(bench.pressure, "pressure")
@@ -173,14 +167,14 @@ def ramp(bench: Bench, target: Sequence[float], rate: float) -> float:
     done, now = 0.0, bench.clock.now()
     while True:
         before, now = now, bench.clock.now()
-        done += min(now - before, LONGEST_STEP)
+        done += min(now - before, LONGEST_CREDIT)
         share = min(1.0, done / duration) if duration > 0 else 1.0
         wanted = [a + share * (b - a) for a, b in zip(start, target, strict=True)]
         confirmed = regulators.set(wanted)
         bench.clipped |= max(abs(c - w) for c, w in zip(confirmed, wanted, strict=True)) > CLIPPED
         if share == 1.0:
             break
-        bench.pause(RAMP_STEP)
+        bench.pause(0.1)  # rig seconds between two set-points
 
     def held() -> float | None:
         """The time at which the regulators have confirmed the target."""
@@ -189,4 +183,4 @@ def ramp(bench: Bench, target: Sequence[float], rate: float) -> float:
 
     if max(abs(c - t) for c, t in zip(confirmed, target, strict=True)) < CLIPPED:
         return bench.clock.now()
-    return bench.wait("pressure: set-points confirmed", held, CONFIRM_WITHIN)
+    return bench.wait("pressure: set-points confirmed", held, 30.0)

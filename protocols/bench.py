@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from typing import Literal, Protocol, TypeVar
 
+import timing
 from drivers.chambers import ChamberMap
 from drivers.errors import InstrumentError
 from drivers.interfaces import (
     Arm,
     ArmState,
-    Clock,
     ForceSensor,
     JammingValve,
     LengthUnit,
@@ -24,6 +23,7 @@ from drivers.interfaces import (
 )
 from recordings.file.writer import Recorder
 from recordings.states.demands import Bodies, VacuumBand
+from timing import Clock
 
 from .errors import MissingInstrument, NotReached, Stopped
 from .steering import Steering
@@ -173,13 +173,13 @@ class Bench:
 
     def wait(self, what: str, done: Callable[[], T | None], within: float, stood: Callable[[], str] | None = None) -> T:
         """Wait until `done` returns something; NotReached after `within` s of rig time, with what `stood` says."""
-        deadline, patience = self.clock.now() - self.stood() + within, time.monotonic() + min(within, self.patience)
+        deadline, patience = self.clock.now() - self.stood() + within, timing.now() + min(within, self.patience)
         while True:
             self.recorder.check()
             result = done()
             if result is not None:
                 return result
-            if self.clock.now() - self.stood() > deadline and time.monotonic() > patience:
+            if self.clock.now() - self.stood() > deadline and timing.now() > patience:
                 far = f": {stood()}" if stood is not None else ""
                 raise NotReached(f"{what}: not reached within {within:g} s{far}")
             self.clock.sleep(min(0.05, within / 20))

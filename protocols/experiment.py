@@ -152,7 +152,7 @@ class Trials:
         """Steps whose latest reading was before the trial was begun again."""
 
     def remaining(self, trials: Iterable[T], steps: int) -> list[T]:
-        """The unfinished of all trials, in order; each has `steps` planned steps."""
+        """Return the unfinished of all trials, in order; each has `steps` planned steps."""
         self._per_trial, self._done = steps, self._trial * steps
         self._tell_progress()
         return list(trials)[self._trial :]
@@ -182,7 +182,7 @@ class Trials:
 
     @contextlib.contextmanager
     def doing(self, trial: Trial) -> Iterator[None]:
-        """The trial is finished with the block, which ends early when a person skips it."""
+        """Finish the trial with the block, which ends early when a person skips it."""
         try:
             with self.bench.steering.skippable():
                 yield
@@ -219,9 +219,10 @@ class Trials:
         repeatable: bool = False,
         least_force: float | None = None,
     ) -> TrialRow:
-        """Record what is asked for and wait for the samples that conclude it. Raises NotReached after `wait` s; Suspended when
-        a jammed spine has lost its vacuum or a body is where the robot cannot be; NotPushing when a specimen pushes back with
-        less than `least_force` N. `repeatable`: nothing moves or creeps, so a window in which a stream paused is read again.
+        """Read a state: record what is asked for and wait up to `wait` s for the samples that conclude it.
+
+        Raises NotReached; Suspended when a jammed spine has lost its vacuum or a body is where the robot cannot be; NotPushing
+        when a specimen pushes back with less than `least_force` N. `repeatable`: nothing moves or creeps.
         """
         self._step += 1
         self.bench.steering.at(trial.number, self._step)

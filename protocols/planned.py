@@ -12,15 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.pressure_limits import VENTED
 from recordings.trials import TrialRow
 
 from .bench import Setup
 from .errors import BadProtocol
 from .experiment import Ask, Plan, Reading, Step
 from .parameters import Parameters
-
-VENTED = 5e3
-"""Pa; a chamber that is asked for less counts as vented."""
 
 
 def planned_rows(plan: Plan, parameters: Parameters, chambers: int) -> list[dict[str, Any]]:

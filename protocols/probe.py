@@ -21,10 +21,6 @@ from .parameters import Parameters
 
 HELD_SAMPLES = 20
 """Force samples that each reading holds by which the probe feels whether the specimen pushes back: 0.02 N of a noise of 0.1 N."""
-LEAST_UNLOADED = 10
-"""Force samples at least by which the unloaded sensor is read."""
-TOUCHES = 0.5
-"""Share of the contact force that must go away with the probe; else the sensor has drifted and nothing was touched."""
 LONGEST_MOVE, LARGEST_TURN = 0.25, 0.6
 """m and rad; a longer way is made in equal parts."""
 
@@ -147,7 +143,7 @@ class ProbeMotion:
     def read_unloaded(self, since: float | None = None) -> ZeroReading:
         """Read the sensor where the probe touches nothing, from now or from rig time `since` (s) on."""
         buffers, begin = self.bench.recorder.buffers, self.bench.clock.now() if since is None else since
-        samples = max(self.p.zero_samples, LEAST_UNLOADED)
+        samples = max(self.p.zero_samples, 10)
 
         def come() -> float | None:
             force, arm = (buffers.window(topic, begin, math.inf)["t"] for topic in ("/force", "/arm"))
@@ -178,7 +174,8 @@ class ProbeMotion:
             free = min(free, shown)
             if shown - free >= p.contact_force:
                 held = self.held(along, depth)
-                if held >= TOUCHES * p.contact_force:
+                # of the contact force must go away with the probe; else the sensor has drifted and nothing was touched
+                if held >= 0.5 * p.contact_force:
                     break
                 free = shown
             if depth > self.radius:

@@ -11,8 +11,6 @@ from recordings.trials import TrialRow, Vector3
 FARTHER = 1.5
 """Times the deflection of the load branch that a tip may have at the same pressure when unloading: hysteresis and creep make
 up to a fifth more, a spine of 20 cm that goes soft nearly twice as much, a longer one more."""
-CERTAIN = 0.01
-"""m by which it must be farther in any case."""
 
 
 @dataclass
@@ -42,7 +40,8 @@ class Shapes:
         if branch == "load" or not pressure or self.straight is None or pressure not in self.loaded:
             return False
         before, now = math.dist(self.loaded[pressure], self.straight), math.dist(row.tip, self.straight)
-        if now - before < CERTAIN or now < FARTHER * before:
+        # m
+        if now - before < 0.01 or now < FARTHER * before:
             return False
         self.seen = (
             f"at {pressure / 1e3:g} kPa the tip is deflected by {now * 1e3:.0f} mm when unloading and was by "

@@ -14,9 +14,9 @@ becomes of it; the experiment looks between its steps at what is asked, and reco
 from __future__ import annotations
 
 import contextlib
-import threading
 from collections.abc import Callable, Iterator
 
+import timing
 from recordings.events import REQUESTS
 
 from .errors import BadRequest, Skipped
@@ -51,7 +51,7 @@ class Steering:
     """Requests to one run at a time. All methods may be called from any thread."""
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
+        self._lock = timing.Lock()
         self._open: dict[str, str] = {}
         """What is asked and not carried out yet, and by whom."""
         self._keep: Keep | None = None

@@ -163,11 +163,6 @@ def _grow(bench: Bench, p: Stiffness, probe: ProbeMotion, spine: float) -> float
 TOPICS = ("/force", "/arm", "/spine", "/vacuum")
 MIN_POSES = 3
 """Poses of the arm that a reading averages at least."""
-PUSHES_BACK = 0.5
-"""Share of the force expected from the states before that a jammed specimen pushes back with at least. Granules that yield lose
-a few percent from one deflection to the next, a spine that goes soft nearly everything."""
-RISES = 5.0
-"""Standard errors by which the force on a jammed specimen must have risen at the last deflection."""
 
 
 @dataclass(frozen=True)
@@ -233,7 +228,8 @@ def _deflect(
 
     if bench.jammed is None:
         return read(None)
-    least = PUSHES_BACK * expected
+    # granules that yield lose a few percent from one deflection to the next, a spine that goes soft loses nearly all
+    least = 0.5 * expected
     try:
         return read(least - contact.force)
     except NotPushing as e:
@@ -274,7 +270,8 @@ def _retreat(bench: Bench, trial: Trial, trials: Trials, work: Pushing, contact:
     last = trials.rows[-1] if trials.rows else None
     if bench.jammed is None or last is None or last.trial != trial.number or last.force is None or last.doubt:
         return
-    if last.force < (least := RISES * math.hypot(start.read.error, end.read.error)):
+    # five standard errors
+    if last.force < (least := 5.0 * math.hypot(start.read.error, end.read.error)):
         raise trials.soft(trial, f"the force rose by {last.force:.2f} N, expected are more than {least:.2f} N")
 
 

@@ -19,8 +19,9 @@ TRIES = 3
 
 
 def through_pauses(bench: Bench, work: Callable[[], T], back: Callable[[], None] | None = None) -> T:
-    """Do a piece of work; after a pause, with the chambers vented, come `back` to where it begins and do it again. Raises an
-    InstrumentError that stays or returns too often; Skipped when a person skips the trial.
+    """Do a piece of work; after a pause, with the chambers vented, come `back` to where it begins and do it again.
+
+    Raises an InstrumentError that stays or returns too often; Skipped when a person skips the trial.
     """
     paused, away = 0, False
     while True:
@@ -45,9 +46,7 @@ def through_pauses(bench: Bench, work: Callable[[], T], back: Callable[[], None]
 
 
 def through_jams(trials: Trials, trial: Trial, work: Callable[[], None]) -> None:
-    """Read the states of a trial, all of them once more after a new jamming. Raises NotReached where it is lost again and
-    again.
-    """
+    """Read the states of a trial, all of them again after a new jamming. Raises NotReached if jamming is lost repeatedly."""
     for again in reversed(range(TRIES + 1)):
         try:
             work()

@@ -1,7 +1,7 @@
 """A protocol that goes through pressures and reads a state at each, in a few lines of one's own.
 
-`plan_of` makes the plan, `go_through` carries it out with trials, pauses and resuming. See examples/protocol/staircase.py. A
-protocol that does more in a trial builds on `in_one_jamming` and `Walk`.
+`plan_of` makes the plan, `go_through` carries it out with trials, pauses and resuming. A protocol that does more in a trial
+builds on `in_one_jamming` and `Walk`, as `protocols/bending.py` does.
 """
 
 from __future__ import annotations
@@ -25,14 +25,8 @@ from .suspension import through_jams, through_pauses
 
 Branch = Literal["load", "unload"]
 TOPICS = ("/pressure", "/tip", "/spine", "/vacuum")
-TO_REST = 2.25
-"""s from the ramp's end until the window of a settled state begins, about: regulators and silicone follow the ramp."""
 AVERAGE, LEAST_AVERAGE = 0.2, 1.0
 """Share of its hold over which a state at a fixed time is averaged, and the shortest average, s."""
-LATE = 30.0
-"""s after its last sample is due for which the end of a state is awaited."""
-UNCHANGED = 1e3
-"""Pa; a smaller change of the set-points is no ramp."""
 
 
 @dataclass(frozen=True)
@@ -180,7 +174,7 @@ class Walk:
         due = rule.delay + rule.average if isinstance(rule, Window) else rule.timeout
         return self.trials.read(
             self.trial, rule, branch=branch, t_start=start, ramp_end=arrived, rate=rate, targets=pressures, topics=TOPICS,
-            wait=due + LATE,
+            wait=due + 30.0,  # s for which the end of a state is awaited
         )  # fmt: skip
 
 
@@ -199,12 +193,14 @@ def change_of(before: Sequence[float], after: Sequence[float]) -> float:
 
 def signed(rate: float, change: float) -> float:
     """Pa/s of a ramp that changes the pressure by `change` Pa; 0 where it changes nothing."""
-    return 0.0 if abs(change) < UNCHANGED else math.copysign(rate, change)
+    # Pa; a smaller change of the set-points is no ramp
+    return 0.0 if abs(change) < 1e3 else math.copysign(rate, change)
 
 
 def planned_rest(rules: Settle) -> float:
     """s from the ramp's end in which a robot has usually settled."""
-    return TO_REST + max(rules.still, rules.average) / 2
+    # regulators and silicone follow the ramp for about 2.25 s, then the window begins
+    return 2.25 + max(rules.still, rules.average) / 2
 
 
 def around(hold: float, average: float) -> Window:

@@ -41,7 +41,6 @@ _KINDS: dict[str, tuple[FieldDescriptorProto.Type.ValueType, str, str, int, int]
     "fixed32": (FieldDescriptorProto.TYPE_FIXED32, "I", "<u4", 5, 4),
     "bool": (FieldDescriptorProto.TYPE_BOOL, "?", "?", 0, 1),
 }
-_PACKED = 2
 
 
 def _varint(value: int) -> bytes:
@@ -79,7 +78,7 @@ class Field:
         wire_type, size = _KINDS[self.kind][3:]
         if not self.shape:
             return _varint(number << 3 | wire_type)
-        return _varint(number << 3 | _PACKED) + _varint(size * self.count)
+        return _varint(number << 3 | 2) + _varint(size * self.count)
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,6 @@ from .trials import DOUBTS, INTEGERS, LARGEST_INTEGER, TEXTS, Cell, Table, Trial
 
 REQUIRED = ("trial", "step", "protocol", "repeat", "branch", "t", "spine_length", "p1")
 
-LARGEST = 20_000_000
-"""Bytes of a table; a row has some 300, and a campaign some thousands of rows."""
 MOST_COLUMNS = 2000
 """Of a table: a robot of a hundred chambers and markers has a thousand."""
 MOST_ROWS = 50_000
@@ -60,7 +58,8 @@ def read_csv(path: str | os.PathLike[str]) -> Table:
     naming file, line, column, value, unit and limit when a required column or value is missing or cannot be right.
     """
     path = Path(path)
-    data = read_bounded(path, LARGEST, BadTable)
+    # bytes; a row has some 300, and a campaign some thousands of rows
+    data = read_bounded(path, 20_000_000, BadTable)
     try:
         lines = csv.reader(io.StringIO(data.decode("utf-8-sig"), newline=""))
         first = next(lines, [])

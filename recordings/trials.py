@@ -1,16 +1,13 @@
 """The table of trials: one row per state that was read, in the order in which they happened.
 
-Columns, in this order (SI; a column that was never measured is absent, a cell that was not measured is empty):
+A column that was never measured is absent, a cell that was not measured is empty. `sensor_NAME_QUANTITY` is what a sensor
+of the lab's own measured, in its unit; `sd_COLUMN` the standard deviation of the samples that were averaged, not of their
+mean. `doubt` says why a state is unreliable:
 
-    trial step protocol repeat branch t rate hold spine_length vacuum tip_mass roll_deg force_x force_y force_z
-    p1..pN x y z qw qx qy qz  m1x m1y m1z ..  specimen force deflection clipped force_drift doubt
-    sensor_<name>_<quantity> ..  sd_<column> ..
-
-`t` is the middle of the time that was averaged, `hold` 0 where a state was read while ramping. `doubt` says why a state
-is unreliable: "soft", the jammed spine did not push back, or its shape shows that it was soft; "bodies", a body was
-elsewhere; "drift", the zero of the force sensor moved by `force_drift` (above 0: it reads more in the end), and not at
-a constant pace. A constant drift is removed from `force` as a line in time. `sensor_` is what sensors of the lab's own
-measured, in their units; `sd_` the standard deviation of the samples that were averaged, not of their mean.
+- "soft": the jammed spine did not push back, or its shape shows that it was soft.
+- "bodies": a body was elsewhere.
+- "drift": the zero of the force sensor moved by `force_drift`, and not at a constant pace. A constant drift is removed
+  from `force` as a line in time.
 """
 
 from __future__ import annotations
@@ -76,9 +73,9 @@ def column_order(name: str) -> tuple[int, int, int] | None:
 COLUMNS = (
     (r"trial|step|repeat", "1", "number, from 1"),
     (r"protocol|branch|specimen|doubt", "1", "text"),
-    (r"t", "s", "rig time of the reading"),
+    (r"t", "s", "rig time, middle of the average"),
     (r"rate", "Pa/s", "of the pressure ramp that led here, negative downwards"),
-    (r"hold", "s", "time from the end of the ramp to the reading"),
+    (r"hold", "s", "time from the end of the ramp to the reading; 0: while ramping"),
     (r"spine_length", "m", "length of the spine"),
     (r"vacuum", "Pa", "of the spine, below ambient"),
     (r"tip_mass", "kg", "mass hung at the tip"),
@@ -91,7 +88,7 @@ COLUMNS = (
     (r"force", "N", "on the specimen along the push"),
     (r"deflection", "m", "of the specimen along the push"),
     (r"clipped", "1", "1 where the rig's limits clipped set-points on the way to this state"),
-    (r"force_drift", "N", "by which the force sensor's zero moved over the trial"),
+    (r"force_drift", "N", "by which the force sensor's zero moved over the trial; above 0: it reads more in the end"),
     (r"sensor_.*", "", ""),
 )
 """Pattern, SI unit and meaning of columns; of a sensor of the lab's own the table does not tell them."""

@@ -17,16 +17,20 @@ Each line is answered by {"ok": true, ...} or {"error": "..."}.
 
 from __future__ import annotations
 
+import contextlib
 import json
-import socketserver
+import socket
 import tempfile
-import threading
 from pathlib import Path
 from typing import Any
+
+import timing
 
 from .parts import Doors
 from .pty_fake import PtyFake
 
+LOOK = 0.05
+"""Host seconds between two looks whether it has been stopped."""
 REQUESTS = ("prepare", "confirm", "state", "faults", "fault", "drop_out", "panel", "accident", "tip_visible")
 
 
@@ -34,23 +38,14 @@ class BackDoor:
     """Serves one FakeRig at a socket in a folder of its own."""
 
     def __init__(self, rig: Doors) -> None:
-        door = self
-
-        class Handler(socketserver.StreamRequestHandler):
-            def handle(self) -> None:
-                for line in self.rfile:
-                    self.wfile.write(json.dumps(door.answer(line)).encode() + b"\n")
-
-        class Server(socketserver.ThreadingUnixStreamServer):
-            daemon_threads = True
-
         self._rig = rig
         self._folder = tempfile.TemporaryDirectory(prefix="softlab-")  # of mode 0700
         self.path = Path(self._folder.name) / "operator.sock"
-        self._server = Server(str(self.path), Handler)
-        self._thread = threading.Thread(
-            target=self._server.serve_forever, args=(0.05,), name="fake-backdoor", daemon=True
-        )
+        self._listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._listening.bind(str(self.path))
+        self._listening.listen()
+        self._running = True
+        self._thread = timing.Thread(target=self._serve, name="fake-backdoor")
 
     def start(self) -> None:
         """Accept connections."""
@@ -58,11 +53,25 @@ class BackDoor:
 
     def stop(self) -> None:
         """End; may be called twice and before start."""
+        self._running = False
         if self._thread.is_alive():
-            self._server.shutdown()
             self._thread.join(1.0)
-        self._server.server_close()
+        self._listening.close()
         self._folder.cleanup()
+
+    def _serve(self) -> None:
+        while self._running:
+            if timing.readable([self._listening], LOOK):
+                caller, _ = self._listening.accept()
+                timing.Thread(target=self._hear, args=(caller,), name="fake-backdoor-caller").start()
+
+    def _hear(self, caller: socket.socket) -> None:
+        heard = b""
+        with caller, contextlib.suppress(OSError):
+            while more := timing.recv(caller, 65536):
+                *lines, heard = (heard + more).split(b"\n")
+                for line in lines:
+                    caller.sendall(json.dumps(self.answer(line)).encode() + b"\n")
 
     def answer(self, line: bytes) -> dict[str, Any]:
         """Do what one line asks."""

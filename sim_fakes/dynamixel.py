@@ -17,52 +17,82 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Any, ClassVar
 
-from .clock import SimClock
+from timing import RigClock
+
 from .plant import Plant
 from .pty_fake import Device, PtyFake
 from .punctual import Silence
 
 HEADER = b"\xff\xff\xfd\x00"
-PING, READ, WRITE, REG_WRITE, ACTION, FACTORY_RESET = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06
-REBOOT, CLEAR, STATUS = 0x08, 0x10, 0x55
-SYNC_READ, SYNC_WRITE, FAST_SYNC_READ = 0x82, 0x83, 0x8A
-BULK_READ, BULK_WRITE, FAST_BULK_READ = 0x92, 0x93, 0x9A
+
+
+class Instruction(IntEnum):
+    """What a packet asks for; STATUS is the servo's answer."""
+
+    PING = 0x01
+    READ = 0x02
+    WRITE = 0x03
+    REG_WRITE = 0x04
+    ACTION = 0x05
+    FACTORY_RESET = 0x06
+    REBOOT = 0x08
+    CLEAR = 0x10
+    STATUS = 0x55
+    SYNC_READ = 0x82
+    SYNC_WRITE = 0x83
+    FAST_SYNC_READ = 0x8A
+    BULK_READ = 0x92
+    BULK_WRITE = 0x93
+    FAST_BULK_READ = 0x9A
+
+
 CLEAR_TURNS = b"\x01\x44\x58\x4c\x22"
 """Content of the only kind of CLEAR that this model knows."""
 KEPT_BY_RESET: dict[bytes, tuple[int, ...]] = {b"\xff": (), b"\x01": (7,), b"\x02": (7, 8)}
 """Content of FACTORY_RESET: the registers that it leaves as they are."""
 BROADCAST, LAST_ID = 254, 252
-PROTOCOL = 2
 ANSWER_READS, ANSWER_ALL = 1, 2
 """Status return levels from which on reads and everything else are answered; a ping always is."""
 TABLE_END = 662
 """First address beyond the control table; what is undefined inside reads as 0."""
-INSTRUCTION_ERROR, CRC_ERROR, RANGE_ERROR, LENGTH_ERROR, LIMIT_ERROR, ACCESS_ERROR = 2, 3, 4, 5, 6, 7
+
+
+class Refusal(IntEnum):
+    """Why an instruction was not done: the error of a status packet."""
+
+    INSTRUCTION = 2
+    CRC = 3
+    RANGE = 4
+    LENGTH = 5
+    LIMIT = 6
+    ACCESS = 7
+
+
 ALERT = 0x80
-OVERLOAD = 1 << 5
 COUNTS = 4096
 RPM = 0.229
-AMPERE = 2.69e-3
-OVERLOAD_CURRENT = 0.9 / AMPERE
-OVERLOAD_TIME = 1.0
-"""s of rig time at more than the overload current."""
-NO_LOAD_SPEED = 46.0
-"""rpm"""
-FRICTION = 25.0
-"""Raw current that turning alone takes."""
-STIFFNESS = 0.9
-"""Raw current per count of position error, at the position P gain that it has from the factory,"""
-P_GAIN = 900
-STALL_CURRENT = 2.3 / AMPERE
-"""Raw current of the blocked motor at the full supply voltage,"""
-FULL_PWM = 885
-"""which is this PWM."""
-LAG = 0.02
-"""Time by which the shaft follows its trajectory, s."""
-STEP = 0.005
-"""Longest step of the physics, s."""
+
+
+@dataclass(frozen=True)
+class Motor:
+    """The motor of an XM430-W350; its raw unit of current is 2.69 mA."""
+
+    no_load_speed: float = 46.0  # rpm
+    friction: float = 25.0  # raw current that turning alone takes
+    stiffness: float = 0.9  # raw current per count of position error, at `p_gain`
+    p_gain: int = 900  # position P gain from the factory
+    stall_current: float = 2.3 / 2.69e-3  # raw current of the blocked motor at `full_pwm`
+    full_pwm: int = 885  # the full supply voltage
+    overload_current: float = 0.9 / 2.69e-3  # raw current
+    overload_time: float = 1.0  # s of rig time at more than that
+    lag: float = 0.02  # s by which the shaft follows its trajectory
+    longest_step: float = 0.005  # s of the physics
+
+
+MOTOR = Motor()
 
 FAR_AWAY = 2_000_000
 """Counts by which the encoder jumps as a fault."""
@@ -95,7 +125,6 @@ REGISTERS = {
 INDIRECT = ((168, 224, 28), (578, 634, 28))
 """Banks of addresses that stand for others: where these are stated (2 bytes each), where they are used, how many."""
 REGISTERS |= {start + 2 * i: Register(2, 64, TABLE_END - 1) for start, _, count in INDIRECT for i in range(count)}
-EEPROM_END = 64
 GOALS = (100, 102, 104, 116)
 """Read-only while the bus watchdog is tripped."""
 MODES = (0, 1, 3, 4, 5, 16)
@@ -202,7 +231,7 @@ class DrumMotor(Device):
             self.put(address, 0)
         self.put(64, self.table[60] & 1)
         self.put(68, 2)
-        self.put(84, P_GAIN)
+        self.put(84, MOTOR.p_gain)
         self.put(100, self.get(36))
         self.put(102, self.get(38))
         self._overloaded_for = 0.0
@@ -214,8 +243,8 @@ class DrumMotor(Device):
         start = self.length
         remaining = dt
         while remaining > 0:
-            self._step(min(STEP, remaining))
-            remaining -= STEP
+            self._step(min(MOTOR.longest_step, remaining))
+            remaining -= MOTOR.longest_step
         self._tick += 1000 * dt
         velocity = (self.length - start) * self._counts_per_metre / dt if dt > 0 else 0.0
         self.put(120, int(self._tick) % 32768)
@@ -231,25 +260,29 @@ class DrumMotor(Device):
             self._trajectory = float(self.counts)
             self.put(126, 0)
             return
-        profile = self.get(112) or round(NO_LOAD_SPEED / RPM)
-        reach = min(profile * RPM, NO_LOAD_SPEED) / 60 * COUNTS * dt
+        profile = self.get(112) or round(MOTOR.no_load_speed / RPM)
+        reach = min(profile * RPM, MOTOR.no_load_speed) / 60 * COUNTS * dt
         self._trajectory += min(max(self.get(116) - self._trajectory, -reach), reach)
         position = self._offset + self.length * self._counts_per_metre + self.get(20)
         error = self._trajectory - position
-        fastest = NO_LOAD_SPEED / 60 * COUNTS
-        velocity = min(max(error / LAG, -fastest), fastest)
+        fastest = MOTOR.no_load_speed / 60 * COUNTS
+        velocity = min(max(error / MOTOR.lag, -fastest), fastest)
         if not (self.stuck or self.plant.spine_blocked):
             moved = self.length + velocity * dt / self._counts_per_metre
             self.length = min(max(moved, 0.0), self.mechanical_length)
         pwm = min(abs(self.get(100)), self.get(36))
-        allowed = min(abs(self.get(102)), self.get(38), STALL_CURRENT * pwm / FULL_PWM)
-        stiffness = STIFFNESS * self.get(84) / P_GAIN
-        push = 0.0 if self.stuck or abs(error) < 2 else stiffness * error + (FRICTION if error > 0 else -FRICTION)
+        allowed = min(abs(self.get(102)), self.get(38), MOTOR.stall_current * pwm / MOTOR.full_pwm)
+        stiffness = MOTOR.stiffness * self.get(84) / MOTOR.p_gain
+        push = (
+            0.0
+            if self.stuck or abs(error) < 2
+            else stiffness * error + (MOTOR.friction if error > 0 else -MOTOR.friction)
+        )
         current = min(max(push, -allowed), allowed)
         self.put(126, round(current))
-        self._overloaded_for = self._overloaded_for + dt if abs(current) >= OVERLOAD_CURRENT else 0.0
-        if self._overloaded_for > OVERLOAD_TIME:
-            self.fail(OVERLOAD)
+        self._overloaded_for = self._overloaded_for + dt if abs(current) >= MOTOR.overload_current else 0.0
+        if self._overloaded_for > MOTOR.overload_time:
+            self.fail(1 << 5)  # overload
 
     def _check_watchdog(self) -> None:
         limit, silent = self.table[98], self.silence.now()
@@ -265,8 +298,8 @@ class DrumMotor(Device):
 
     def _defaults(self, model: int) -> None:
         factory = {0: model, 6: 45, 7: 1, 8: 1, 9: 250, 11: 3, 12: 255, 13: 2, 24: 10, 31: 80, 32: 160, 34: 95,
-                   36: FULL_PWM, 38: 1193, 44: 200, 48: 4095, 63: 52, 68: 2, 76: 1920, 78: 100, 84: P_GAIN,
-                   100: FULL_PWM, 102: 1193, 144: 120, 146: 31}  # fmt: skip
+                   36: MOTOR.full_pwm, 38: 1193, 44: 200, 48: 4095, 63: 52, 68: 2, 76: 1920, 78: 100, 84: MOTOR.p_gain,
+                   100: MOTOR.full_pwm, 102: 1193, 144: 120, 146: 31}  # fmt: skip
         self.table[:] = bytes(TABLE_END)
         factory |= {start + 2 * i: used + i for start, used, count in INDIRECT for i in range(count)}
         for address, value in factory.items():
@@ -287,7 +320,7 @@ class DynamixelFake(PtyFake):
     def __init__(
         self,
         plant: Plant,
-        clock: SimClock,
+        clock: RigClock,
         metres_per_turn: float = 0.1,
         direction: int = 1,
         start_length: float = 0.03,
@@ -340,11 +373,11 @@ class DynamixelFake(PtyFake):
         table = self.motor.table
         receiver, own = packet[4], packet[4] == table[7]
         secondary = receiver == table[12] and receiver <= LAST_ID
-        if table[13] != PROTOCOL or not (own or secondary or receiver == BROADCAST):
+        if table[13] != 2 or not (own or secondary or receiver == BROADCAST):
             return True
         if crc16(packet[:-2]) != int.from_bytes(packet[-2:], "little"):
             if own:
-                self._status(CRC_ERROR)
+                self._status(Refusal.CRC)
             return True
         self.motor.silence.heard()
         body = unstuffed(packet[7:-2])
@@ -361,68 +394,68 @@ class DynamixelFake(PtyFake):
     def _answer(self, instruction: int, params: bytes, own: bool) -> None:
         """`own`: by its own id; nothing is said to its secondary one."""
         level = self.motor.table[68] if own else -1
-        if instruction == PING and not params:
+        if instruction == Instruction.PING and not params:
             if own:
                 self._status(0, bytes(self.motor.table[0:2]) + bytes(self.motor.table[6:7]))
-        elif instruction == READ and len(params) == 4:
+        elif instruction == Instruction.READ and len(params) == 4:
             if level >= ANSWER_READS:
                 self._tell(*struct.unpack("<HH", params))
-        elif instruction == WRITE and len(params) > 2:
+        elif instruction == Instruction.WRITE and len(params) > 2:
             error = self._write(int.from_bytes(params[:2], "little"), params[2:])
             if level >= ANSWER_ALL:
                 self._status(error)
-        elif instruction == REG_WRITE and len(params) > 2:
+        elif instruction == Instruction.REG_WRITE and len(params) > 2:
             write = int.from_bytes(params[:2], "little"), params[2:]
             error = self._number("nak") or self._refused(*write)
             self._registered = self._registered if error else write
             self.motor.put(69, self._registered is not None)
             if level >= ANSWER_ALL:
                 self._status(error)
-        elif instruction in (ACTION, REBOOT) and not params:
+        elif instruction in (Instruction.ACTION, Instruction.REBOOT) and not params:
             if level >= ANSWER_ALL:
                 self._status(0)
-            if instruction == ACTION:
+            if instruction == Instruction.ACTION:
                 self._act()
             else:
                 self.motor.restart()
-        elif instruction == CLEAR and params == CLEAR_TURNS:
+        elif instruction == Instruction.CLEAR and params == CLEAR_TURNS:
             if level >= ANSWER_ALL:
                 self._status(0)
             self.motor.forget_turns()
-        elif instruction == FACTORY_RESET and params in KEPT_BY_RESET:
+        elif instruction == Instruction.FACTORY_RESET and params in KEPT_BY_RESET:
             if level >= ANSWER_ALL:
                 self._status(0)
             self.motor.reset(KEPT_BY_RESET[params])
         elif level >= ANSWER_ALL:
-            self._status(INSTRUCTION_ERROR)
+            self._status(Refusal.INSTRUCTION)
 
     def _answer_broadcast(self, instruction: int, params: bytes) -> None:
         """Only a ping and what asks for it by its id is answered."""
         me, reads = self.motor.table[7], self.motor.table[68] >= ANSWER_READS
-        if instruction == PING and not params:
-            self._answer(PING, params, True)
-        elif instruction in (WRITE, REG_WRITE, ACTION, REBOOT):
+        if instruction == Instruction.PING and not params:
+            self._answer(Instruction.PING, params, True)
+        elif instruction in (Instruction.WRITE, Instruction.REG_WRITE, Instruction.ACTION, Instruction.REBOOT):
             self._answer(instruction, params, False)
-        elif instruction == FAST_SYNC_READ and len(params) > 4:
+        elif instruction == Instruction.FAST_SYNC_READ and len(params) > 4:
             address, size = struct.unpack("<HH", params[:4])
             if reads:
                 self._tell_fast([(servo, address, size) for servo in params[4:]])
-        elif instruction == FAST_BULK_READ and params and len(params) % 5 == 0:
+        elif instruction == Instruction.FAST_BULK_READ and params and len(params) % 5 == 0:
             if reads:
                 self._tell_fast(list(struct.iter_unpack("<BHH", params)))
-        elif instruction == SYNC_READ and len(params) > 4:
+        elif instruction == Instruction.SYNC_READ and len(params) > 4:
             if reads and me in params[4:]:
                 self._tell(*struct.unpack("<HH", params[:4]))
-        elif instruction == BULK_READ and params and len(params) % 5 == 0:
+        elif instruction == Instruction.BULK_READ and params and len(params) % 5 == 0:
             for i in range(0, len(params), 5):
                 if reads and params[i] == me:
                     self._tell(*struct.unpack("<HH", params[i + 1 : i + 5]))
-        elif instruction == SYNC_WRITE and len(params) > 4:
+        elif instruction == Instruction.SYNC_WRITE and len(params) > 4:
             address, size = struct.unpack("<HH", params[:4])
             for i in range(4, len(params) - size, size + 1):
                 if params[i] == me:
                     self._write(address, params[i + 1 : i + 1 + size])
-        elif instruction == BULK_WRITE:
+        elif instruction == Instruction.BULK_WRITE:
             i = 0
             while i + 5 <= len(params):
                 address, size = struct.unpack("<HH", params[i + 1 : i + 5])
@@ -433,7 +466,7 @@ class DynamixelFake(PtyFake):
     def _tell(self, address: int, size: int) -> None:
         """Send what stands there, undefined addresses as 0."""
         if size < 1 or address + size > TABLE_END:
-            self._status(ACCESS_ERROR)
+            self._status(Refusal.ACCESS)
         else:
             self._status(0, self._held(address, size))
 
@@ -447,7 +480,11 @@ class DynamixelFake(PtyFake):
             return
         length = sum(size + 4 for *_, size in asked) + 1
         alert = ALERT if self.motor.get(70) else 0
-        packet = HEADER + struct.pack("<BHBBB", BROADCAST, length, STATUS, alert, servo) + self._held(address, size)
+        packet = (
+            HEADER
+            + struct.pack("<BHBBB", BROADCAST, length, Instruction.STATUS, alert, servo)
+            + self._held(address, size)
+        )
         self.send(packet + struct.pack("<H", crc16(packet)))
 
     def _meant(self, address: int) -> int:
@@ -502,7 +539,7 @@ class DynamixelFake(PtyFake):
     def _refused_there(self, address: int, data: bytes) -> int:
         registers = self._registers(address, len(data))
         if not registers:
-            return LENGTH_ERROR if address in REGISTERS else ACCESS_ERROR
+            return Refusal.LENGTH if address in REGISTERS else Refusal.ACCESS
         for register in registers:
             kind = REGISTERS[register]
             raw = data[register - address : register - address + kind.size]
@@ -512,23 +549,24 @@ class DynamixelFake(PtyFake):
 
     def _refusal(self, address: int, kind: Register, value: int) -> int:
         motor = self.motor
-        if kind.low > kind.high or (address < EEPROM_END and motor.get(64)):
-            return ACCESS_ERROR
+        # registers below 64 are EEPROM
+        if kind.low > kind.high or (address < 64 and motor.get(64)):
+            return Refusal.ACCESS
         if not kind.low <= value <= kind.high or (address == 11 and value not in MODES):
-            return RANGE_ERROR
+            return Refusal.RANGE
         if address in GOALS and motor.table[98] == 0xFF:
-            return RANGE_ERROR
+            return Refusal.RANGE
         if address == 102 and abs(value) > motor.get(38):
-            return LIMIT_ERROR
+            return Refusal.LIMIT
         if address == 116 and motor.get(11) == 3 and not motor.get(52) <= value <= motor.get(48):
-            return LIMIT_ERROR
+            return Refusal.LIMIT
         if address == 64 and value and motor.get(70):
-            return ACCESS_ERROR
+            return Refusal.ACCESS
         return 0
 
     def _status(self, error: int, params: bytes = b"") -> None:
         motor = self.motor
-        body = stuffed(bytes([STATUS, error | (ALERT if motor.get(70) else 0)]) + params)
+        body = stuffed(bytes([Instruction.STATUS, error | (ALERT if motor.get(70) else 0)]) + params)
         sender = motor.table[7] + bool(self.faults.extra.get("wrong_id"))
         packet = HEADER + bytes([sender]) + struct.pack("<H", len(body) + 2) + body
         self.send(packet + struct.pack("<H", crc16(packet)))

@@ -9,15 +9,19 @@ never half. `reset` is an event; the others last until `end`.
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import timing
 
 from .motive import MotiveFake
 from .parts import Parts
 from .pty_fake import Faults, PtyFake
 from .ur.fake import UrFake
 from .ur.process import UrProcess
+
+if TYPE_CHECKING:
+    from .ur.in_process import UrThread
 
 FAULTS = (
     "silence", "delay", "half", "split", "garbage", "bad_crc", "wrong_id", "nak", "stuck", "over_range", "disconnect",
@@ -71,9 +75,7 @@ class FaultSwitch:
                 part.drop_out(seconds)
             elif isinstance(part, MotiveFake):
                 part.faults.silent = True
-                back = threading.Timer(seconds, setattr, (part.faults, "silent", False))
-                back.daemon = True
-                back.start()
+                timing.Thread(target=_heard_again, args=(part, seconds), name="fake-mocap-back").start()
             elif isinstance(part, UrFake) and part.process is not None:
                 part.process.backdoor("freeze", seconds=seconds)
                 part.process.backdoor("drop")
@@ -126,7 +128,7 @@ class FaultSwitch:
             name, value = COMMON[fault]
             setattr(faults, name, value)
 
-    def _arm(self, ur: UrProcess, fault: str) -> None:
+    def _arm(self, ur: UrProcess | UrThread, fault: str) -> None:
         actions: dict[str, Callable[[], Any]] = {
             "silence": lambda: ur.backdoor("freeze", seconds=1e6),
             "delay": lambda: ur.backdoor("lag", seconds=LATE),
@@ -145,6 +147,11 @@ class FaultSwitch:
             "replay": lambda: ur.backdoor("mangle", how="replay"),
         }
         actions[fault]()
+
+
+def _heard_again(fake: MotiveFake, after: float) -> None:
+    timing.sleep(after)
+    fake.faults.silent = False
 
 
 CALM: tuple[dict[str, Any], ...] = (

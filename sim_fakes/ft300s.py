@@ -20,27 +20,34 @@ The back door `device` gives the sensor's state: device id, tool load, lever arm
 from __future__ import annotations
 
 import struct
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import IntEnum
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .clock import SimClock
+import timing
+from timing import RigClock
+
 from .plant import Plant
 from .pty_fake import Device, PtyFake
 
-BAUD = 19200
 PERIOD = 0.01
 """s of host time between two frames."""
 SILENCE = 0.002
 """s without a byte that end a Modbus request: 3.5 characters."""
-STOP_BYTES = 50
 COUNTS = np.array([100.0, 100.0, 100.0, 1000.0, 1000.0, 1000.0])
 """Counts per N and per N m."""
-ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE = 1, 2, 3
+
+
+class Illegal(IntEnum):
+    """Modbus exceptions."""
+
+    FUNCTION = 1
+    ADDRESS = 2
+    VALUE = 3
 
 
 def crc16(data: bytes) -> bytes:
@@ -121,14 +128,14 @@ class Ft300sFake(PtyFake):
     checked: ClassVar[slice | None] = slice(0, -2)
 
     def __init__(
-        self, plant: Plant, clock: SimClock, seed: int = 0, lever: tuple[float, float, float] = (0.0, 0.0, 0.1)
+        self, plant: Plant, clock: RigClock, seed: int = 0, lever: tuple[float, float, float] = (0.0, 0.0, 0.1)
     ) -> None:
         """`lever`: probe tip in the sensor frame, m."""
-        super().__init__("ft300s", clock, BAUD, seed)
+        super().__init__("ft300s", clock, 19200, seed)
         self.device = Ft300sDevice(plant, np.random.default_rng(seed), np.array(lever))
         self._heard_at = 0.0
         self._stop_bytes = 0
-        self._due = time.monotonic()
+        self._due = timing.now()
         self._frames = 0
         self._sent_at = 0.0
         self.sent = 0
@@ -146,7 +153,7 @@ class Ft300sFake(PtyFake):
 
     def feed(self) -> bool:
         """Bytes only note their time here: silence, not content, ends a request."""
-        self._heard_at = time.monotonic()
+        self._heard_at = timing.now()
         if self.device.streaming and self.buffer:
             self._listen_for_stop(self.buffer)
             self.buffer = b""
@@ -154,7 +161,7 @@ class Ft300sFake(PtyFake):
 
     def idle(self) -> float | None:
         """Send the frames that are due, or take a request that silence has ended."""
-        now = time.monotonic()
+        now = timing.now()
         if self.device.streaming:
             while self._due <= now:
                 self._due += PERIOD
@@ -174,7 +181,7 @@ class Ft300sFake(PtyFake):
     def _listen_for_stop(self, data: bytes) -> None:
         for byte in data:
             self._stop_bytes = self._stop_bytes + 1 if byte == 0xFF else 0
-            if self._stop_bytes >= STOP_BYTES and not self.faults.extra.get("endless"):
+            if self._stop_bytes >= 50 and not self.faults.extra.get("endless"):
                 self.device.streaming = False
                 self._stop_bytes = 0
                 return
@@ -185,9 +192,9 @@ class Ft300sFake(PtyFake):
         if self.faults.extra.get("no_stream") or (isinstance(drop, int) and self._frames % drop == 0):
             return
         drip = self.faults.extra.get("drip")
-        if isinstance(drip, (int, float)) and time.monotonic() - self._sent_at < drip:
+        if isinstance(drip, (int, float)) and timing.now() - self._sent_at < drip:
             return
-        self._sent_at = time.monotonic()
+        self._sent_at = timing.now()
         self.sent += 1
         body = b"\x20\x4e" + struct.pack("<6h", *self._counts())
         self.send(body + crc16(body), line_time=False)
@@ -217,20 +224,20 @@ class Ft300sFake(PtyFake):
         elif function == 16:
             self._write(data)
         else:
-            self._refuse(function, ILLEGAL_FUNCTION)
+            self._refuse(function, Illegal.FUNCTION)
 
     def _read(self, data: bytes) -> None:
         if len(data) != 4:
             return
         first, count = struct.unpack(">HH", data)
         if not 1 <= count <= 125:
-            self._refuse(3, ILLEGAL_VALUE)
+            self._refuse(3, Illegal.VALUE)
             return
         letters = str(self.faults.extra.get("foreign", self.device.letters))
         found = [self.device.register(first + i, letters) for i in range(count)]
         values = [v for v in found if v is not None]
         if len(values) < count:
-            self._refuse(3, ILLEGAL_ADDRESS)
+            self._refuse(3, Illegal.ADDRESS)
             return
         self._answer(bytes((3, 2 * count)) + struct.pack(f">{count}H", *values))
 
@@ -239,15 +246,15 @@ class Ft300sFake(PtyFake):
             return
         first, count, size = struct.unpack(">HHB", data[:5])
         if size != 2 * count or count < 1:
-            self._refuse(16, ILLEGAL_VALUE)
+            self._refuse(16, Illegal.VALUE)
         elif (first, count) != (410, 1):
-            self._refuse(16, ILLEGAL_ADDRESS)
+            self._refuse(16, Illegal.ADDRESS)
         elif data[5:] not in (b"\x02\x00", b"\x00\x00"):
-            self._refuse(16, ILLEGAL_VALUE)
+            self._refuse(16, Illegal.VALUE)
         else:
             self._answer(bytes((16,)) + data[:4])
             self.device.streaming = data[5:] == b"\x02\x00"
-            self._due = time.monotonic() + PERIOD
+            self._due = timing.now() + PERIOD
 
     def _refuse(self, function: int, code: int) -> None:
         self._answer(bytes((function | 0x80, code)))

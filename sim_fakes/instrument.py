@@ -7,7 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
-from .clock import SimClock
+from timing import RigClock
+
 from .plant import Plant
 
 
@@ -51,7 +52,7 @@ class Site:
     """Where a fake is plugged in."""
 
     plant: Plant
-    clock: SimClock
+    clock: RigClock
     seed: int
     hoses: tuple[tuple[int, ...], ...] = ()
     """Of regulators: the chambers that each channel feeds."""

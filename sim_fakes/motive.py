@@ -34,19 +34,19 @@ from __future__ import annotations
 
 import contextlib
 import math
-import select
 import socket
 import struct
-import threading
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .clock import SimClock
+import timing
+from timing import RigClock
+
 from .instrument import loopback
 from .plant import Plant
 from .pty_fake import Faults
@@ -55,20 +55,42 @@ from .punctual import punctual
 Array = NDArray[np.float64]
 Transform = tuple[tuple[float, float, float], tuple[float, float, float, float]]
 
-CONNECT, SERVERINFO, REQUEST, RESPONSE, REQUEST_MODELDEF, MODELDEF = 0, 1, 2, 3, 4, 5
-REQUEST_FRAME, FRAME, DISCONNECT, KEEPALIVE, ECHO_REQUEST, ECHO_RESPONSE, UNRECOGNIZED = 6, 7, 9, 10, 12, 13, 100
+
+class Message(IntEnum):
+    """Kinds of datagrams."""
+
+    CONNECT = 0
+    SERVERINFO = 1
+    REQUEST = 2
+    RESPONSE = 3
+    REQUEST_MODELDEF = 4
+    MODELDEF = 5
+    REQUEST_FRAME = 6
+    FRAME = 7
+    DISCONNECT = 9
+    KEEPALIVE = 10
+    ECHO_REQUEST = 12
+    ECHO_RESPONSE = 13
+    UNRECOGNIZED = 100
+
+
 Version = tuple[int, int]
 OLDEST: Version = (2, 6)
 ASKED_VERSION = 265
 """Byte of a request to connect at which the bitstream that a client wants is stated."""
 DONE, FAILED = 0, -1
 """Answers to commands."""
-LIVE, RECORDING = 0, 1
-"""Modes of Motive; Edit is another program's business."""
+
+
+class Mode(IntEnum):
+    """Modes of Motive; Edit is another program's business."""
+
+    LIVE = 0
+    RECORDING = 1
+
+
 TICKS = 10_000_000
 """Clock frequency of the server's stamps, Hz."""
-DAMAGED = 0.5
-"""Share of damaged datagrams."""
 CLIENT_TIMEOUT = 10.0
 """A client that is silent this long is forgotten, s of host time."""
 TIP, BASE, FIRST_MARKER = 1, 2, 11
@@ -134,7 +156,7 @@ class Body:
         self.number = self.number or self.id
 
 
-class MotiveFake(threading.Thread):
+class MotiveFake(timing.Thread):
     """The server: command socket, data socket, and the cameras."""
 
     own_faults: ClassVar[Mapping[str, tuple[str, Any]]] = {
@@ -147,7 +169,7 @@ class MotiveFake(threading.Thread):
     def __init__(
         self,
         plant: Plant,
-        clock: SimClock,
+        clock: RigClock,
         host: str = "127.0.0.1",
         command_port: int = 1510,
         data_port: int = 1511,
@@ -197,7 +219,7 @@ class MotiveFake(threading.Thread):
         self._bodies = [Body(i, name, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])) for i, name in names]
         self.versions: dict[tuple[str, int], Version] = {}
         """Bitstream of each client that asked for another than the server's own."""
-        self.mode = LIVE
+        self.mode = Mode.LIVE
         self._last_frames: dict[Version, bytes] = {}
         self._outgoing: list[tuple[float, socket.socket, tuple[str, int], bytes]] = []
         self._running = True
@@ -218,13 +240,13 @@ class MotiveFake(threading.Thread):
 
     def run(self) -> None:
         punctual()
-        due = time.monotonic()
+        due = timing.now()
         while self._running:
-            ready, _, _ = select.select([self._command], [], [], max(0.0, min(0.05, due - time.monotonic())))
+            ready = timing.readable([self._command], min(0.05, due - timing.now()))
             if ready:
                 self._serve()
             self._deliver()
-            now = time.monotonic()
+            now = timing.now()
             if now >= due:
                 due = max(due + 1 / self.rate, now - 5 / self.rate)
                 self._stream(now)
@@ -240,11 +262,11 @@ class MotiveFake(threading.Thread):
         if f.silent:
             return
         datagram = struct.pack("<HH", message, len(payload)) + payload
-        if f.corrupt and self._random.random() < DAMAGED:
+        if f.corrupt and self._random.random() < 0.5:
             return
         pieces = [datagram[: len(datagram) // 2], datagram[len(datagram) // 2 :]] if f.split else [datagram]
-        due = time.monotonic() + f.delay
-        if message == FRAME:
+        due = timing.now() + f.delay
+        if message == Message.FRAME:
             due += float(f.extra.get("jitter", 0.0)) * self._random.random()  # type: ignore[arg-type]
             pieces *= 2 if f.extra.get("twice") else 1
         self._outgoing += [(due, via, client, piece) for piece in ([f.garbage] if f.garbage else []) + pieces]
@@ -252,7 +274,7 @@ class MotiveFake(threading.Thread):
 
     def _deliver(self) -> None:
         """Send what is due."""
-        now = time.monotonic()
+        now = timing.now()
         self._outgoing.sort(key=lambda waiting: waiting[0])
         while self._outgoing and self._outgoing[0][0] <= now:
             _, via, client, piece = self._outgoing.pop(0)
@@ -268,21 +290,21 @@ class MotiveFake(threading.Thread):
         payload = data[4 : 4 + size]
         if len(data) not in (4 + size, size) and not (size == 0 and data[4:] == b"\0"):
             return
-        if message == KEEPALIVE:
+        if message == Message.KEEPALIVE:
             self.keep_alives += 1
             if client in self.clients:
-                self.clients[client] = time.monotonic()
+                self.clients[client] = timing.now()
             return
         self.messages.append(message)
         deaf = self.faults.extra.get("deaf", 0)
         if isinstance(deaf, int) and deaf > 0:
             self.faults.extra["deaf"] = deaf - 1
             return
-        if message == DISCONNECT:
+        if message == Message.DISCONNECT:
             self.clients.pop(client, None)
             return
-        if message == CONNECT:
-            self.clients[client] = time.monotonic()
+        if message == Message.CONNECT:
+            self.clients[client] = timing.now()
             self._want(client, payload[ASKED_VERSION : ASKED_VERSION + 2])
         answer = self._answer(message, payload, client)
         self._send(self._command, client, *answer)
@@ -296,19 +318,19 @@ class MotiveFake(threading.Thread):
 
     def _answer(self, message: int, payload: bytes, client: tuple[str, int]) -> tuple[int, bytes]:
         if self.faults.extra.get("refuse"):
-            return UNRECOGNIZED, b""
-        if message == CONNECT:
-            return SERVERINFO, self._server_info()
-        if message == REQUEST_MODELDEF:
-            return MODELDEF, self._definitions(self.versions.get(client, self.version))
-        if message == REQUEST_FRAME:
+            return Message.UNRECOGNIZED, b""
+        if message == Message.CONNECT:
+            return Message.SERVERINFO, self._server_info()
+        if message == Message.REQUEST_MODELDEF:
+            return Message.MODELDEF, self._definitions(self.versions.get(client, self.version))
+        if message == Message.REQUEST_FRAME:
             self._look()
-            return FRAME, self._frame_payload(self.versions.get(client, self.version))
-        if message == ECHO_REQUEST and len(payload) >= 8:
-            return ECHO_RESPONSE, payload[:8] + struct.pack("<Q", self._ticks())
-        if message == REQUEST:
-            return RESPONSE, self._command_answer(payload.rstrip(b"\0").decode("ascii", "replace"), client)
-        return UNRECOGNIZED, b""
+            return Message.FRAME, self._frame_payload(self.versions.get(client, self.version))
+        if message == Message.ECHO_REQUEST and len(payload) >= 8:
+            return Message.ECHO_RESPONSE, payload[:8] + struct.pack("<Q", self._ticks())
+        if message == Message.REQUEST:
+            return Message.RESPONSE, self._command_answer(payload.rstrip(b"\0").decode("ascii", "replace"), client)
+        return Message.UNRECOGNIZED, b""
 
     def _command_answer(self, command: str, client: tuple[str, int]) -> bytes:
         """What Motive says to a remote request; commands get a number, 0 for done."""
@@ -321,7 +343,7 @@ class MotiveFake(threading.Thread):
         if name in ("FrameRate", "UnitsToMillimeters"):
             return struct.pack("<f", self.rate if name == "FrameRate" else 1000.0)
         if name in ("StartRecording", "StopRecording"):
-            self.mode = RECORDING if name == "StartRecording" else LIVE
+            self.mode = Mode.RECORDING if name == "StartRecording" else Mode.LIVE
         numbers = dict.fromkeys(
             ("CurrentMode", "StartRecording", "StopRecording", "LiveMode", "SetRecordTakeName"), DONE
         )
@@ -371,7 +393,9 @@ class MotiveFake(threading.Thread):
             return
         for client in [(self._group, self._data_port)] if self._group else self.clients:
             payload = self._last_frames[self.versions.get(client, self.version)]
-            self._send(self._data, client, FRAME, payload[: len(payload) // 2] if self.faults.truncate else payload)
+            self._send(
+                self._data, client, Message.FRAME, payload[: len(payload) // 2] if self.faults.truncate else payload
+            )
 
     def _look(self) -> None:
         """The cameras' view of the plant, with noise."""
@@ -420,7 +444,7 @@ class MotiveFake(threading.Thread):
             payload += struct.pack("<QQQ", ticks, ticks + 20_000, ticks + 30_000)
         if version >= (4, 1):
             payload += struct.pack("<II", 0, 0)
-        return payload + struct.pack("<hI", (self.mode == RECORDING) | changed << 1, 0)
+        return payload + struct.pack("<hI", (self.mode == Mode.RECORDING) | changed << 1, 0)
 
     def _taken_for(self, body: Body) -> Body:
         """The body whose pose is sent under the name of this one."""

@@ -15,7 +15,8 @@ import re
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from .clock import SimClock
+from timing import RigClock
+
 from .plant import Plant
 from .pty_fake import PtyFake
 
@@ -34,7 +35,7 @@ class NumatoFake(PtyFake):
     }
 
     def __init__(
-        self, plant: Plant, clock: SimClock, relays: int = 4, valve: int = 0, baud: int = 19200, seed: int = 0
+        self, plant: Plant, clock: RigClock, relays: int = 4, valve: int = 0, baud: int = 19200, seed: int = 0
     ) -> None:
         super().__init__("numato", clock, baud, seed)
         self.plant = plant

@@ -15,14 +15,23 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping
+from enum import IntEnum
 from typing import Any, ClassVar
 
-from .clock import SimClock
+from timing import RigClock
+
 from .plant import Plant
 from .pty_fake import PtyFake
 
-ERROR, VERSION, NAME, PRESSURE, CORRECTION = 303, 312, 349, 740, 742
-PA_PER_HPA = 100.0
+
+class Parameter(IntEnum):
+    """Parameters of the gauge."""
+
+    ERROR = 303
+    VERSION = 312
+    NAME = 349
+    PRESSURE = 740
+    CORRECTION = 742
 
 
 def checksum(text: str) -> str:
@@ -32,7 +41,7 @@ def checksum(text: str) -> str:
 
 def pressure_digits(pascal: float) -> str:
     """mmmmee: pressure = mmmm / 1000 * 10^(ee - 20) hPa."""
-    hpa = max(pascal / PA_PER_HPA, 1e-10)
+    hpa = max(pascal / 100.0, 1e-10)
     exponent = math.floor(math.log10(hpa))
     mantissa = round(hpa / 10**exponent * 1000)
     if mantissa == 10000:
@@ -53,7 +62,7 @@ class PfeifferFake(PtyFake):
     def __init__(
         self,
         plant: Plant,
-        clock: SimClock,
+        clock: RigClock,
         address: int = 1,
         kind: str = "    A1",
         noise: float = 0.005,
@@ -95,7 +104,7 @@ class PfeifferFake(PtyFake):
         if match and int(match[1]) == self.address and match[3] == checksum(text[:-3]):
             if self.correction is not None and not self.faults.extra.get("keeps_correction"):
                 self.correction = int(match[2])
-            self._send(CORRECTION, match[2] if self.correction is not None else "NO_DEF")
+            self._send(Parameter.CORRECTION, match[2] if self.correction is not None else "NO_DEF")
         return True
 
     def _answer(self, parameter: int) -> None:
@@ -103,14 +112,14 @@ class PfeifferFake(PtyFake):
         value = extra.get("value")
         pascal = value if isinstance(value, float) else self.seen * (1 + self.noise * self.random.gauss(0, 1))
         pascal *= 1.0 if self.correction is None else self.correction / 100
-        data = {
-            ERROR: str(extra.get("error", "000000")),
-            VERSION: "010100",
-            NAME: self.kind,
-            PRESSURE: pressure_digits(pascal),
-            CORRECTION: "NO_DEF" if self.correction is None else f"{self.correction:06d}",
-        }.get(parameter, "NO_DEF")
-        self._send(parameter, data)
+        answers: dict[int, str] = {
+            Parameter.ERROR: str(extra.get("error", "000000")),
+            Parameter.VERSION: "010100",
+            Parameter.NAME: self.kind,
+            Parameter.PRESSURE: pressure_digits(pascal),
+            Parameter.CORRECTION: "NO_DEF" if self.correction is None else f"{self.correction:06d}",
+        }
+        self._send(parameter, answers.get(parameter, "NO_DEF"))
 
     def _send(self, parameter: int, data: str) -> None:
         extra = self.faults.extra

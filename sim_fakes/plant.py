@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+import timing
+
 Array = NDArray[np.float64]
 AMBIENT = 101_325.0
 """Pa absolute."""
@@ -70,7 +72,7 @@ class Plant:
     tip_visible: bool = True
     """False when the tip is hidden from the cameras."""
 
-    lock: threading.RLock = field(default_factory=threading.RLock, repr=False)
+    lock: threading.RLock = field(default_factory=timing.RLock, repr=False)
 
     def __post_init__(self) -> None:
         self.regulator, self.chamber_pressure = _zeros(self.chambers), _zeros(self.chambers)

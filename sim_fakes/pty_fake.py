@@ -1,28 +1,22 @@
-"""A fake instrument on a serial line: a pty whose slave end the real client library opens.
+"""A fake instrument on a serial line, whose other end the real client library opens (see `lines`).
 
-`port` is a link to the pty, as `/dev/serial/by-id` has them: it stays the same while the pty behind it changes. A fake is a
+A fake is a
 device (state and physics, `process(dt)`) plus a wire interface (`feed`). Line time is simulated at the configured baud rate.
 Faults are set through `faults`, from a test or through the back door.
 """
 
 from __future__ import annotations
 
-import contextlib
-import os
-import pty
 import random
-import select
-import tempfile
-import threading
-import time
-import tty
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, ClassVar
 
-from .clock import SimClock
+import timing
+from timing import RigClock
+
+from .lines import line
 from .punctual import punctual
 
 
@@ -61,7 +55,7 @@ class Device:
         """Advance by dt seconds of rig time."""
 
 
-class PtyFake(threading.Thread):
+class PtyFake(timing.Thread):
     """One pty whose complete requests go to `feed`, which answers with `send`."""
 
     own_faults: ClassVar[Mapping[str, tuple[str, Any]]] = {}
@@ -70,7 +64,7 @@ class PtyFake(threading.Thread):
     """Where answers carry a checksum: the bytes that it covers, without itself, such as slice(0, -3) before two hexadecimal
     digits and CR. The driver contract then demands that the driver verifies it."""
 
-    def __init__(self, name: str, clock: SimClock, baud: int, seed: int = 0) -> None:
+    def __init__(self, name: str, clock: RigClock, baud: int, seed: int = 0) -> None:
         """`baud`: bits/s of the line; `seed`: of `random`, for noise."""
         super().__init__(name=f"fake-{name}", daemon=True)
         self.clock = clock
@@ -82,58 +76,47 @@ class PtyFake(threading.Thread):
         """Bytes that have come since the start."""
         self.requests: deque[bytes] = deque(maxlen=10_000)
         """Complete requests in the order they came, for tests; each fake's `feed` appends its own."""
-        self.lock = threading.RLock()
-        self._master = self._slave = self._kept = -1
-        """Ends of the line; the end kept from the last one that was unplugged."""
-        self._folder = tempfile.TemporaryDirectory(prefix="softlab-")
-        os.chmod(self._folder.name, 0o755)  # who may use a line is said at its pty
-        self.port = str(Path(self._folder.name) / name)
-        """Path that a driver opens; there is nothing at it while the cable is out."""
+        self.lock = timing.RLock()
+        self._cable = line(name)
         self._running = True
         self.plug()
         self._quiet_until = 0.0
         self._before = b""
         self._last_process = clock.now()
 
+    @property
+    def port(self) -> str:
+        """Path that a driver opens; there is nothing at it while the cable is out."""
+        return self._cable.port
+
     # -- plug and power
     def plug(self) -> None:
-        """Make the line, after `unplug` a new pty behind the same path."""
+        """Make the line, after `unplug` a new one behind the same path."""
         with self.lock:
-            if self._master >= 0 or not self._running:
-                return
-            self._master, self._slave = pty.openpty()
-            tty.setraw(self._master)
-            tty.setraw(self._slave)
-            # what nobody reads is lost, as on a real line; a blocking write would stop the fake for ever
-            os.set_blocking(self._master, False)
-            os.symlink(os.ttyname(self._slave), self.port)
+            if self._running and not self._cable.plugged:
+                self._cable.plug()
 
     def unplug(self) -> None:
         """Pull the cable out: the port is gone, the device goes on."""
         with self.lock:
-            Path(self.port).unlink(missing_ok=True)
-            for fd in (self._master, self._kept):
-                with contextlib.suppress(OSError):
-                    os.close(fd)
-            self._kept = self._slave
-            self._master = self._slave = -1
+            self._cable.unplug()
             self.buffer = b""
 
     def drop_out(self, seconds: float) -> None:
         """Unplug for `seconds` of host time."""
 
         def come_back() -> None:
-            time.sleep(seconds)
+            timing.sleep(seconds)
             self.plug()
 
         self.unplug()
-        threading.Thread(target=come_back, name=f"fake-{self.name}-back", daemon=True).start()
+        timing.Thread(target=come_back, name=f"fake-{self.name}-back", daemon=True).start()
 
     def reset(self, silence: float = 0.3) -> None:
         """Lose power for an instant; silent for `silence` s of host time."""
         with self.lock:
             self.buffer = b""
-            self._quiet_until = time.monotonic() + silence
+            self._quiet_until = timing.now() + silence
             self.restart()
 
     def restart(self) -> None:
@@ -163,14 +146,14 @@ class PtyFake(threading.Thread):
     def send(self, answer: bytes, line_time: bool = True) -> None:
         """Put an answer on the line, through the faults, at line speed unless `line_time` is False."""
         f = self.faults
-        if f.silent or time.monotonic() < self._quiet_until:
+        if f.silent or timing.now() < self._quiet_until:
             return
         if f.replay:
             answer, self._before = self._before, answer
         else:
             self._before = answer
         if f.delay:
-            time.sleep(f.delay)
+            timing.sleep(f.delay)
         if f.corrupt and answer:
             i = self.random.randrange(len(answer))
             answer = answer[:i] + bytes([answer[i] ^ (1 << self.random.randrange(7))]) + answer[i + 1 :]
@@ -178,35 +161,32 @@ class PtyFake(threading.Thread):
             answer = answer[: len(answer) // 2]
         answer = f.garbage + answer
         if line_time:
-            time.sleep(len(answer) * self.byte_time)
+            timing.sleep(len(answer) * self.byte_time)
         pieces = [answer[: len(answer) // 2], answer[len(answer) // 2 :]] if f.split else [answer]
         for i, piece in enumerate(pieces):
             if i:
-                time.sleep(0.005)
-            with contextlib.suppress(OSError):
-                os.write(self._master, piece)
+                timing.sleep(0.005)
+            self._cable.write(piece)
 
     def run(self) -> None:
         punctual()
         wait: float | None = None
         while self._running:
             try:
-                lines = [self._master] if self._master >= 0 else []
-                ready, _, _ = select.select(lines, [], [], 0.02 if wait is None else max(0.0, wait))
+                ready = self._cable.await_bytes(0.02 if wait is None else wait)
             except OSError:
                 continue  # unplugged meanwhile
             with self.lock:
                 self._advance()
-                if ready and self._master >= 0:
+                if ready and self._cable.plugged:
                     try:
-                        data = os.read(self._master, 4096)
+                        data = self._cable.read()
                     except OSError:
                         continue
                     self.heard += len(data)
-                    time.sleep(len(data) * self.byte_time)
+                    timing.sleep(len(data) * self.byte_time)
                     if self.faults.echo:
-                        with contextlib.suppress(OSError):
-                            os.write(self._master, data)
+                        self._cable.write(data)
                     self.buffer += data
                     while self.feed():
                         pass
@@ -223,8 +203,4 @@ class PtyFake(threading.Thread):
         self._running = False
         if self.is_alive():
             self.join(1.0)
-        self.unplug()
-        with contextlib.suppress(OSError):
-            os.close(self._kept)
-        self._kept = -1
-        self._folder.cleanup()
+        self._cable.close()

@@ -5,7 +5,8 @@ from __future__ import annotations
 import contextlib
 import os
 import threading
-import time
+
+import timing
 
 PRIORITY = -10
 LATE = 0.1
@@ -14,6 +15,8 @@ LATE = 0.1
 
 def punctual() -> None:
     """Put the calling thread (Linux) before others. Without CAP_SYS_NICE the system says no, and all stays as it is."""
+    if timing.together():
+        return
     with contextlib.suppress(OSError):
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), PRIORITY)
 
@@ -22,15 +25,15 @@ class Silence:
     """How long nobody has spoken, host s, as a device's watchdog counts it: a device is always awake, a fake is not."""
 
     def __init__(self) -> None:
-        self._seconds, self._looked = 0.0, time.monotonic()
+        self._seconds, self._looked = 0.0, timing.now()
 
     def heard(self) -> None:
         """Somebody has spoken."""
-        self._seconds, self._looked = 0.0, time.monotonic()
+        self._seconds, self._looked = 0.0, timing.now()
 
     def now(self) -> float:
         """Seconds of silence; to be asked again and again."""
-        now = time.monotonic()
+        now = timing.now()
         self._seconds += min(now - self._looked, LATE)
         self._looked = now
         return self._seconds

@@ -5,17 +5,17 @@ The plant moves in a thread of this process.
 
 from __future__ import annotations
 
-import threading
-import time
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+import timing
+from timing import RigClock
+
 from .accidents import Accidents
 from .backdoor import BackDoor
-from .clock import SimClock
 from .faults import FaultSwitch
 from .instrument import Fake, Part, Regulators, Site
 from .motive import MotiveFake
@@ -26,6 +26,9 @@ from .registry import OWN, of_role
 from .ur.fake import UrFake
 from .ur.process import UrProcess, free_host
 from .virtual_robot import RobotTruth, VirtualRobot
+
+if TYPE_CHECKING:
+    from .ur.in_process import UrThread
 
 PLANT_PERIOD = 0.01
 """Host seconds between two steps of the plant."""
@@ -39,8 +42,6 @@ SEEDS = MappingProxyType({"force": 1, "spine": 2, "valve": 3, "gauge": 4, "press
 """What each adds to the rig's seed; the arm comes first, since it takes longest to start."""
 OF_SPINE = ("spine", "valve", "gauge")
 THREE_SETS = ((9, 1, 2), (3, 4, 5), (6, 7, 8))
-MOST_PRESSURE = 300e3
-"""Pa that rig.yaml allows its regulators unless it says otherwise."""
 
 
 class FakeRig:
@@ -68,7 +69,7 @@ class FakeRig:
         self.truth = truth or RobotTruth()
         chambers = len(self.truth.chamber_azimuths_deg)
         self.plant = Plant(chambers)
-        self.clock = SimClock(speed)
+        self.clock = RigClock(speed)
         self.robot = VirtualRobot(self.truth, dict(effects or {}), seed)
         self._warm_up(dict(effects or {}))
         self.wiring = THREE_SETS if channels == 3 and chambers == 9 else tuple((i,) for i in range(1, chambers + 1))
@@ -87,7 +88,7 @@ class FakeRig:
             self._plug("sensor", f"{SENSORS}{name}", driver, seed + 100 + number)
         self.door = BackDoor(self)
         self._running = False
-        self._moving = threading.Thread(target=self._move_plant, name="fake-plant", daemon=True)
+        self._moving = timing.Thread(target=self._move_plant, name="fake-plant", daemon=True)
         self.switch = FaultSwitch(self)
         self.accidents = Accidents(self.wiring)
         self.troubles: list[str] = []
@@ -118,7 +119,8 @@ class FakeRig:
             table: dict[str, Any] = {"driver": driver}
             if role == "pressure":
                 table |= {"chambers": [list(group) for group in self.wiring], "full_scale": site.full_scale}
-                if site.full_scale < MOST_PRESSURE:
+                # Pa that rig.yaml allows its regulators unless it says otherwise
+                if site.full_scale < 300e3:
                     table["max_pressure"] = site.full_scale
             return {**table, **fake.table(site, parts)}
 
@@ -136,7 +138,7 @@ class FakeRig:
         return part if isinstance(part, MotiveFake) else None
 
     @property
-    def ur(self) -> UrProcess | None:
+    def ur(self) -> UrProcess | UrThread | None:
         """The arm's controller once it is started, where it is a UR's."""
         part = self.parts.get("arm")
         return part.process if isinstance(part, UrFake) else None
@@ -201,12 +203,12 @@ class FakeRig:
         punctual()
         last = self.clock.now()
         while self._running:
-            due = time.monotonic() + PLANT_PERIOD
+            due = timing.now() + PLANT_PERIOD
             now = self.clock.now()
             with self.plant.lock:
                 self.accidents.advance(self.robot, self.plant, now - last)
             last = now
-            time.sleep(max(0.0, due - time.monotonic()))
+            timing.sleep(max(0.0, due - timing.now()))
 
     # -- rig.yaml
     def rig_file(self, robot: str = "robot.yaml") -> dict[str, Any]:

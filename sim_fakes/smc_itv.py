@@ -15,20 +15,19 @@ The back door `device` gives the unit's state: set-point in counts, range, highe
 from __future__ import annotations
 
 import re
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from .clock import SimClock
+import timing
+from timing import RigClock
+
 from .plant import Plant
 from .pty_fake import Device, PtyFake
 
 STEPS = 1023
-NOISE = 200.0
-"""Standard deviation of a reading, Pa."""
 
 
 @dataclass
@@ -79,7 +78,7 @@ class SmcItvFake(PtyFake):
     def __init__(
         self,
         plant: Plant,
-        clock: SimClock,
+        clock: RigClock,
         chambers: Sequence[int],
         seed: int = 0,
         full_scale: float = 500e3,
@@ -124,7 +123,7 @@ class SmcItvFake(PtyFake):
         return True
 
     def _too_soon(self) -> bool:
-        last, self._polled_at = self._polled_at, time.monotonic()
+        last, self._polled_at = self._polled_at, timing.now()
         return self._polled_at - last < self._poll_interval
 
     def _answer(self, text: str) -> str:
@@ -146,7 +145,8 @@ class SmcItvFake(PtyFake):
         return str(self.device.setpoint)
 
     def _measured(self) -> int:
-        reading = self.random.gauss(self.device.pressure, NOISE) / self.device.full_scale * STEPS
+        # Pa, standard deviation of a reading
+        reading = self.random.gauss(self.device.pressure, 200.0) / self.device.full_scale * STEPS
         counts = max(0, min(STEPS, round(reading)))
         if isinstance(shown := self.faults.extra.get("reading"), int):
             counts = shown

@@ -15,52 +15,156 @@ Faults by name in `faults.extra`:
 from __future__ import annotations
 
 import struct
-import time
 from collections.abc import Callable, Mapping
+from enum import IntEnum
 from typing import Any, ClassVar
 
-from .clock import SimClock
+import timing
+from timing import RigClock
+
 from .plant import Plant
 from .pty_fake import Device, PtyFake
 from .punctual import Silence
 
 FRAME = struct.Struct(">BBBBi")
-ROR, ROL, MST, MVP, SAP, GAP, SGP, GGP, RFS, VERSION = 1, 2, 3, 4, 5, 6, 9, 10, 13, 136
-SIO, GIO = 14, 15
-STAP, RSAP, STOP_PROGRAM, RUN_PROGRAM = 7, 8, 128, 129
-ABSOLUTE, RELATIVE = 0, 1
-"""Types of MVP."""
-OK, CHECKSUM, COMMAND, TYPE, VALUE = 100, 1, 2, 3, 4
-TARGET, ACTUAL, TARGET_SPEED, SPEED, MAX_SPEED, ACCELERATION = 0, 1, 2, 3, 4, 5
-MAX_CURRENT, STANDBY_CURRENT = 6, 7
-REACHED, HOME_SWITCH, RIGHT_SWITCH, LEFT_SWITCH = 8, 9, 10, 11
-RIGHT_OFF, LEFT_OFF, DECELERATION, SOFT_STOP, MEASURED_SPEED = 12, 13, 17, 26, 29
-RESOLUTION, RAMP_DIVISOR, PULSE_DIVISOR, FULLSTEPS, FREEWHEELING = 140, 153, 154, 202, 204
-STEP_DIRECTION, UNITS = 254, 255
-SEARCH_MODE, SEARCH_SPEED, SWITCH_SPEED = 193, 194, 195
-ERRORS, DRIVER, ENCODER, MAX_DEVIATION = 207, 208, 209, 212
-SERIAL_ADDRESS, HEARTBEAT, HOST_ADDRESS, TICK_TIMER = 66, 68, 76, 132
-AUTO_START, SECONDARY_ADDRESS, PROGRAM = 77, 87, 128
-DEVIATED = 2
-STANDSTILL = 1 << 7
-MICROSTEPS = 51200
+
+
+class Command(IntEnum):
+    """Commands of TMCL."""
+
+    ROR = 1
+    ROL = 2
+    MST = 3
+    MVP = 4
+    SAP = 5
+    GAP = 6
+    SGP = 9
+    GGP = 10
+    RFS = 13
+    VERSION = 136
+    SIO = 14
+    GIO = 15
+    STAP = 7
+    RSAP = 8
+    STOP_PROGRAM = 128
+    RUN_PROGRAM = 129
+
+
+class Move(IntEnum):
+    """Types of MVP."""
+
+    ABSOLUTE = 0
+    RELATIVE = 1
+
+
+class Status(IntEnum):
+    """Status of an answer: done, or what of the command is wrong."""
+
+    OK = 100
+    CHECKSUM = 1
+    COMMAND = 2
+    TYPE = 3
+    VALUE = 4
+
+
+class Axis(IntEnum):
+    """Axis parameters."""
+
+    TARGET = 0
+    ACTUAL = 1
+    TARGET_SPEED = 2
+    SPEED = 3
+    MAX_SPEED = 4
+    ACCELERATION = 5
+    MAX_CURRENT = 6
+    STANDBY_CURRENT = 7
+    REACHED = 8
+    HOME_SWITCH = 9
+    RIGHT_SWITCH = 10
+    LEFT_SWITCH = 11
+    RIGHT_OFF = 12
+    LEFT_OFF = 13
+    DECELERATION = 17
+    SOFT_STOP = 26
+    MEASURED_SPEED = 29
+    RESOLUTION = 140
+    RAMP_DIVISOR = 153
+    PULSE_DIVISOR = 154
+    FULLSTEPS = 202
+    FREEWHEELING = 204
+    STEP_DIRECTION = 254
+    UNITS = 255
+    SEARCH_MODE = 193
+    SEARCH_SPEED = 194
+    SWITCH_SPEED = 195
+    ERRORS = 207
+    DRIVER = 208
+    ENCODER = 209
+    MAX_DEVIATION = 212
+
+
+class Global(IntEnum):
+    """Global parameters."""
+
+    SERIAL_ADDRESS = 66
+    HEARTBEAT = 68
+    HOST_ADDRESS = 76
+    TICK_TIMER = 132
+    AUTO_START = 77
+    SECONDARY_ADDRESS = 87
+    PROGRAM = 128
+
+
 FASTEST = 16_777_215
 STEP = 0.005
 """Longest step of the physics, s."""
 GAP_TIME = 0.05
 """An incomplete frame is forgotten after this silence, s of host time."""
-WRITABLE = {
-    TARGET: (-(2**31), 2**31 - 1), ACTUAL: (-(2**31), 2**31 - 1), MAX_SPEED: (0, FASTEST), ACCELERATION: (0, FASTEST),
-    SEARCH_MODE: (1, 255), SEARCH_SPEED: (0, FASTEST), SWITCH_SPEED: (0, FASTEST), ENCODER: (-(2**31), 2**31 - 1),
-    MAX_DEVIATION: (0, 2**31 - 1), MAX_CURRENT: (0, 255), STANDBY_CURRENT: (0, 255), RIGHT_OFF: (0, 1), LEFT_OFF: (0, 1),
-    DECELERATION: (0, FASTEST), SOFT_STOP: (0, 1), RESOLUTION: (0, 8), RAMP_DIVISOR: (0, 13), PULSE_DIVISOR: (0, 13),
-    FULLSTEPS: (1, 65535), FREEWHEELING: (0, 3), STEP_DIRECTION: (0, 5), UNITS: (0, 1),
-}  # fmt: skip
-START = {
-    MAX_SPEED: 51200, ACCELERATION: 51200, SEARCH_MODE: 1, SEARCH_SPEED: 1000, SWITCH_SPEED: 100, MAX_DEVIATION: 0,
-    MAX_CURRENT: 128, STANDBY_CURRENT: 8, RIGHT_OFF: 0, LEFT_OFF: 0, DECELERATION: 51200, SOFT_STOP: 0, RESOLUTION: 8,
-    RAMP_DIVISOR: 7, PULSE_DIVISOR: 3, FULLSTEPS: 200, FREEWHEELING: 0, STEP_DIRECTION: 0, UNITS: 1,
-}  # fmt: skip
+WRITABLE: dict[int, tuple[int, int]] = {
+    Axis.TARGET: (-(2**31), 2**31 - 1),
+    Axis.ACTUAL: (-(2**31), 2**31 - 1),
+    Axis.MAX_SPEED: (0, FASTEST),
+    Axis.ACCELERATION: (0, FASTEST),
+    Axis.SEARCH_MODE: (1, 255),
+    Axis.SEARCH_SPEED: (0, FASTEST),
+    Axis.SWITCH_SPEED: (0, FASTEST),
+    Axis.ENCODER: (-(2**31), 2**31 - 1),
+    Axis.MAX_DEVIATION: (0, 2**31 - 1),
+    Axis.MAX_CURRENT: (0, 255),
+    Axis.STANDBY_CURRENT: (0, 255),
+    Axis.RIGHT_OFF: (0, 1),
+    Axis.LEFT_OFF: (0, 1),
+    Axis.DECELERATION: (0, FASTEST),
+    Axis.SOFT_STOP: (0, 1),
+    Axis.RESOLUTION: (0, 8),
+    Axis.RAMP_DIVISOR: (0, 13),
+    Axis.PULSE_DIVISOR: (0, 13),
+    Axis.FULLSTEPS: (1, 65535),
+    Axis.FREEWHEELING: (0, 3),
+    Axis.STEP_DIRECTION: (0, 5),
+    Axis.UNITS: (0, 1),
+}
+START: dict[int, int] = {
+    Axis.MAX_SPEED: 51200,
+    Axis.ACCELERATION: 51200,
+    Axis.SEARCH_MODE: 1,
+    Axis.SEARCH_SPEED: 1000,
+    Axis.SWITCH_SPEED: 100,
+    Axis.MAX_DEVIATION: 0,
+    Axis.MAX_CURRENT: 128,
+    Axis.STANDBY_CURRENT: 8,
+    Axis.RIGHT_OFF: 0,
+    Axis.LEFT_OFF: 0,
+    Axis.DECELERATION: 51200,
+    Axis.SOFT_STOP: 0,
+    Axis.RESOLUTION: 8,
+    Axis.RAMP_DIVISOR: 7,
+    Axis.PULSE_DIVISOR: 3,
+    Axis.FULLSTEPS: 200,
+    Axis.FREEWHEELING: 0,
+    Axis.STEP_DIRECTION: 0,
+    Axis.UNITS: 1,
+}
 """As it comes from the factory; what was stored replaces these at every start."""
 SETTINGS = {
     15: (FASTEST, 51200), 16: (FASTEST, 0), 18: (FASTEST, 51200), 19: (FASTEST, 1), 20: (FASTEST, 10), 22: (FASTEST, 0),
@@ -78,9 +182,6 @@ LINES = {(0, 0): 0, (0, 1): 0, (0, 2): 0, (0, 3): 0, (1, 0): 0, (1, 8): 240, (1,
 """(bank, number) of inputs and outputs: digital inputs; analog input, supply (0.1 V) and temperature (C); outputs."""
 USER_VARIABLES = 256
 """Of bank 2 of the global parameters."""
-
-FAR_AWAY = 20_000_000
-"""Counts by which the encoder jumps as a fault."""
 
 
 class StepperDrum(Device):
@@ -110,7 +211,7 @@ class StepperDrum(Device):
         """ms since the start, or since it was set."""
         self.silence = Silence()
         self._direction = direction
-        self._per_metre = direction * MICROSTEPS / metres_per_turn
+        self._per_metre = direction * 51200 / metres_per_turn  # microsteps a turn
         self._encoder_offset = -start_length * self._per_metre
         self.steps = 0.0
         self.target = 0.0
@@ -137,7 +238,7 @@ class StepperDrum(Device):
     @property
     def _stopped_by_switch(self) -> bool:
         """Whether it is closed and may stop the motor."""
-        return self.at_switch and not self.parameters[LEFT_OFF if self._direction > 0 else RIGHT_OFF]
+        return self.at_switch and not self.parameters[Axis.LEFT_OFF if self._direction > 0 else Axis.RIGHT_OFF]
 
     def go(self, target: float) -> None:
         """Start moving to a position, microsteps."""
@@ -153,7 +254,7 @@ class StepperDrum(Device):
     def run(self) -> None:
         """Start the stored program."""
         self.program = True
-        self.rotate(self._direction * self.parameters[MAX_SPEED])
+        self.rotate(self._direction * self.parameters[Axis.MAX_SPEED])
 
     def halt(self) -> None:
         """Stop; also ends a search."""
@@ -189,9 +290,9 @@ class StepperDrum(Device):
         if self.searching:
             if self._home_reached():
                 return
-            self.steps -= self._direction * self.parameters[SEARCH_SPEED] * dt
+            self.steps -= self._direction * self.parameters[Axis.SEARCH_SPEED] * dt
         elif self._moving:
-            reach = self.parameters[MAX_SPEED] * dt
+            reach = self.parameters[Axis.MAX_SPEED] * dt
             self.steps += min(max(self.target - self.steps, -reach), reach)
             self._moving = self.steps != self.target
         else:
@@ -202,16 +303,16 @@ class StepperDrum(Device):
             moved = 0.0
             self.halt()
         self.speed = moved / dt
-        if not (self.stuck or self.plant.spine_blocked or self.parameters[MAX_CURRENT] == 0):
+        if not (self.stuck or self.plant.spine_blocked or self.parameters[Axis.MAX_CURRENT] == 0):
             self.length = min(max(self.length + moved / self._per_metre, 0.0), self.mechanical_length)
-        limit = self.parameters[MAX_DEVIATION]
+        limit = self.parameters[Axis.MAX_DEVIATION]
         if limit and abs(self.steps - self.encoder) > limit:
-            self.errors |= DEVIATED
+            self.errors |= 2
             self.halt()
 
     def _home_reached(self) -> bool:
         """At the switch that the search mode names, steps and encoder start from 0."""
-        right = bool(self.parameters[SEARCH_MODE] & 64)
+        right = bool(self.parameters[Axis.SEARCH_MODE] & 64)
         if not self._stopped_by_switch or right != (self._direction < 0):
             return False
         self.halt()
@@ -233,7 +334,7 @@ class TmclFake(PtyFake):
     def __init__(
         self,
         plant: Plant,
-        clock: SimClock,
+        clock: RigClock,
         metres_per_turn: float = 0.1,
         direction: int = 1,
         start_length: float = 0.03,
@@ -253,7 +354,7 @@ class TmclFake(PtyFake):
         """Another address that it obeys; 0 for none."""
         self.lines = dict(LINES)
         self.user = [0] * USER_VARIABLES
-        self._heard = time.monotonic()
+        self._heard = timing.now()
 
     def process(self, dt: float) -> None:
         extra = self.faults.extra
@@ -268,7 +369,7 @@ class TmclFake(PtyFake):
         self.drum.restart()
 
     def idle(self) -> float | None:
-        if self.buffer and time.monotonic() - self._heard > GAP_TIME:
+        if self.buffer and timing.now() - self._heard > GAP_TIME:
             self.buffer = b""
         return None
 
@@ -276,11 +377,11 @@ class TmclFake(PtyFake):
         """Its encoder jumps; the next reference run finds the switch again."""
         if fault != "over_range":
             return None
-        self.drum.set_encoder(self.drum.encoder + FAR_AWAY)
+        self.drum.set_encoder(self.drum.encoder + 20_000_000)
         return lambda: None
 
     def feed(self) -> bool:
-        self._heard = time.monotonic()
+        self._heard = timing.now()
         if len(self.buffer) < 9:
             return False
         frame, self.buffer = self.buffer[:9], self.buffer[9:]
@@ -293,8 +394,8 @@ class TmclFake(PtyFake):
         if isinstance(nak, int):
             status, result = nak, value
         elif sum(frame[:8]) & 0xFF != frame[8]:
-            status, result = CHECKSUM, value
-        elif command == VERSION and kind == 0:
+            status, result = Status.CHECKSUM, value
+        elif command == Command.VERSION and kind == 0:
             self.send(bytes([self.host]) + f"{self.module}V116".encode())  # the one answer that is a text
             return True
         else:
@@ -311,118 +412,122 @@ class TmclFake(PtyFake):
     def _execute(self, command: int, kind: int, motor: int, value: int) -> tuple[int, int]:
         """Status and value of the answer."""
         drum = self.drum
-        if command == VERSION and kind == 1:
-            return OK, self.module << 16 | 1 << 8 | 16
-        if command in (SGP, GGP):
+        if command == Command.VERSION and kind == 1:
+            return Status.OK, self.module << 16 | 1 << 8 | 16
+        if command in (Command.SGP, Command.GGP):
             return self._global(command, kind, motor, value)
-        if command in (SIO, GIO):
+        if command in (Command.SIO, Command.GIO):
             return self._line(command, (motor, kind), value)
         if motor != 0:
-            return VALUE, value
-        if command == MST:
+            return Status.VALUE, value
+        if command == Command.MST:
             drum.halt()
-        elif command == MVP and kind == ABSOLUTE:
+        elif command == Command.MVP and kind == Move.ABSOLUTE:
             drum.go(value)
-        elif command == MVP and kind == RELATIVE:
+        elif command == Command.MVP and kind == Move.RELATIVE:
             drum.go(drum.target + value)
-        elif command in (ROR, ROL):
-            drum.rotate(value if command == ROR else -value)
-        elif command in (STOP_PROGRAM, RUN_PROGRAM):
+        elif command in (Command.ROR, Command.ROL):
+            drum.rotate(value if command == Command.ROR else -value)
+        elif command in (Command.STOP_PROGRAM, Command.RUN_PROGRAM):
             drum.program = False
-            if command == RUN_PROGRAM:
+            if command == Command.RUN_PROGRAM:
                 drum.run()
-        elif command in (STAP, RSAP) and kind in drum.parameters:
-            if command == STAP:
+        elif command in (Command.STAP, Command.RSAP) and kind in drum.parameters:
+            if command == Command.STAP:
                 drum.stored[kind] = drum.parameters[kind]
             drum.parameters[kind] = (START | drum.stored)[kind]
-        elif command == SAP:
+        elif command == Command.SAP:
             return self._set(kind, value)
-        elif command == GAP:
+        elif command == Command.GAP:
             return self._get(kind)
-        elif command == RFS and kind in (0, 1, 2):
+        elif command == Command.RFS and kind in (0, 1, 2):
             if kind == 2:
-                return OK, int(drum.searching)
+                return Status.OK, int(drum.searching)
             drum.halt()
             drum.searching = kind == 0
         else:
-            return (TYPE if command in (MVP, RFS, VERSION, STAP, RSAP) else COMMAND), value
-        return OK, value
+            return (
+                Status.TYPE
+                if command in (Command.MVP, Command.RFS, Command.VERSION, Command.STAP, Command.RSAP)
+                else Status.COMMAND
+            ), value
+        return Status.OK, value
 
     def _global(self, command: int, kind: int, bank: int, value: int) -> tuple[int, int]:
         drum = self.drum
-        held = {
-            SERIAL_ADDRESS: self.address,
-            HOST_ADDRESS: self.host,
-            HEARTBEAT: round(1000 * drum.heartbeat),
-            TICK_TIMER: int(drum.ticks) & 0x7FFFFFFF,
-            AUTO_START: int(drum.auto_start),
-            SECONDARY_ADDRESS: self.secondary_address,
-            PROGRAM: int(drum.program),
+        held: dict[int, int] = {
+            Global.SERIAL_ADDRESS: self.address,
+            Global.HOST_ADDRESS: self.host,
+            Global.HEARTBEAT: round(1000 * drum.heartbeat),
+            Global.TICK_TIMER: int(drum.ticks) & 0x7FFFFFFF,
+            Global.AUTO_START: int(drum.auto_start),
+            Global.SECONDARY_ADDRESS: self.secondary_address,
+            Global.PROGRAM: int(drum.program),
         }
         if bank == 2 and kind < USER_VARIABLES:
-            self.user[kind] = value if command == SGP else self.user[kind]
-            return OK, self.user[kind]
+            self.user[kind] = value if command == Command.SGP else self.user[kind]
+            return Status.OK, self.user[kind]
         if bank != 0 or kind not in held:
-            return TYPE, value
-        if command == GGP:
-            return OK, held[kind]
-        if kind == TICK_TIMER:
+            return Status.TYPE, value
+        if command == Command.GGP:
+            return Status.OK, held[kind]
+        if kind == Global.TICK_TIMER:
             drum.ticks = float(value)
-        elif kind == HEARTBEAT and 0 <= value <= 65535:
+        elif kind == Global.HEARTBEAT and 0 <= value <= 65535:
             drum.heartbeat = value / 1000
-        elif kind == AUTO_START and value in (0, 1):
+        elif kind == Global.AUTO_START and value in (0, 1):
             drum.auto_start = bool(value)
-        elif kind == SECONDARY_ADDRESS and 0 <= value <= 255:
+        elif kind == Global.SECONDARY_ADDRESS and 0 <= value <= 255:
             self.secondary_address = value
         else:
-            return VALUE, value
-        return OK, value
+            return Status.VALUE, value
+        return Status.OK, value
 
     def _line(self, command: int, line: tuple[int, int], value: int) -> tuple[int, int]:
         """Read an input or output, or set an output."""
-        if line not in self.lines or (command == SIO and line[0] != 2):
-            return TYPE, value
-        if command == SIO:
+        if line not in self.lines or (command == Command.SIO and line[0] != 2):
+            return Status.TYPE, value
+        if command == Command.SIO:
             if value not in (0, 1):
-                return VALUE, value
+                return Status.VALUE, value
             self.lines[line] = value
-        return OK, self.lines[line]
+        return Status.OK, self.lines[line]
 
     def _set(self, kind: int, value: int) -> tuple[int, int]:
         if kind not in WRITABLE:
-            return TYPE, value
+            return Status.TYPE, value
         low, high = WRITABLE[kind]
         if not low <= value <= high:
-            return VALUE, value
-        if kind == TARGET:
+            return Status.VALUE, value
+        if kind == Axis.TARGET:
             self.drum.go(value)
-        elif kind == ACTUAL:
+        elif kind == Axis.ACTUAL:
             self.drum.steps = float(value)
-        elif kind == ENCODER:
+        elif kind == Axis.ENCODER:
             self.drum.set_encoder(value)
         else:
             self.drum.parameters[kind] = value
-        return OK, value
+        return Status.OK, value
 
     def _get(self, kind: int) -> tuple[int, int]:
         drum = self.drum
-        if kind == ERRORS:
+        if kind == Axis.ERRORS:
             flags, drum.errors = drum.errors, 0
-            return OK, flags
+            return Status.OK, flags
         driver = self.faults.extra.get("driver")
         values = {
-            TARGET: round(drum.target),
-            ACTUAL: round(drum.steps),
-            TARGET_SPEED: 0,
-            SPEED: round(drum.speed),
-            MEASURED_SPEED: round(drum.speed),
-            REACHED: int(drum.steps == drum.target),
-            HOME_SWITCH: 0,
-            RIGHT_SWITCH: 0,
-            LEFT_SWITCH: int(drum.at_switch),
-            DRIVER: (driver if isinstance(driver, int) else 0) | (STANDSTILL if drum.speed == 0 else 0),
-            ENCODER: drum.encoder,
+            Axis.TARGET: round(drum.target),
+            Axis.ACTUAL: round(drum.steps),
+            Axis.TARGET_SPEED: 0,
+            Axis.SPEED: round(drum.speed),
+            Axis.MEASURED_SPEED: round(drum.speed),
+            Axis.REACHED: int(drum.steps == drum.target),
+            Axis.HOME_SWITCH: 0,
+            Axis.RIGHT_SWITCH: 0,
+            Axis.LEFT_SWITCH: int(drum.at_switch),
+            Axis.DRIVER: (driver if isinstance(driver, int) else 0) | (drum.speed == 0) << 7,
+            Axis.ENCODER: drum.encoder,
             **drum.parameters,
             **FIXED,
         }
-        return (OK, values[kind]) if kind in values else (TYPE, 0)
+        return (Status.OK, values[kind]) if kind in values else (Status.TYPE, 0)

@@ -21,13 +21,13 @@ from pathlib import Path
 
 import numpy as np
 
-from lab.files.clock import RigClock
 from lab.files.rig_file import load_rig
 from lab.guard.instruments import ACTUATORS
 from lab.guard.new_guard import make_safe_with_new_guard
 from lab.rig.assembly import Rig
 from lab.verbs.fakes import write_rig
 from sim_fakes.rig import FakeRig
+from timing import RigClock
 
 SPEED = 20.0
 OTHERS = ("arm", "spine", "valve", "gauge")

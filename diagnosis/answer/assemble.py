@@ -14,7 +14,7 @@ from recordings.trials import Table
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.on_baseline import SHARE
 from ..inference.posterior import UNKNOWN
-from ..inference.prepare import AREA, Prepared
+from ..inference.prepare import AREA, MODULUS, Prepared
 from ..inference.stiffness_trials import StiffnessTrials
 from ..judgement import TIED
 from . import locate
@@ -29,7 +29,6 @@ from .verdict import conclude, rivals
 
 Array = NDArray[np.float64]
 
-MM = 1e3
 LISTED = 12
 """Hypotheses shown in the ranking, besides none and unknown, which always are."""
 
@@ -46,7 +45,7 @@ def data_section(p: Prepared, table: Table) -> Data:
     noise = p.noise_components.channel["tip"]
     if p.pushes is not None and p.pushes_only:
         noise = float(np.median(p.pushes.noise_components.channel["force"] / p.pushes.stiffness))
-    return Data(len(table), len(np.unique(p.states.trial)), channels, noise * MM, source)
+    return Data(len(table), len(np.unique(p.states.trial)), channels, noise * 1e3, source)
 
 
 def locate_section(f: Attribution, stages: Mapping[str, str]) -> Locate:
@@ -62,9 +61,9 @@ def locate_section(f: Attribution, stages: Mapping[str, str]) -> Locate:
     rmse = float(np.sqrt((gap[seen] ** 2).sum(axis=1).mean()))
     significant = any(c.significant for group in by.values() for c in group)
     stage = dict.fromkeys(STAGES, 0.0) | f.posterior.by_stage(stages)
-    numerical = float("nan") if p.baseline is not None else locate.numerical_error(p.robot, own) * MM
+    numerical = float("nan") if p.baseline is not None else locate.numerical_error(p.robot, own) * 1e3
     what: Literal["tip", "deflection"] = "deflection" if p.pushes_only else "tip"
-    return Locate(rmse * MM, p.noise_floor * MM, significant, by, stage, numerical, what)
+    return Locate(rmse * 1e3, p.noise_floor * 1e3, significant, by, stage, numerical, what)
 
 
 def calibration_section(f: Attribution) -> Calibration | None:
@@ -75,7 +74,9 @@ def calibration_section(f: Attribution) -> Calibration | None:
     robot, states = p.described or (p.robot, p.states)
     own = ~p.states.pushed
     given = float(np.mean(robot.area_factor_at(states.spine_length[own])))
-    return Calibration(p.area_factor(f.calibrated.theta), given, p.robot.youngs_modulus / robot.youngs_modulus)
+    found = dict(zip(p.problem.parameters.names, f.calibrated.theta.tolist(), strict=True))
+    modulus = p.robot.youngs_modulus / robot.youngs_modulus * (1 + found.get(MODULUS, 0.0))
+    return Calibration(p.area_factor(f.calibrated.theta), given, modulus)
 
 
 def _pushes(p: Prepared, missed: Array) -> locate.Pushes | None:
@@ -108,7 +109,7 @@ def attribute_section(f: Attribution, significant: bool, heldout: Mapping[Hypoth
     d = f.decision
     return Attribute(
         d.verdict, d.effects, d.probability, f.posterior.credible_set, tuple(ranked), f.cannot_tell_apart, f.asking,
-        conclude(d, significant, f.asking), rivals(d, f.posterior),
+        conclude(d, significant, f.asking, bool(f.tense)), rivals(d, f.posterior),
     )  # fmt: skip
 
 
@@ -138,12 +139,12 @@ def detail_section(
     made: dict[str, Any] = {
         "misfit": asdict(f.misfit),
         "tolerance_of_other_effects": f.best.grid_point.spike,
-        "discrepancy_mm": f.best.grid_point.size * p.unit * MM,
+        "discrepancy_mm": f.best.grid_point.size * p.unit * 1e3,
         "waterfall_mm": {
             "as given": _rms(p, observed - given),
             "calibrated": _rms(p, observed - calibrated),
             "with the best hypothesis": _rms(p, observed - explained),
-            "noise floor": p.noise_floor * MM,
+            "noise floor": p.noise_floor * 1e3,
         },
         "best_hypothesis": list(f.best.named),
         "confounding": _confounding(p, slope),
@@ -212,7 +213,7 @@ def simulator_section(f: Attribution) -> Simulator | None:
     slope = p.problem.linearise(fitted.theta, free)[1][own]
     left = difference - slope @ np.linalg.lstsq(slope, difference, rcond=None)[0]
     share = float(fitted.theta[at])
-    differs, beyond = (float(np.sqrt(d @ d / count)) * MM for d in (difference, left))
+    differs, beyond = (float(np.sqrt(d @ d / count)) * 1e3 for d in (difference, left))
     return Simulator(p.baseline.name, p.baseline.area_factor, differs, beyond, share, share * beyond)
 
 
@@ -224,7 +225,7 @@ def _stiffness(p: Prepared, pushes: StiffnessTrials, predicted: Mapping[str, Arr
     missed = {name: _rms_of(p.deflection(p.problem.observed - y)) for name, y in predicted.items()}
     return {
         "waterfall_mm": missed,
-        "floor_mm": pushes.noise_floor * MM,
+        "floor_mm": pushes.noise_floor * 1e3,
         "floor_from_repeats": noise.contrasts > 0,
         "floor": {**noise.channel, "deflection": noise.pressure, "trial": dict(noise.trial)},
         "trial": p.states.trial[own].tolist(),
@@ -239,7 +240,7 @@ def _stiffness(p: Prepared, pushes: StiffnessTrials, predicted: Mapping[str, Arr
 
 def _rms_of(error: Array) -> float:
     """mm."""
-    return float(np.sqrt(np.nanmean(error**2))) * MM
+    return float(np.sqrt(np.nanmean(error**2))) * 1e3
 
 
 def _separations(f: Attribution) -> dict[str, Any]:
@@ -253,7 +254,7 @@ def _separations(f: Attribution) -> dict[str, Any]:
 
 def _rms(p: Prepared, missed: Array) -> float:
     """Root mean square of the gap, mm."""
-    return float(np.sqrt(np.nanmean((p.gap(missed) ** 2).sum(axis=1)))) * MM
+    return float(np.sqrt(np.nanmean((p.gap(missed) ** 2).sum(axis=1)))) * 1e3
 
 
 def _confounding(p: Prepared, slope: Array) -> dict[str, dict[str, float]]:

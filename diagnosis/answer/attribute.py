@@ -23,15 +23,13 @@ from ..inference.executor import SINGLE_THREAD, Executor
 from ..inference.fit import Fit, fit
 from ..inference.posterior import Posterior, posterior, prior, with_unknown
 from ..inference.prepare import Prepared
-from ..inference.search import AFTER_SEARCH, Search
-from ..judgement import COMPARED_DISCREPANCY, OUTSIDE_ON, RIVAL_PROBABILITY, STAGE_GAIN
+from ..inference.search import Search
+from ..judgement import COMPARED_DISCREPANCY, OUTSIDE_ON, REDUCIBLE_RATIO, RIVAL_PROBABILITY, STAGE_GAIN, TENSE_SD
 from .distinguishability import Distinguishability, distinguishability
+from .shrink import rms
 from .verdict import Decision, decide
 
 Array = NDArray[np.float64]
-
-CALIBRATION_ROUNDS = 30
-"""Iterations: the numbers of a robot.yaml may be far from the data, where a few are not enough."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +58,26 @@ class Attribution:
         return tuple(dict.fromkeys(e for e in self.stage_errors if e.gain > STAGE_GAIN))
 
     @property
+    def tense(self) -> Mapping[str, float]:
+        """Tolerances of the whole set-up that the answer moves by more than `TENSE_SD`: parameter -> by how much, in its unit;
+        those of the calibrated model too where that leaves nothing above the noise floor."""
+        p = self.prepared.problem.parameters
+        lasting = ~p.of_effect & ~p.calibration & ~p.recurs
+        found: dict[str, float] = {}
+        for there in (self.calibrated, self.best.fit) if self._calibration_suffices else (self.best.fit,):
+            away = there.theta - p.mean
+            found |= {
+                p.names[i]: float(away[i]) for i in np.flatnonzero(lasting & (np.abs(away) > TENSE_SD * p.sd)).tolist()
+            }
+        return found
+
+    @property
+    def _calibration_suffices(self) -> bool:
+        p = self.prepared
+        missed = np.linalg.norm(p.gap(p.problem.observed - self.calibrated.predicted), axis=1)
+        return rms(missed[np.isfinite(missed)]) < REDUCIBLE_RATIO * p.noise_floor
+
+    @property
     def cannot_tell_apart(self) -> tuple[tuple[str, ...], ...]:
         """Groups of probable, detectable effects that these data cannot tell apart."""
         seen = [e for e in self.distinguishability.effects if self.distinguishability.detectable(e)]
@@ -72,7 +90,7 @@ class Attribution:
 
 def attribute(p: Prepared, stages: Mapping[str, Stage], executor: Executor = SINGLE_THREAD) -> Attribution:
     """Log evidence of the catalogue's hypotheses, their probabilities, and the decision; `stages` effect -> stage."""
-    standard = executor.ahead(standard_normal, [len(p.problem.parameters.scale)], AFTER_SEARCH, AFTER_SEARCH)
+    standard = executor.ahead(standard_normal, [len(p.problem.parameters.scale)])
     search = Search(p.problem, executor=executor)
     candidates = search.run()
     found = {c.named: c for c in candidates}
@@ -91,7 +109,7 @@ def attribute(p: Prepared, stages: Mapping[str, Stage], executor: Executor = SIN
         (_stage_errors(p, c, stages) for c in {leading.named: leading, best.named: best}.values()), key=total_gain
     )
     weighed = with_unknown(known, unknown, CALIBRATED.probability_outside(misfit, total_gain(free)))
-    decision = decide(weighed, CALIBRATED, not lacking(p.states))
+    decision = decide(weighed, CALIBRATED, not lacking(p.states), carried.nothing_stands_out)
     separations = _distinguishability(p, found, weighed, best)
     return Attribution(
         p, weighed, found[NONE], replace(best, made=None), calibrated(p), misfit, decision, separations, CALIBRATED, carried, free
@@ -112,7 +130,8 @@ def _stage_errors(p: Prepared, c: Candidate, stages: Mapping[str, Stage]) -> tup
 def calibrated(p: Prepared) -> Fit:
     """The baseline fitted: area factor and tolerances, no effect."""
     parameters = p.problem.parameters
-    return fit(p.problem, parameters.no_effects(), 0.0, parameters.mean, CALIBRATION_ROUNDS)
+    # the numbers of a robot.yaml may be far from the data, where a few rounds are not enough
+    return fit(p.problem, parameters.no_effects(), 0.0, parameters.mean, 30)
 
 
 def _distinguishability(

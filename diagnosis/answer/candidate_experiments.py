@@ -15,23 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.actuators import Words
+from model.condition import NOMINAL_VACUUM
 from model.robot import Robot
 
 from ..data.campaign import Campaign
 
 Columns = dict[str, NDArray[np.generic]]
 
-RATE = 25e3
-"""Pa/s, the usual ramp."""
-FAST = 100e3
-HOLDS = (2.0, 10.0, 30.0)
-"""s, readings of a hold experiment."""
 PER_TRIAL, PER_STATE = 25.0, 6.0
 """s: release, grow, jam and vent; ramp's end until a reading is settled and averaged."""
-SETTLED = 3.0
-"""s from the ramp's end to the middle of a settled reading."""
-FEW = 4
-"""Settings, up to which it is worth to read between them."""
 TURN, MASS = 90.0, 0.1
 """deg the body is turned, kg hung on in addition."""
 
@@ -74,18 +66,18 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Experiment]:
     count, words = len(robot.actuators.azimuths_deg), robot.actuators.words
     others = _others(chambers, count, s)
     mass = float(np.median([robot.tip_mass if r.tip_mass is None else r.tip_mass for r in s.rows]))
-    default_vacuum = 80e3 if robot.spine is not None else 0.0
+    default_vacuum = NOMINAL_VACUUM if robot.spine is not None else 0.0
     vacuum = float(np.median([default_vacuum if r.vacuum is None else r.vacuum for r in s.rows]))
     base: dict[str, Any] = {
         "protocol": "bending", "spine_lengths": lengths, "pressures": pressures, "chambers": chambers, "unload": False,
-        "repeats": 2, "rate": RATE, "tip_mass": mass, "vacuums": [round(vacuum, -3)],
+        "repeats": 2, "rate": 25e3, "tip_mass": mass, "vacuums": [round(vacuum, -3)],
     }  # fmt: skip
     low = [round(0.6 * p, -3) for p in pressures]
     vacuums = [round(share * vacuum, -3) for share in (0.5, 0.75, 1.0)]
     every = list(range(1, count + 1))
     stretch = {**base, "protocol": "elongation", "pressures": low, "chambers": every}
-    hold = {**base, "reading": "hold", "hold_times": list(HOLDS)}
-    fast = {**base, "reading": "sweep", "rate": FAST, "unload": True}
+    hold = {**base, "reading": "hold", "hold_times": [2.0, 10.0, 30.0]}
+    fast = {**base, "reading": "sweep", "rate": 100e3, "unload": True}
     heavy = {**base, "tip_mass": round(mass + MASS, 4)}
     quaternion = ("qw", "qx", "qy", "qz")
     offered = [
@@ -192,7 +184,8 @@ def _states(p: Mapping[str, Any]) -> Iterator[_State]:
     up = [(x, "load") for x in [0.0, *p["pressures"]]]
     down = [(x, "unload") for x in [*p["pressures"][-2::-1], 0.0]] if p["unload"] else []
     reading = p.get("reading", "settled")
-    holds = {"settled": [SETTLED], "sweep": [0.0], "hold": p.get("hold_times", [])}[reading]
+    # s from the ramp's end to the middle of a settled reading
+    holds = {"settled": [3.0], "sweep": [0.0], "hold": p.get("hold_times", [])}[reading]
     for repeat, vacuum, length in _sweeps(p):
         before = 0.0
         for pressure, branch in up + down:
@@ -212,7 +205,7 @@ def _three(values: NDArray[np.float64], gap: float) -> list[float]:
 def _between(values: NDArray[np.float64], gap: float) -> list[float]:
     """Settings half-way between those used, where these are few."""
     known = np.unique(np.round(values / gap) * gap)
-    return [float(np.round(x, 6)) for x in (known[:-1] + known[1:]) / 2] if len(known) <= FEW else []
+    return [float(np.round(x, 6)) for x in (known[:-1] + known[1:]) / 2] if len(known) <= 4 else []
 
 
 def _inflated(s: Campaign) -> list[int]:

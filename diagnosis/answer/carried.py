@@ -7,7 +7,6 @@ from .attribute import Attribution
 from .distinguishability import visible
 from .result import Carries
 
-MM = 1e3
 INTERVAL = (0.025, 0.5, 0.975)
 
 
@@ -18,12 +17,12 @@ def carried(f: Attribution) -> tuple[Carries, ...]:
     linear = c.linear(f.prepared.problem)
     reduced = linear.reduced(c.grid_point.size, c.grid_point.form_error)
     seen = visible(reduced, p, p.ids, c.grid_point.spike, linear.effect_size)
-    floor = MM * (
+    floor = 1e3 * (
         f.prepared.pushes.noise_floor if f.prepared.pushes and f.prepared.pushes_only else f.prepared.noise_floor
     )
     out = []
     for effect in p.ids:
-        low, middle, high = (x * MM for x in f.budget.interval(effect, *INTERVAL))
+        low, middle, high = (x * 1e3 for x in f.budget.interval(effect, *INTERVAL))
         if effect in f.decision.effects:
             out.append(Carries(effect, "named", middle, low, high))
         elif effect not in seen:

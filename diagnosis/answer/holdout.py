@@ -32,7 +32,6 @@ from .shrink import by_length, closed_with_interval, rms
 
 Array = NDArray[np.float64]
 
-MM = 1e3
 
 HoldoutVerdict = Literal["confirmed", "contradicted", "open"]
 
@@ -126,8 +125,8 @@ def evaluate_holdout(f: Attribution, own: Campaign) -> Holdout:
     )
     sure = f.decision.verdict == "effect"
     return Holdout(
-        len(kept), len(np.unique(kept.trial)), int((~seen).sum()), f.best.named, sure, rms(before) * MM, rms(after) * MM,
-        f.prepared.noise_floor * MM, share, interval, by_length(kept.spine_length, before, after), _verdict(sure, interval),
+        len(kept), len(np.unique(kept.trial)), int((~seen).sum()), f.best.named, sure, rms(before) * 1e3, rms(after) * 1e3,
+        f.prepared.noise_floor * 1e3, share, interval, by_length(kept.spine_length, before, after), _verdict(sure, interval),
     )  # fmt: skip
 
 

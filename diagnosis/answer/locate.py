@@ -28,11 +28,6 @@ from .result import Cell
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-DRAWS = 400
-SEED = 20240
-MM = 1e3
-TIME_BINS = 4
-
 
 @dataclass(frozen=True)
 class Pushes:
@@ -54,7 +49,7 @@ def cells(
     The gap is that of tips; of stiffness trials alone it is the deflection, along x. `pushes` adds their gap by specimen
     and spine length. A floor that is not known (NaN) makes no cell significant.
     """
-    rng = np.random.default_rng(SEED)
+    rng = np.random.default_rng(20240)
     length, pressure = levels(states.spine_length, SPINE_GAP), levels(states.highest, states.pressure_gap)
     found: dict[str, list[tuple[Cell, float]]] = {}
 
@@ -97,12 +92,12 @@ def _masks(level: NDArray[np.int64]) -> list[Mask]:
     return [np.asarray(level == k) for k in np.unique(level)]
 
 
-def _bins(time: Array) -> list[Mask]:
+def _bins(time: Array, bins: int = 4) -> list[Mask]:
     """Quarters of the campaign by time."""
     known = np.isfinite(time)
-    if known.sum() < TIME_BINS or np.ptp(time[known]) == 0:
+    if known.sum() < bins or np.ptp(time[known]) == 0:
         return []
-    edges = np.quantile(time[known], np.linspace(0, 1, TIME_BINS + 1)[1:-1])
+    edges = np.quantile(time[known], np.linspace(0, 1, bins + 1)[1:-1])
     return [m for m in _masks(np.where(known, np.searchsorted(edges, time), -1)) if known[m].all()]
 
 
@@ -117,7 +112,7 @@ def _cell(
     squared = (missed**2).sum(axis=1)
     names, index = np.unique(trial, return_inverse=True)
     total, count = np.bincount(index, squared), np.bincount(index)
-    drawn = rng.integers(0, len(names), (DRAWS, len(names)))
+    drawn = rng.integers(0, len(names), (400, len(names)))
     spread = np.sqrt(total[drawn].sum(axis=1) / count[drawn].sum(axis=1))
     low, high = np.quantile(spread, [0.025, 0.975])
     # Readings of a trial erring together leave as many independent vectors as there are trials.
@@ -125,7 +120,7 @@ def _cell(
     statistic = freedom * float((total / count).mean()) / floor**2 if floor > 0 else 0.0
     probability = float(chdtrc(freedom, statistic)) if np.isfinite(floor) and floor > 0 else 1.0
     rmse, bias = float(np.sqrt(squared.mean())), float(missed[:, 0].mean())
-    made = Cell(value, rmse * MM, bias * MM, len(missed), float(low) * MM, float(high) * MM, False)
+    made = Cell(value, rmse * 1e3, bias * 1e3, len(missed), float(low) * 1e3, float(high) * 1e3, False)
     return made, probability
 
 

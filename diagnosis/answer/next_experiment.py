@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from ..inference.executor import SINGLE_THREAD, Executor
+from ..inference.executor import SINGLE_THREAD, DiagnosisStep, Executor
 from ..inference.posterior import Posterior
 from ..inference.prepare import Prepared
 from ..judgement import OVERHEAD_MIN, RIVAL_WORTH_SEPARATING, SEPARATED_BITS
@@ -24,10 +24,6 @@ from .rivals import Prediction, Rivals
 
 Array = NDArray[np.float64]
 
-PROPOSING = (0.85, 0.87)
-"""Shares of a whole diagnosis that are done before and after."""
-DRAWS = 60
-SEED = 4711
 CHANNELS = ("x", "y", "z", "qw", "qx", "qy", "qz")
 
 
@@ -45,7 +41,7 @@ def propose(
     possible = frozenset(
         " + ".join(h) or "none" for h, probability in weighed.ranking if probability > RIVAL_WORTH_SEPARATING
     )
-    found = executor.map(partial(_proposal, p, rivals, possible), menu, *PROPOSING)
+    found = executor.map(partial(_proposal, p, rivals, possible), menu, DiagnosisStep.EXPERIMENTS)
     by_rig = p.robot.actuators.words.by_rig
 
     def worth(x: Proposal) -> float:
@@ -76,15 +72,17 @@ def planned(p: Prepared, protocol: Mapping[str, Any], more: tuple[str, ...] = ()
     return columns(protocol, len(p.robot.actuators.azimuths_deg), tuple(dict.fromkeys((*channels, *more))))
 
 
-def _information(predictions: tuple[Prediction, ...], weight: Array) -> tuple[float, list[tuple[int, int]]]:
+def _information(
+    predictions: tuple[Prediction, ...], weight: Array, draws: int = 60, seed: int = 4711
+) -> tuple[float, list[tuple[int, int]]]:
     """Mutual information in bits, and the pairs of candidates that would be told apart."""
-    rng = np.random.default_rng(SEED)
+    rng = np.random.default_rng(seed)
     n = len(predictions)
     log_weight = np.log(weight)
     bits = 0.0
-    density = np.empty((n, n, DRAWS))
+    density = np.empty((n, n, draws))
     for i, p in enumerate(predictions):
-        outcomes = p.mean + rng.normal(size=(DRAWS, len(p.mean))) @ p.factor.T
+        outcomes = p.mean + rng.normal(size=(draws, len(p.mean))) @ p.factor.T
         density[i] = [q.log_density(outcomes) for q in predictions]
         mixture = logsumexp(density[i] + log_weight[:, None], axis=0)
         bits += weight[i] * float(np.mean(density[i, i] - mixture)) / np.log(2)

@@ -13,7 +13,7 @@ from typing import Any
 
 from ..criticism.stage_errors import StageError
 from ..inference.posterior import UNKNOWN
-from ..judgement import ABSORBED, CALIBRATION_STATED, EXPLAINS, OUTSIDE_STATED
+from ..judgement import ABSORBED, CALIBRATION_STATED, EXPLAINS, MORE_THAN_GAP, OUTSIDE_STATED, OUTSTANDING_FLOORS
 from .headline import LEAST_STATED, percent
 from .result import Calibration, Carries, Conclusion, Locate, Ranked, Shrink, Simulator, Waterfall
 from .shrink import share_closed
@@ -48,8 +48,8 @@ class Facts:
     """Effect -> plain name."""
 
 
-MORE_THAN_GAP = 1.3
-"""Ratio of what an effect moves to the calibrated gap above which a reader would take one of both for wrong."""
+BEYOND_TOLERANCE = "Beyond its tolerance: "
+"""How the concern about a number of robot.yaml begins."""
 NO_EFFECT, OUTSIDE = "no effect", "a cause outside the catalogue"
 
 
@@ -108,6 +108,14 @@ def _verdict(f: Facts) -> str:
         by = f" To tell them apart: {f.tie_breaker}." if f.tie_breaker else ""
         return f"Behaves most like {named} ({_sure(f)}); the data do not exclude {_others(f)}.{by}"
     if f.conclusion == "none":
+        if f.decision.too_small:
+            leading = " and ".join(with_id(e, f.names) for e in f.decision.too_small)
+            by = _by_calibration(f)
+            start = f"{by} no cause stands out" if by else "No cause stands out"
+            return (
+                f"{start}: probably no effect carries {OUTSTANDING_FLOORS:.0f} noise floors ({_sure(f)}). The most probable "
+                f"one is {leading}."
+            )
         first = _by_calibration(f) or "No cause:"
         return f"{first} no effect accounts for enough above the noise floor ({_sure(f)})."
     if f.conclusion == "noise":
@@ -158,12 +166,12 @@ def _calibrated(f: Facts) -> str:
 def _factor(f: Facts) -> str:
     """Value of the calibrated area factor, in brackets; empty where it is that of robot.yaml."""
     c = f.calibration
-    if c is None or abs(c.stiffness - 1) < CALIBRATION_STATED:
+    if c is None or max(abs(c.stiffness - 1), abs(c.modulus - 1)) < CALIBRATION_STATED:
         return ""
     how = f"{100 * abs(c.stiffness - 1):.0f} % {'stiffer' if c.stiffness > 1 else 'softer'}"
     if c.stiffness > 2:
         how = f"{c.stiffness:.1f} times as stiff"
-    if c.modulus != 1:
+    if abs(c.modulus - 1) >= CALIBRATION_STATED:
         how = f"with {c.modulus:.2f} times the modulus; these data show hardly more than their ratio, that of a body {how}"
         return f" ({c.area_factor:.2f} instead of {c.given:.2f}, {how})"
     return f" ({c.area_factor:.2f} instead of {c.given:.2f}; a body {how} would look the same)"
@@ -184,6 +192,20 @@ def _by_calibration(f: Facts) -> str:
     """What calibration closes of the uncalibrated gap, where that is most of it; empty otherwise."""
     closed = closed_by_calibration(f)
     return "" if closed is None else f"Calibration closes {percent(closed)} % of the reducible gap; beyond it,"
+
+
+def beyond_tolerance(source: str, unit: str, value: float, sd: float) -> str:
+    """What to say of a number of robot.yaml that the fit moves by `value`, where its tolerance is `sd`, both in `unit`."""
+    away, stated = (
+        (f"{100 * abs(value):.0f} %", f"{100 * sd:.2g} %")
+        if unit == "1"
+        else (f"{abs(value):.3g} {unit}", f"{sd:.2g} {unit}")
+    )
+    return (
+        f"{BEYOND_TOLERANCE}{source.replace('_', ' ')} [{source}], {away} {'above' if value > 0 else 'below'} robot.yaml, "
+        f"{abs(value) / sd:.1f} standard deviations of the {stated} it may be off: measure it and correct robot.yaml, or "
+        "state it less surely; until then no cause is certain"
+    )
 
 
 def _model(f: Facts) -> str:

@@ -12,11 +12,6 @@ from ..inference.prepare import Prepared
 
 Array = NDArray[np.float64]
 
-STATIONS = 25
-"""Points along a backbone."""
-MOST = 4
-"""States shown."""
-
 
 def worst_states(p: Prepared, calibrated: Array, explained: Array) -> list[dict[str, Any]]:
     """The worst state of each chamber group and spine length, the four worst of these, worst first; m, base frame.
@@ -33,7 +28,7 @@ def worst_states(p: Prepared, calibrated: Array, explained: Array) -> list[dict[
     if not shown:
         return []
     # A fitted robot may be a little longer than its description: beyond the tip stands for the tip.
-    arcs = np.append(np.linspace(0.0, p.robot.length, STATIONS - 1), 2 * p.robot.length)
+    arcs = np.append(np.linspace(0.0, p.robot.length, 25 - 1), 2 * p.robot.length)
     curves = {name: p.forward.shapes(theta, arcs) for name, theta in models.items()}
     return [
         {
@@ -57,4 +52,4 @@ def _picked(p: Prepared, missed: Array) -> list[int]:
     worst: dict[tuple[tuple[int, ...], int], int] = {}
     for i in sorted(np.flatnonzero(np.isfinite(missed)), key=lambda i: -missed[i]):
         worst.setdefault((p.states.chambers[i], int(length[i])), int(i))
-    return list(worst.values())[:MOST]
+    return list(worst.values())[:4]

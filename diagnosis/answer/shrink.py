@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..data.levels import SPINE_GAP, levels
 from ..inference.candidate import Candidate
 from ..inference.cross_validation import CrossValidation, Model
-from ..inference.executor import SINGLE_THREAD, Executor
+from ..inference.executor import SINGLE_THREAD, DiagnosisStep, Executor
 from ..inference.fit import Fit
 from ..inference.prepare import Prepared
 from ..judgement import REDUCIBLE_RATIO
@@ -24,12 +24,6 @@ from .result import LengthShrink, Shrink
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-
-MM = 1e3
-SHRINKING = (0.87, 0.88)
-"""Shares of a whole diagnosis that are done before and after."""
-DRAWS = 500
-SEED = 31337
 
 
 @dataclass(frozen=True)
@@ -78,15 +72,15 @@ class HeldOut:
         return cls(p, trial, "leave one trial out", executor) if trial.any() else None
 
     def errors(
-        self, models: Sequence[Model], shares: tuple[float, float] = (0.0, 1.0)
+        self, models: Sequence[Model], step: DiagnosisStep | None = None
     ) -> Callable[[], list[tuple[Array, Array, Array]]]:
         """When asked for, distances (states,) m between measured and predicted by each of the models; other processes begin at
-        once. `shares` of a whole diagnosis are done before and after.
+        once.
 
         The first where the gap is looked for, see `Prepared.gap`; the second of stiffness trials, as deflections; the third the
         first as vectors (states, 3).
         """
-        p, residuals = self._p, self._parts.residuals(models, shares)
+        p, residuals = self._p, self._parts.residuals(models, step)
 
         def errors() -> list[tuple[Array, Array, Array]]:
             missed = residuals()
@@ -103,7 +97,7 @@ def shrink(
     p: Prepared, calibrated: Fit, best: Candidate, held_out: HeldOut
 ) -> Callable[[], tuple[Shrink, HeldOutErrors]]:
     """When asked for, before and after for the named hypothesis; other processes begin at once."""
-    both = held_out.errors([baseline_model(p, calibrated), candidate_model(p, best)], SHRINKING)
+    both = held_out.errors([baseline_model(p, calibrated), candidate_model(p, best)], DiagnosisStep.HELD_OUT_STATES)
 
     def shrunk() -> tuple[Shrink, HeldOutErrors]:
         (before, pushes_before, missed_before), (after, pushes_after, missed_after) = both()
@@ -111,7 +105,7 @@ def shrink(
         share, interval = closed_with_interval(before[seen], after[seen], p.noise_floor, p.states.trial[seen])
         by = by_length(p.states.spine_length[seen], before[seen], after[seen])
         made = Shrink(
-            held_out.how, rms(before[seen]) * MM, rms(after[seen]) * MM, p.noise_floor * MM, share, interval, by
+            held_out.how, 1e3 * rms(before[seen]), 1e3 * rms(after[seen]), 1e3 * p.noise_floor, share, interval, by
         )
         errors = HeldOutErrors(before, after, held_out.how, pushes_before, pushes_after, missed_before, missed_after)
         return made, errors
@@ -124,7 +118,9 @@ def by_length(spine_length: Array, before: Array, after: Array) -> tuple[LengthS
     level = levels(spine_length, SPINE_GAP)
     parts = (level == k for k in np.unique(level))
     return tuple(
-        LengthShrink(float(np.round(spine_length[i].mean(), 6)), rms(before[i]) * MM, rms(after[i]) * MM, int(i.sum()))
+        LengthShrink(
+            float(np.round(spine_length[i].mean(), 6)), 1e3 * rms(before[i]), 1e3 * rms(after[i]), int(i.sum())
+        )
         for i in parts
     )
 
@@ -170,15 +166,15 @@ def resampled(trial: Ints) -> Array:
     return np.asarray(counts[:, index])
 
 
-def _drawn_anew(kind: Ints) -> Ints:
+def _drawn_anew(kind: Ints, draws: int = 500, seed: int = 31337) -> Ints:
     """(draws, trials) numbers of the trials drawn, each among those of its kind (trials,)."""
     _, kind, count = np.unique(kind, return_inverse=True, return_counts=True)
     alone = count[kind] < 2
-    rng = np.random.default_rng(SEED)
-    out = np.empty((DRAWS, len(kind)), np.int64)
+    rng = np.random.default_rng(seed)
+    out = np.empty((draws, len(kind)), np.int64)
     for group in (np.flatnonzero(np.where(alone, -1, kind) == k) for k in (-1, *range(len(count)))):
         if group.size:
-            out[:, group] = group[rng.integers(0, group.size, (DRAWS, group.size))]
+            out[:, group] = group[rng.integers(0, group.size, (draws, group.size))]
     return out
 
 

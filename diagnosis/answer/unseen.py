@@ -8,18 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..inference.evidence import NONE, Hypothesis
-from ..inference.executor import Executor
+from ..inference.executor import DiagnosisStep, Executor
 from ..inference.posterior import UNKNOWN
 from .attribute import Attribution
 from .result import Shrink, Waterfall
 from .shrink import HeldOut, HeldOutErrors, candidate_model, shrink
 from .waterfall import waterfall
-
-MM = 1e3
-PREDICTED = 4
-"""Leading hypotheses whose held-out error is computed."""
-LISTING = (0.88, 0.93)
-"""Shares of a whole diagnosis that are done before and after that."""
 
 
 @dataclass(frozen=True)
@@ -51,13 +45,15 @@ def unseen(f: Attribution, executor: Executor) -> Callable[[], Unseen]:
 def _rms(f: Attribution, held_out: HeldOut) -> Callable[[HeldOutErrors], dict[Hypothesis, float]]:
     """When asked for, mm rms by which the leading hypotheses miss states that they did not see, those included that `shrink` has
     computed; other processes begin at once."""
-    leading = [h for h, _ in f.posterior.ranking[:PREDICTED] if h != UNKNOWN]
+    leading = [h for h, _ in f.posterior.ranking[:4] if h != UNKNOWN]
     rest = [h for h in leading if h not in (NONE, f.best.named)]
-    errors = held_out.errors([candidate_model(f.prepared, f.posterior.candidates[h]) for h in rest], LISTING)
+    errors = held_out.errors(
+        [candidate_model(f.prepared, f.posterior.candidates[h]) for h in rest], DiagnosisStep.HELD_OUT_STATES
+    )
 
     def found(unseen: HeldOutErrors) -> dict[Hypothesis, float]:
         known = {NONE: unseen.before, f.best.named: unseen.after}
         known |= {h: missed for h, (missed, _, _) in zip(rest, errors(), strict=True)}
-        return {h: float(np.sqrt(np.nanmean(known[h] ** 2))) * MM for h in leading}
+        return {h: 1e3 * float(np.sqrt(np.nanmean(known[h] ** 2))) for h in leading}
 
     return found

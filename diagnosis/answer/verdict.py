@@ -20,7 +20,7 @@ from ..criticism.probability_calibration import ProbabilityCalibration
 from ..criticism.stage_errors import StageError
 from ..inference.evidence import NONE
 from ..inference.posterior import UNKNOWN, Posterior
-from ..judgement import CAUSE_PROBABILITY, STAGE_SHARE
+from ..judgement import CAUSE_PROBABILITY, NAMED_PROBABILITY, STAGE_SHARE
 from .result import Conclusion, Verdict
 
 
@@ -36,6 +36,8 @@ class Decision:
     """Probability of a cause outside the catalogue."""
     enough: bool = True
     """Whether the table holds what it takes to name a cause."""
+    too_small: tuple[str, ...] = ()
+    """Effects that lead but are not named, as probably nothing stands out."""
 
     @property
     def within(self) -> float:
@@ -43,14 +45,22 @@ class Decision:
         return self.probability / (1 - self.outside)
 
 
-def decide(posterior: Posterior, calibrated: ProbabilityCalibration, enough: bool) -> Decision:
-    """Effect, none or unknown; with too little data (`enough` false) nothing is named however well it fits."""
+def decide(
+    posterior: Posterior, calibrated: ProbabilityCalibration, enough: bool, nothing_stands_out: float = 0.0
+) -> Decision:
+    """Effect, none or unknown; with too little data (`enough` false) nothing is named however well it fits.
+
+    `nothing_stands_out`: probability, within the catalogue, that no effect carries `OUTSTANDING_FLOORS`.
+    """
     outside = posterior.probability(UNKNOWN)
     named, probability = next((h, p) for h, p in posterior.ranking if h != UNKNOWN)
     if not enough or outside >= calibrated.unknown_threshold:
         return Decision("unknown", (), outside, outside, enough)
     if named == NONE:
         return Decision("none", (), probability, outside)
+    small = (1 - outside) * nothing_stands_out
+    if probability < min(small, NAMED_PROBABILITY):
+        return Decision("none", (), small, outside, too_small=named)
     return Decision("effect", named, probability, outside)
 
 
@@ -62,12 +72,13 @@ def rivals(d: Decision, posterior: Posterior) -> tuple[str, ...]:
     return tuple(dict.fromkeys(e for h in others for e in h if e not in d.effects))
 
 
-def conclude(d: Decision, gap: bool, asking: Sequence[StageError]) -> Conclusion:
-    """As deep as the data carry; `gap` whether it is anywhere above the noise floor."""
+def conclude(d: Decision, gap: bool, asking: Sequence[StageError], tense: bool = False) -> Conclusion:
+    """As deep as the data carry; `gap` whether it is anywhere above the noise floor, `tense` whether the fit moves a number of
+    robot.yaml far beyond its tolerance: no cause is certain then."""
     if not d.enough:
         return "too little data"
     if d.verdict == "effect":
-        return "cause" if d.probability >= CAUSE_PROBABILITY else "one of several"
+        return "cause" if d.probability >= CAUSE_PROBABILITY and not tense else "one of several"
     if d.verdict == "none":
         return "none" if gap else "noise"
     return "stage" if stage(asking) else "outside"

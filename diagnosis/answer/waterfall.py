@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from ..data.levels import SPINE_GAP, levels
 from ..inference.cross_validation import Model
 from ..inference.evidence import NONE, Hypothesis
-from ..inference.executor import SINGLE_THREAD, Executor
+from ..inference.executor import SINGLE_THREAD, DiagnosisStep, Executor
 from ..inference.fit import fit
 from ..inference.prepare import Prepared, prepare
 from ..judgement import SMOOTH_SIZES
@@ -36,12 +36,6 @@ from .shrink import HeldOut, HeldOutErrors, baseline_model, candidate_model, res
 
 Array = NDArray[np.float64]
 
-MM = 1e3
-INTERVAL = (0.025, 0.975)
-FIT_ROUNDS = 4
-STEPS, ABSORBED = (0.93, 0.98), (0.98, 1.0)
-"""Shares of a whole diagnosis that are done before and after."""
-
 
 def waterfall(f: Attribution, held_out: HeldOut) -> Callable[[HeldOutErrors], Waterfall]:
     """When asked for, from what was found and the errors that `shrink` has computed; other processes begin at once."""
@@ -50,7 +44,7 @@ def waterfall(f: Attribution, held_out: HeldOut) -> Callable[[HeldOutErrors], Wa
     known = bool(named) or f.best.named == NONE
     smooth = [replace(last, size=s, smooth=True) for s in SMOOTH_SIZES]
     models = [*([] if known else [last]), *smooth, *(_only(f, s) for s in subsets)]
-    by_models, absorbed = held_out.errors(models, STEPS), _absorbed(f, held_out.executor)
+    by_models, absorbed = held_out.errors(models, DiagnosisStep.GAP_STEP_BY_STEP), _absorbed(f, held_out.executor)
 
     def made(unseen: HeldOutErrors) -> Waterfall:
         found = [errors for errors, _, _ in by_models()]
@@ -75,13 +69,13 @@ def _steps(p: Prepared, errors: _Errors, named: Hypothesis, how: str, absorbed: 
     steps = []
     for (name, effect), before, after in zip(titles, left[:-1], left[1:], strict=True):
         taken = before - after
-        low, high = np.quantile(taken if effect is None else errors.in_any_order(effect, named), INTERVAL)
-        steps.append(Step(name, effect, *(float(x) * MM for x in (taken[0], low, high, after[0]))))
+        low, high = np.quantile(taken if effect is None else errors.in_any_order(effect, named), [0.025, 0.975])
+        steps.append(Step(name, effect, *(1e3 * float(x) for x in (taken[0], low, high, after[0]))))
     by = {
         "spine_length": errors.by(p.states.spine_length, SPINE_GAP, columns),
         "pressure": errors.by(p.states.highest, p.states.pressure_gap, columns),
     }
-    return Waterfall(how, int(errors.seen.sum()), float(left[0][0]) * MM, tuple(steps), by, absorbed)
+    return Waterfall(how, int(errors.seen.sum()), 1e3 * float(left[0][0]), tuple(steps), by, absorbed)
 
 
 def _subsets(named: Hypothesis) -> list[Hypothesis]:
@@ -93,7 +87,7 @@ def _only(f: Attribution, named: Hypothesis) -> Model:
     problem, p = f.prepared.problem, f.prepared.problem.parameters
     prior = p.prior(p.mask(named), 0.0)
     start = np.where(np.isin(p.effects, ["", *named]), f.best.fit.theta, p.mean)
-    return Model(prior, 0.0, fit(problem, prior, 0.0, start, FIT_ROUNDS).theta)
+    return Model(prior, 0.0, fit(problem, prior, 0.0, start, 4).theta)
 
 
 def _simulator_as_it_is(p: Prepared) -> Array | None:
@@ -158,7 +152,7 @@ class _Errors:
         level = levels(values, gap)
         parts = [np.flatnonzero(self.seen & (level == k)) for k in np.unique(level[self.seen])]
         return tuple(
-            Level(float(np.round(values[i].mean(), 6)), len(i), tuple(rms(c[i]) * MM for c in columns)) for i in parts
+            Level(float(np.round(values[i].mean(), 6)), len(i), tuple(1e3 * rms(c[i]) for c in columns)) for i in parts
         )
 
     def _with(self, causes: Sequence[str]) -> Array:
@@ -175,7 +169,7 @@ def _absorbed(f: Attribution, executor: Executor) -> Callable[[], Absorbed | Non
         return lambda: None
     how = "leave one pressure out"
     models = [baseline_model(p, f.calibrated), *([candidate_model(p, f.best)] if f.decision.effects else [])]
-    errors = HeldOut(p, pressure, how, executor).errors(models, ABSORBED)
+    errors = HeldOut(p, pressure, how, executor).errors(models, DiagnosisStep.GAP_STEP_BY_STEP)
 
     def absorbed() -> Absorbed:
         by_length = prepare(p.robot, p.states, "per_length", {}, noise_components=p.noise_components)
@@ -184,8 +178,8 @@ def _absorbed(f: Attribution, executor: Executor) -> Callable[[], Absorbed | Non
         cause = causes[0] if causes else None
         seen = np.isfinite(one) & np.isfinite(each)
         return Absorbed(
-            how, rms(one[seen]) * MM, rms(each[seen]) * MM,
-            None if cause is None else rms(cause[seen & np.isfinite(cause)]) * MM,
+            how, 1e3 * rms(one[seen]), 1e3 * rms(each[seen]),
+            None if cause is None else 1e3 * rms(cause[seen & np.isfinite(cause)]),
         )  # fmt: skip
 
     return absorbed

@@ -23,18 +23,6 @@ from .levels import SPINE_GAP, VACUUM_GAP, by_frequency, levels, pressure_gap
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-RATE_GAP = 1e3
-"""Pa/s: ramps that differ by less were meant to be the same."""
-HOLD_GAP = 0.4
-"""Of log(1 + hold / s): settled readings wait as long as it takes, holds of 2, 5 and 10 s were meant to differ."""
-FORCE_GAP = 0.02
-"""N: known forces that differ by less were meant to be the same."""
-WIDEST = 6.0
-"""Gaps of pressure: chambers that differ by more were set otherwise, whatever the highest pressure is."""
-NEAR_ZERO = 3.0
-"""Gaps of pressure up to which it is not to be seen which chambers are inflated."""
-FEWEST_REPEATS = 3
-
 
 class CaseLike(Protocol):
     """A robot and its table of trials."""
@@ -102,13 +90,15 @@ def _conditions(s: Campaign) -> Ints:
     if not len(s):
         return np.zeros(0, np.int64)
     level = levels(s.highest, s.pressure_gap)
-    hold = levels(np.log1p([r.hold or 0.0 for r in s.rows]), HOLD_GAP)
+    # settled readings wait as long as it takes, holds of 2, 5 and 10 s were meant to differ
+    hold = levels(np.log1p([r.hold or 0.0 for r in s.rows]), 0.4)
     keys = np.column_stack([levels(s.spine_length, SPINE_GAP), level, s.branch.astype(np.int64), s.kind, hold])
     found = np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
     settings = np.zeros(s.pressure.shape, np.int64)
     for own in (found == c for c in np.unique(found)):
         # The highest pressure alone tells settings apart where chambers are inflated together, not where each has its own.
-        if np.ptp(s.pressure[own], axis=0).max() > WIDEST * s.pressure_gap:
+        # chambers that differ by more were set otherwise, whatever the highest pressure is
+        if np.ptp(s.pressure[own], axis=0).max() > 6.0 * s.pressure_gap:
             settings[own] = np.column_stack([levels(chamber, s.pressure_gap) for chamber in s.pressure[own].T])
     return np.unique(np.column_stack([found, settings]), axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
 
@@ -132,9 +122,9 @@ def _kinds(s: Campaign) -> Ints:
         np.unique(inflated, axis=0, return_inverse=True)[1].reshape(-1),
         levels(np.array([r.tip_mass or 0.0 for r in rows]), 2e-3),
         levels(np.array([r.roll_deg or 0.0 for r in rows]), 1.0),
-        *(levels(pull, FORCE_GAP) for pull in np.array([r.tip_force for r in rows]).T),
+        *(levels(pull, 0.02) for pull in np.array([r.tip_force for r in rows]).T),  # N
         _vacuums(np.array([r.vacuum or 0.0 for r in rows]), s.spine_length),
-        levels(speed, RATE_GAP),
+        levels(speed, 1e3),  # Pa/s
     )
 
 
@@ -143,7 +133,8 @@ def _sweeps(inflated: NDArray[np.bool_], highest: Array, gap: float) -> NDArray[
     near zero pressure those of the next state with pressure, or of the last."""
     top = inflated[np.argmax(highest)]
     out = np.where((inflated & top).any(axis=1, keepdims=True), top, inflated)
-    with_pressure = np.flatnonzero(highest > NEAR_ZERO * gap)
+    # below, the readings do not show which chambers are inflated
+    with_pressure = np.flatnonzero(highest > 3.0 * gap)
     if not with_pressure.size:
         return np.broadcast_to(top, out.shape)
     belongs = with_pressure[np.minimum(np.searchsorted(with_pressure, np.arange(len(out))), with_pressure.size - 1)]
@@ -192,7 +183,7 @@ def _concerns(s: Campaign, spine: bool) -> list[str]:
         )
     if s.highest.max() < s.pressure_gap:
         notes.append("no state is bent: chambers, spine and material cannot be judged; record a bending sweep")
-    if s.repeats < FEWEST_REPEATS:
+    if s.repeats < 3:
         notes.append(
             "no state was repeated: the noise floor is that of usual instruments and misses differences between trials, so no "
             "cause is named; repeat the sweep three times"

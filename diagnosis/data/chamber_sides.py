@@ -21,10 +21,6 @@ ORDER = "chamber_order"
 """The effect that exchanges chambers."""
 ELSEWHERE, ENOUGH = np.cos(np.radians(45.0)), 0.05
 """Cosine of the angle between push and tip from which a state contradicts the order, and the share of states that do."""
-ASIDE = 0.03
-"""Robot lengths that a tip must be aside to have a direction."""
-ALIKE = 20.0
-"""Degrees within which azimuths are those of another order."""
 
 
 def leave_out(robot: Robot, states: Campaign, catalogue: Mapping[str, EffectSpec]) -> Mapping[str, EffectSpec]:
@@ -39,7 +35,8 @@ def contradicted(robot: Robot, states: Campaign) -> bool:
     push = (states.pressure @ robot.bending_directions) * np.exp(1j * states.roll)
     aside, strength = states.tip[:, 0] + 1j * states.tip[:, 1], np.abs(push)
     far = np.abs(aside)
-    own = (np.nan_to_num(far) > ASIDE * robot.length) & (strength > 0.2 * states.pressure.max(initial=1.0))
+    # tips closer to the axis have no direction
+    own = (np.nan_to_num(far) > 0.03 * robot.length) & (strength > 0.2 * states.pressure.max(initial=1.0))
     if not own.any():
         return False
     along = (aside[own] * push[own].conj()).real / (far[own] * strength[own])
@@ -51,7 +48,7 @@ def exchanged(robot: Robot, azimuths_deg: Sequence[float]) -> int | None:
     given = np.array(robot.actuators.azimuths_deg)
     for place, order in enumerate(orders(given.tolist())):
         off = np.mod(np.array(azimuths_deg)[order] - given + 180.0, 360.0) - 180.0
-        if (order != np.arange(len(order))).any() and np.abs(off).max() < ALIKE:
+        if (order != np.arange(len(order))).any() and np.abs(off).max() < 20.0:  # degrees
             return place
     return None
 

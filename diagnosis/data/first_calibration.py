@@ -51,9 +51,6 @@ Array = NDArray[np.float64]
 NAMES = ("area_factor", "youngs_modulus", "azimuth", "gravity_x", "gravity_y", "origin_x", "origin_y", "origin_z")
 ORIGIN, STEP = 5, 1.5e-8
 """The first parameter of the origin, which moves every tip alike, and the step of differences by the others, relative."""
-MOST_STATES = 60
-"""That the fit looks at; the others lie between them."""
-FEWEST_STATES = 6
 DIRECT = replace(FINE, follow=False)
 """A rod so soft that it has to be loaded in steps, at a thousand times the cost, counts as one that does not stand."""
 CALIBRATED_FIRST = "calibrated first"
@@ -138,10 +135,11 @@ def calibrate_first(robot: Robot, states: Campaign, effects: Collection[str] = (
     on several sides, a pattern turned or counted so that it is another order is taken for that, as an effect of the robot.
     """
     kept = ~states.pushed
-    if robot.effects or robot.tolerances or kept.sum() < FEWEST_STATES:
+    if robot.effects or robot.tolerances or kept.sum() < 6:
         return FirstCalibration(robot, states)
     own = states.take(kept)
-    picked = np.unique(np.linspace(0, len(own) - 1, min(MOST_STATES, len(own))).astype(int))
+    # the others lie between them
+    picked = np.unique(np.linspace(0, len(own) - 1, min(60, len(own))).astype(int))
     seen = np.zeros(len(own), bool)
     seen[picked] = True
     own = own.take(seen)

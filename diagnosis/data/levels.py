@@ -16,8 +16,6 @@ SPINE_GAP, PRESSURE_GAP, VACUUM_GAP = 3e-3, 3e3, 10e3
 """m, Pa, Pa: readings that differ by less were meant to be the same setting. Of pressures this is the most, see below."""
 OF_RANGE, OF_SCATTER = 0.02, 3.0
 """Pressures are told apart from this share of the highest on; never finer than so many times their scatter in a reading."""
-STEP = 0.4
-"""Deflections that differ by less than this share of the trials' usual step were meant to be the same."""
 
 
 def levels(values: Array, gap: float) -> Ints:
@@ -58,4 +56,5 @@ def step_gap(deflection: Array, trial: Ints) -> float:
     steps = [np.diff(np.sort(deflection[trial == t])) for t in np.unique(trial)]
     moved = np.concatenate(steps)
     moved = moved[moved > 0]
-    return STEP * float(np.median(moved)) if moved.size else 0.0
+    # of the trials' usual step: deflections that differ by less were meant to be the same
+    return 0.4 * float(np.median(moved)) if moved.size else 0.0

@@ -24,9 +24,6 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
-LEAST = 1e-9
-"""Least eigenvalue of a correlation matrix: what rounding leaves of zero."""
-
 
 @dataclass(frozen=True)
 class Lasting:
@@ -172,7 +169,8 @@ class _Blocks:
     def of(own: Ints, covariance: Array) -> _Blocks:
         sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
         value, vector = np.linalg.eigh(covariance / sd[:, :, None] / sd[:, None, :])
-        value = np.maximum(value, LEAST)
+        # what rounding leaves of an eigenvalue of zero
+        value = np.maximum(value, 1e-9)
         turned = vector.swapaxes(1, 2)
         white = (vector / np.sqrt(value)[:, None, :]) @ turned / sd[:, None, :]
         root = sd[:, :, None] * ((vector * np.sqrt(value)[:, None, :]) @ turned)

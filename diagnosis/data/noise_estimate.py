@@ -22,14 +22,8 @@ Array = NDArray[np.float64]
 
 STEPS, ENOUGH = 100, 1e-9
 """Points looked at at most, and the decrease foreseen below which none is looked for."""
-FARTHEST = 1.0
-"""Of a step, in each logarithm or logit."""
-CLOSE = 1.0
-"""Decrease foreseen from which the rest of the curvature is learnt."""
 LEAST, HELD = 0.1, 0.1
 """Least curvature along any way, and first damping, relative to the average information."""
-WORTH = 0.1
-"""Share of the decrease foreseen that a step must bring."""
 
 
 def estimate_noise(data: Repeated, default: NoiseComponents) -> NoiseComponents:
@@ -57,9 +51,10 @@ def lowest(loss: Loss) -> Array:
         if foreseen < ENOUGH:
             break
         there = loss(x + step)
-        if foreseen < CLOSE:
+        # close to the end, the rest of the curvature is learnt
+        if foreseen < 1.0:
             rest = _learnt(rest, there.slope - here.slope - there.curve @ step, step)
-        if here.value - there.value > WORTH * foreseen:
+        if here.value - there.value > 0.1 * foreseen:
             x, here, damping = x + step, there, damping / 4 if damping > HELD else 0.0
         else:
             damping = max(4 * damping, HELD)
@@ -80,6 +75,7 @@ def _step(here: Point, curve: Array, damping: float, low: Array, high: Array) ->
     size, way = eigh(curve, here.curve)
     way = here.curve @ way
     curve = (way * (np.maximum(size, LEAST) + damping)) @ way.T
-    low, high = np.maximum(low, -FARTHEST), np.minimum(high, FARTHEST)
+    # the longest step in each logarithm or logit
+    low, high = np.maximum(low, -1.0), np.minimum(high, 1.0)
     (step,) = box_minima(curve[None], here.slope[None], low[None], high[None])
     return step, -float(here.slope @ step + 0.5 * step @ curve @ step)

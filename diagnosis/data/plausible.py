@@ -30,20 +30,8 @@ from .plausible_units import LENGTH_UNITS, nearest
 
 Array = NDArray[np.float64]
 
-FARTHEST = 1.5
-"""Robot lengths: no tip of a rod that stretches by less than half is further from its base."""
-NEAREST_AT_REST = 0.05
-"""Robot lengths: a body curled up so far is no soft arm at rest."""
 STRAIGHT, TURNED = 0.9, 75.0
 """Robot lengths and degrees: a body bent along an arc so that its tip lies 75 degrees off its axis is 0.74 lengths away."""
-LIMP = 30.0
-"""Weight against bending stiffness (q L^3 / EI) beyond which a body may hang down from its base in any direction."""
-NORM_TOLERANCE = 0.05
-"""Deviation of a quaternion's norm from 1; rounding to two digits makes less."""
-LAST_COMPONENT = 0.8
-"""Of qz at rest: bending and sagging turn about x and y, not about z."""
-OTHER_UNIT = 4.0
-"""Robot lengths of a spine from which it is another unit rather than another robot."""
 
 
 def require_plausible(robot: Robot, rows: Iterable[TrialRow], name: str = "") -> None:
@@ -104,7 +92,8 @@ def _distances(robot: Robot, rows: list[TrialRow]) -> tuple[float, tuple[str, ..
     """The tips' unit in m (0: unknown), and messages about it."""
     distance = np.linalg.norm([r.tip for r in rows], axis=1)  # type: ignore[arg-type]
     worst = int(np.argmax(distance))
-    farthest = FARTHEST * robot.length + tracked_beyond(robot)
+    # no tip of a rod that stretches by less than half is further from its base
+    farthest = 1.5 * robot.length + tracked_beyond(robot)
     if distance[worst] <= farthest:
         return 1.0, ()
     far = int((distance > farthest).sum())
@@ -132,7 +121,8 @@ def _spines(robot: Robot, rows: list[TrialRow]) -> Iterator[str]:
         f"{where(rows[worst])}, column spine_length: {lengths[worst]:g} m, longer than the robot ({robot.length:g} m)"
     )
     times = float(lengths[worst]) / robot.length
-    if times < OTHER_UNIT:
+    # a longer spine is another unit rather than another robot
+    if times < 4.0:
         yield f"{head}: check the unit (m), or the length in robot.yaml"
         return
     # What fits the robot in cm may be a short spine in mm as well.
@@ -169,11 +159,13 @@ def _frame(robot: Robot, resting: list[TrialRow]) -> Iterator[str]:
     place = (
         f"{where(resting[0])}, columns x, y, z: at rest the tip lies at ({tip[0]:.3g}, {tip[1]:.3g}, {tip[2]:.3g}) m"
     )
-    meant = f"without pressure it must be near (0, 0, {robot.length:g}) m, the robot's length along +z from its base"
-    if away < NEAREST_AT_REST:
+    meant = f"at rest it must be near (0, 0, {robot.length:g}) m, the robot's length along +z from its base"
+    # a body curled up this far is no soft arm at rest
+    if away < 0.05:
         yield f"{place}: looks like the displacement from the rest position; {meant}: add {robot.length:g} to z"
         return
-    if away < STRAIGHT or weight_ratio(robot) > LIMP:
+    # a heavier body may hang down from its base in any direction
+    if away < STRAIGHT or weight_ratio(robot) > 30.0:
         return
     off = np.degrees(np.arccos(np.clip(tip[2] / (away * robot.length), -1, 1)))
     if off < TURNED:
@@ -200,14 +192,16 @@ def _orientation(rows: list[TrialRow], resting: list[TrialRow]) -> Iterator[str]
         return
     lengths = np.linalg.norm([r.orientation for r in turned], axis=1)  # type: ignore[arg-type]
     worst = int(np.argmax(np.abs(lengths - 1)))
-    if abs(lengths[worst] - 1) > NORM_TOLERANCE:
+    # rounding to two digits makes less
+    if abs(lengths[worst] - 1) > 0.05:
         yield (
             f"{where(turned[worst])}, columns qw, qx, qy, qz: {_numbers(turned[worst])} has norm "
             f"{lengths[worst]:.3g}, must be 1: looks like angles or a rotation vector; write a unit quaternion, w first"
         )
         return
     still = [r for r in resting if r.orientation is not None] or turned
-    if float(np.median([abs(r.orientation[3]) for r in still])) > LAST_COMPONENT:  # type: ignore[index]
+    # qz: bending and sagging turn about x and y, not about z
+    if float(np.median([abs(r.orientation[3]) for r in still])) > 0.8:  # type: ignore[index]
         yield (
             f"{where(still[0])}, columns qw, qx, qy, qz: {_numbers(still[0])} of a robot at rest: looks like the "
             "order x, y, z, w; at rest the tip has the base's orientation, (1, 0, 0, 0): write w first, not last"

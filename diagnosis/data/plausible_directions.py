@@ -29,13 +29,9 @@ ASIDE, PUSHED, FEWEST = 0.03, 0.2, 4
 """Robot lengths that a tip must move across the axis, and share of the largest push, for a state to tell a direction; states."""
 ALIKE, ENOUGH = 0.9, 0.8
 """Least agreement (1 is the most) with one change of the table, and as it is, that is no coincidence."""
-TURNED = 45.0
-"""Degrees by which all states must bend elsewhere."""
 SIDES, CLEARLY = 0.3, 0.5
 """Least share of the second singular value of the push in the first for a tip pushed to several sides; how much more of the
 movement along one axis than of that along another must be linear in the push."""
-OTHER_GAIN = 4.0
-"""Factor between the displacement per pressure of one chamber and that of the others: units differ by 6.9 or more."""
 
 
 def doubtful_directions(robot: Robot, rows: Iterable[TrialRow]) -> tuple[str, ...]:
@@ -51,7 +47,9 @@ def doubtful_directions(robot: Robot, rows: Iterable[TrialRow]) -> tuple[str, ..
     towards = robot.bending_directions * np.exp(1j * np.radians([[r.roll_deg or 0.0] for r in own]))
     aside = seen.displacement[:, 0] + 1j * seen.displacement[:, 1]
     push = (seen.pressure * towards).sum(axis=1)
-    told = (np.abs(aside) > ASIDE * robot.length) & (np.abs(push) > PUSHED * np.abs(seen.pressure).max())
+    # each actuator against its own highest, so that one in another unit does not hide the others
+    share = seen.pressure / np.maximum(np.abs(seen.pressure).max(axis=0), 1e-300)
+    told = (np.abs(aside) > ASIDE * robot.length) & (np.abs((share * towards).sum(axis=1)) > PUSHED)
     if told.sum() < FEWEST:
         return ()
     what = "pressures push" if robot.tendons is None else "tensions pull"
@@ -89,7 +87,7 @@ def _doubts(aside: Complex, pressure: Array, towards: Complex, what: str) -> Ite
     elif exchanged > ALIKE:
         also = ", and so would one of x and y, or a wrong sign of one of them" if mirrored > ALIKE else ""
         yield f"{head}; an exchange of columns p{pair[0] + 1} and p{pair[1] + 1} would do that{also}: check these columns"
-    elif abs(as_is) > ALIKE and abs(np.degrees(np.angle(as_is))) > TURNED:
+    elif abs(as_is) > ALIKE and abs(np.degrees(np.angle(as_is))) > 45.0:
         yield (
             f"{head} but, in all states, {np.degrees(np.angle(as_is)):.0f} degrees from there about z: check x and y of the "
             "frame, and from which chamber p1 .. are counted"
@@ -126,7 +124,8 @@ def _other_gain(aside: Complex, pressure: Array, towards: Complex) -> str:
     factor = moved / highest[used]
     factor /= np.median(factor)
     odd = int(np.argmax(np.abs(np.log(factor))))
-    if max(factor[odd], 1 / factor[odd]) < OTHER_GAIN:
+    # units differ by a factor of 6.9 or more
+    if max(factor[odd], 1 / factor[odd]) < 4.0:
         return ""
     return (
         f"column p{used[odd] + 1}: the tip moves {factor[odd]:.2g} times as far for the same pressure as with the other "

@@ -22,8 +22,6 @@ from .plausible import tracked_beyond
 
 Array = NDArray[np.float64]
 
-AHEAD = 1.2
-"""Ratio of movements above which a point moves more than one farther from the base, beyond noise and stretch."""
 LONGER, STRETCHED = 0.03, 0.1
 """Robot lengths by which two points may be too far apart, for noise and an uncertain length: of a body pulled by tendons, and of
 one whose chambers may also stretch it by the thrust on their walls."""
@@ -32,8 +30,6 @@ FEWEST, MOST = 3, 60
 BENT, ALONG = (0.05, 0.3), 0.7
 """Displacements, per arc length, at which a point of a body that hardly stretches moves across its axis, and the share of it
 along the axis that is no longer bending: an arc that turns by up to 0.6 rad has 0.2."""
-PIECES = 20
-"""Chords along the backbone whose sum is its length."""
 
 
 def doubtful_places(robot: Robot, rows: Sequence[TrialRow]) -> Iterator[str]:
@@ -64,7 +60,8 @@ def _order(places: Array, arcs: Array, names: Sequence[str]) -> str:
     every = range(len(spread))
     pairs = [(i, j) for i in every for j in every if spread[j] > 0 and not arcs[i] >= arcs[j] and np.isfinite(arcs[j])]
     ratio, i, j = max(((spread[i] / spread[j], i, j) for i, j in pairs), default=(0.0, 0, 0))
-    if ratio < AHEAD:
+    # noise and stretch make less
+    if ratio < 1.2:
         return ""
     where = "it" if names[j] == "the tip" else f"it, though {names[j]} is farther from the base (robot.yaml, markers)"
     return f"{names[i]} moves {ratio:.2g} times as far as {names[j]}: was it taken for {where}?"
@@ -119,7 +116,8 @@ def _stretch(robot: Robot, rows: Sequence[TrialRow]) -> float:
     try:
         asked = conditions(robot, 0.0, np.nan_to_num(pressures[most]))
         model = ForwardModel.of_single_states(robot).at(asked, np.zeros(0))
-        shapes = model.shapes(np.zeros(len(model.parameters)), np.linspace(0.0, robot.length, PIECES + 1))
+        # twenty chords along the backbone, whose sum is its length
+        shapes = model.shapes(np.zeros(len(model.parameters)), np.linspace(0.0, robot.length, 21))
     except ModelError:  # the states do not fit this robot, which is said elsewhere
         return 1.0
     lengths = np.linalg.norm(np.diff(shapes, axis=1), axis=2).sum(axis=1)

@@ -24,30 +24,13 @@ from .plausible_units import PRESSURE_UNITS, Unit, units_within
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-IMPLAUSIBLE_RATIO = 30.0
-"""A ratio of measured to expected displacement that no modulus, area factor or effect causes."""
-LEAST_CORRELATION = 0.9
-"""Least correlation of displacement and pressure for the ratio to mean anything."""
-FEWEST = 4
 LEAST_DISPLACEMENT = 0.015
 """Robot lengths; smaller displacements of the tip are not evaluated."""
-LARGEST_OTHER_UNIT = 20e3
-"""Numbers above are no soft robot's pressures in mbar or any larger unit."""
-USUAL_PRESSURE = 60e3
-"""Pa, which the highest pressure of a soft robot is like."""
 SHARE_AT_REST, AT_REST = 0.03, 500.0
 """Of the highest pressure, and Pa, within which a state counts as without pressure."""
-AMBIENT = (75e3, 107e3)
-"""Pa absolute, from high places to a high on the coast."""
-SAME_AMBIENT = 3e3
-"""Pa by which regulators at ambient pressure differ."""
 VISIBLE_STRETCH, STRETCH_SHARE = 0.02, 0.3
 """Robot lengths by which 100 kPa gauge in every chamber must stretch the body to be distinguished from ambient, and the share
 of that which a body at ambient stays below."""
-DIRECTION = 15.0
-"""Degrees within which the tip's displacement follows the chambers' roll."""
-VISIBLE_TURN = 30.0
-"""Degrees that a roll read in the wrong unit must be off to be seen."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +60,8 @@ class Pressures:
         displacement = tip - tip[low]
         expected = expected_displacement(robot, rows, pressure - pressure[low])
         ratio = _ratio(robot, displacement, expected)
-        implausible = ratio > IMPLAUSIBLE_RATIO and np.abs(pressure).max() < LARGEST_OTHER_UNIT
+        # no modulus, area factor or effect causes such a ratio; in mbar or a larger unit, no soft robot has such large numbers
+        implausible = ratio > 30.0 and np.abs(pressure).max() < 20e3
         unit = 1 / units_within(1 / ratio, _units(robot), 1.0)[0].per_si if implausible else 1.0
         return cls(tuple(rows), pressure, displacement, expected, unit, ratio, _resting(pressure * unit))
 
@@ -129,9 +113,10 @@ def expected_displacement(robot: Robot, rows: list[TrialRow], pressure: Array) -
 def _ratio(robot: Robot, displacement: Array, expected: Array) -> float:
     """Measured to expected displacement in the states that move most; 1 where it does not follow the pressure."""
     moved = np.linalg.norm(displacement, axis=1)
-    if len(moved) < FEWEST or moved.max() < LEAST_DISPLACEMENT * robot.length or not expected.max() > 0:
+    if len(moved) < 4 or moved.max() < LEAST_DISPLACEMENT * robot.length or not expected.max() > 0:
         return 1.0
-    if np.ptp(expected) == 0 or np.corrcoef(moved, expected)[0, 1] < LEAST_CORRELATION:
+    # the ratio means nothing
+    if np.ptp(expected) == 0 or np.corrcoef(moved, expected)[0, 1] < 0.9:
         return 1.0
     most = expected >= 0.5 * expected.max()
     return float(np.median(moved[most] / expected[most]))
@@ -148,7 +133,8 @@ def _resting(pressure: Array) -> NDArray[np.bool_]:
 
 
 def _like_ambient(least: Array) -> bool:
-    return bool((least > AMBIENT[0]).all() and (least < AMBIENT[1]).all() and np.ptp(least) < SAME_AMBIENT)
+    # Pa absolute, from high places to a high on the coast
+    return bool((least > 75e3).all() and (least < 107e3).all() and np.ptp(least) < 3e3)
 
 
 def implausible_pressures(robot: Robot, s: Pressures) -> Iterator[str]:
@@ -158,13 +144,21 @@ def implausible_pressures(robot: Robot, s: Pressures) -> Iterator[str]:
     place = f"trial {s.rows[row].trial} step {s.rows[row].step}, column p{chamber + 1}"
     # Models miss by a factor of three, so two units may come into question.
     if abs(highest) > HIGHEST_PRESSURE:
-        ratio = s.ratio if s.ratio != 1.0 else USUAL_PRESSURE / abs(highest)
+        # Pa, the highest pressure of most soft robots
+        ratio = s.ratio if s.ratio != 1.0 else 60e3 / abs(highest)
         units = units_within(ratio, _units(robot), 3.0)
         looks = " or ".join(f"{unit.name} (divide by {1 / unit.per_si:.4g})" for unit in units)
-        yield (
-            f"{place}: {highest:g} Pa gauge, must be at most {HIGHEST_PRESSURE:g} Pa: check its unit, "
-            f"it looks like Pa read as {looks}"
-        )
+        if robot.chambers is None:
+            words = robot.actuators.words
+            yield (
+                f"{place}: {highest / words.pascal:g} {words.unit}, must be at most {HIGHEST_PRESSURE / words.pascal:g} "
+                f"{words.unit}: check its unit"
+            )
+        else:
+            yield (
+                f"{place}: {highest:g} Pa gauge, must be at most {HIGHEST_PRESSURE:g} Pa: check its unit, "
+                f"it looks like Pa read as {looks}"
+            )
     if s.unit != 1.0:
         units = units_within(1 / s.ratio, _units(robot), 3.0)
         moved = np.linalg.norm(s.displacement, axis=1).max()
@@ -218,9 +212,10 @@ def implausible_roll(robot: Robot, s: Pressures) -> Iterator[str]:
     first_roll = min(turn, key=abs)
     rolled = {one: _wrapped(t - turn[first_roll]) for one, t in turn.items() if one != first_roll}
     missed = {one: _wrapped(np.degrees(one - first_roll) - (one - first_roll)) for one in rolled}
-    if max(map(abs, missed.values())) < VISIBLE_TURN:
+    # a roll read in the wrong unit that is off by less is not seen
+    if max(map(abs, missed.values())) < 30.0:
         return
-    if all(abs(_wrapped(rolled[one] - missed[one])) < DIRECTION for one in rolled):
+    if all(abs(_wrapped(rolled[one] - missed[one])) < 15.0 for one in rolled):
         most = max(rolled, key=abs)
         first = s.rows[int(np.argmax(rows_of[most]))]
         yield (

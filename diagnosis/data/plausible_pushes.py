@@ -11,12 +11,10 @@ from model.section import annulus_second_moment, body_second_moment
 from recordings.trials import TrialRow
 
 from .plausible_units import FORCE_UNITS, Unit, nearest
+from .pushes import SHORTEST
 
-SHORTEST = 0.01
-"""m; a shorter spine offers nothing to push on."""
 IMPLAUSIBLE_FORCE_RATIO = {"body": 30.0, "spine": 300.0}
 """Ratios of force measured to force expected: a body's modulus is known within a few, a jammed spine's may be a guess."""
-FEWEST = 3
 
 
 def implausible_pushes(robot: Robot, rows: Iterable[TrialRow]) -> Iterator[str]:
@@ -62,7 +60,7 @@ def _forces(
         bending = np.full(len(own), robot.youngs_modulus * body_second_moment(robot))
     expected = 3 * bending / long**3 * deflection
     force = np.array([r.force for r in own], float)
-    if len(own) < FEWEST or np.ptp(expected) == 0 or np.ptp(force) == 0:
+    if len(own) < 3 or np.ptp(expected) == 0 or np.ptp(force) == 0:
         return
     if abs(np.corrcoef(force, expected)[0, 1]) < 0.9:
         return

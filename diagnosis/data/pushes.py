@@ -21,7 +21,6 @@ FARTHEST = 0.3
 """Largest deflection of beam theory, as a share of the cantilever's length."""
 SHORTEST = 0.01
 """m; a shorter spine offers nothing to push on."""
-FEWEST_REPEATS = 3
 
 
 def rows(table: Iterable[TrialRow]) -> list[TrialRow]:
@@ -99,7 +98,7 @@ def concerns(given: list[TrialRow], s: Campaign, beside: bool) -> list[str]:
             "cameras, and only effects that change these readings are considered; record a bending sweep"
         )
         notes.append("only stiffness trials: probabilities were calibrated on bending campaigns, not on such data")
-    if own.repeats < FEWEST_REPEATS:
+    if own.repeats < 3:
         word = "no deflection was repeated" if own.repeats < 2 else "deflections were repeated only once"
         notes.append(
             f"stiffness trials: {word}: default scatter of touch point, zero and jamming is assumed; repeat them "

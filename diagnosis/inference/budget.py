@@ -43,8 +43,6 @@ DRAWS, SEED = 256, 11
 """Of each hypothesis."""
 JITTER, TINY = 1e-8, 1e-300
 """Added to the diagonal of correlations, which may be singular; least variance."""
-LEAST_WEIGHT = 1e-3
-"""Probability of the hypotheses that are drawn from."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +65,11 @@ class Budget:
     """By effect, the part of that share that its law has where nothing hides it."""
     named: tuple[Hypothesis, ...]
     """(d,) what is named in each draw."""
+
+    @property
+    def nothing_stands_out(self) -> float:
+        """Probability that no effect carries `OUTSTANDING_FLOORS`."""
+        return float(self.weight[(self.floors < OUTSTANDING_FLOORS).all(axis=1)].sum())
 
     def interval(self, effect: str, *quantiles: float) -> tuple[float, ...]:
         """Quantiles (m) of what an effect carries, its law as wrong as laws may be."""
@@ -128,7 +131,7 @@ def budget(
     carry = _Carrying(problem, where)
     metres, floors, weight, form_error, tolerant, named = [], [], [], [], [], []
     for c, w in zip(candidates, weights, strict=True):
-        if w < LEAST_WEIGHT:
+        if w < 1e-3:
             continue
         m, f = carry.of(c.fit, np.clip(_drawn(c.weighed, standard), p.low, p.high))
         metres.append(m)

@@ -17,10 +17,6 @@ from .slope import Reference, Slope
 
 Array = NDArray[np.float64]
 
-MANY = 8
-"""Derivatives of its own, of a fit that has more than those of its named effects."""
-FIRST_LOOK = 3
-"""Effects that are told at first sight."""
 AMONG_AT_ONCE, AMONG_AT_STARTS = 35, 42
 """Of `PRACTISED` practice robots, how many had their cause among them: in the linear problem of the calibrated robot, and in
 those where searches begin."""
@@ -91,7 +87,7 @@ def complete(c: Candidate, references: References) -> Candidate:
 def without_derivatives(c: Candidate) -> Candidate:
     """The same where it has few derivatives of its own; else without any."""
     slope = c.fit.slope
-    return c if slope is None or slope.at.size <= MANY else _with(c, None)
+    return c if slope is None or slope.at.size <= 8 else _with(c, None)
 
 
 def _with(c: Candidate, slope: Slope | None) -> Candidate:
@@ -99,9 +95,9 @@ def _with(c: Candidate, slope: Slope | None) -> Candidate:
 
 
 def first_look(singles: Iterable[Candidate], among: int) -> FirstLook:
-    """The first `FIRST_LOOK` effects, each by its better evidence."""
+    """The first three effects, each by its better evidence."""
     best: dict[str, float] = {}
     for c in singles:
         (effect,) = c.named
         best[effect] = max(best.get(effect, -np.inf), c.laplace_log_evidence)
-    return FirstLook(tuple(sorted(best, key=lambda e: -best[e])[:FIRST_LOOK]), among)
+    return FirstLook(tuple(sorted(best, key=lambda e: -best[e])[:3]), among)

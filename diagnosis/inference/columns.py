@@ -19,9 +19,6 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-SPARSE = 0.25
-"""Share of the rows below which a column is kept by the numbers that are not zero."""
-
 
 @dataclass(frozen=True, eq=False)
 class Columns:
@@ -39,7 +36,8 @@ class Columns:
     @classmethod
     def of(cls, whole: Array) -> Columns:
         """From a matrix (n, c)."""
-        few = np.count_nonzero(whole, axis=0) < SPARSE * len(whole)
+        # a column with more zeros is kept by its other numbers
+        few = np.count_nonzero(whole, axis=0) < 0.25 * len(whole)
         at, rest = np.flatnonzero(~few), np.flatnonzero(few)
         return cls(np.ascontiguousarray(whole[:, at]), at, csr_array(whole[:, rest]), rest)
 

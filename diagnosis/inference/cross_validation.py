@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..judgement import UNCONVERGED
 from .columns import Columns
-from .executor import SINGLE_THREAD, Executor
+from .executor import SINGLE_THREAD, DiagnosisStep, Executor
 from .fit import Fit, fit, refit
 from .linear import Prior
 from .problem import Forward, Problem
@@ -23,10 +24,6 @@ from .slope import Slope
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-
-
-FAR_FROM_DONE = 0.5
-"""A refit from which the cost should still decrease by more has not reached the most probable point."""
 
 
 @dataclass(frozen=True)
@@ -51,11 +48,10 @@ class CrossValidation:
         self._parts = [int(part) for part in np.unique(fold[fold >= 0])]
         self._folds = _Folds(problem, fold)
 
-    def residuals(self, models: Sequence[Model], shares: tuple[float, float] = (0.0, 1.0)) -> Callable[[], list[Array]]:
-        """When asked for, measured minus predicted (n,) of each model; other processes begin at once. `shares` of the work are
-        done before and after."""
+    def residuals(self, models: Sequence[Model], step: DiagnosisStep | None = None) -> Callable[[], list[Array]]:
+        """When asked for, measured minus predicted (n,) of each model; other processes begin at once."""
         wanted = [(model, part) for model in models for part in self._parts]
-        left_out = self._executor.ahead(self._folds.left_out, wanted, *shares)
+        left_out = self._executor.ahead(self._folds.left_out, wanted, step)
 
         def residuals() -> list[Array]:
             missed = [np.full(len(self._problem.observed), np.nan) for _ in models]
@@ -103,7 +99,7 @@ def _predicted(problem: Problem, model: Model, around: tuple[Array, Slope], seen
     predicted, slope = around
     own = replace(slope, columns=slope.columns.rows(seen))
     found = refit(rest, model.prior, model.size, Fit(model.theta, predicted[seen], own, np.nan, np.nan))
-    if found.predicted_decrease > FAR_FROM_DONE:
+    if found.predicted_decrease > UNCONVERGED:
         found = fit(rest, model.prior, model.size, found.theta)
     everywhere = problem.forward.predict(found.theta)
     return everywhere + _discrepancy(problem, rest, model.size, found.predicted) if model.smooth else everywhere

@@ -16,9 +16,6 @@ from ..judgement import BRANCH_DISTANCE, CORRELATION_LENGTH, CORRELATION_PRESSUR
 
 Array = NDArray[np.float64]
 
-LEAST_EIGENVALUE = 2e-3
-"""Eigenvalues below this share of the largest are left out."""
-
 
 @dataclass(frozen=True)
 class Settings:
@@ -61,7 +58,7 @@ def eigenfunctions(place: Array) -> Array:
     distinct, index = np.unique(np.round(place, 3), axis=0, return_inverse=True)
     squared = ((distinct[:, None, :] - distinct[None, :, :]) ** 2).sum(axis=-1)
     value, vector = np.linalg.eigh(np.exp(-0.5 * squared))
-    kept = value > LEAST_EIGENVALUE * value.max()
+    kept = value > 2e-3 * value.max()
     return np.asarray((vector[:, kept] * np.sqrt(value[kept]))[index.reshape(-1)])
 
 

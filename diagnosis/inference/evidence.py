@@ -86,8 +86,6 @@ LARGE = Grid(
     np.array([0.0]), np.array([1.0]),
 )  # fmt: skip
 """For the hypothesis that something outside the catalogue is at work."""
-LEAST = 1e-12
-"""Share below which a normal counts as lying wholly among the small sizes."""
 
 
 @dataclass(frozen=True)
@@ -158,7 +156,8 @@ def _log_allowed_share(mean: Array, variance: Array, prior: Prior, parameters: P
     small = log_mass(mean, sd, np.maximum(low, -least), np.minimum(high, least)) - within
     # An effect is small only where all its sizes are.
     all_small = np.minimum(np.where(parameters.sizes, small, 0.0) @ parameters.members, 0.0)
-    outside = np.log(np.maximum(1 - np.exp(all_small), LEAST))
+    # a normal whose share outside is smaller lies wholly among the small sizes
+    outside = np.log(np.maximum(1 - np.exp(all_small), 1e-12))
     named = (prior.wide @ parameters.members) > 0
     below, above = (
         np.where(low < 0, -LARGEST_TOLERATED_SIZE, -np.inf),

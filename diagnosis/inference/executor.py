@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
+from enum import IntEnum
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar
 
@@ -32,8 +33,29 @@ def one_thread(do: Callable[P, B]) -> Callable[P, B]:
     return alone
 
 
-def _no_progress(share: float) -> None:
-    """Reports nothing."""
+Progress = Callable[[str, float], None]
+"""Receives the step that is being done, such as "step 3 of 9: pairs", and the share of it that is done, 0..1."""
+
+
+def no_progress(step: str, share: float) -> None:
+    """Report nothing."""
+
+
+class DiagnosisStep(IntEnum):
+    """The steps of a whole diagnosis, in order."""
+
+    FIRST_LOOK = 1
+    SINGLE_EFFECTS = 2
+    PAIRS = 3
+    TRIPLES = 4
+    FEWER_EFFECTS = 5
+    CONVERGENCE = 6
+    EXPERIMENTS = 7
+    HELD_OUT_STATES = 8
+    GAP_STEP_BY_STEP = 9
+
+    def __str__(self) -> str:
+        return f"step {self.value} of {len(DiagnosisStep)}: {self.name.lower().replace('_', ' ')}"
 
 
 @dataclass(frozen=True)
@@ -56,14 +78,14 @@ def _no_first_look(look: FirstLook) -> None:
 
 @dataclass(frozen=True)
 class Executor:
-    """Threads (the rod's kernels release the interpreter lock), and callbacks: one gets the share of the work done, 0..1, one
+    """Threads (the rod's kernels release the interpreter lock), and callbacks: one gets the step and its share done, one
     what leads at first sight, before any search: at once, and again when each effect was looked at where its search begins.
 
     Pickled to another process it is one thread without progress.
     """
 
     threads: int = 1
-    progress: Callable[[float], None] = _no_progress
+    progress: Progress = no_progress
     first_look: Callable[[FirstLook], None] = _no_first_look
     remote_map: RemoteMap | None = None
     """Maps a function over items in other processes or on other machines, results in order; None: here."""
@@ -71,12 +93,14 @@ class Executor:
     def __reduce__(self) -> tuple[type[Executor], tuple[()]]:
         return Executor, ()
 
-    def map(self, do: Callable[[A], B], items: Sequence[A], begin: float, end: float) -> list[B]:
-        """`do` for every item, in order; `begin`, `end`: shares of the work before and after. Raises what `do` raises."""
+    def map(self, do: Callable[[A], B], items: Sequence[A], step: DiagnosisStep | None = None) -> list[B]:
+        """`do` for every item, in order, as (a part of) a step, or of none that is reported. Raises what `do` raises."""
         here = self if len(items) > 1 else replace(self, remote_map=None)
-        return here.ahead(do, items, begin, end)()
+        return here.ahead(do, items, step)()
 
-    def ahead(self, do: Callable[[A], B], items: Sequence[A], begin: float, end: float) -> Callable[[], list[B]]:
+    def ahead(
+        self, do: Callable[[A], B], items: Sequence[A], step: DiagnosisStep | None = None
+    ) -> Callable[[], list[B]]:
         """The same when it is asked for; other processes begin at once."""
         there = None if self.remote_map is None else self.remote_map(do, items)
 
@@ -85,7 +109,8 @@ class Executor:
             with self._threads(do, items) if there is None else nullcontext(there) as found:
                 for result in found:
                     done.append(result)
-                    self.progress(begin + (end - begin) * len(done) / len(items))
+                    if step is not None:
+                        self.progress(str(step), len(done) / len(items))
             return done
 
         return results

@@ -22,15 +22,8 @@ from .slope import Reference, Slope, White
 
 Array = NDArray[np.float64]
 
-ROUNDS = 6
-STEP_TOLERANCE = 0.05
-"""Steps shorter than this, in prior standard deviations, end the search: evidence changes by far less."""
-COST_TOLERANCE = 0.02
-"""Steps that lower the cost by less end the search."""
 LEAST_PROMISE, CHORD_PROMISE = 0.01, 0.2
 """Steps that promise to lower it by less are not tried; the second where derivatives are never taken anew."""
-HALVINGS = 6
-"""Times a start without equilibrium is moved half way to the baseline."""
 DAMPINGS = (0.0, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1e3, 1e4)
 """Added to the curvature, in units of the prior's, until a step lowers the cost."""
 CHORD_DAMPINGS = DAMPINGS[:3]
@@ -77,7 +70,7 @@ def refit(problem: Problem, prior: Prior, size: float, start: Fit) -> Fit:
     p = problem.parameters
     known, none = Reference(start.derivatives(problem).every, problem.noise, p.sd), np.zeros(len(start.theta), bool)
     here = replace(start, slope=Slope.at_reference(known))
-    return _search(problem, prior, size, here, ROUNDS, known, none, 0.0, CHORD_PROMISE, CHORD_DAMPINGS)
+    return _search(problem, prior, size, here, 6, known, none, 0.0, CHORD_PROMISE, CHORD_DAMPINGS)
 
 
 def fit(
@@ -85,7 +78,7 @@ def fit(
     prior: Prior,
     size: float,
     start: Array | Fit,
-    rounds: int = ROUNDS,
+    rounds: int = 6,
     frozen: Reference | None = None,
 ) -> Fit:
     """Search from parameters (k,), or from another fit, whose derivatives are then used for the first step.
@@ -98,7 +91,7 @@ def fit(
         of_effect = problem.parameters.of_effect
         fresh[of_effect] &= prior.wide
         fresh[~of_effect] = False
-    return _search(problem, prior, size, start, rounds, frozen, fresh, STEP_TOLERANCE, LEAST_PROMISE)
+    return _search(problem, prior, size, start, rounds, frozen, fresh, 0.05, LEAST_PROMISE)
 
 
 def _search(
@@ -141,7 +134,8 @@ def _search(
     else:
         theta = np.clip(start, p.lower, p.upper)
         predicted, slope = linearised(theta)
-        for _ in range(HALVINGS):
+        # a start without equilibrium is moved half way to the baseline
+        for _ in range(6):
             if np.isfinite(predicted).all():
                 break
             # Some state has no equilibrium here: begin nearer to the baseline, where all have.
@@ -179,7 +173,7 @@ def _search(
             # A trial took a state for one in equilibrium that has none.
             theta, predicted, slope, cost = stood
             break
-        if gained < COST_TOLERANCE:
+        if gained < 0.02:
             break
         damping = max(damping - 2, 0)
     local = _Local(misfit, theta, predicted, slope, scale, mean)

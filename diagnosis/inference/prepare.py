@@ -36,8 +36,8 @@ from .stiffness_trials import StiffnessTrials, stiffness_trials
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-AREA = "area.excess"
-"""The parameter of the one area factor."""
+AREA, MODULUS = "area.excess", "youngs_modulus.excess"
+"""The parameters of the one area factor, and of what the modulus may be off."""
 TINY = 1e-12
 """m."""
 

@@ -24,12 +24,8 @@ from .linear import Linear, Prior
 Array = NDArray[np.float64]
 
 
-LEAST_COLUMN = 2.0
-"""Columns of model-form error below this many standard deviations of the noise are left out."""
 ONE_WAY_MEAN, ONE_WAY_SD, LIMIT = np.sqrt(0.75), 0.5, np.sqrt(3)
 """Mean, standard deviation and upper limit of a size uniform between zero and that limit, with root mean square 1."""
-ROUNDING = 1e-12
-"""Share of the largest eigenvalue below which one is rounding."""
 
 
 class Forward(Protocol):
@@ -242,7 +238,7 @@ class Problem:
         """(n, r) the same in as few columns as draw the same; which ones is up to rounding."""
         basis = self.form_error_basis
         value, vector = np.linalg.eigh(basis.T @ basis)
-        return np.asarray(basis @ vector[:, value > ROUNDING * value[-1]])
+        return np.asarray(basis @ vector[:, value > 1e-12 * value[-1]])
 
     @cached_property
     def _gram(self) -> Array:
@@ -330,4 +326,5 @@ class Problem:
 def leading(columns: Array) -> Array:
     """Fewer columns (n, r) with which unit normal coefficients draw nearly the same as with these (n, c)."""
     value, vector = np.linalg.eigh(columns.T @ columns)
-    return np.asarray(columns @ vector[:, value > LEAST_COLUMN**2])
+    # columns of model-form error below two standard deviations of the noise are left out
+    return np.asarray(columns @ vector[:, value > 2.0**2])

@@ -20,17 +20,26 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from ..judgement import (
+    CONVERGED_AT_ONCE,
+    CONVERGED_SINGLES,
+    CONVERGENCE_ROUNDS,
     COSTLY,
     DOMINATED,
     FEWEST_REFINED,
-    FIRST_POINT_GAIN,
     FIT_DISCREPANCY_SIZE,
     FIT_TOLERATED_SIZE,
     FOLLOWED_MARGINS,
+    LEADING_SINGLES,
+    NEARLY_BEST,
     NEGLIGIBLE,
     NONE_MARGIN,
+    PARENTS,
     PROMISE_MARGIN,
+    PRUNED,
     REFINED_FIRST,
+    REFINED_PAIRS,
+    REFINED_TRIPLES,
+    TRIPLES_GAIN,
     TRUSTED_DECREASE,
     UNCONVERGED,
 )
@@ -46,37 +55,13 @@ from .candidate import (
     without_derivatives,
 )
 from .evidence import KNOWN, LARGE, NONE, Hypothesis, weigh
-from .executor import SINGLE_THREAD, Executor
+from .executor import SINGLE_THREAD, DiagnosisStep, Executor
 from .fit import Fit, fit
 from .problem import FormError, Problem
 from .slope import Reference, Slope
 from .starts import Starts
 
 Array = NDArray[np.float64]
-
-
-HALF_WAY = 0.4
-SINGLES, REFINING, PAIRS, TRIPLES = (0.1, 0.6), (0.6, 0.65), (0.65, 0.73), (0.73, 0.77)
-PRUNING, FINISHING, AFTER_SEARCH = (0.77, 0.81), (0.81, 0.85), 0.85
-"""Shares of a whole diagnosis that are done before and after these parts of the search, by the clock."""
-AT_ONCE = 4
-"""Hypotheses that are searched to the end beside each other."""
-FULL_ROUNDS = 30
-"""Of a hypothesis that is searched by itself."""
-SCREENED = 6
-"""Singles, leading around none without and with tolerances, that are followed with most derivatives kept."""
-MOST_REFINED = 4
-"""Leading singles, without and with tolerances, that are followed to their most probable point with new derivatives."""
-WITHIN = 8.0
-"""Singles whose log evidence is further than this behind the best are not followed."""
-PARENTS = 4
-"""Leading singles from which pairs grow, and leading pairs from which triples grow."""
-MOST_PAIRS, MOST_TRIPLES = 5, 2
-"""Leading pairs and triples that are followed."""
-PRUNED = 3
-"""Times that a hypothesis is tried with one effect less."""
-FINISHED = 8
-"""Leading hypotheses that are searched to the end."""
 
 
 def _evidence(c: Candidate) -> float:
@@ -144,12 +129,11 @@ class Search:
     def run(self) -> list[Candidate]:
         """All candidates of the catalogue, most probable data first."""
         singles = self._singles()
-        pairs = self._extend(singles[:PARENTS], MOST_PAIRS, PAIRS)
-        if pairs and pairs[0].log_evidence > singles[0].log_evidence + 2.0:
-            self._extend(pairs[:PARENTS], MOST_TRIPLES, TRIPLES)
+        pairs = self._extend(singles[:PARENTS], REFINED_PAIRS, DiagnosisStep.PAIRS)
+        if pairs and pairs[0].log_evidence > singles[0].log_evidence + TRIPLES_GAIN:
+            self._extend(pairs[:PARENTS], REFINED_TRIPLES, DiagnosisStep.TRIPLES)
         self._prune()
         self._finish()
-        self._executor.progress(AFTER_SEARCH)
         return sorted(self.found.values(), key=lambda c: -c.log_evidence)
 
     def unknown(self, leading: Sequence[Candidate], shares: Sequence[float], temperature: float) -> Candidate:
@@ -159,7 +143,7 @@ class Search:
         than something unknown alone as the effect is than none. Evidence is divided by the temperature, shares are not.
         """
         tasks = [Task(c.named, begun=c) for c in leading]
-        beside = [c for (c,) in self._map(self._with_large_discrepancy, tasks, AFTER_SEARCH, AFTER_SEARCH)]
+        beside = [c for (c,) in self._map(self._with_large_discrepancy, tasks)]
         terms = np.array([c.laplace_log_evidence for c in beside]) / temperature + np.log(np.array(shares))
         i = int(np.argmax(terms))
         total = replace(beside[i].weighed, log_evidence=temperature * float(logsumexp(terms)))
@@ -175,7 +159,7 @@ class Search:
     def fitted(self, named: Hypothesis) -> Candidate:
         """One hypothesis by itself, all other effects absent, searched from each of its starting points to the end."""
         begun = self._best_of_starts(named, False, ()) if named else self._none[False]
-        return max(begun, self._refined(begun, FULL_ROUNDS), key=_evidence)
+        return max(begun, self._refined(begun, 30), key=_evidence)
 
     def with_all_derivatives(self, c: Candidate) -> Candidate:
         """The same candidate with derivatives by all parameters, those of absent effects included, and its linear problem."""
@@ -188,15 +172,13 @@ class Search:
         return whole, whole if answer is leading else self.with_all_derivatives(answer)
 
     def _map(
-        self, do: Callable[[Task], list[Candidate]], tasks: Sequence[Task], begin: float, end: float
+        self, do: Callable[[Task], list[Candidate]], tasks: Sequence[Task], step: DiagnosisStep | None = None
     ) -> list[list[Candidate]]:
-        """`do`, a method of this search, for every task, here or elsewhere; `begin`, `end`: shares of the work done."""
+        """`do`, a method of this search, for every task, here or elsewhere."""
         sent = [
             (do.__name__, t if t.begun is None else replace(t, begun=light(t.begun, self._references))) for t in tasks
         ]
-        return [
-            [complete(c, self._references) for c in found] for found in self._executor.map(self._done, sent, begin, end)
-        ]
+        return [[complete(c, self._references) for c in found] for found in self._executor.map(self._done, sent, step)]
 
     def _done(self, sent: tuple[str, Task]) -> list[Candidate]:
         name, task = sent
@@ -211,24 +193,29 @@ class Search:
             with_tolerances: self._weigh_around(self._none[with_tolerances].fit, singles, with_tolerances)
             for with_tolerances in (False, True)
         }
-        leading = {h for c in here.values() for h in sorted(singles, key=lambda h: -c[h].log_evidence)[:SCREENED]}
+        leading = {
+            h for c in here.values() for h in sorted(singles, key=lambda h: -c[h].log_evidence)[:LEADING_SINGLES]
+        }
         alone = [h for h in singles if h in own_start]
-        glances = self._map(self._glanced, [Task(h) for h in alone], SINGLES[0], FIRST_POINT_GAIN)
+        glances = self._map(self._glanced, [Task(h) for h in alone], DiagnosisStep.FIRST_LOOK)
         first = {(h, w): c for w in here for h, c in here[w].items()}
         first |= {(h, c.with_tolerances): c for h, both in zip(alone, glances, strict=True) for c in both}
         for c in first.values():
             self._keep(c)
         self._executor.first_look(first_look(first.values(), AMONG_AT_STARTS))
         followed = self._worth_following({k: c for k, c in first.items() if k[0] in own_start | leading})
-        self._follow(followed[:REFINED_FIRST], FIRST_POINT_GAIN, HALF_WAY)
-        self._follow(self._not_surpassed(followed[REFINED_FIRST:], first), HALF_WAY, SINGLES[1])
+        self._follow(followed[:REFINED_FIRST])
+        self._follow(self._not_surpassed(followed[REFINED_FIRST:], first))
         best: list[Candidate] = []
         for with_tolerances in (False, True):
             own = sorted(
                 (c for c in self._of(1) if c.with_tolerances == with_tolerances), key=lambda c: -c.laplace_log_evidence
             )
-            best += [c for c in own[:MOST_REFINED] if c.laplace_log_evidence > max(map(_evidence, own)) - WITHIN]
-        for (c,) in self._map(self._refined_where_better, [Task(c.named, begun=c) for c in best], *REFINING):
+            best += [
+                c for c in own[:CONVERGED_SINGLES] if c.laplace_log_evidence > max(map(_evidence, own)) - NEARLY_BEST
+            ]
+        tasks = [Task(c.named, begun=c) for c in best]
+        for (c,) in self._map(self._refined_where_better, tasks, DiagnosisStep.SINGLE_EFFECTS):
             self._keep(c)
         return sorted(self._of(1), key=lambda c: -c.log_evidence)
 
@@ -271,8 +258,8 @@ class Search:
         leading_first = sorted(kept, key=lambda h: -max(first[h, w].laplace_log_evidence for w in kept[h]))
         return [Task(h, kept[h]) for h in leading_first]
 
-    def _follow(self, tasks: Sequence[Task], begin: float, end: float) -> None:
-        for both in self._map(self._screened, tasks, begin, end):
+    def _follow(self, tasks: Sequence[Task]) -> None:
+        for both in self._map(self._screened, tasks, DiagnosisStep.SINGLE_EFFECTS):
             for c in both:
                 self._keep(c)
 
@@ -333,10 +320,10 @@ class Search:
         assert task.begun is not None
         return [self._refined(task.begun, 2)]
 
-    def _extend(self, parents: Sequence[Candidate], follow: int, shares: tuple[float, float]) -> list[Candidate]:
+    def _extend(self, parents: Sequence[Candidate], follow: int, step: DiagnosisStep) -> list[Candidate]:
         """Each parent with one effect more: weighed where the parent was fitted, the leading ones followed."""
         extended: dict[tuple[Hypothesis, bool], Candidate] = {}
-        around = self._map(self._with_one_more, [Task(c.named, begun=c) for c in parents], shares[0], shares[0])
+        around = self._map(self._with_one_more, [Task(c.named, begun=c) for c in parents])
         for c in itertools.chain.from_iterable(around):
             key = (c.named, c.with_tolerances)
             if key not in extended or extended[key].log_evidence < c.log_evidence:
@@ -345,7 +332,7 @@ class Search:
             return []
         leading = sorted(extended.values(), key=lambda c: -c.laplace_log_evidence)
         tasks = [Task(c.named, begun=c) for c in leading[:follow]]
-        refined = self._map(self._refined_in_two_rounds, tasks, *shares)
+        refined = self._map(self._refined_in_two_rounds, tasks, step)
         followed = {(c.named, c.with_tolerances): c for (c,) in refined}
         # Those not followed are taken to lose as much as the median of those that were.
         typical = max(
@@ -381,8 +368,7 @@ class Search:
         tried: set[tuple[Hypothesis, bool]] = set()
         pruned: set[tuple[Hypothesis, bool]] = set()
         shorter: list[Candidate] = []
-        steps = np.linspace(*PRUNING, PRUNED + 1)
-        for begin, end in itertools.pairwise(steps.tolist()):
+        for _ in range(PRUNED):
             leading = max(self._tried.values(), key=_evidence)
             left = [c for c in (leading, *shorter) if len(c.named) > 1 and (c.named, c.with_tolerances) not in pruned]
             if not left:
@@ -392,7 +378,7 @@ class Search:
             fewer = [(tuple(x for x in c.named if x != e), c.with_tolerances) for e in c.named]
             fresh = [Task(key[0], begun=c) for key in fewer if key not in tried]
             tried |= set(fewer)
-            for (found,) in self._map(self._searched_from, fresh, begin, end):
+            for (found,) in self._map(self._searched_from, fresh, DiagnosisStep.FEWER_EFFECTS):
                 known = self._tried.get((found.named, found.with_tolerances))
                 if known is None or found.log_evidence > known.log_evidence:
                     self._keep(found)
@@ -406,19 +392,19 @@ class Search:
         return [self._weigh(named, found, c.with_tolerances)]
 
     def _finish(self) -> None:
-        """Leading hypotheses whose search was cut short are searched to the end, some of them at once."""
-        for _ in range(FINISHED // AT_ONCE):
+        """Leading hypotheses whose search was cut short are searched to convergence, some of them in parallel."""
+        for _ in range(CONVERGENCE_ROUNDS):
             best = max(map(_evidence, self._tried.values()))
             cut = [
                 c
                 for c in self._tried.values()
-                if c.laplace_log_evidence > best - WITHIN and c.fit.predicted_decrease > UNCONVERGED
+                if c.laplace_log_evidence > best - NEARLY_BEST and c.fit.predicted_decrease > UNCONVERGED
             ]
             if not cut:
                 return
-            leading = sorted(cut, key=lambda c: -c.laplace_log_evidence)[:AT_ONCE]
+            leading = sorted(cut, key=lambda c: -c.laplace_log_evidence)[:CONVERGED_AT_ONCE]
             tasks = [Task(c.named, begun=c) for c in leading]
-            for (reached,) in self._map(self._refined_to_the_end, tasks, *FINISHING):
+            for (reached,) in self._map(self._refined_to_the_end, tasks, DiagnosisStep.CONVERGENCE):
                 # The decrease still predicted at the end is not counted again.
                 weighed = replace(reached.weighed, log_evidence=reached.log_evidence)
                 self._keep(replace(reached, weighed=weighed, fit=replace(reached.fit, predicted_decrease=0.0)))

@@ -7,17 +7,12 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
+from ..judgement import FAR_START, ONE_SIDED_START
 from .evidence import Hypothesis
 from .fit import Fit
 from .problem import Problem
 
 Array = NDArray[np.float64]
-
-FAR = 10.0
-"""Times the squared residual of none from which a start is calibrated anew."""
-RECALIBRATION_ROUNDS, RECALIBRATION_GAIN = 8, 0.01
-FIRST_SHARE = 0.6
-"""Share of its scale at which the search for a one-sided effect begins."""
 
 
 class Starts:
@@ -55,14 +50,14 @@ class Starts:
         if not own.size:
             return start
         theta, best = start.copy(), np.inf
-        for _ in range(RECALIBRATION_ROUNDS):
+        for _ in range(8):
             predicted, slope = self._problem.linearise(theta, own.tolist())
             if not np.isfinite(predicted).all():
                 theta[own] = 0.5 * (theta[own] + p.mean[own])
                 continue
             columns = self._problem.noise.whiten(slope * p.sd[own])
             residual = self._problem.noise.whiten(self._problem.observed - predicted)
-            if best - float(residual @ residual) < RECALIBRATION_GAIN * best:
+            if best - float(residual @ residual) < 0.01 * best:
                 break
             best = float(residual @ residual)
             step = np.linalg.lstsq(columns, residual, rcond=None)[0]
@@ -71,7 +66,7 @@ class Starts:
 
     def far(self, start: Array, none: Array) -> bool:
         """Whether parameters (k,) miss the data by much more than those of none do."""
-        return self._misfit(start) > FAR * self._misfit(none)
+        return self._misfit(start) > FAR_START * self._misfit(none)
 
     def _misfit(self, theta: Array) -> float:
         """Squared whitened residual at parameters (k,); infinite where a state has no equilibrium."""
@@ -84,4 +79,4 @@ class Starts:
         given = p.infos[i].starts
         if p.infos[i].role == "shape":
             return given or (0.0,)
-        return tuple(v for v in given if v) or (FIRST_SHARE * float(p.sd[i]) if p.lower[i] == 0 else 0.0,)
+        return tuple(v for v in given if v) or (ONE_SIDED_START * float(p.sd[i]) if p.lower[i] == 0 else 0.0,)

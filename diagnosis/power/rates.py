@@ -16,8 +16,6 @@ SIZES = ("small", "medium", "large")
 OTHER_LAWS = {"clean": 0.82, "cluttered": 0.71}
 """Of what such worlds promise, the share that sealed robots of other laws kept: 61 of 80 told exactly where 74.5 were promised,
 46 of 106 where 65.1 were (in-sample: ten worlds without thrust on the walls, whole sweep, read while ramping)."""
-CONFUSED = 0.1
-"""Share of an effect's worlds named after another, from which the two count as a pair that is not told apart."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +50,7 @@ class Power:
     @property
     def pairs(self) -> tuple[tuple[str, str, float], ...]:
         """Effect, what it is taken for, and in which share; most first."""
-        found = [(e.effect, other, share) for e in self.effects for other, share in e.taken_for if share >= CONFUSED]
+        found = [(e.effect, other, share) for e in self.effects for other, share in e.taken_for if share >= 0.1]
         return tuple(sorted(found, key=lambda x: -x[2]))
 
     def to_dict(self) -> dict[str, Any]:

@@ -42,9 +42,6 @@ CLUTTER = (0.0, 0.05, 0.1, 0.2)
 FREEDOM = 3
 """Degrees of freedom of Student's t, of the clutter."""
 TOLERATED = float(TOLERATED_SIZES[TOLERATED_SIZES > 0].mean())
-LEAST = 1.0
-"""Length of a whitened response below which an effect cannot be drawn."""
-BASE_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -62,7 +59,8 @@ class Planned:
         """Of a campaign."""
         none = next(c for c in Search(prepared.problem).tried if not c.with_tolerances)
         p, own = prepared.problem.parameters, none.linear(prepared.problem).effects
-        seen = [e for e in p.ids if (own[:, p.mask((e,)) & p.sizes] ** 2).sum() > LEAST]
+        # a shorter whitened response cannot be drawn
+        seen = [e for e in p.ids if (own[:, p.mask((e,)) & p.sizes] ** 2).sum() > 1.0]
         return cls(prepared.problem, none, parts(prepared), tuple(seen))
 
     @cached_property
@@ -173,7 +171,7 @@ def _span(blocks: Sequence[Array]) -> tuple[Array, int]:
     """Orthonormal basis (n, r) of the columns of all blocks, and r."""
     every = np.hstack(blocks)
     value, vector = np.linalg.eigh(every.T @ every)
-    strong = value > BASE_ROUNDING * value.max()
+    strong = value > 1e-9 * value.max()
     basis = every @ vector[:, strong] / np.sqrt(value[strong])
     return np.linalg.qr(basis)[0], int(strong.sum())
 

@@ -8,13 +8,15 @@ from __future__ import annotations
 import contextlib
 import functools
 import math
-import time
 from collections.abc import Sequence
+
+import timing
+from timing import Clock
 
 from ..chambers import ChamberMap
 from ..errors import BadReply, DeviceFault, InstrumentError, StaleReading, WrongDevice
-from ..interfaces import Clock, Identity, PressureSample
-from ..pressure_limits import PressureLimits
+from ..interfaces import Identity, PressureSample
+from ..pressure_limits import VENTED, PressureLimits
 from ..retries import Retries
 from ..serial_line import SerialLine
 from ..spec import Driver
@@ -25,18 +27,13 @@ from .settings import WRITTEN, check_loop, check_source, put_right
 from .wire import FAULT_CODES, LOCKED, AlicatUnit, Frame
 
 __all__ = ["DRIVER", "Alicat", "Config"]
-JUMP = 1.5
-"""Factor by which a pressure must jump between two readings for its unit of measure to be asked again: two units that could
-be confused lie further apart."""
 JUMP_ABOVE = 3e3
 """Pa; below this a jump does not show in the noise, so that the unit of measure is asked before every set-point."""
-VENTED = 5e3
-"""Pa; `close` waits for all channels to fall below this,"""
 BRISK = 0.05
 """Host seconds that a unit has for its answer in the first round of a vent: a sound one takes a few ms, and a silent one
 must not keep the others inflated."""
 VENT_WAIT = 0.5
-"""but not longer than this, s of host time."""
+"""s of host time that `close` waits for all channels to fall below `VENTED`."""
 
 
 class Alicat:
@@ -121,7 +118,7 @@ class Alicat:
             frames, arrived = [], []
             for channel in range(self.channels):
                 frames.append(self._polled(channel))
-                arrived.append(time.monotonic())
+                arrived.append(timing.now())
             if max(self._confirmed) > 0 and self._wrong() != known:
                 self._refuse_wrong()
             if (age := arrived[-1] - arrived[0]) > self.config.max_age:
@@ -169,9 +166,9 @@ class Alicat:
             with contextlib.suppress(InstrumentError):
                 self.vent()
             with contextlib.suppress(InstrumentError):
-                deadline = time.monotonic() + VENT_WAIT
-                while time.monotonic() < deadline and any(unit.poll().measured > VENTED for unit in self._units):
-                    time.sleep(0.02)
+                deadline = timing.now() + VENT_WAIT
+                while timing.now() < deadline and any(unit.poll().measured > VENTED for unit in self._units):
+                    timing.sleep(0.02)
             for channel in self._locked:
                 with contextlib.suppress(InstrumentError):
                     self._units[channel].unlock(min(BRISK, self.config.timeout))
@@ -256,7 +253,8 @@ class Alicat:
 
     def _jumps(self, channel: int, frame: Frame) -> bool:
         low, high = sorted((abs(self._measured[channel]), abs(frame.measured)))
-        return high > JUMP_ABOVE and high > JUMP * low
+        # units of measure that could be confused lie further apart
+        return high > JUMP_ABOVE and high > 1.5 * low
 
     def _ask_measure(self, channel: int) -> None:
         measure, unit, held = self._measures[channel], self._units[channel], self._confirmed[channel]

@@ -9,17 +9,12 @@ from __future__ import annotations
 import math
 
 from ..errors import WrongDevice
-from .wire import COUNTS, PA, UNITS, AlicatUnit
+from .wire import COUNTS, PA, UNITS, AlicatUnit, Variable
 
 KNOWS_FULL_SCALE = (6, 0)
 """First firmware that answers FPF, and so tells its unit of measure."""
-GAUGE_PRESSURE = 6
-"""Alicat's number for the gauge pressure reading."""
 UNKNOWN = 1e6
 """Pa taken for a unit of measure that is not known: the largest, so that no pressure passes for vented."""
-TRIAL_COUNTS = 160
-"""Set-point with which a unit that does not tell its unit of measure is tried, of 64000: 5 kPa on a unit of 2 MPa, the widest
-that rig.yaml takes, and less on any other."""
 TRIAL_SHARE = 0.25
 """By which what it shows may differ from what rig.yaml makes of that: nominal ranges are rounded, units lie further apart."""
 
@@ -54,14 +49,14 @@ class Measure:
         if not self.tells:
             self.untried = True
             return
-        value, code, label = self._unit.full_scale(GAUGE_PRESSURE)
+        value, code, label = self._unit.full_scale(Variable.GAUGE_PRESSURE)
         self._unit.pa = PA.get(code, UNKNOWN)
         self._range = value * self._unit.pa
         self.wrong = ""
         if self._unit.pa != self._pa:
             self.wrong = (
                 f"unit {self._unit.letter} shows {label or 'an unknown unit of measure'} (code {code}; register FPF "
-                f"{GAUGE_PRESSURE}), {self._needed} is needed (code {UNITS[self._needed][0]}); set its pressure unit to "
+                f"{Variable.GAUGE_PRESSURE}), {self._needed} is needed (code {UNITS[self._needed][0]}); set its pressure unit to "
                 f"{self._needed}, or write in rig.yaml which `unit` it shows"
             )
 
@@ -77,7 +72,8 @@ class Measure:
     def try_out(self, held: float = 0.0) -> None:
         """Of a unit that does not tell: send `held` (Pa, or a small pressure) as a share of the full scale, which is the same
         whatever it shows, and see what it makes of that."""
-        counts = round(held / self._full_scale * COUNTS) or TRIAL_COUNTS
+        # 5 kPa on a unit of 2 MPa, the widest that rig.yaml takes, and less on any other
+        counts = round(held / self._full_scale * COUNTS) or 160
         wanted = counts / COUNTS * self._full_scale
         shown = self._unit.set_share(counts).setpoint / self._unit.pa
         if abs(shown * self._pa - wanted) <= max(TRIAL_SHARE * wanted, 0.6 * self._unit.digit):

@@ -10,10 +10,8 @@ import re
 from dataclasses import dataclass
 
 from ..errors import WrongDevice
-from .wire import AlicatUnit
+from .wire import AlicatUnit, Variable
 
-GAUGE_SETPOINT = 38
-"""Alicat's number for the loop that controls gauge pressure."""
 ANALOG, SAVED, UNSAVED = "A", "S", "U"
 
 
@@ -84,10 +82,10 @@ def put_right(name: str, unit: AlicatUnit, version: tuple[int, int], settings: t
 def check_loop(name: str, unit: AlicatUnit) -> None:
     """Raises WrongDevice when the unit controls something other than gauge pressure."""
     loop = unit.loop_variable()
-    if loop != GAUGE_SETPOINT:
+    if loop != Variable.GAUGE_SETPOINT:
         raise WrongDevice(
             name,
-            f"unit {unit.letter} controls variable {loop}, not gauge pressure ({GAUGE_SETPOINT}; register 122); "
+            f"unit {unit.letter} controls variable {loop}, not gauge pressure ({Variable.GAUGE_SETPOINT}; register 122); "
             "choose gauge pressure as its control variable",
         )
 

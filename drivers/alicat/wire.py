@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from enum import IntEnum
 
 from ..errors import BadReply, NoReply
 from ..serial_line import SerialLine, show
@@ -23,14 +24,21 @@ PA = dict(UNITS.values()) | {
     18: 98.0665, 19: 97.971, 20: 249.089, 21: 248.843, 22: 101_325.0,
 }  # fmt: skip
 """Pa in every unit of pressure that a panel offers, by Alicat's number."""
+
+
+class Variable(IntEnum):
+    """Alicat's numbers of what a unit reads and controls."""
+
+    GAUGE_PRESSURE = 6
+    GAUGE_SETPOINT = 38
+
+
 COUNTS = 64000
 """A set-point can be sent as so many parts of the full scale, too; then it is the same pressure whatever the unit."""
 FRAME = re.compile(r"[A-Z]((?:\s+[+-]?\d+(?:\.\d+)?){2,})((?:\s+[A-Z0-9]{3})*)\s*")
 """Firmware before 8v00 gives the set-point without its sign."""
 LOCKED = "LCK"
 """Status code: the buttons of the front panel are locked."""
-MANUFACTURER_LINES = 10
-"""Lines of the ??M* table: M00 to M09."""
 FAULT_CODES = {
     "ADC": "its electronics report a communication error; power-cycle it",
     "EXH": "its exhaust valve is held open, it does not control; cancel that at its front panel or vent",
@@ -98,7 +106,8 @@ class AlicatUnit:
         """From the manufacturer's table, lines such as `A M04 Model Number PC-60PSIG-D`; empty when not told."""
         with self._line.lock:
             lines = [self._ask("??M*")]
-            while len(lines) < MANUFACTURER_LINES:
+            # M00 to M09
+            while len(lines) < 10:
                 try:
                     lines.append(self._line.read_until(CR).decode("ascii", "replace"))
                 except NoReply:

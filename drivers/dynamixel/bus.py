@@ -13,20 +13,18 @@ from __future__ import annotations
 import contextlib
 import itertools
 import termios
-import threading
-import time
 from collections.abc import Callable, Iterator
 from typing import NamedTuple, TypeVar
 
 import serial
 from dynamixel_sdk import COMM_RX_CORRUPT, COMM_RX_TIMEOUT, COMM_SUCCESS, PortHandler, Protocol2PacketHandler
 
+import timing
+
 from ..errors import BadReply, NoReply, Unreachable
 from ..serial_line import WRITE_WITHIN, PortWatch
 
 ATTEMPTS = 3
-CRC_REFUSED = 3
-"""Error number of a servo that received a damaged instruction: worth repeating, unlike the other refusals."""
 ALERT = 0x80
 MARKS = (6, 7, 9, 10, 11, 12)
 """Lengths (bytes) of a read from address 0 by which the line is caught up, used in turn; no other answer is so long."""
@@ -69,7 +67,7 @@ class _Port(PortHandler):  # type: ignore[misc]
         self.timeout = timeout
 
     def setupPort(self, cflag_baud: int) -> bool:  # noqa: N802 (the SDK's name)
-        self.ser = serial.Serial(
+        self.ser = serial.serial_for_url(
             self.port_name, cflag_baud, timeout=0.005, write_timeout=max(WRITE_WITHIN, self.timeout), exclusive=True
         )
         self.is_open = True
@@ -80,7 +78,7 @@ class _Port(PortHandler):  # type: ignore[misc]
         self.setPacketTimeoutMillis(self.tx_time_per_byte * packet_length + 1000.0 * self.timeout)
 
     def getCurrentTime(self) -> float:  # noqa: N802
-        return 1000.0 * time.monotonic()
+        return 1000.0 * timing.now()
 
 
 class Servo:
@@ -99,7 +97,7 @@ class Servo:
         self._marks = itertools.cycle(MARKS)
         self._behind = True
         """Whether answers to earlier questions may still come, those of an earlier program included."""
-        self._lock = threading.RLock()
+        self._lock = timing.RLock()
         self._watch = PortWatch(name, port, self.close)
 
     @property
@@ -194,10 +192,11 @@ class Servo:
                     value, result, error = call(port)
                 except IndexError:  # the SDK trips over an answer that is shorter than it should be
                     value, result, error = None, COMM_RX_CORRUPT, 0
-                if result == COMM_SUCCESS and error & ~ALERT != CRC_REFUSED:
+                # the servo received a damaged instruction, which is worth repeating
+                if result == COMM_SUCCESS and error & ~ALERT != 3:
                     break
                 self._behind = True
-                time.sleep(self._timeout)
+                timing.sleep(self._timeout)
                 port.clearPort()
         where = self._where
         if result == COMM_RX_CORRUPT:

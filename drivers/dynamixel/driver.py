@@ -15,16 +15,17 @@ from __future__ import annotations
 
 import contextlib
 import math
-import threading
-import time
 from dataclasses import dataclass
 from typing import Literal
 
 from pydantic import Field, model_validator
 
+import timing
+from timing import Clock
+
 from ..configs import LengthUnitConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, LimitExceeded, NoReply, NotReady, Unreachable, WrongDevice
-from ..interfaces import Clock, Identity, SpineSample
+from ..interfaces import Identity, SpineSample
 from ..spec import Driver
 from ..stall import StallWatch
 from . import settings, table
@@ -93,7 +94,7 @@ class DynamixelSpine:
         self._config = config
         self._clock = clock
         self._servo = Servo(name, config.port, config.baud, config.id, config.timeout)
-        self._lock = threading.RLock()
+        self._lock = timing.RLock()
         self._ampere = 0.0
         self._zero: int | None = None
         self._end_stop: int | None = None
@@ -297,8 +298,8 @@ class DynamixelSpine:
     def _set_goal(self, counts: int, speed: float) -> None:
         """Profile velocity and goal, read back. Velocity 0 would mean "as fast as can be", so one step is the least."""
         data = table.PROFILE_AND_GOAL.pack(max(1, round(speed / self._speed_step)), counts)
-        self._servo.write_block(table.PROFILE_VELOCITY, data)
-        echo = self._servo.read_block(table.PROFILE_VELOCITY, len(data))
+        self._servo.write_block(table.Address.PROFILE_AND_GOAL, data)
+        echo = self._servo.read_block(table.Address.PROFILE_AND_GOAL, len(data))
         if echo != data:
             raise DeviceFault(
                 self.name,
@@ -328,13 +329,13 @@ class DynamixelSpine:
         """Reboot the servo and wait for it; raises `DeviceFault` when its hardware error stays."""
         with contextlib.suppress(NoReply):  # it may restart before its answer is out
             self._servo.reboot()
-        deadline = time.monotonic() + REBOOT_TIME
+        deadline = timing.now() + REBOOT_TIME
         while True:
             try:
                 self._servo.ping()
                 break
             except (NoReply, BadReply):
-                if time.monotonic() > deadline:
+                if timing.now() > deadline:
                     raise
         self._zero = self._end_stop = None
         if bits := self._servo.read(table.HARDWARE_ERROR):
@@ -348,7 +349,7 @@ class DynamixelSpine:
     # -- judging what was read
     def _poll(self) -> _State:
         """One reading; latches what the servo reports as wrong."""
-        block = self._servo.read_block(table.STATE_ADDRESS, table.STATE.size)
+        block = self._servo.read_block(table.Address.STATE, table.STATE.size)
         _, _, _, _, current, velocity, counts = table.STATE.unpack(block)
         alert = self._servo.alert
         watchdog = self._servo.read(table.WATCHDOG)
@@ -377,7 +378,7 @@ class DynamixelSpine:
         return all(
             self._servo.read(table.WATCHDOG) == 0
             and self._servo.read(table.TORQUE) == 0
-            and not any(self._servo.read_block(table.PROFILE_VELOCITY, 4))
+            and not any(self._servo.read_block(table.Address.PROFILE_AND_GOAL, 4))
             for _ in range(2)
         )
 

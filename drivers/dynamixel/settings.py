@@ -14,7 +14,6 @@ from .bus import ANSWER_ALL, STATUS_RETURN_LEVEL, Register, Servo
 from .table import (
     CURRENT_BASED_POSITION,
     DRIVE_MODE,
-    EEPROM_END,
     GOAL_PWM,
     HOMING_OFFSET,
     OPERATING_MODE,
@@ -26,6 +25,7 @@ from .table import (
     SHUTDOWN,
     STARTUP,
     TORQUE,
+    Address,
 )
 
 FULL_PWM = 885
@@ -98,7 +98,7 @@ def apply(servo: Servo) -> None:
     for setting, found, needed in _differing(servo):
         if not setting.written:
             raise _refused(servo, setting, found, needed)
-        if setting.register.address < EEPROM_END:
+        if setting.register.address < Address.EEPROM_END:
             servo.write(TORQUE, 0)
         servo.write(setting.register, needed)
         if (held := servo.read(setting.register)) != needed:

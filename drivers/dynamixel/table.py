@@ -3,8 +3,18 @@
 from __future__ import annotations
 
 import struct
+from enum import IntEnum
 
 from .bus import Register
+
+
+class Address(IntEnum):
+    """Where several registers are read or written together, and where those end that are kept without power."""
+
+    EEPROM_END = 64
+    PROFILE_AND_GOAL = 112
+    STATE = 120
+
 
 FIRMWARE = Register(6, 1)
 DRIVE_MODE = Register(10, 1)
@@ -15,8 +25,6 @@ PWM_LIMIT = Register(36, 2)
 CURRENT_LIMIT = Register(38, 2)
 STARTUP = Register(60, 1)
 SHUTDOWN = Register(63, 1)
-EEPROM_END = 64
-"""First address of what is not kept without power."""
 TORQUE = Register(64, 1)
 HARDWARE_ERROR = Register(70, 1)
 POSITION_P_GAIN = Register(84, 2)
@@ -25,11 +33,9 @@ GOAL_PWM = Register(100, 2, signed=True)
 GOAL_CURRENT = Register(102, 2, signed=True)
 PROFILE_ACCELERATION = Register(108, 4)
 PROFILE_AND_GOAL = struct.Struct("<Ii")
-PROFILE_VELOCITY = 112
-"""Followed at once by the goal position: both are written and read back with one instruction."""
+"""Profile velocity and goal position: both are written and read back with one instruction."""
 PRESENT_POSITION = Register(132, 4, signed=True)
 STATE = struct.Struct("<HBBhhii")
-STATE_ADDRESS = 120
 """Realtime tick, moving, moving status, PWM, current, velocity, position."""
 
 CURRENT_BASED_POSITION = 5

@@ -10,16 +10,18 @@ from __future__ import annotations
 import contextlib
 import logging
 import threading
-import time
 from collections.abc import Callable
 
 from pydantic import Field
 from pymodbus import FramerType, ModbusException
 from pymodbus.client import ModbusSerialClient
 
+import timing
+from timing import Clock
+
 from ..configs import ForceConfig
 from ..errors import DeviceFault, InstrumentError, LimitExceeded, NotReady, StaleReading, Unreachable, WrongDevice
-from ..interfaces import Clock, Identity, Sink, Vector6, WrenchSample
+from ..interfaces import Identity, Sink, Vector6, WrenchSample
 from ..serial_line import SerialLine, show
 from ..spec import Driver
 from .rest import AXES, unrest
@@ -74,7 +76,7 @@ class FT300S:
         self._sink = sink
         self.lost = 0
         self._line = SerialLine(name, config.port, BAUD, config.timeout)
-        self._news = threading.Condition()
+        self._news = timing.Condition()
         self._parser = FrameParser()
         self._gaps = GapCounter()
         self._zero: Vector6 = (0.0,) * 6
@@ -99,7 +101,7 @@ class FT300S:
         self._parser, self._gaps = FrameParser(), GapCounter()
         self._newest, self._broken, self.lost = None, None, 0
         self._running = True
-        self._reader = threading.Thread(target=self._read_stream, name=f"{self.name}-stream", daemon=True)
+        self._reader = timing.Thread(target=self._read_stream, name=f"{self.name}-stream", daemon=True)
         self._reader.start()
         with self._news:
             self._news.wait_for(lambda: self._newest is not None or not self._alive, FIRST_FRAME_WITHIN)
@@ -120,7 +122,7 @@ class FT300S:
         """
         with self._news:
             self._need_open()
-            sample, age = self._newest, time.monotonic() - self._newest_at
+            sample, age = self._newest, timing.now() - self._newest_at
         if sample is None or age > self.config.max_age:
             what = "no frame has arrived" if sample is None else f"the newest frame is {age:.2f} s old"
             raise StaleReading(
@@ -262,7 +264,7 @@ class FT300S:
 
     def _take(self, wrench: Vector6, damaged: int) -> None:
         with self._news:
-            self._newest_at = time.monotonic()
+            self._newest_at = timing.now()
             self._gaps.arrived(self._newest_at, damaged)
             sample = self._newest = WrenchSample(self._clock.now(), wrench, self._zero)
             for readings in self._zeroing:

@@ -15,15 +15,11 @@ from ..interfaces import Vector6
 AXES = (("fx", "N"), ("fy", "N"), ("fz", "N"), ("mx", "N m"), ("my", "N m"), ("mz", "N m"))
 NOISE: Vector6 = (0.1, 0.1, 0.1, 0.005, 0.005, 0.005)
 """Standard deviation of a reading at rest, N and N m."""
-MAX_SCATTER = 2.0
-"""Largest standard deviation of a series at rest, as a multiple of NOISE."""
 SCATTER_SIGMAS, TREND_SIGMAS, PART_SIGMAS = 6.0, 5.0, 6.0
 """Standard errors beyond which scatter, trend or a part's mean is no noise: together fewer than one in 100 000 series at
 rest is refused."""
 PARTS = 10
 """Equal parts of a series whose means are compared with its own,"""
-MIN_PART = 2
-"""of at least this many readings."""
 
 
 def unrest(readings: Sequence[Vector6]) -> str:
@@ -46,7 +42,7 @@ def _judged(values: Sequence[float], noise: float) -> list[tuple[str, float, flo
         return []
     mean = sum(values) / n
     scatter = math.sqrt(sum((x - mean) ** 2 for x in values) / (n - 1))
-    allowed = max(MAX_SCATTER, 1 + SCATTER_SIGMAS / math.sqrt(2 * (n - 1)))
+    allowed = max(2.0, 1 + SCATTER_SIGMAS / math.sqrt(2 * (n - 1)))
     judged = [("scatters by", scatter, allowed * noise)]
     # From neighbour to neighbour hardly anything but noise changes, whatever the load does meanwhile.
     jitter = math.sqrt(sum((b - a) ** 2 for a, b in pairwise(values)) / (2 * (n - 1)))
@@ -55,7 +51,7 @@ def _judged(values: Sequence[float], noise: float) -> list[tuple[str, float, flo
         trend = 12 * sum((i - (n - 1) / 2) * x for i, x in enumerate(values)) / (n * (n + 1))
         judged.append(("drifts by", abs(trend), TREND_SIGMAS * sd * math.sqrt(12 / n)))
     size = n // PARTS
-    if size >= MIN_PART:
+    if size >= 2:
         means = [sum(values[i : i + size]) / size for i in range(0, size * PARTS, size)]
         farthest = max(abs(part - mean) for part in means)
         judged.append(("jumps by", farthest, PART_SIGMAS * sd / math.sqrt(size)))

@@ -14,8 +14,6 @@ from ..interfaces import Vector6
 
 HEAD = b"\x20\x4e"
 FRAME_BYTES = 16
-COUNTS_PER_NEWTON = 100.0
-COUNTS_PER_NEWTON_METRE = 1000.0
 PERIOD = 0.01
 """s of host time between two frames."""
 
@@ -26,7 +24,7 @@ def decode(frame: bytes) -> Vector6 | None:
     if frame[14:] != FramerRTU.compute_CRC(frame[:14]).to_bytes(2, "big"):
         return None
     c = struct.unpack("<6h", frame[2:14])
-    n, m = COUNTS_PER_NEWTON, COUNTS_PER_NEWTON_METRE
+    n, m = 100.0, 1000.0  # counts per N and per N m
     return (c[0] / n, c[1] / n, c[2] / n, c[3] / m, c[4] / m, c[5] / m)
 
 

@@ -13,8 +13,6 @@ from ..frames import apply, compose, matrix_from_quaternion
 from ..interfaces import Quaternion, Vector3
 from .packets import Body
 
-FARTHEST = 20.0
-"""No camera volume is larger, m."""
 NOWHERE: Vector3 = (math.nan, math.nan, math.nan)
 
 
@@ -91,7 +89,8 @@ def usable(body: Body | None) -> bool:
     """Tracked, and with values that can be true."""
     if body is None or not body.tracked:
         return False
-    return all(abs(part) < FARTHEST for part in body.position) and _unit(body.rotation)
+    # m; no camera volume is larger
+    return all(abs(part) < 20.0 for part in body.position) and _unit(body.rotation)
 
 
 def _unit(rotation: tuple[float, ...]) -> bool:

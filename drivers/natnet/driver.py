@@ -13,11 +13,13 @@ from __future__ import annotations
 
 import math
 import threading
-import time
 from collections.abc import Callable
 
+import timing
+from timing import Clock
+
 from ..errors import DeviceFault, NotReady, StaleReading, Unreachable, WrongDevice
-from ..interfaces import BodySample, Clock, Identity, Sink
+from ..interfaces import BodySample, Identity, Sink
 from ..spec import Driver
 from . import packets
 from .bodies import NotOne, found
@@ -72,10 +74,10 @@ class NatNetMocap:
         """That, or it had not all bodies that are looked for."""
         self._order = Order()
         self._thread: threading.Thread | None = None
-        self._stopping = threading.Event()
+        self._stopping = timing.Event()
         self._silent = False
         """The server has been asked to send again; it may have been started anew."""
-        self._lock = threading.Lock()
+        self._lock = timing.Lock()
         self._newest_at = -math.inf
         self._valid: BodySample | None = None
         self._valid_at = -math.inf
@@ -102,7 +104,7 @@ class NatNetMocap:
             raise
         self._server = server
         self._stopping.clear()
-        self._thread = threading.Thread(target=self._run, args=(server,), name=f"natnet-{self.name}", daemon=True)
+        self._thread = timing.Thread(target=self._run, args=(server,), name=f"natnet-{self.name}", daemon=True)
         self._thread.start()
         return identity
 
@@ -130,7 +132,7 @@ class NatNetMocap:
             raise NotReady(self.name, "not open; call open() first")
         with self._lock:
             valid, valid_at, newest_at, doubt = self._valid, self._valid_at, self._newest_at, self._doubt
-        now = time.monotonic()
+        now = timing.now()
         if valid is not None and now - valid_at <= self._config.max_age:
             return valid
         if now - newest_at <= self._config.max_age:
@@ -231,9 +233,9 @@ class NatNetMocap:
                 raise Unreachable(
                     self.name, f"cannot send from {here} to {self._where} ({e}); check both addresses in rig.yaml"
                 ) from e
-            give_up, late = time.monotonic() + self._config.timeout / TRIES, False
+            give_up, late = timing.now() + self._config.timeout / TRIES, False
             while not late:
-                late = time.monotonic() > give_up
+                late = timing.now() > give_up
                 self._hear(server)
                 if done():
                     return
@@ -242,12 +244,12 @@ class NatNetMocap:
     # -- streaming
     def _run(self, server: Server) -> None:
         patience = max(ASK_AGAIN, 3 / self._config.rate)
-        began = time.monotonic()
+        began = timing.now()
         while not self._stopping.is_set():
-            for sample in self._order.ready(time.monotonic()):
+            for sample in self._order.ready(timing.now()):
                 self._sink(sample)
             self._hear(server)
-            now = time.monotonic()
+            now = timing.now()
             silent = now - max(began, self._newest_at) > patience
             if (silent or self._doubt or self._unsure) and now - self._asked_at > ASK_AGAIN:
                 self._asked_at, self._silent = now, silent
@@ -287,7 +289,7 @@ class NatNetMocap:
     def _ask_who(self, server: Server, why: str) -> None:
         with self._lock:
             self._doubt = why
-        self._asked_at = time.monotonic()
+        self._asked_at = timing.now()
         server.try_asking(packets.REQUEST_MODELDEF)
 
     def _take_definitions(self, told: Definitions) -> None:
@@ -317,7 +319,7 @@ class NatNetMocap:
             valid=usable(body) and not self._doubt,
             markers=tuple(to_base.tracked_place(self._body(frame, name)) for name in self._config.markers),
         )
-        now = time.monotonic()
+        now = timing.now()
         if not self._order.take(sample, now):
             return
         newest = self._order.newest

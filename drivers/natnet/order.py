@@ -9,13 +9,9 @@ from ..interfaces import BodySample
 WINDOW = 0.3
 """Host seconds for which a frame that has overtaken others waits for them: several times the jitter of a network. What
 comes later than that is lost to the recording, and is counted so."""
-BEHIND = 300
-"""Frames by which a late datagram may be behind."""
 AHEAD, FASTEST = 1000, 1000.0
 """Frames that may be missing at once, and frames a second of silence that may be missing beyond them: more is no gap, the
 count has changed."""
-SURE = 3
-"""Frames in a row that fit no gap and no lateness: the server's count has begun anew."""
 
 
 @dataclass
@@ -53,12 +49,13 @@ class Order:
         ahead = number - self._next
         if 0 <= ahead <= AHEAD + FASTEST * (now - self._came if self._came else 0.0):
             return self._accept(sample, now)
-        if newest is not None and -BEHIND <= ahead < 0 and sample.device_time <= newest.device_time and not self._anew:
+        if newest is not None and -300 <= ahead < 0 and sample.device_time <= newest.device_time and not self._anew:
             return False
         if self._strange and not 0 < number - self._strange[-1].frame <= AHEAD:
             self._strange.clear()
         self._strange.append(sample)
-        if len(self._strange) < SURE and not (self._anew and ahead < 0):
+        # three frames in a row that fit no gap and no lateness: the server's count has begun anew
+        if len(self._strange) < 3 and not (self._anew and ahead < 0):
             return False
         self._begin(self._strange[0].frame)
         for known in self._strange[:-1]:

@@ -15,10 +15,6 @@ CONNECT, SERVERINFO, REQUEST_MODELDEF, MODELDEF, FRAME, DISCONNECT, KEEPALIVE = 
 Version = tuple[int, int]
 OLDEST: Version = (2, 6)
 """First version in which a body says whether it is tracked."""
-MODELS_CHANGED = 1 << 1
-"""Bit of a frame's parameters: the list of bodies has changed."""
-TRACKED = 1 << 0
-"""Bit of a body's parameters."""
 HEADER = struct.Struct("<HH")
 NUMBER = struct.Struct("<i")
 PAIR = struct.Struct("<ii")
@@ -240,7 +236,7 @@ def _body(c: Cursor, version: Version) -> tuple[int, Body]:
     if version < (3, 0):
         c.skip(20 * c.count(20))
     error, bits = c.unpack(QUALITY)
-    return int(number), Body((x, y, z), (qx, qy, qz, qw), error, bool(int(bits) & TRACKED))
+    return int(number), Body((x, y, z), (qx, qy, qz, qw), error, bool(int(bits) & 1))
 
 
 SECTIONS: tuple[tuple[str, Version, Skip], ...] = (
@@ -285,7 +281,7 @@ def frame(c: Cursor, version: Version) -> Frame:
         stamp, bits = _suffix(c, version)
     except Short:
         raise Unreadable(f"{named} at byte {start} cannot be read") from None
-    return Frame(number, stamp, bodies, bool(bits & MODELS_CHANGED))
+    return Frame(number, stamp, bodies, bool(bits & 2))  # whether the list of bodies has changed
 
 
 def _suffix(c: Cursor, version: Version) -> tuple[float, int]:

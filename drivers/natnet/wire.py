@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import math
-import select
 import socket
-import time
 from collections.abc import Callable
+
+import timing
 
 from .packets import DISCONNECT, HEADER, KEEPALIVE
 
 KEEP_ALIVE = 0.5
 """Pause between two keep-alive messages, s; Motive forgets a client that is silent for 10 s."""
-AT_ONCE = 100
-"""Datagrams that one look takes, or throws away: a flood must not hold the stream's thread."""
-LARGEST = 65536
 
 
 class Server:
@@ -57,13 +54,13 @@ class Server:
 
     def hear(self, longest: float) -> list[bytes]:
         """What the server has sent, after `longest` s at most; nothing when there is no network."""
-        now = time.monotonic()
+        now = timing.now()
         if now - self._kept_alive >= KEEP_ALIVE:
             self._kept_alive = now
             with contextlib.suppress(OSError):
                 self.ask(KEEPALIVE)
         sockets = [s for s in (self._socket, self._group) if s is not None]
-        ready, _, _ = select.select(sockets, [], [], longest)
+        ready = timing.readable(sockets, longest)
         return [data for s in ready for data in self._received(s)]
 
     def close(self) -> None:
@@ -76,8 +73,9 @@ class Server:
     def _received(self, heard: socket.socket) -> list[bytes]:
         found = []
         with contextlib.suppress(OSError):
-            for _ in range(AT_ONCE):
-                data, sender = heard.recvfrom(LARGEST)
+            # a flood must not hold the stream's thread
+            for _ in range(100):
+                data, sender = heard.recvfrom(65536)
                 if sender[0] == self._address:
                     found.append(data)
                 else:

@@ -7,14 +7,16 @@ from __future__ import annotations
 
 import contextlib
 import re
-import threading
 from typing import Literal
 
 from pydantic import Field
 
+import timing
+from timing import Clock
+
 from ..configs import ValveConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, Unreachable, WrongDevice
-from ..interfaces import Clock, Identity, ValveSample
+from ..interfaces import Identity, ValveSample
 from ..retries import Retries
 from ..serial_line import SerialLine, show
 from ..spec import Driver
@@ -46,7 +48,7 @@ class NumatoValve:
         self._relay = RELAY_NAMES[config.relay]
         self._line = SerialLine(name, config.port, config.baud, config.timeout)
         self._retries = Retries(self._line)
-        self._lock = threading.RLock()
+        self._lock = timing.RLock()
 
     def open(self) -> Identity:
         """Connect and check that a relay module answers; the relay stays as it is.

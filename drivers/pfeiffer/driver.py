@@ -5,21 +5,22 @@ The family's Pirani gauges hardly resolve the range of jamming, 10 kPa to ambien
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from typing import TypeVar
 
 import pfeiffer_vacuum_protocol as protocol
 from pydantic import Field, model_validator
 
+import timing
+from timing import Clock
+
 from ..configs import GaugeConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, Unreachable, WrongDevice
-from ..interfaces import Clock, GaugeSample, Identity
+from ..interfaces import GaugeSample, Identity
 from ..retries import Retries
 from ..serial_line import SerialLine, show
 from ..spec import Driver
 
-PA_PER_BAR = 1e5
 SUITABLE = ("CPT 100", "RPT 100")
 HEALTH_EVERY = 20
 """Readings between two checks of the gauge's error code and correction factor."""
@@ -89,7 +90,7 @@ class PfeifferGauge:
         self._line = SerialLine(name, config.port, config.baud, config.timeout)
         self._wire = _Wire(self._line)
         self._retries = Retries(self._line)
-        self._lock = threading.RLock()
+        self._lock = timing.RLock()
         self._readings = 0
 
     def open(self) -> Identity:
@@ -115,7 +116,7 @@ class PfeifferGauge:
     def read(self) -> GaugeSample:
         """Poll. Raises `DeviceFault` when the gauge reports an error or the reading cannot be true."""
         with self._lock:
-            absolute = PA_PER_BAR * self._query("pressure", protocol.read_pressure)
+            absolute = 1e5 * self._query("pressure", protocol.read_pressure)
             t = self._clock.now()
             plausible = self._config.lowest <= absolute <= self._config.highest
             if not plausible or self._readings % HEALTH_EVERY == 0:

@@ -8,14 +8,16 @@ The units hold their set-points: nothing expires when the host dies, so a rig ne
 from __future__ import annotations
 
 import contextlib
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import timing
+from timing import Clock
+
 from ..chambers import ChamberMap
 from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, Unreachable, WrongDevice
-from ..interfaces import Clock, Identity, PressureSample
-from ..pressure_limits import PressureLimits
+from ..interfaces import Identity, PressureSample
+from ..pressure_limits import VENTED, PressureLimits
 from ..retries import Retries
 from ..serial_line import SerialLine, show
 from ..spec import Driver
@@ -35,10 +37,8 @@ QUIET = 1.2
 """Host seconds of silence on a line after which answers that are owed no longer come."""
 REREAD_EVERY = 10
 """Readings between two checks that each unit still holds the set-point that it confirmed: that takes a poll of its own."""
-VENTED = 5e3
-"""Pa; `close` waits for all channels to fall below this,"""
 VENT_WAIT = 0.5
-"""but not longer than this, s of host time."""
+"""s of host time that `close` waits for all channels to fall below `VENTED`."""
 
 
 @dataclass
@@ -120,7 +120,7 @@ class SmcItv:
             except InstrumentError:
                 self._disconnect()
                 raise
-            self._polled_at = time.monotonic()
+            self._polled_at = timing.now()
             self._counts = [counts[channel] for channel in range(self.channels)]
             self._limits.start_from(self._confirmed())
         return Identity("SMC", f"ITV, {self.channels} units")
@@ -150,9 +150,9 @@ class SmcItv:
             self._readings += 1
             if self._readings % REREAD_EVERY == 0:
                 self.confirm_settings()
-            self._lock.sleep(self._polled_at + self.config.poll_interval - time.monotonic())
+            self._lock.sleep(self._polled_at + self.config.poll_interval - timing.now())
             counts, errors = self._numbers(dict.fromkeys(range(self.channels), b"MON"))
-            self._polled_at = time.monotonic()
+            self._polled_at = timing.now()
             self._raise_first(errors)
             measured = tuple(counts[channel] * self.step for channel in range(self.channels))
             return PressureSample(self._clock.now(), self._confirmed(), measured)
@@ -164,9 +164,9 @@ class SmcItv:
         """
         with self._lock:
             self._need_open()
-            self._lock.sleep(self._polled_at + self.config.poll_interval - time.monotonic())
+            self._lock.sleep(self._polled_at + self.config.poll_interval - timing.now())
             counts, errors = self._numbers(dict.fromkeys(range(self.channels), b"REQ"))
-            self._polled_at = time.monotonic()
+            self._polled_at = timing.now()
             self._raise_first(errors)
             for channel, needed in enumerate(self._counts):
                 if channel not in self._unsure and (found := counts[channel]) != needed:
@@ -204,9 +204,9 @@ class SmcItv:
                 with contextlib.suppress(InstrumentError):
                     self.vent()
                 with contextlib.suppress(InstrumentError):
-                    deadline = time.monotonic() + VENT_WAIT
-                    while time.monotonic() < deadline and max(self.read().measured) > VENTED:
-                        time.sleep(0.02)
+                    deadline = timing.now() + VENT_WAIT
+                    while timing.now() < deadline and max(self.read().measured) > VENTED:
+                        timing.sleep(0.02)
             self._disconnect()
 
     # -- opening
@@ -291,20 +291,20 @@ class SmcItv:
                 errors[channel] = e
         asked = sorted(requests.keys() - errors.keys())
         self._mark([channel for channel in asked if channel in self._behind])
-        deadline = time.monotonic() + self.config.timeout
+        deadline = timing.now() + self.config.timeout
         for channel in asked:
             try:
                 answers[channel] = self._answer(channel, deadline)
             except InstrumentError as e:
                 errors[channel] = e
-                self._behind[channel] = _Behind(held=channel in self._behind, last=time.monotonic())
+                self._behind[channel] = _Behind(held=channel in self._behind, last=timing.now())
         return answers, errors
 
     def _send(self, channel: int, request: bytes) -> None:
         """Raises NoReply when the answer could not be told from others; a set-point goes out all the same."""
         line, state = self._lines[channel], self._behind.get(channel)
         if state is not None and state.held:
-            now = time.monotonic()
+            now = timing.now()
             if line.read_some():
                 state.last = now
             state.held = now - state.last < QUIET
@@ -332,7 +332,7 @@ class SmcItv:
         """The answer to the last request. Raises NoReply, BadReply."""
         line, answer = self._lines[channel], b""
         while True:
-            text = line.read_until(END, max(0.01, deadline - time.monotonic()))
+            text = line.read_until(END, max(0.01, deadline - timing.now()))
             if channel not in self._behind:
                 return text
             if text == UNKNOWN_COMMAND:

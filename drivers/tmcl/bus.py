@@ -14,8 +14,6 @@ import contextlib
 import random
 import struct
 import termios
-import threading
-import time
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -23,24 +21,23 @@ import serial
 from pytrinamic.helpers import to_signed_32
 from pytrinamic.tmcl import TMCLCommand, TMCLReplyChecksumError, TMCLReplyStatusError, TMCLStatus
 
+import timing
+
 from ..errors import BadReply, InstrumentError, NoReply, Unreachable
 from ..serial_line import WRITE_WITHIN, PortWatch
+from .parameters import Global
 
 if TYPE_CHECKING:
     from pytrinamic.connections.serial_tmcl_interface import SerialTmclInterface
 
 ATTEMPTS = 2
 FRAME = struct.Struct(">BBBBi")
-TICK_TIMER = 132
-"""Global parameter: ms since the module started, or since it was set."""
 FIRST_TICK, LAST_TICK = 1_000_000, 2**30
 """The timer is set to something between: a module just started shows less for a quarter of an hour."""
 NEAR = 60_000
 """ms by which the timer may have gone on when it is read."""
 CATCH_UP_WAITS = 2.0
 """How many time-outs the answers may take that are owed."""
-BINARY_VERSION = 1
-"""Type of the version command that answers with numbers instead of text."""
 
 
 class Axis:
@@ -54,7 +51,7 @@ class Axis:
         self._timeout = timeout
         self._serial: serial.Serial | None = None
         self._tmcl: SerialTmclInterface | None = None
-        self._lock = threading.RLock()
+        self._lock = timing.RLock()
         self._behind = False
         """Whether answers to earlier questions may still come."""
         self._tick = 0
@@ -72,7 +69,7 @@ class Axis:
         from pytrinamic.connections.serial_tmcl_interface import SerialTmclInterface
 
         try:
-            self._serial = serial.Serial(
+            self._serial = serial.serial_for_url(
                 self._path,
                 self._baud,
                 timeout=self._timeout,
@@ -98,7 +95,8 @@ class Axis:
 
     def version(self) -> tuple[int, str]:
         """Number of the module and version of its firmware."""
-        value = self._send(TMCLCommand.GET_FIRMWARE_VERSION, BINARY_VERSION, 0)
+        # type 1 answers with numbers instead of text
+        value = self._send(TMCLCommand.GET_FIRMWARE_VERSION, 1, 0)
         return value >> 16 & 0xFFFF, f"{value >> 8 & 0xFF}.{value & 0xFF:02d}"
 
     def get(self, parameter: int) -> int:
@@ -124,12 +122,12 @@ class Axis:
     def set_tick(self) -> None:
         """Give the tick timer a new value; from now on `restarted` knows."""
         self._tick = random.randrange(FIRST_TICK, LAST_TICK)
-        self._send(TMCLCommand.SGP, TICK_TIMER, self._tick, bank=0)
+        self._send(TMCLCommand.SGP, Global.TICK_TIMER, self._tick, bank=0)
 
     def restarted(self) -> bool:
         """Whether the tick timer has gone back, which it does without power only; it is asked twice."""
         return all(
-            self._send(TMCLCommand.GGP, TICK_TIMER, 0, bank=0) & 0xFFFFFFFF < self._tick for _ in range(ATTEMPTS)
+            self._send(TMCLCommand.GGP, Global.TICK_TIMER, 0, bank=0) & 0xFFFFFFFF < self._tick for _ in range(ATTEMPTS)
         )
 
     def move_to(self, position: int) -> None:
@@ -184,7 +182,7 @@ class Axis:
                         self.name, f"no answer from {where} to {what}; check its power, address and baud rate"
                     )
                 self._behind = True
-                time.sleep(self._timeout)
+                timing.sleep(self._timeout)
                 line.reset_input_buffer()
             raise failure
 
@@ -193,10 +191,10 @@ class Axis:
         for _ in range(ATTEMPTS):
             tick = random.randrange(FIRST_TICK, LAST_TICK)
             line.reset_input_buffer()
-            tmcl.send(TMCLCommand.SGP, TICK_TIMER, 0, tick, no_reply=True)
+            tmcl.send(TMCLCommand.SGP, Global.TICK_TIMER, 0, tick, no_reply=True)
             if self._await(line, TMCLCommand.SGP, range(-(2**31), 2**31)):
                 self._tick = tick
-                tmcl.send(TMCLCommand.GGP, TICK_TIMER, 0, 0, no_reply=True)
+                tmcl.send(TMCLCommand.GGP, Global.TICK_TIMER, 0, 0, no_reply=True)
                 if self._await(line, TMCLCommand.GGP, range(tick, tick + NEAR)):
                     self._behind = False
                     return True
@@ -204,8 +202,8 @@ class Axis:
 
     def _await(self, line: serial.Serial, command: int, values: range) -> bool:
         """Read answers until one to this command has one of these values; False when they cease before."""
-        give_up = time.monotonic() + CATCH_UP_WAITS * self._timeout
-        while time.monotonic() < give_up:
+        give_up = timing.now() + CATCH_UP_WAITS * self._timeout
+        while timing.now() < give_up:
             frame = line.read(9)
             if len(frame) == 9 and sum(frame[:8]) & 0xFF == frame[8]:
                 _, module, _, answered, value = FRAME.unpack(frame[:8])

@@ -16,31 +16,28 @@ from __future__ import annotations
 
 import contextlib
 import math
-import threading
 from dataclasses import dataclass
 from typing import Literal
 
 from pydantic import Field
 
+import timing
+from timing import Clock
+
 from ..configs import LengthUnitConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, LimitExceeded, NoReply, NotReady, Unreachable, WrongDevice
-from ..interfaces import Clock, Identity, SpineSample
+from ..interfaces import Identity, SpineSample
 from ..spec import Driver
 from . import settings
 from .bus import Axis
+from .parameters import Global, Parameter, SearchMode
 
 MODULE = 1260
 RESTARTED = "the module has restarted (power failure?) and lost its position; check its supply"
-TARGET_POSITION, ACTUAL_POSITION, ACTUAL_SPEED, MAX_SPEED = 0, 1, 3, 4
-SEARCH_MODE, SEARCH_SPEED, SWITCH_SPEED = 193, 194, 195
-ERROR_FLAGS, DRIVER_STATUS, ENCODER, MAX_DEVIATION = 207, 208, 209, 212
-SEARCH_LEFT_SWITCH, SEARCH_RIGHT_SWITCH = 1, 65
 STALLED, DEVIATED = 1, 2
 """Bits of ERROR_FLAGS; some firmware clears them when they are read, hence the latch here."""
 DRIVER_ERRORS = {1: "overheated", 3: "short to ground, coil A", 4: "short to ground, coil B"}
 """Bits of DRIVER_STATUS that mean damage; the others are warnings or states."""
-SWITCH_SHARE = 0.25
-"""Speed for the exact position of the switch, as a share of the homing speed."""
 
 
 class Config(LengthUnitConfig):
@@ -84,7 +81,7 @@ class TmclSpine:
         self._config = config
         self._clock = clock
         self._axis = Axis(name, config.port, config.baud, config.address, config.host, config.motor, config.timeout)
-        self._lock = threading.RLock()
+        self._lock = timing.RLock()
         self._homed = False
         self._homing_until: float | None = None
         self._goal = 0.0
@@ -132,18 +129,18 @@ class TmclSpine:
         with self._lock:
             self._homed = False
             self._fault = ""
-            self._axis.put(MAX_DEVIATION, 0)
+            self._axis.put(Parameter.MAX_DEVIATION, 0)
             self._axis.stop()
             far = self._config.direction * self._microsteps(2 * self._search_reach)
-            self._axis.put(ACTUAL_POSITION, far)  # a search that ends without the switch cannot end near 0
-            self._axis.put(ENCODER, far)
+            self._axis.put(Parameter.ACTUAL_POSITION, far)  # a search that ends without the switch cannot end near 0
+            self._axis.put(Parameter.ENCODER, far)
             self._prepare()
             self._goal = 0.0
             self._standing_since = None
             left = self._config.direction > 0
-            self._axis.put(SEARCH_MODE, SEARCH_LEFT_SWITCH if left else SEARCH_RIGHT_SWITCH)
-            self._axis.put(SEARCH_SPEED, self._microsteps(self._config.homing_speed))
-            self._axis.put(SWITCH_SPEED, self._microsteps(SWITCH_SHARE * self._config.homing_speed))
+            self._axis.put(Parameter.SEARCH_MODE, SearchMode.LEFT_SWITCH if left else SearchMode.RIGHT_SWITCH)
+            self._axis.put(Parameter.SEARCH_SPEED, self._microsteps(self._config.homing_speed))
+            self._axis.put(Parameter.SWITCH_SPEED, self._microsteps(0.25 * self._config.homing_speed))
             self._axis.start_search()
             self._homing_until = self._clock.now() + self._search_reach / self._config.homing_speed
 
@@ -182,7 +179,7 @@ class TmclSpine:
                 self._axis.stop_search()
             self._axis.stop()
             self._fault = ""
-            restarted = self._homed and self._has_restarted(self._axis.get(MAX_DEVIATION))
+            restarted = self._homed and self._has_restarted(self._axis.get(Parameter.MAX_DEVIATION))
             self._prepare()
             self._follow_encoder()
             if restarted:
@@ -250,27 +247,27 @@ class TmclSpine:
 
     def _prepare(self) -> None:
         """What a restarted module has forgotten."""
-        self._axis.put(MAX_DEVIATION, self._microsteps(self._config.max_deviation))
+        self._axis.put(Parameter.MAX_DEVIATION, self._microsteps(self._config.max_deviation))
         self._axis.set_tick()
         if self._needs.heartbeat is not None:
-            self._axis.put_global(settings.HEARTBEAT, self._needs.heartbeat)
-        self._axis.get(ERROR_FLAGS)  # clears what was flagged before
+            self._axis.put_global(Global.HEARTBEAT, self._needs.heartbeat)
+        self._axis.get(Parameter.ERROR_FLAGS)  # clears what was flagged before
 
     def _follow_encoder(self) -> None:
         """Take the encoder's position for the steps' too, and hold there: steps made in vain are forgotten."""
         self._axis.stop()
-        encoder = self._axis.get(ENCODER)
-        self._axis.put(ACTUAL_POSITION, encoder)
-        self._axis.put(TARGET_POSITION, encoder)
-        self._axis.get(ERROR_FLAGS)  # what was flagged until now is answered
+        encoder = self._axis.get(Parameter.ENCODER)
+        self._axis.put(Parameter.ACTUAL_POSITION, encoder)
+        self._axis.put(Parameter.TARGET_POSITION, encoder)
+        self._axis.get(Parameter.ERROR_FLAGS)  # what was flagged until now is answered
         self._goal = self._length(encoder)
         self._standing_since = None
 
     def _set_goal(self, goal: int, speed: int) -> None:
         """Speed, then goal, both read back."""
-        self._axis.put(MAX_SPEED, speed)
+        self._axis.put(Parameter.MAX_SPEED, speed)
         self._axis.move_to(goal)
-        echo = (self._axis.get(MAX_SPEED), self._axis.get(TARGET_POSITION))
+        echo = (self._axis.get(Parameter.MAX_SPEED), self._axis.get(Parameter.TARGET_POSITION))
         if echo != (speed, goal):
             raise DeviceFault(
                 self.name,
@@ -281,14 +278,14 @@ class TmclSpine:
     # -- judging what was read
     def _poll(self) -> _State:
         """One reading; latches what the module reports as wrong."""
-        encoder = self._axis.get(ENCODER)
-        speed = self._axis.get(ACTUAL_SPEED)
+        encoder = self._axis.get(Parameter.ENCODER)
+        speed = self._axis.get(Parameter.ACTUAL_SPEED)
         t = self._clock.now()
-        flags = self._axis.get(ERROR_FLAGS)
-        status = self._axis.get(DRIVER_STATUS)
+        flags = self._axis.get(Parameter.ERROR_FLAGS)
+        status = self._axis.get(Parameter.DRIVER_STATUS)
         damage = [text for bit, text in DRIVER_ERRORS.items() if status >> bit & 1]
         deviation = self._microsteps(self._config.max_deviation)
-        found = self._axis.get(MAX_DEVIATION)
+        found = self._axis.get(Parameter.MAX_DEVIATION)
         if self._has_restarted(found):
             self._lose_zero(RESTARTED)
         elif found != deviation:
@@ -310,7 +307,7 @@ class TmclSpine:
 
     def _has_restarted(self, max_deviation: int) -> bool:
         """By its tick timer; and by a deviation stop that is off, asked again, since catching up sets the timer anew."""
-        return self._axis.restarted() or (max_deviation == 0 and self._axis.get(MAX_DEVIATION) == 0)
+        return self._axis.restarted() or (max_deviation == 0 and self._axis.get(Parameter.MAX_DEVIATION) == 0)
 
     def _lose_zero(self, fault: str) -> None:
         self._homed = False
@@ -321,7 +318,7 @@ class TmclSpine:
         """The module zeroes its steps at the switch; the encoder is zeroed here."""
         if not self._axis.searching():
             self._homing_until = None
-            zeroed = self._axis.get(ACTUAL_POSITION)
+            zeroed = self._axis.get(Parameter.ACTUAL_POSITION)
             if abs(zeroed) > self._microsteps(self._config.tolerance):
                 self._axis.stop()
                 self._fault = (
@@ -329,7 +326,7 @@ class TmclSpine:
                     "(heartbeat), or another host stopped it; home() again"
                 )
                 return
-            self._axis.put(ENCODER, zeroed)
+            self._axis.put(Parameter.ENCODER, zeroed)
             self._homed = True
         elif state.t > until:
             self._homing_until = None

@@ -11,13 +11,8 @@ from dataclasses import dataclass
 
 from ..errors import DeviceFault, WrongDevice
 from .bus import Axis
+from .parameters import Global, Parameter
 
-ACCELERATION, DECELERATION, MAX_CURRENT, STANDBY_CURRENT = 5, 17, 6, 7
-RIGHT_SWITCH_OFF, LEFT_SWITCH_OFF, SOFT_STOP = 12, 13, 26
-MICROSTEPS, FULLSTEPS, FREEWHEELING, STEP_DIRECTION, UNITS = 140, 202, 204, 254, 255
-"""Axis parameters."""
-HEARTBEAT, AUTO_START, SECONDARY_ADDRESS, PROGRAM = 68, 77, 87, 128
-"""Global parameters. HEARTBEAT: ms of silence on the serial line after which the motor stops; 0 = never."""
 STOPS_WITHIN = 1.0
 """s that the motor may take from its maximum speed to a standstill."""
 
@@ -53,36 +48,62 @@ class Setting:
 
 def settings(needs: Needs) -> list[Setting]:
     """All of them but the resolution, which two parameters make."""
-    switch = ("left", LEFT_SWITCH_OFF) if needs.left_switch else ("right", RIGHT_SWITCH_OFF)
+    switch = ("left", Parameter.LEFT_SWITCH_OFF) if needs.left_switch else ("right", Parameter.RIGHT_SWITCH_OFF)
     least = round(needs.speed / STOPS_WITHIN)
     slow = f"a stop would take longer than {STOPS_WITHIN:g} s"
     every = [
-        Setting("program stored in the module", PROGRAM, lambda found: 0, "it would move the motor", of_module=True),
-        Setting("auto start", AUTO_START, lambda found: 0, "a stored program would move the motor", of_module=True),
+        Setting(
+            "program stored in the module",
+            Global.PROGRAM,
+            lambda found: 0,
+            "it would move the motor",
+            of_module=True,
+        ),
+        Setting(
+            "auto start",
+            Global.AUTO_START,
+            lambda found: 0,
+            "a stored program would move the motor",
+            of_module=True,
+        ),
         Setting(
             "secondary address",
-            SECONDARY_ADDRESS,
+            Global.SECONDARY_ADDRESS,
             lambda found: 0,
             "the module would obey commands meant for another one",
             of_module=True,
         ),
         Setting(f"{switch[0]} limit switch disable", switch[1], lambda found: 0, "the motor would run past the switch"),
-        Setting("soft stop", SOFT_STOP, lambda found: 0, "the motor would run past the switch"),
-        Setting("freewheeling mode", FREEWHEELING, lambda found: 0, "the motor would not hold"),
-        Setting("step/direction mode", STEP_DIRECTION, lambda found: 0, "other signals would move the motor"),
-        Setting("unit mode", UNITS, lambda found: 1, "speeds would not be microsteps per second"),
-        Setting("maximum current", MAX_CURRENT, lambda found: max(1, found), "the motor would not turn", written=False),
+        Setting("soft stop", Parameter.SOFT_STOP, lambda found: 0, "the motor would run past the switch"),
+        Setting("freewheeling mode", Parameter.FREEWHEELING, lambda found: 0, "the motor would not hold"),
+        Setting("step/direction mode", Parameter.STEP_DIRECTION, lambda found: 0, "other signals would move the motor"),
+        Setting("unit mode", Parameter.UNITS, lambda found: 1, "speeds would not be microsteps per second"),
         Setting(
-            "standby current", STANDBY_CURRENT, lambda found: max(1, found), "the motor would not hold", written=False
+            "maximum current",
+            Parameter.MAX_CURRENT,
+            lambda found: max(1, found),
+            "the motor would not turn",
+            written=False,
         ),
-        Setting("maximum acceleration", ACCELERATION, lambda found: max(least, found), slow, written=False),
-        Setting("maximum deceleration", DECELERATION, lambda found: max(least, found), slow, written=False),
+        Setting(
+            "standby current",
+            Parameter.STANDBY_CURRENT,
+            lambda found: max(1, found),
+            "the motor would not hold",
+            written=False,
+        ),
+        Setting("maximum acceleration", Parameter.ACCELERATION, lambda found: max(least, found), slow, written=False),
+        Setting("maximum deceleration", Parameter.DECELERATION, lambda found: max(least, found), slow, written=False),
     ]
     if needs.heartbeat is not None:
         beat = needs.heartbeat
         every.append(
             Setting(
-                "heartbeat", HEARTBEAT, lambda found: beat, "the motor would not stop without the host", of_module=True
+                "heartbeat",
+                Global.HEARTBEAT,
+                lambda found: beat,
+                "the motor would not stop without the host",
+                of_module=True,
             )
         )
     return every
@@ -97,7 +118,7 @@ def apply(axis: Axis, needs: Needs) -> None:
             continue
         if not setting.written:
             raise _refused(axis, setting, found, needed)
-        if setting.number == PROGRAM:
+        if setting.number == Global.PROGRAM:
             axis.stop_program()
         elif setting.of_module:
             axis.put_global(setting.number, needed)
@@ -124,13 +145,13 @@ def _read(axis: Axis, setting: Setting) -> int:
 
 
 def _check_resolution(axis: Axis, needs: Needs) -> None:
-    full, micro = axis.get(FULLSTEPS), axis.get(MICROSTEPS)
+    full, micro = axis.get(Parameter.FULLSTEPS), axis.get(Parameter.MICROSTEPS)
     if full << micro != needs.microsteps_per_turn:
         raise WrongDevice(
             axis.name,
-            f"resolution (axis parameters {FULLSTEPS} and {MICROSTEPS}) is {full} x 2^{micro} = {full << micro} microsteps "
-            f"per turn, needed {needs.microsteps_per_turn}: lengths would be wrong; set it with the maker's TMCL-IDE, or "
-            "correct microsteps_per_turn in rig.yaml",
+            f"resolution (axis parameters {Parameter.FULLSTEPS} and {Parameter.MICROSTEPS}) is {full} x 2^{micro} = "
+            f"{full << micro} microsteps per turn, needed {needs.microsteps_per_turn}: lengths would be wrong; "
+            "set it with the maker's TMCL-IDE, or correct microsteps_per_turn in rig.yaml",
         )
 
 

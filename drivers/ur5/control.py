@@ -9,14 +9,13 @@ raised again by every later call.
 from __future__ import annotations
 
 import queue
-import threading
-import time
 from collections.abc import Callable
-from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import rtde_control
+
+import timing
 
 from ..errors import InstrumentError, NoReply, NotReady, Unreachable
 
@@ -27,8 +26,6 @@ CONNECT_TIMEOUT = 15.0
 """s of host time; the library has time-outs of 2.5, 5 and 6 s of its own in there."""
 RELEASED_WITHIN = 3.0
 """s of host time in which the controller may yet learn that the program before has ended, and free its RTDE inputs."""
-KICKS_PER_LIMIT = 5
-"""Watchdog kicks within the time after which the watchdog bites."""
 
 
 @dataclass(frozen=True)
@@ -39,10 +36,37 @@ class Operation:
     running: bool
 
 
+class _Outcome:
+    """What comes of something that another thread does."""
+
+    def __init__(self) -> None:
+        self._come = timing.Event()
+        self._value: Any = None
+        self._error: Exception | None = None
+
+    def set(self, value: Any) -> None:
+        """It has succeeded."""
+        self._value = value
+        self._come.set()
+
+    def fail(self, error: Exception) -> None:
+        """It has failed."""
+        self._error = error
+        self._come.set()
+
+    def result(self, within: float) -> Any:
+        """Its value; raises what it raised, TimeoutError after so many s of host time."""
+        if not self._come.wait(within):
+            raise TimeoutError
+        if self._error is not None:
+            raise self._error
+        return self._value
+
+
 @dataclass
 class _Job:
     do: Callable[[Any], Any]
-    done: Future[Any]
+    done: _Outcome
 
 
 class ControlThread:
@@ -51,11 +75,11 @@ class ControlThread:
     def __init__(self, name: str, host: str, timeout: float) -> None:
         """`timeout` bounds each call, s of host time."""
         self.name, self.host, self.timeout = name, host, timeout
-        self._jobs: queue.Queue[_Job | None] = queue.Queue()
-        self._ready: Future[None] = Future()
+        self._jobs: queue.Queue[_Job | None] = timing.Queue()
+        self._ready = _Outcome()
         self._broken: InstrumentError | None = None
         self._kick_interval: float | None = None
-        self._thread = threading.Thread(target=self._run, name=f"{name} control", daemon=True)
+        self._thread = timing.Thread(target=self._run, name=f"{name} control", daemon=True)
 
     def start(self) -> None:
         """Connect and upload the program. Raises Unreachable, NotReady."""
@@ -87,7 +111,7 @@ class ControlThread:
         library gives up its connection."""
         if self._broken is not None:
             raise self._broken
-        job = _Job(do, Future())
+        job = _Job(do, _Outcome())
         self._jobs.put(job)
         try:
             result: T = job.done.result(self.timeout)
@@ -110,7 +134,8 @@ class ControlThread:
     def watch(self, frequency: float) -> bool:
         """Turn the controller's watchdog on: it stops the program when kicks come less often than `frequency` (Hz)."""
         accepted = self.call(lambda control: control.setWatchdog(frequency))
-        self._kick_interval = 1.0 / frequency / KICKS_PER_LIMIT
+        # five kicks within the time after which the watchdog bites
+        self._kick_interval = 1.0 / frequency / 5
         return bool(accepted)
 
     def operation(self) -> Operation:
@@ -125,7 +150,7 @@ class ControlThread:
     def finish(self, timeout: float) -> bool:
         """End the program and disconnect; False when that takes longer than `timeout` (s of host time)."""
         if self._broken is None:
-            self._jobs.put(_Job(lambda control: control.stopScript(), Future()))
+            self._jobs.put(_Job(lambda control: control.stopScript(), _Outcome()))
             self._jobs.put(None)
         self._thread.join(timeout)
         return not self._thread.is_alive()
@@ -135,12 +160,12 @@ class ControlThread:
         try:
             control = self._connected()
         except RuntimeError as error:
-            self._ready.set_exception(error)
+            self._ready.fail(error)
             return
-        self._ready.set_result(None)
+        self._ready.set(None)
         next_kick = 0.0
         while True:
-            now = time.monotonic()
+            now = timing.now()
             if not control.isConnected():
                 self.give_up("connection lost")
             elif self._kick_interval is not None and self._broken is None and now >= next_kick:
@@ -153,21 +178,21 @@ class ControlThread:
             if job is None:
                 break
             try:
-                job.done.set_result(job.do(control))
+                job.done.set(job.do(control))
             except Exception as error:  # whatever the library raises belongs to the caller
-                job.done.set_exception(error)
+                job.done.fail(error)
         control.disconnect()
 
     def _connected(self) -> Any:
         """A control object. Raises RuntimeError with the library's reason."""
-        give_up = time.monotonic() + RELEASED_WITHIN
+        give_up = timing.now() + RELEASED_WITHIN
         while True:
             try:
                 return rtde_control.RTDEControlInterface(self.host, -1.0, FLAGS)
             except RuntimeError as error:
-                if not (_in_use(str(error)) or _ended(str(error))) or time.monotonic() > give_up:
+                if not (_in_use(str(error)) or _ended(str(error))) or timing.now() > give_up:
                     raise
-            time.sleep(0.1)
+            timing.sleep(0.1)
 
 
 def _ended(reason: str) -> bool:

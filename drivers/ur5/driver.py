@@ -9,15 +9,17 @@ ur_rtde may hang or crash when the controller goes away, so this driver belongs 
 from __future__ import annotations
 
 import contextlib
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pydantic import Field, model_validator
 
+import timing
+from timing import Clock
+
 from ..configs import ArmConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, NotReady, StaleReading, WrongDevice
-from ..interfaces import ArmSample, Clock, Identity, Sink, Vector6
+from ..interfaces import ArmSample, Identity, Sink, Vector6
 from ..spec import Driver
 from . import motion as ur5_motion
 from . import wire as ur5_wire
@@ -28,11 +30,8 @@ from .state import Config as StateConfig
 from .state import UR5State
 from .tool import Tool, millimetres, same_pose
 
-RUNNING = 7
-"""robot_mode of an arm that is powered with its brakes released."""
 STILL_SPEED, STILL_TURNING = 2e-3, 1e-2
 """m/s and rad/s: below both the TCP counts as standing; the encoders' noise stays well below."""
-STILL_SAMPLES = 3
 DEADLINE_FACTOR = 2.0
 """A motion may take this many times as long as computed."""
 LEAST_SLIDER = 1 / DEADLINE_FACTOR
@@ -218,8 +217,8 @@ class UR5:
             self._move = None
             return False
         # The state comes over a connection of its own and may be some cycles behind.
-        move.ended = move.ended or time.monotonic()
-        if time.monotonic() - move.ended > self.config.timeout:
+        move.ended = move.ended or timing.now()
+        if timing.now() - move.ended > self.config.timeout:
             self._move = None
             raise DeviceFault(
                 self.name,
@@ -243,7 +242,7 @@ class UR5:
         travel = self.config.max_speed / self.config.stop_deceleration + STOP_ALLOWANCE
         deadline = Deadline.after(self._clock, travel, self.config.timeout)
         still, last = 0, sample.device_time
-        while still < STILL_SAMPLES:
+        while still < 3:
             sample = self._fresh(control)
             if sample.device_time != last:
                 last = sample.device_time
@@ -251,7 +250,7 @@ class UR5:
             if deadline.expired:
                 speed = max(abs(v) for v in sample.tcp_speed[:3])
                 raise DeviceFault(self.name, f"does not stop: still {speed:.3f} m/s; press the emergency stop")
-            time.sleep(LOOK_INTERVAL)
+            timing.sleep(LOOK_INTERVAL)
 
     def standing(self) -> bool:
         """True when the newest state shows the arm standing, whatever else is wrong with it.
@@ -295,7 +294,7 @@ class UR5:
         """Raises DeviceFault for a stop, NotReady for an arm without power or with its brakes on."""
         if stop := stop_text(seen.safety_bits, seen.safety_mode):
             raise DeviceFault(self.name, stop)
-        if seen.robot_mode != RUNNING:
+        if seen.robot_mode != 7:  # powered, brakes released
             raise NotReady(
                 self.name, f"robot mode {seen.robot_mode}; power the arm on at the pendant and release its brakes"
             )
@@ -326,16 +325,16 @@ class UR5:
 
     def _raise_cause(self, control: ControlThread) -> None:
         """Raise what the state shows to be wrong; it may come some cycles after the command's refusal."""
-        give_up = time.monotonic() + STATE_LAG
-        while time.monotonic() < give_up:
+        give_up = timing.now() + STATE_LAG
+        while timing.now() < give_up:
             self._healthy(control)
-            time.sleep(LOOK_INTERVAL)
+            timing.sleep(LOOK_INTERVAL)
 
     def _await_program(self, control: ControlThread) -> None:
         """Wait until the state, which comes over its own connection, shows the program running."""
-        give_up = time.monotonic() + self.config.timeout
-        while not self._fresh(control).program_running and time.monotonic() < give_up:
-            time.sleep(LOOK_INTERVAL)
+        give_up = timing.now() + self.config.timeout
+        while not self._fresh(control).program_running and timing.now() < give_up:
+            timing.sleep(LOOK_INTERVAL)
         self._healthy(control)
 
     def _set_tcp(self, control: ControlThread) -> None:
@@ -350,14 +349,14 @@ class UR5:
 
     def _started(self, control: ControlThread, before: int) -> int:
         """Number of the motion that was just sent, once the controller counts it; a quick one may be over by then."""
-        give_up = time.monotonic() + self.config.timeout
+        give_up = timing.now() + self.config.timeout
         while (number := control.operation().number) == before:
             self._healthy(control)
-            if time.monotonic() > give_up:
+            if timing.now() > give_up:
                 raise NoReply(
                     self.name, "the controller accepted the motion but did not start it; see the log on the pendant"
                 )
-            time.sleep(LOOK_INTERVAL)
+            timing.sleep(LOOK_INTERVAL)
         return number
 
     def _take_too_long(self, move: _Move) -> None:

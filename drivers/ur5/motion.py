@@ -7,16 +7,15 @@ half turn the same orientation has two of them with opposite signs.
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from ..errors import LimitExceeded
-from ..interfaces import Clock, Vector3, Vector6
+import timing
+from timing import Clock
 
-LEVER = 0.2
-"""m per rad: distance that a turn counts for when the time of a motion is estimated; more than the controller takes."""
+from ..errors import LimitExceeded
+from ..interfaces import Vector3, Vector6
 
 
 class Limits(Protocol):
@@ -99,7 +98,8 @@ def check_step(name: str, limits: Limits, here: Sequence[float], goal: Sequence[
 
 def duration(here: Sequence[float], goal: Sequence[float], speed: float, acceleration: float) -> float:
     """Time of a straight motion, s: accelerate, cruise, decelerate (an upper bound: v/a + d/v)."""
-    way = max(distance_between(here, goal), LEVER * turn_between(here, goal))
+    # a turn counts for 0.2 m per rad, more than the controller takes
+    way = max(distance_between(here, goal), 0.2 * turn_between(here, goal))
     return way / speed + speed / acceleration
 
 
@@ -116,12 +116,12 @@ class Deadline:
     @classmethod
     def after(cls, clock: Clock, rig_allowed: float, host_margin: float) -> Deadline:
         """Starts now; both in s."""
-        return cls(clock, clock.now(), time.monotonic(), rig_allowed, host_margin)
+        return cls(clock, clock.now(), timing.now(), rig_allowed, host_margin)
 
     @property
     def expired(self) -> bool:
         """True when the rig's part is over and the overdue, converted to host time, exceeds the margin."""
-        rig, host = self.clock.now() - self.rig_start, time.monotonic() - self.host_start
+        rig, host = self.clock.now() - self.rig_start, timing.now() - self.host_start
         if rig <= self.rig_allowed:
             return False
         return host * (1.0 - self.rig_allowed / rig) > self.host_margin

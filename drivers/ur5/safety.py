@@ -2,36 +2,46 @@
 
 from __future__ import annotations
 
-RUNS = 1 << 0 | 1 << 1
-"""Bits of safety_status_bits while the arm may move: normal mode, reduced mode."""
-THREE_POSITION = 11
+from ..interfaces import SafetyBit
+
 _POWER_ON = "power on, then close and open the arm again"
 _RELEASE = f"make the rig safe, release the button, {_POWER_ON}"
-_STOPS: tuple[tuple[int, str, str], ...] = (
-    (6, "robot emergency stop", _RELEASE),
-    (5, "system emergency stop", f"a button or input outside the robot; {_RELEASE}"),
-    (7, "emergency stop", _RELEASE),
-    (9, "safety fault", "see the log on the pendant, restart the controller"),
-    (8, "safety violation", "see the log on the pendant, restart the safety system"),
-    (2, "protective stop", "clear what was hit, enable the robot at the pendant, close and open the arm"),
-    (THREE_POSITION, "three-position stop", "hold the enabling device half pressed or switch to automatic mode, then close and "
-     "open the arm"),
-    (4, "safeguard stop", "close the guard and reset it, then close and open the arm"),
-    (3, "recovery mode", "move the joints back into their limits at the pendant, then close and open the arm"),
-    (10, "stop by the safety system", f"see the log on the pendant, {_POWER_ON}"),
+_STOPS: tuple[tuple[SafetyBit, str, str], ...] = (
+    (SafetyBit.ROBOT_EMERGENCY_STOP, "robot emergency stop", _RELEASE),
+    (SafetyBit.SYSTEM_EMERGENCY_STOP, "system emergency stop", f"a button or input outside the robot; {_RELEASE}"),
+    (SafetyBit.EMERGENCY_STOP, "emergency stop", _RELEASE),
+    (SafetyBit.FAULT, "safety fault", "see the log on the pendant, restart the controller"),
+    (SafetyBit.VIOLATION, "safety violation", "see the log on the pendant, restart the safety system"),
+    (SafetyBit.PROTECTIVE_STOP, "protective stop", "clear what was hit, enable the robot at the pendant, close and open the arm"),
+    (SafetyBit.THREE_POSITION_STOP, "three-position stop",
+     "hold the enabling device half pressed or switch to automatic mode, then close and open the arm"),
+    (SafetyBit.SAFEGUARD_STOP, "safeguard stop", "close the guard and reset it, then close and open the arm"),
+    (SafetyBit.RECOVERY, "recovery mode", "move the joints back into their limits at the pendant, then close and open the arm"),
+    (SafetyBit.STOPPED, "stop by the safety system", f"see the log on the pendant, {_POWER_ON}"),
 )  # fmt: skip
 """Bit of safety_status_bits, its name and the remedy, the gravest first."""
-_BIT_OF_MODE = {3: 2, 4: 3, 5: 4, 6: 5, 7: 6, 8: 8, 9: 9, 12: 4, 13: THREE_POSITION, 14: THREE_POSITION}
+_BIT_OF_MODE = {
+    3: SafetyBit.PROTECTIVE_STOP,
+    4: SafetyBit.RECOVERY,
+    5: SafetyBit.SAFEGUARD_STOP,
+    6: SafetyBit.SYSTEM_EMERGENCY_STOP,
+    7: SafetyBit.ROBOT_EMERGENCY_STOP,
+    8: SafetyBit.VIOLATION,
+    9: SafetyBit.FAULT,
+    12: SafetyBit.SAFEGUARD_STOP,
+    13: SafetyBit.THREE_POSITION_STOP,
+    14: SafetyBit.THREE_POSITION_STOP,
+}
 """safety_mode -> the bit of the same meaning; some stops show in one of the two only."""
 
 
 def stop_text(bits: int, mode: int) -> str:
     """Return the name of the stop that safety_status_bits and safety_mode report, and its remedy; empty when there is none."""
-    runs = bool(bits & RUNS)
+    runs = bool(bits & (SafetyBit.NORMAL | SafetyBit.REDUCED))
     if runs:  # an enabling device that nobody holds stops nothing while the controller says that the arm may move
-        bits &= ~(1 << THREE_POSITION)
-    bits |= 1 << _BIT_OF_MODE[mode] if mode in _BIT_OF_MODE else 0
+        bits &= ~int(SafetyBit.THREE_POSITION_STOP)
+    bits |= int(_BIT_OF_MODE.get(mode, 0))
     for bit, name, remedy in _STOPS:
-        if bits >> bit & 1:
+        if bits & bit:
             return f"{name}; {remedy}"
     return "" if runs else f"safety bits {bits:#x}, neither normal nor reduced mode; see the log on the pendant"

@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import math
 import threading
-import time
 from typing import Any
 
 import rtde_receive
 from pydantic import BaseModel, ConfigDict, Field
 
+import timing
+from timing import Clock
+
 from ..errors import BadReply, InstrumentError, NotReady, StaleReading, Unreachable
-from ..interfaces import ArmSample, Clock, Identity, Sink, Vector6
+from ..interfaces import ArmSample, Identity, Sink, Vector6
 from . import wire as ur5_wire
 
 VARIABLES = [
@@ -28,8 +30,6 @@ VARIABLES = [
     "robot_status_bits",
     "target_speed_fraction",
 ]
-PROGRAM_RUNNING = 1 << 1
-"""Bit of robot_status_bits."""
 RETRY_INTERVAL = 0.5
 """s of host time between attempts to get a lost stream back."""
 FARTHEST, LARGEST_ANGLE = 3.0, 7.0
@@ -104,8 +104,8 @@ class UR5State:
         """0..1, of the newest sample."""
         self._receive: Any = None
         self._thread: threading.Thread | None = None
-        self._stopping = threading.Event()
-        self._first = threading.Event()
+        self._stopping = timing.Event()
+        self._first = timing.Event()
 
     @property
     def cycle(self) -> float | None:
@@ -128,7 +128,7 @@ class UR5State:
         self._counter, self._newest = CycleCounter(), None
         self._stopping.clear()
         self._first.clear()
-        self._thread = threading.Thread(target=self._run, name=f"{self.name} state", daemon=True)
+        self._thread = timing.Thread(target=self._run, name=f"{self.name} state", daemon=True)
         self._thread.start()
         if not self._first.wait(self.config.timeout):
             self.close()
@@ -148,7 +148,7 @@ class UR5State:
         newest = self._newest
         if self._identity is None or newest is None:
             raise NotReady(self.name, "not open; call open() first")
-        age = time.monotonic() - newest[0]
+        age = timing.now() - newest[0]
         if age > self.config.max_age:
             raise StaleReading(
                 self.name,
@@ -191,11 +191,11 @@ class UR5State:
             tcp_pose=_six(pose),
             tcp_speed=_six(speed),
             safety_bits=int(safety),
-            program_running=bool(status & PROGRAM_RUNNING),
+            program_running=bool(status & (1 << 1)),
         )
         self.lost += self._counter.add(stamp)
         self.safety_mode, self.speed_slider = int(mode), float(slider)
-        self._newest = time.monotonic(), sample
+        self._newest = timing.now(), sample
         self._first.set()
         self._sink(sample)
         return stamp

@@ -14,18 +14,20 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
+import timing
+
 from ..errors import InstrumentError, Unreachable, WrongDevice
 from ..interfaces import Identity, Vector3, Vector6
 
 RTDE_PORT, SCRIPT_PORT, DASHBOARD_PORT = 30004, 30003, 29999
 _VERSION, _CONTROLLER, _OUTPUTS, _START, _TEXT, _DATA = b"VvOSMU"
-_RATE = 10.0
-"""Hz, of the one package that is waited for."""
 _HEADER = struct.Struct(">HB")
 _FORMATS = {"DOUBLE": "d", "INT32": "i", "UINT32": "I", "VECTOR6D": "6d", "VECTOR3D": "3d"}
 _ASKED = ("robot_mode", "safety_status_bits", "safety_mode", "target_speed_fraction", "actual_TCP_speed")
 _PAYLOAD = ("payload", "payload_cog")
 """Offered since PolyScope 3.11 and 5.5.1."""
+LONGEST_LINE = 1024
+"""Bytes of an answer of the dashboard that are read."""
 POLYSCOPE_X = 10
 """First major version without a dashboard server."""
 
@@ -120,7 +122,8 @@ class _Rtde:
 
     def subscribe(self, names: Sequence[str]) -> list[str]:
         """Ask for output variables; returns their types, `NOT_FOUND` for what is not offered."""
-        answer = self.ask(_OUTPUTS, struct.pack(">d", _RATE) + ",".join(names).encode())
+        # the one package that is waited for comes at 10 Hz
+        answer = self.ask(_OUTPUTS, struct.pack(">d", 10.0) + ",".join(names).encode())
         return answer[1:].decode("ascii", "replace").split(",")
 
     def receive(self, kind: int) -> bytes:
@@ -137,7 +140,7 @@ class _Rtde:
         data = b""
         while len(data) < count:
             try:
-                piece = self.line.recv(count - len(data))
+                piece = timing.recv(self.line, count - len(data))
             except TimeoutError as error:
                 raise Unreachable(
                     self.name,
@@ -180,18 +183,22 @@ def _dashboard(name: str, host: str, timeout: float, seen: Snapshot) -> Iterator
         line = connect(name, host, DASHBOARD_PORT, timeout)
     except Unreachable as error:
         raise _without_dashboard(name, where, seen) from error
-    with line, line.makefile("rb") as answers:
+    with line:
+        come = b""
 
         def hear() -> str:
+            nonlocal come
             try:
-                text = answers.readline(1024).decode("utf-8", "replace").strip()
+                while b"\n" not in come and len(come) < LONGEST_LINE and (piece := timing.recv(line, LONGEST_LINE)):
+                    come += piece
             except TimeoutError as error:
                 raise Unreachable(
                     name, f"dashboard {where} is silent for {timeout:g} s; restart the controller"
                 ) from error
             except OSError as error:
                 raise Unreachable(name, f"dashboard {where} closed the connection ({error})") from error
-            return text
+            text, _, come = come.partition(b"\n")
+            return text.decode("utf-8", "replace").strip()
 
         def ask(question: str) -> str:
             line.sendall(question.encode() + b"\n")

@@ -13,8 +13,6 @@ from diagnosis.judgement import CERTAIN
 from ..files.config import ConfigError
 from .folder import read_table
 
-LARGEST = 1e300
-"""No figure of an answer is larger."""
 HINT = "remove it and run `lab blind run` again"
 
 Effects = frozenset[str]
@@ -78,6 +76,21 @@ def read_answer(path: Path, case: str, after: int | None = None) -> Answer:
         raise ConfigError(f"{path}: holds no rounds of a diagnosis ({repr(e)[:200]}); {HINT}") from e
 
 
+def read_foreign(path: Path, case: str) -> Answer:
+    """The answer of another method: `attribute` with verdict, effects, probability and ranking, as in diagnosis.json.
+
+    Raises ConfigError for a file that holds none.
+    """
+    hint = 'write {"attribute": {"verdict": .., "effects": [..], "probability": .., "ranking": [..]}}'
+    found = read_table(path, hint)
+    if not isinstance(found, Mapping) or not isinstance(found.get("attribute"), Mapping):
+        raise ConfigError(f"{path}: holds no answer; {hint}")
+    try:
+        return answer_from(case, found)
+    except (TypeError, ValueError, AttributeError) as e:
+        raise ConfigError(f"{path}: holds no answer ({repr(e)[:200]}); {hint}") from e
+
+
 def answer_from(case: str, d: Mapping[str, Any], seconds: float = math.nan, asked: tuple[str, ...] = ()) -> Answer:
     """The answer in a diagnosis.json; what it lacks counts as not known."""
     attribute = d.get("attribute")
@@ -123,4 +136,4 @@ def _sizes(attribute: Mapping[str, Any], effects: Effects) -> dict[str, dict[str
 
 
 def _number(value: object, default: float = math.nan) -> float:
-    return float(value) if isinstance(value, (int, float)) and abs(value) < LARGEST else default
+    return float(value) if isinstance(value, (int, float)) and abs(value) < 1e300 else default

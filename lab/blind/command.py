@@ -57,9 +57,9 @@ def _run(a: argparse.Namespace) -> int:
 
 
 def _score(a: argparse.Namespace) -> int:
-    result = score(a.out, a.after)
-    path = write(result, a.out)
-    picture = draw(result, a.out / "score.png")
+    result = score(a.out, a.after, a.answers)
+    path = write(result, a.out, a.answers)
+    picture = draw(result, path.with_suffix(".png"))
     if a.json:
         print(json.dumps(result.as_dict(), indent=1))
     else:
@@ -124,6 +124,12 @@ RUN = (
 SCORE = (
     option("out", type=Path),
     option("--after", type=int, help="score the answers given after this many experiments (default: the last)"),
+    option(
+        "--answers",
+        type=Path,
+        metavar="FOLDER",
+        help="score those of another method in place of the diagnosis: CASE.json in the form of diagnosis.json",
+    ),
     JSON,
 )
 

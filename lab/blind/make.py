@@ -36,12 +36,6 @@ PREDICTED = "predicted.csv"
 """In a case folder: what another simulator predicts of its states."""
 ATTEMPTS = 20
 """Draws of sizes for one case until the robot keeps its equilibrium through all experiments."""
-NOMINAL_AREA_FACTOR = 1.6
-PREPARING = 40.0
-"""s between trials: vent, grow, jam."""
-LATER = 1e6
-"""s: experiments of the menu are done when the campaign of the base sweep is over."""
-LARGEST_BLEND = 1.0
 SMALLEST_PAIR, LARGEST_PAIR = 0.25, 2.0
 """Plausible scales between which a pair's partners are made comparable."""
 
@@ -163,7 +157,8 @@ def _measured(order: Order, attempt: int) -> tuple[Truth, dict[str, Table]]:
     readings = read(robot, walked, response, rng)
     tables = {base.name: table_of(base, readings)}
     for sweep in (*MENU, replace(base, name=AGAIN)) if order.menu else ():
-        later = walk_of(sweep, late=LATER)
+        # experiments of the menu are done when the campaign of the base sweep is over
+        later = walk_of(sweep, late=1e6)
         changing = respond(robot, later, tuple(courses(robot, later)))
         tables[sweep.name] = table_of(sweep, read(robot, later, changing, rng))
     closest = None
@@ -185,7 +180,7 @@ def _comparable(robot: Robot, effects: dict[str, float], walked: Walked) -> tupl
     sizes, made = dict(robot.sizes), dict(effects)
     # half of the way by the one that is too small, half by the other
     for effect, factor in ((one, ratio**-0.5), (two, ratio**0.5)):
-        most = LARGEST_BLEND if EFFECTS[effect].sign == "blend" else LARGEST_PAIR
+        most = 1.0 if EFFECTS[effect].sign == "blend" else LARGEST_PAIR
         size = float(np.sign(made[effect]) * np.clip(abs(made[effect]) * factor, SMALLEST_PAIR, most))
         sizes[effect] += size - made[effect]
         made[effect] = size
@@ -233,7 +228,8 @@ def walk_of(sweep: Sweep, late: float = 0.0) -> Walked:
             # the ramp goes on to its end before it turns
             legs.append(Leg(_pressures(sweep, sweep.pressures[-1]), sweep.rate, 0.0, read=False))
     ramps = sum(leg.hold for leg in legs) + 2 * sweep.pressures[-1] / sweep.rate
-    period = PREPARING + ramps
+    # s between trials: vent, grow, jam
+    period = 40.0 + ramps
     count = max(s.trial for s in states)
     trials = tuple(
         Trial(s.spine_length, s.vacuum, s.repeat, late + (s.trial - 1) * period) for s in states if s.step == 1
@@ -311,7 +307,7 @@ def robot_yaml(*, markers: bool, per_length: bool) -> str:
     """robot.yaml as a diagnosis gets it; its area factor is a starting value, to be calibrated."""
     robot = yaml.safe_load(paper_robot().read_text(encoding="utf-8"))
     if not per_length:
-        robot["area_factor"] = NOMINAL_AREA_FACTOR
+        robot["area_factor"] = 1.6
     if markers:
         robot["markers"] = [0.1, 0.2, 0.3]
     return yaml.safe_dump(robot, sort_keys=False)

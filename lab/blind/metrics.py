@@ -16,12 +16,8 @@ from diagnosis.judgement import CAUSE_PROBABILITY
 from .answers import Answer, Effects
 
 Array = NDArray[np.float64]
-FALSE_FLAGS = 0.10
-"""False flags that are allowed when unknowns are flagged by their score."""
 LEAST_PROBABILITY = 1e-4
 """A truth that was given no probability costs as much as this."""
-BINS = 10
-RESAMPLES = 2000
 
 
 @dataclass(frozen=True)
@@ -60,7 +56,7 @@ def bootstrap(values: Array, statistic: Callable[[Array], float], seed: int = 0)
     if n == 0:
         return Interval(np.nan, np.nan, np.nan, 0)
     rng = np.random.default_rng(seed)
-    drawn = [statistic(values[rng.integers(n, size=n)]) for _ in range(RESAMPLES)]
+    drawn = [statistic(values[rng.integers(n, size=n)]) for _ in range(2000)]
     low, high = np.percentile(drawn, [2.5, 97.5])
     return Interval(float(statistic(values)), float(low), float(high), n)
 
@@ -168,7 +164,7 @@ def metrics(cases: Sequence[Scored]) -> list[Metric]:
     ]  # fmt: skip
 
 
-def flagged_at(known: Sequence[Scored], outside: Sequence[Scored], share_allowed: float = FALSE_FLAGS) -> Interval:
+def flagged_at(known: Sequence[Scored], outside: Sequence[Scored], share_allowed: float = 0.10) -> Interval:
     """Share of unknowns whose stated probability of "unknown" exceeds that of all but a tenth of the known cases.
 
     A score that is the same for all (always 0) flags nothing.
@@ -192,7 +188,7 @@ def calibration_error(pairs: Array) -> float:
 
 def reliability(pairs: Array) -> list[tuple[float, float, int]]:
     """(mean stated, share right, cases) of each bin that holds cases."""
-    bins = np.minimum((pairs[:, 0] * BINS).astype(int), BINS - 1)
+    bins = np.minimum((pairs[:, 0] * 10).astype(int), 9)
     out = []
     for b in np.unique(bins):
         own = pairs[bins == b]

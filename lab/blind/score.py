@@ -6,6 +6,7 @@ import json
 import math
 import time
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from recordings.own_files import replaced
 
 from ..files.config import ConfigError
-from .answers import Answer, read_answer
+from .answers import Answer, read_answer, read_foreign
 from .by_mm import mm_metrics, weighed
 from .folder import SetFolder, open_seal
 from .metrics import Metric, Scored, best_temperature, confidence, confusion, metrics, reliability, scored
@@ -127,34 +128,40 @@ class Score:
         }  # fmt: skip
 
 
-def score(root: Path, after: int | None = None) -> Score:
-    """Open the seal of a set and score its answers, the last of each case or those `after` chosen experiments.
+def score(root: Path, after: int | None = None, others: Path | None = None) -> Score:
+    """Open the seal of a set and score its answers, the last of each case or those `after` chosen experiments; with `others`
+    those of another method, a file CASE.json in that folder for each case.
 
     Raises ConfigError when a case has no answer, or the seal is not the one that was committed to.
     """
     folder = SetFolder(root)
     about = folder.public()
-    paths = {name: folder.answers(name) / "rounds.json" for name in folder.names()}
-    missing = [name for name, path in paths.items() if not path.exists()]
+    at = {n: folder.answers(n) / "rounds.json" if others is None else others / f"{n}.json" for n in folder.names()}
+    missing = [name for name, path in at.items() if not path.exists()]
     if missing:
+        remedy = "run `lab blind run` first" if others is None else f"write {others}/CASE.json for each"
         raise ConfigError(
-            f"{root}: {len(missing)} of {len(paths)} cases have no answer ({', '.join(missing[:5])} ..); "
-            "the seal stays closed, run `lab blind run` first"
+            f"{root}: {len(missing)} of {len(at)} cases have no answer ({', '.join(missing[:5])} ..); "
+            f"the seal stays closed, {remedy}"
         )
-    answers: dict[str, Answer] = {name: read_answer(path, name, after) for name, path in paths.items()}
+    read = read_foreign if others is not None else partial(read_answer, after=after)
+    answers: dict[str, Answer] = {name: read(path, name) for name, path in at.items()}
     truth = open_seal(folder)
     cases = tuple(scored(truth[name], answers[name]) for name in sorted(answers))
     in_mm = [w for name in sorted(answers) if (w := weighed(truth[name], answers[name])) is not None]
     chosen = max((len(a.asked) for a in answers.values()), default=0)
-    return Score(root.name, about, chosen, cases, tuple(metrics(cases) + mm_metrics(in_mm)), targets(about, chosen))
+    name = root.name if others is None else f"{root.name}, {others.name}"
+    return Score(name, about, chosen, cases, tuple(metrics(cases) + mm_metrics(in_mm)), targets(about, chosen))
 
 
-def write(result: Score, root: Path) -> Path:
-    """score.json in the set's folder; it also marks the seal as opened."""
-    path = SetFolder(root).score
-    data = {**result.as_dict(), "opened": time.strftime("%Y-%m-%d %H:%M:%S")}
-    replaced(path, json.dumps(data, indent=1) + "\n")
-    return path
+def write(result: Score, root: Path, others: Path | None = None) -> Path:
+    """score.json in the set's folder, or that of other answers; the set's own also marks the seal as opened."""
+    own = SetFolder(root).score
+    place = own if others is None else others / own.name
+    data = json.dumps({**result.as_dict(), "opened": time.strftime("%Y-%m-%d %H:%M:%S")}, indent=1) + "\n"
+    for path in {place, place if own.exists() else own}:
+        replaced(path, data)
+    return place
 
 
 def _case(c: Scored) -> dict[str, Any]:

@@ -15,8 +15,6 @@ Reading = Literal["fly", "settled", "hold"]
 BEND = (9, 1, 2)
 """Chambers inflated in the base sweep."""
 ALL = tuple(range(1, 10))
-SETTLED_HOLD = 5.0
-"""s from the ramp's end to the middle of a settled reading."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +89,8 @@ class Sweep:
     def _holds(self, pressure: float) -> tuple[float, ...]:
         if self.reading == "hold":
             return self.holds
-        return (0.0,) if self.reading == "fly" and pressure > 0 else (SETTLED_HOLD,)
+        # s from the ramp's end to the middle of a settled reading
+        return (0.0,) if self.reading == "fly" and pressure > 0 else (5.0,)
 
 
 PAPER_LENGTHS = (0.0, 0.05, 0.10, 0.15, 0.20, 0.25, 0.30)

@@ -13,14 +13,16 @@ from typing import Any, get_origin
 import numpy as np
 import yaml
 
+from drivers.pressure_limits import VENTED
+from model.plain_yaml import MOST_PROBLEMS
 from model.robot import Robot
 from protocols.bench import Setup
-from protocols.planned import VENTED, cycles, setups
+from protocols.planned import cycles, setups
 from protocols.registry import Experiment
 
 from ..files.all_protocols import found_protocols, protocol_from_file
 from ..files.campaign_file import CampaignFile, Part, load_campaign
-from ..files.config import MOST_PROBLEMS, ConfigError, Loc, Source, in_units
+from ..files.config import ConfigError, Loc, Source, in_units
 from ..files.rig_file import RigFile, load_rig
 from ..verbs.run import Job, job
 from .order import changes, ordered

@@ -31,16 +31,10 @@ Array = NDArray[np.float64]
 
 PRESSURE_WITHIN, SPINE_WITHIN = 5e3, 5e-3
 """Pa and m within which a predicted state stands for a measured one; the rod bridges the rest."""
-UNITS_APART = 0.01
-"""Share of the measured pressures below which those of a file have another unit."""
 TOGETHER = (2e-3, 3e3, 1e-4, 1e-3, 1e-3, 1e-3, 1e-3)
 """m of spine, Pa, kg at the tip, rad of roll and N on the tip within which one setting is simulated for several readings."""
 BEHIND = len(TOGETHER) - 2
 """Numbers of a setting behind its pressures."""
-BATCH = 8
-"""Settings that a simulator is asked for at once."""
-STEP = 0.1
-"""Of a parameter's plausible scale, by which a simulator is differenced."""
 SETTING = ("spine_length", "tip_mass", "roll_deg")
 READ = ("x", "y", "z", "qw", "qx", "qy", "qz")
 
@@ -83,7 +77,8 @@ def _by_state(path: Path, found: Columns, case: Case) -> NDArray[np.int64]:
         )
     theirs = np.column_stack([np.asarray(found[name], float) for name in pressures])
     highest, measured = float(np.nanmax(theirs)), max((max(r.pressures) for r in case.table), default=0.0)
-    if measured > PRESSURE_WITHIN and highest < UNITS_APART * measured:
+    # a file whose pressures are this small has another unit
+    if measured > PRESSURE_WITHIN and highest < 0.01 * measured:
         raise ConfigError(
             f"{path}: its highest pressure is {highest:g} Pa, that of the table {measured:g} Pa; pressures are in Pa"
         )
@@ -210,8 +205,8 @@ def from_simulator(
         )
     settings = np.array([_setting(r, case) for r in case.table])
     distinct, place = _distinct(settings)
-    states = [distinct[i : i + BATCH] for i in range(0, len(distinct), BATCH)]
-    steps = [(p, STEP * scale[p]) for p in own.parameters] if varied else []
+    states = [distinct[i : i + 8] for i in range(0, len(distinct), 8)]
+    steps = [(p, 0.1 * scale[p]) for p in own.parameters] if varied else []
     variants: list[tuple[str, float]] = [("", 0.0), *steps]
     made: dict[str, Baseline] = {}
     for v, (parameter, step) in enumerate(variants):

@@ -21,7 +21,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from model.plain_yaml import MOST_CHARACTERS, BadYaml, parse
+from model.plain_yaml import MOST_CHARACTERS, MOST_PROBLEMS, BadYaml, parse
 from recordings.bounded import read_bounded
 
 from .units import UnitError, meant, sized, to_si, unit_text, written
@@ -33,8 +33,6 @@ SMALLEST = sys.float_info.min
 """Magnitude of a number other than zero: smaller ones lose their digits, and dividing by them overflows."""
 LIMITS = {"gt": operator.gt, "ge": operator.ge, "lt": operator.lt, "le": operator.le}
 """Of a field's number."""
-MOST_PROBLEMS = 50
-"""Of one file that are spelled out."""
 
 
 class ConfigError(Exception):

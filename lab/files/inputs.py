@@ -150,7 +150,7 @@ def unconfirmed_guesses(inputs: Sequence[Path]) -> list[str]:
     for place in inputs:
         path = place / "map.yaml"
         try:
-            lines = read_bounded(path, LARGEST_MAP, ConfigError).decode("utf-8", "replace").splitlines()
+            lines = read_bounded(path, 1_000_000, ConfigError).decode("utf-8", "replace").splitlines()  # bytes
         except ConfigError:  # a recording, or a case that was not imported
             continue
         found = [line.removeprefix(UNCONFIRMED).strip() for line in lines if line.startswith(UNCONFIRMED)]
@@ -171,8 +171,6 @@ UNCONFIRMED_GUESSES = "unconfirmed: "
 """How a concern about such lines begins."""
 MOST_GUESSES, MOST_OF_GUESS = 6, 60
 """Named one by one; characters of each."""
-LARGEST_MAP = 1_000_000
-"""Bytes."""
 DOUBTS = {
     "soft": "the jammed spine was soft",
     "bodies": "a body was where the robot cannot have brought it",

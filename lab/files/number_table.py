@@ -18,8 +18,6 @@ from .config import ConfigError
 
 Columns = dict[str, NDArray[np.generic]]
 
-LARGEST = 50_000_000
-"""Bytes."""
 MOST_ROWS = 200_000
 TEXTS = ("branch", "protocol")
 
@@ -30,7 +28,7 @@ def read_numbers(path: Path, wanted: Collection[str], pattern: str, told: str, e
     `told`: what a person is told to give; `empty`: a cell may be empty, and is NaN. Raises ConfigError naming file, line,
     column and value.
     """
-    data = read_bounded(path, LARGEST, ConfigError)
+    data = read_bounded(path, 50_000_000, ConfigError)  # bytes
     try:
         lines = list(csv.reader(io.StringIO(data.decode("utf-8-sig"), newline="")))
     except (UnicodeDecodeError, csv.Error) as e:

@@ -24,8 +24,6 @@ from recordings.bounded import read_bounded
 from .config import ConfigError
 
 T = TypeVar("T")
-LARGEST_CODE = 2_000_000
-"""Bytes of a Python file of one's own."""
 Unpack = Callable[[str, object], Mapping[str, T]]
 """What an entry point of this name gives, by name; raises `Unusable`."""
 
@@ -143,7 +141,7 @@ def python_file(path: Path) -> tuple[ModuleType, bytes]:
         raise ConfigError(f"{path}: no such file" + (f"; do you mean {path.with_name(near[0])}?" if near else ""))
     if spec is None or not path.is_file():
         raise ConfigError(f"{path}: is not a readable Python file")
-    text = read_bounded(path, LARGEST_CODE, ConfigError)
+    text = read_bounded(path, 2_000_000, ConfigError)  # bytes
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # where the annotations of its classes are looked up
     try:

@@ -18,9 +18,6 @@ from recordings.trials import Table
 from .config import ConfigError
 from .inputs import attached
 
-LONGEST_NAME = 200
-"""Bytes of a file's name; file systems take 255, and what is recovered gets a longer one."""
-
 
 @dataclass(frozen=True)
 class Broken:
@@ -74,7 +71,8 @@ def _journal_of(run: Path) -> Path:
 
 def _beside(file: Path, name: str) -> Path:
     """A file that another one names; ConfigError when it lies elsewhere."""
-    if not name or Path(name).name != name or "\0" in name or len(name.encode()) > LONGEST_NAME:
+    # file systems take 255 bytes, and what is recovered gets a longer name
+    if not name or Path(name).name != name or "\0" in name or len(name.encode()) > 200:
         raise ConfigError(f"{file}: names {name[:80]!r}, which is not a file in the same folder")
     return file.parent / name
 

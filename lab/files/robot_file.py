@@ -21,8 +21,6 @@ from recordings.own_files import replaced
 from .config import ConfigError, Loc, Source, check, field_at, unit_of
 from .units import KINDS
 
-PASSES = 3
-"""Over a given text; the last one finds nothing to change."""
 WRITTEN_DIGITS = 13
 """Significant digits of a number in a unit that is not the SI unit."""
 
@@ -36,7 +34,8 @@ def robot_yaml(robot: Robot, given: str = "") -> str:
     """
     text = given
     try:
-        for _ in range(PASSES):
+        # the last pass finds nothing to change
+        for _ in range(3):
             edited = _Edited(text, robot).text
             if edited == text:
                 return text

@@ -74,13 +74,10 @@ def example(unit: str) -> str:
     return {"Pa": "'50 kPa'", "m": "'5 cm'", "Pa/s": "'20 kPa/s'"}.get(unit, f"'1 {unit}'")
 
 
-LONGEST_UNIT = 30
-"""Letters of a unit that are shown: it may come from a file of somebody else."""
-
-
 def unit_text(unit: str, before: str = " ") -> str:
     """A unit as it stands behind a number or, after a comma, behind a name; nothing for 1."""
-    return "" if unit in ("", "1") else f"{before}{unit[:LONGEST_UNIT]}"
+    # the unit may come from a file of somebody else
+    return "" if unit in ("", "1") else f"{before}{unit[:30]}"
 
 
 USUAL = {"Pa": "kPa", "Pa/s": "kPa/s", "m": "cm", "m/s": "cm/s", "kg": "g"}

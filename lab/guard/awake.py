@@ -7,8 +7,9 @@ each look, and by no more than a look may take.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
+
+import timing
 
 LONGEST_LOOK = 0.3
 """Host seconds between two looks that still count in full."""
@@ -17,7 +18,7 @@ LONGEST_LOOK = 0.3
 class Awake:
     """Advanced by `look`, from one thread; read from any."""
 
-    def __init__(self, host: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, host: Callable[[], float] = timing.now) -> None:
         """`host`: the host's time, s."""
         self._host = host
         self._now = 0.0

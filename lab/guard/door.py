@@ -16,22 +16,21 @@ import hashlib
 import json
 import os
 import pwd
-import selectors
 import socket
 import struct
-import threading
-import time
-from collections.abc import Collection, Iterable
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
+import timing
 from recordings.json_text import read_json
 
 from .latch import RigLocked
 from .report import SafeReport
 
+A = TypeVar("A")
+B = TypeVar("B")
 PREFIX = "softlab/rig/"
 TAKE_WITHIN = 8.0
 """Host seconds to wait for an earlier guard that is still landing; it disconnects the arm, which takes 2 s."""
@@ -93,48 +92,49 @@ class Door:
         self._names, self._guard = frozenset(names), guard
         self._about = {"guard": f"{os.getpid()}-{id(self):x}", "rig": rig, "about": about, "names": sorted(names)}
         self._sockets: list[socket.socket] = []
-        self._selector = selectors.DefaultSelector()
-        self._turns = threading.BoundedSemaphore(MOST_AT_ONCE)
+        self._turns = timing.Queue()
+        """A turn for each that may be answered now."""
+        for turn in range(MOST_AT_ONCE):
+            self._turns.put(turn)
 
     def open(self, within: float = TAKE_WITHIN) -> None:
         """Own all names. Raises RigLocked at once when a guard owns one whose program is alive, and after `within` host
         seconds when one that is ending has not ended."""
-        deadline = time.monotonic() + within
+        deadline = timing.now() + within
         try:
             for name in sorted(self._names):
                 while (taken := _bound(name)) is None:
-                    late = time.monotonic() > deadline
+                    late = timing.now() > deadline
                     demand_free([name], ending_too=late)
                     if late:
                         raise RigLocked(f"{name} is owned by a program that cannot be asked; end it first")
-                    time.sleep(SLICE)
+                    timing.sleep(SLICE)
                 self._sockets.append(taken)
         except BaseException:
             self.close()
             raise
-        for taken in self._sockets:
-            self._selector.register(taken, selectors.EVENT_READ)
-        threading.Thread(target=self._serve, name="door", daemon=True).start()
+        timing.Thread(target=self._serve, name="door", daemon=True).start()
 
     def close(self) -> None:
         """Give the names back."""
         sockets, self._sockets = self._sockets, []
         for taken in sockets:
-            with contextlib.suppress(KeyError, ValueError):
-                self._selector.unregister(taken)
             taken.close()
 
     # -- answering
     def _serve(self) -> None:
         while self._sockets:
-            for key, _ in self._selector.select(SLICE):
+            try:
+                asked_at = timing.readable(self._sockets.copy(), SLICE)
+            except (OSError, ValueError):  # closed meanwhile
+                continue
+            for asked in asked_at:
                 with contextlib.suppress(OSError):
-                    assert isinstance(key.fileobj, socket.socket)
-                    connection, _ = key.fileobj.accept()
-                    self._turns.acquire()
-                    threading.Thread(target=self._answer, args=(connection,), name="asked", daemon=True).start()
+                    connection, _ = asked.accept()
+                    turn = self._turns.get()
+                    timing.Thread(target=self._answer, args=(connection, turn), name="asked", daemon=True).start()
 
-    def _answer(self, connection: socket.socket) -> None:
+    def _answer(self, connection: socket.socket, turn: int) -> None:
         """One question; whatever is wrong with it concerns nobody but who asked."""
         try:
             with connection, contextlib.suppress(OSError, ValueError):
@@ -151,7 +151,7 @@ class Door:
                     answer = {"error": "ask who or land"}
                 connection.sendall(json.dumps(answer).encode() + b"\n")
         finally:
-            self._turns.release()
+            self._turns.put(turn)
 
 
 # ------------------------------------------------------------------ who asks
@@ -160,8 +160,7 @@ def owners(names: Iterable[str] | None = None) -> list[Owner]:
     addresses = _all_addresses() if names is None else [_address(name) for name in names]
     if not addresses:
         return []
-    with ThreadPoolExecutor(min(len(addresses), MOST_AT_ONCE)) as pool:
-        found = [owner for owner in pool.map(_owner, addresses) if owner is not None]
+    found = [owner for owner in _each(_owner, addresses) if owner is not None]
     return list({owner.guard or str(owner.pid): owner for owner in found}.values())
 
 
@@ -217,8 +216,26 @@ def land(names: Iterable[str] | None = None) -> Landed:
     found = owners(names)
     if not found:
         return Landed({})
-    with ThreadPoolExecutor(len(found)) as pool:
-        return Landed(dict(zip(found, pool.map(_landed, found), strict=True)))
+    return Landed(dict(zip(found, _each(_landed, found, len(found)), strict=True)))
+
+
+def _each(ask: Callable[[A], B], whom: Sequence[A], at_once: int = MOST_AT_ONCE) -> list[B]:
+    """What each answers, asked at the same time."""
+    answers: list[Any] = [None] * len(whom)
+    waiting = list(range(len(whom)))[::-1]
+
+    def go() -> None:
+        with contextlib.suppress(IndexError):
+            while True:
+                i = waiting.pop()
+                answers[i] = ask(whom[i])
+
+    asking = [timing.Thread(target=go, name="ask") for _ in range(min(len(whom), at_once))]
+    for thread in asking:
+        thread.start()
+    for thread in asking:
+        thread.join()
+    return answers
 
 
 def _landed(owner: Owner) -> Answer | None:
@@ -259,7 +276,7 @@ def _ask(address: str, question: dict[str, str], within: float) -> tuple[dict[st
 
 def _line(connection: socket.socket) -> bytes:
     data = b""
-    while not data.endswith(b"\n") and len(data) < LONGEST and (more := connection.recv(4096)):
+    while not data.endswith(b"\n") and len(data) < LONGEST and (more := timing.recv(connection, 4096)):
         data += more
     return data
 

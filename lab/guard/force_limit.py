@@ -7,9 +7,9 @@ the raw reading against the sensor's range; afterwards the load beyond the zero,
 from __future__ import annotations
 
 import math
-import time
 from statistics import median
 
+import timing
 from drivers.configs import ForceConfig
 from drivers.interfaces import WrenchSample
 
@@ -38,7 +38,7 @@ class ForceLimit:
 
     def judge(self, sample: WrenchSample) -> None:
         """Take one sample."""
-        self._pulse.send(FRESH, time.monotonic())
+        self._pulse.send(FRESH, timing.now())
         found = self._beyond(sample)
         self._over = self._over + 1 if found else 0
         if found and self._over >= AGREE:  # as long as it lasts: what the guard lets pass at rest must not move later

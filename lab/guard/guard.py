@@ -12,16 +12,16 @@ from __future__ import annotations
 
 import contextlib
 import threading
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import timing
 from drivers.errors import InstrumentError, Unreachable, WrongDevice
 from drivers.interfaces import Identity
+from timing import RigClock
 
-from ..files.clock import RigClock
 from ..files.rig_file import RigFile
 from .door import TAKE_WITHIN, Door
 from .hosted import under_guard
@@ -87,7 +87,7 @@ class Guard:
             config = getattr(self.rig.instruments, name)
             if config is not None:
                 self.own.drivers[name] = self._make(name, config)
-                self.own.locks[name] = threading.Lock()
+                self.own.locks[name] = timing.Lock()
         self.under_force: UnderForce | None = None
         if "arm" in self.own.drivers:
             arm = self.own.drivers["arm"]
@@ -110,8 +110,8 @@ class Guard:
         self.ending = False
         """Its program has ended: it lands the rig and gives it back."""
         self._cause: InstrumentError | None = None
-        self._landing_lock = threading.RLock()
-        self._deciding = threading.Lock()
+        self._landing_lock = timing.RLock()
+        self._deciding = timing.Lock()
         self._why = ""
         """Why the rig was landed last."""
         self._clip_logged = 0.0
@@ -140,7 +140,7 @@ class Guard:
         """Poll the instruments, from now on and as soon as they are open."""
         for name in POLLED:
             if name in self.own.drivers:
-                threading.Thread(target=self._poll, args=(name,), name=f"poll-{name}", daemon=True).start()
+                timing.Thread(target=self._poll, args=(name,), name=f"poll-{name}", daemon=True).start()
 
     # -- commands
     def do(self, name: str, method: str, args: tuple[Any, ...]) -> Any:
@@ -236,7 +236,7 @@ class Guard:
                 self.monitor.may_have_taken(allowed)
             raise
         self.monitor.confirmed(held)
-        now = time.monotonic()
+        now = timing.now()
         worst = max((abs(a - b) for a, b in zip(pressures, held, strict=False)), default=0.0)
         if worst > CLIPPED and now - self._clip_logged > LOG_EVERY:
             self._clip_logged = now
@@ -297,7 +297,7 @@ class Guard:
             if self.landed:
                 return
             self.landed, self._cause = why, error
-            threading.Thread(target=go, name="land", daemon=True).start()
+            timing.Thread(target=go, name="land", daemon=True).start()
 
     def hand_over(self, by: str) -> SafeReport:
         """Land for somebody else, and for good: no command is taken any more, whatever a person confirms. While nothing is
@@ -347,7 +347,7 @@ class Guard:
     def _poll(self, name: str) -> None:
         """Read one instrument at the rig's rate; a reading that fails is passed on as its error."""
         while self.running:
-            due = time.monotonic() + 1 / self.rig.poll
+            due = timing.now() + 1 / self.rig.poll
             if name in self.own.opened:
                 sample: Any
                 try:
@@ -362,7 +362,7 @@ class Guard:
                 self.tell((name, sample))
                 for text in getattr(self.own.drivers[name], "take_notices", list)():
                     self.tell(Event("notice", text))
-            time.sleep(max(0.0, due - time.monotonic()))
+            timing.sleep(max(0.0, due - timing.now()))
 
     def _checked(self, name: str, sample: Any) -> Any:
         """The reading, or the error that stands for one that is not acceptable."""
@@ -411,11 +411,11 @@ class Guard:
         What is not confirmed is tried for `lives_on` host seconds more; what is, is disconnected at once.
         """
         self.finish()
-        until = time.monotonic() + lives_on
+        until = timing.now() + lives_on
         if going := self.landing.going:
             self._disconnect([n for n in self.own.drivers if n not in (*going, "gauge")])
-        while self.landing.going and time.monotonic() < until:
-            time.sleep(LOOK)
+        while self.landing.going and timing.now() < until:
+            timing.sleep(LOOK)
         with self._landing_lock:
             self._closed = True  # a landing that another thread still wants has been done
             self.landing.end()
@@ -429,7 +429,7 @@ class Guard:
         self.gone = True
 
     def _disconnect(self, names: Sequence[str]) -> None:
-        closing = [threading.Thread(target=self._close, args=(n,), name=f"close-{n}", daemon=True) for n in names]
+        closing = [timing.Thread(target=self._close, args=(n,), name=f"close-{n}", daemon=True) for n in names]
         for thread in closing:
             thread.start()
         for thread in closing:

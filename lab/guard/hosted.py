@@ -9,17 +9,16 @@ from __future__ import annotations
 
 import contextlib
 import subprocess
-import threading
-import time
 from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any
 
+import timing
 from drivers.errors import InstrumentError, NoReply, NotReady, Unreachable
+from timing import RigClock
 
 from ..files.all_drivers import drivers
-from ..files.clock import RigClock
-from .child import begin_child, how_it_ended, start_served
+from .child import Child, begin_child, how_it_ended, start_served
 from .instruments import make
 
 PING_PERIOD = 0.1
@@ -41,9 +40,9 @@ class Hosted:
         self._setup = (name, driver, own, clock.speed, clock.start)
         self._outside = make(name, driver, drivers()[driver].config.model_validate_json(own), clock)
         """Never opened: it looks at the instrument from outside, without the library that may crash."""
-        self._lock = threading.Lock()
-        self._sending = threading.Lock()
-        self._process: subprocess.Popen[bytes] | None = None
+        self._lock = timing.Lock()
+        self._sending = timing.Lock()
+        self._process: Child | None = None
         self._line: Connection | None = None
         self._lost = ""
         """Why the process was given up: every call says it until it is opened anew, whoever heard of it first."""
@@ -93,7 +92,7 @@ class Hosted:
                 return
             self._process, line = start_served("lab.guard.hosted", self._setup)
             self._line, self._lost = line, ""
-            threading.Thread(target=self._ping, args=(line,), name=f"ping-{self.name}", daemon=True).start()
+            timing.Thread(target=self._ping, args=(line,), name=f"ping-{self.name}", daemon=True).start()
 
     def _ask(self, method: str, args: tuple[Any, ...], within: float) -> Any:
         if not self._lock.acquire(timeout=within):
@@ -105,7 +104,7 @@ class Hosted:
             try:
                 with self._sending:
                     line.send((method, args))
-                if not line.poll(within):
+                if not timing.readable([line], within):
                     raise self._give_up(
                         f"{method} did not return within {within:g} s; its process was killed and the controller's watchdog "
                         "stops the arm: check that it stands still, then open it again"
@@ -152,7 +151,7 @@ class Hosted:
 
     def _ping(self, line: Connection) -> None:
         """Between the calls, as long as this is the line to the process."""
-        time.sleep(PING_PERIOD)
+        timing.sleep(PING_PERIOD)
         while self._line is line:
             if self._sending.acquire(blocking=False):
                 try:
@@ -161,7 +160,7 @@ class Hosted:
                     pass
                 finally:
                     self._sending.release()
-            time.sleep(PING_PERIOD)
+            timing.sleep(PING_PERIOD)
 
 
 def under_guard(name: str, config: Any, clock: RigClock) -> Any:
@@ -172,13 +171,20 @@ def under_guard(name: str, config: Any, clock: RigClock) -> Any:
 
 
 # ------------------------------------------------------------------ the process
+def serve(given: list[int]) -> int:
+    """Serve a guard on the file descriptor that it gave, until it ends."""
+    with Connection(given[0]) as line:
+        _serve(line)
+    return 0
+
+
 def _serve(line: Connection) -> None:
-    name, driver_name, config, speed, start = line.recv()
+    name, driver_name, config, speed, start = timing.receive(line)
     driver = make(name, driver_name, drivers()[driver_name].config.model_validate_json(config), RigClock(speed, start))
     stopped = True
     with contextlib.suppress(EOFError, OSError):
         while True:
-            if not line.poll(SILENT_AFTER):
+            if not timing.readable([line], SILENT_AFTER):
                 if not stopped:
                     stopped = True
                     with contextlib.suppress(InstrumentError):
@@ -204,5 +210,4 @@ def _answer(driver: Any, name: str, method: str, args: tuple[Any, ...]) -> tuple
 
 
 if __name__ == "__main__":
-    (given,) = begin_child()
-    _serve(Connection(given))
+    serve(begin_child())

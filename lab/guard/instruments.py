@@ -6,7 +6,7 @@ import os
 from typing import Any
 
 from drivers.configs import HOSTS, PORTS
-from drivers.interfaces import Clock
+from timing import Clock
 
 from ..files.all_drivers import drivers
 from ..files.rig_file import RigFile, present, table_of

@@ -12,11 +12,11 @@ the instrument is confirmed safe, another landing begins, or `end` is called.
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import timing
 from drivers.errors import InstrumentError, NoReply, NotReady, Unreachable
 
 from ..files.rig_file import Safe
@@ -57,13 +57,13 @@ class _Attempts:
     """All attempts of one landing at one instrument."""
 
     name: str
-    began: float = field(default_factory=time.monotonic)
+    began: float = field(default_factory=timing.now)
     """Host time, s."""
-    sent: threading.Event = field(default_factory=threading.Event)
+    sent: threading.Event = field(default_factory=timing.Event)
     """The first stop was taken or refused."""
-    judged: threading.Event = field(default_factory=threading.Event)
+    judged: threading.Event = field(default_factory=timing.Event)
     """It is confirmed, or its time is over."""
-    ended: threading.Event = field(default_factory=threading.Event)
+    ended: threading.Event = field(default_factory=timing.Event)
     """No further attempt: it is confirmed, or another landing has begun."""
     step: SafeStep | None = None
     reported: bool = False
@@ -83,7 +83,7 @@ class Landing:
         report, with the host seconds since its landing began."""
         self._policy, self._late = policy, late
         self._going: dict[str, _Attempts] = {}
-        self._lock = threading.Lock()
+        self._lock = timing.Lock()
         self._rig = instruments
         self._within = max(LEAST_TIME, policy.within / speed)
         self._gauge_until = 0.0
@@ -94,7 +94,7 @@ class Landing:
 
         Those that are not open are opened, trying for `reach` host seconds.
         """
-        began = time.monotonic()
+        began = timing.now()
         order = [n for n in self._policy.order if n in names and not (n == "valve" and keep_vacuum)]
         self.end(order)
         if "valve" in order:
@@ -104,18 +104,18 @@ class Landing:
             attempts = _Attempts(name)
             with self._lock:
                 self._going[name] = attempts
-            threading.Thread(target=self._one, args=(attempts, reach), name=f"land-{name}", daemon=True).start()
+            timing.Thread(target=self._one, args=(attempts, reach), name=f"land-{name}", daemon=True).start()
             landing.append(attempts)
             attempts.sent.wait(HEAD_START)
-        give_up = time.monotonic() + reach + self._within + LEAST_TIME
+        give_up = timing.now() + reach + self._within + LEAST_TIME
         for attempts in landing:
-            attempts.judged.wait(max(0.0, give_up - time.monotonic()))
+            attempts.judged.wait(max(0.0, give_up - timing.now()))
         hung = "its driver does not respond; stop it by hand"
         with self._lock:
             for attempts in landing:
                 attempts.reported = True
             steps = tuple(a.step or SafeStep(a.name, False, hung) for a in landing)
-        return SafeReport(steps, time.monotonic() - began)
+        return SafeReport(steps, timing.now() - began)
 
     @property
     def going(self) -> tuple[str, ...]:
@@ -141,8 +141,8 @@ class Landing:
             except Exception:  # noqa: BLE001 - without it the relay's word must do
                 self._gauge_until = 0.0
 
-        self._gauge_until = time.monotonic() + LEAST_TIME
-        threading.Thread(target=go, name="open-gauge", daemon=True).start()
+        self._gauge_until = timing.now() + LEAST_TIME
+        timing.Thread(target=go, name="open-gauge", daemon=True).start()
 
     def _one(self, attempts: _Attempts, reach: float) -> None:
         """Stop one instrument, then read it, until it is safe or somebody ends it.
@@ -152,20 +152,20 @@ class Landing:
         name = attempts.name
         stop, is_safe = self._ways(name)
         closed = name not in self._rig.opened
-        deadline = time.monotonic() + (reach if closed else self._within)
+        deadline = timing.now() + (reach if closed else self._within)
         taken, overtook, again_at = False, True, 0.0
         while not attempts.ended.is_set():
             confirmed = False
             try:
-                if overtook or time.monotonic() >= again_at:
-                    before, again_at = self._rig.busy(name), time.monotonic() + AGAIN
+                if overtook or timing.now() >= again_at:
+                    before, again_at = self._rig.busy(name), timing.now() + AGAIN
                     try:
                         stop()
                     finally:
                         attempts.sent.set()
                     taken, overtook = True, before
                 if closed and self._is_open(name):
-                    closed, deadline = False, time.monotonic() + self._within
+                    closed, deadline = False, timing.now() + self._within
                 confirmed, text = is_safe()
             except Exception as e:  # noqa: BLE001 - whatever one driver does must not keep the others from stopping
                 failed = "cannot be reached" if not self._is_open(name) else "did not accept the stop"
@@ -174,7 +174,7 @@ class Landing:
                     self._rig.lost.add(name)
             if overtook and confirmed:
                 confirmed, text = False, f"{text}, but an earlier command has not returned"
-            if confirmed or time.monotonic() > deadline:
+            if confirmed or timing.now() > deadline:
                 self._judge(attempts, SafeStep(name, confirmed, text))
             attempts.ended.wait(AGAIN if attempts.judged.is_set() else RETRY)
 
@@ -189,7 +189,7 @@ class Landing:
                 attempts.ended.set()
                 del self._going[attempts.name]
         if step.confirmed and attempts.reported:
-            self._late(step, time.monotonic() - attempts.began)
+            self._late(step, timing.now() - attempts.began)
 
     def _is_open(self, name: str) -> bool:
         return name in self._rig.opened and name not in self._rig.lost
@@ -227,7 +227,7 @@ class Landing:
         """By the relay's coil, and by the gauge where it answers: a welded contact shows there alone."""
         if valve.read().on:
             return False, "vacuum on"
-        if not self._is_open(GAUGE) and time.monotonic() < self._gauge_until:
+        if not self._is_open(GAUGE) and timing.now() < self._gauge_until:
             return False, "vacuum off according to its relay; the gauge is being opened"
         gauge = self._rig.drivers.get(GAUGE)
         try:

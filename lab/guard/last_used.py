@@ -24,8 +24,6 @@ from ..files.rig_file import RigFile
 
 FOLDER = Path("/var/tmp")
 PREFIX = "softlab-rig-"
-LONGEST = 1_000_000
-"""Bytes that are read."""
 
 
 def remember(rig: RigFile) -> None:
@@ -69,7 +67,7 @@ def _all(digest: str) -> Iterator[RigFile]:
     for _, place in sorted(places, reverse=True):
         with contextlib.suppress(OSError, ValueError, KeyError, TypeError, ValidationError):
             with open(opened(place, os.O_RDONLY), "rb") as file:
-                about, text = os.fstat(file.fileno()), file.read(LONGEST)
+                about, text = os.fstat(file.fileno()), file.read(1_000_000)
             data = read_json(text)
             path = Path(data["path"])
             if stat.S_IMODE(about.st_mode) & 0o022 or about.st_uid not in _trusted(path):

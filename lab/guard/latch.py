@@ -20,8 +20,6 @@ from recordings.own_files import opened, replaced
 
 from ..plain import one_line
 
-LATCH_LIMIT = 100_000
-"""Characters of a latch that are read."""
 JOURNAL_LIMIT = 1_000_000
 """Bytes after which the journal starts anew."""
 
@@ -53,7 +51,7 @@ class Latch:
         """The entry that locks the rig; None when it is free. A file that cannot be understood locks too."""
         try:
             with open(opened(self.path, os.O_RDONLY), encoding="utf-8") as file:
-                text = file.read(LATCH_LIMIT)
+                text = file.read(100_000)
         except FileNotFoundError:
             return None
         except (OSError, UnicodeDecodeError) as e:

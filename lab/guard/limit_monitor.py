@@ -13,16 +13,11 @@ from typing import Any, Literal
 from drivers.chambers import ChamberMap
 from drivers.errors import DeviceFault
 from drivers.interfaces import GaugeSample, PressureSample, SpineSample
+from recordings.states.rules import AMBIENT
 
 from ..files.rig_file import RigFile
 from .pressure_envelope import PressureEnvelope
 
-STANDARD_AMBIENT = 101_325.0
-"""Pa absolute."""
-ROUNDED = 2e3
-"""Pa by which the set-point that a regulator holds may differ from the one it confirmed."""
-AGREE = 2
-"""Readings that must agree that a set-point was lost."""
 SLACK = 0.01
 """m beyond max_length that an encoder may show before the spine counts as out of control."""
 
@@ -83,7 +78,7 @@ class LimitMonitor:
         if isinstance(sample, PressureSample):
             return self._pressure(name, sample)
         if isinstance(sample, GaugeSample):
-            lowest = STANDARD_AMBIENT - self._limits.max_vacuum
+            lowest = AMBIENT - self._limits.max_vacuum
             if not math.isfinite(sample.absolute) or sample.absolute < lowest:
                 return _landing(
                     name,
@@ -129,10 +124,11 @@ class LimitMonitor:
         off = [
             (channel, confirmed, held)
             for channel, (confirmed, held) in enumerate(zip(known, sample.setpoint, strict=True), 1)
-            if abs(confirmed - held) > ROUNDED
+            # Pa; regulators round the set-points that they hold
+            if abs(confirmed - held) > 2e3
         ]
         self._lost_in_row = self._lost_in_row + 1 if off else 0
-        if self._lost_in_row < AGREE:
+        if self._lost_in_row < 2:
             return None
         channel, confirmed, held = off[0]
         return _landing(

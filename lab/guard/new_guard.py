@@ -10,7 +10,8 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Sequence
 
-from ..files.clock import RigClock
+from timing import RigClock
+
 from ..files.rig_file import RigFile
 from . import door
 from .guard import REACH_WITHIN, Guard

@@ -14,11 +14,6 @@ from __future__ import annotations
 
 import math
 
-AGREE = 2
-"""Readings in a row that must be outside of the bounds: one may have been read out of step."""
-BACK = 1.0
-"""s near its set-point after which a channel follows again: a stuck one is merely passed by its set-point in a ramp."""
-
 
 class PressureEnvelope:
     """Bounds (Pa gauge) of one channel, and since when it has been away from its set-point."""
@@ -51,10 +46,12 @@ class PressureEnvelope:
         self._lowest, self._highest = math.inf, -math.inf
         if abs(measured - setpoint) <= self._error:
             self._outside, self._near_since = 0, min(self._near_since, t)
-            if t - self._near_since >= BACK:
+            # a stuck channel is merely passed by its set-point in a ramp
+            if t - self._near_since >= 1.0:
                 self._off_since = math.inf
             return False
         self._off_since, self._near_since = min(self._off_since, t), math.inf
         outside = not self._low - self._error <= measured <= self._high + self._error
         self._outside = self._outside + 1 if outside else 0
-        return self._outside >= AGREE and t - self._off_since >= self._patience
+        # one reading may have been read out of step
+        return self._outside >= 2 and t - self._off_since >= self._patience

@@ -10,15 +10,15 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
-import threading
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import Connection
 from pathlib import Path
-from queue import SimpleQueue
+from queue import Queue
 from typing import Any
 
+import timing
 from drivers.errors import DeviceFault, InstrumentError
+from timing import RigClock
 
-from ..files.clock import RigClock
 from ..files.rig_file import RigFile
 from .awake import Awake
 from .child import begin_child
@@ -32,6 +32,8 @@ LOOK = 0.05
 """Longest host seconds between two looks at the pulse."""
 BEAT_BACK = 0.2
 """Host seconds between two signs of life to the program."""
+END = None
+"""The message after which none follows."""
 MOST_WAITING = 100
 """Messages waiting for the program beyond which no further sample joins them."""
 
@@ -42,8 +44,8 @@ class Reports:
 
     def __init__(self, pipe: Connection) -> None:
         self._pipe = pipe
-        self._queue: SimpleQueue[Any] = SimpleQueue()
-        threading.Thread(target=self._send, name="reports", daemon=True).start()
+        self._queue: Queue[Any] = timing.Queue()
+        timing.Thread(target=self._send, name="reports", daemon=True).start()
 
     def __call__(self, message: Any) -> None:
         """See guard.Tell."""
@@ -53,11 +55,15 @@ class Reports:
 
     def _send(self) -> None:
         with contextlib.suppress(OSError, ValueError):  # the program has gone: the watch sees it
-            while True:
-                self._pipe.send(self._queue.get())
+            while (message := self._queue.get()) is not END:
+                self._pipe.send(message)
+
+    def close(self) -> None:
+        """Nothing follows."""
+        self._queue.put(END)
 
 
-class ProgramWatch(threading.Thread):
+class ProgramWatch(timing.Thread):
     """Listens to the program's pulse; lands when it ends, falls silent, hangs or shouts."""
 
     def __init__(self, guard: Guard, pulse: Listener) -> None:
@@ -67,9 +73,15 @@ class ProgramWatch(threading.Thread):
 
     def run(self) -> None:
         """Until the program or the guard ends."""
+        try:
+            self._listen()
+        finally:
+            self._pulse.close()
+
+    def _listen(self) -> None:
         guard, heard, beat_back = self._guard, self._awake.now, 0.0
         while not guard.gone:  # to the last: an arm takes its time to disconnect
-            wait([self._pulse.pipe], LOOK)
+            timing.readable([self._pulse.pipe], LOOK)
             records = self._pulse.take()
             now = self._awake.look()
             if any(kind != FRESH for kind, _ in records):  # a sign of life of the program, not only of its force sensor
@@ -109,7 +121,7 @@ def _serve(guard: Guard, commands: Connection) -> None:
     """Take commands until the program says goodbye or is gone."""
     with contextlib.suppress(EOFError, OSError):
         while True:
-            number, name, method, args = commands.recv()
+            number, name, method, args = timing.receive(commands)
             if method == "end":
                 going = guard.finish()
                 if going:
@@ -132,32 +144,43 @@ def _serve(guard: Guard, commands: Connection) -> None:
 
 def _live_on(guard: Guard) -> None:
     """Go on landing without the program; its terminal and pipes are left to whoever waits for their end."""
-    with contextlib.suppress(OSError):
-        nothing = os.open(os.devnull, os.O_RDWR)
-        for output in (1, 2):
-            os.dup2(nothing, output)
+    if not timing.together():  # else they are its program's own
+        with contextlib.suppress(OSError):
+            nothing = os.open(os.devnull, os.O_RDWR)
+            for output in (1, 2):
+                os.dup2(nothing, output)
     guard.close(LIVES_ON)
 
 
 def main(commands: Connection, pulse: Listener, reports: Connection) -> int:
     """Run one guard."""
-    start: Start = commands.recv()
+    start: Start = timing.receive(commands)
     rig = RigFile.model_validate_json(start.rig).read_from(Path(start.path) if start.path else None)
     clock = RigClock(rig.clock.speed, start.clock_start)
-    guard = Guard(rig, clock, start.despite_latch, Reports(reports), start.about)
+    told = Reports(reports)
+    guard = Guard(rig, clock, start.despite_latch, told, start.about)
     try:
         guard.take_over()
     except RigLocked as e:
         commands.send((0, False, e))
+        told.close()
+        pulse.close()
         return 1
     commands.send((0, True, None))
     guard.start()
     ProgramWatch(guard, pulse).start()
     _serve(guard, commands)
+    told.close()
     return 0
 
 
+def serve(given: list[int]) -> int:
+    """Run one guard on the file descriptors that it was given; returns the exit code."""
+    commands, pulse, reports = given
+    with Connection(commands) as taken, Connection(reports, readable=False) as sent:
+        return main(taken, Listener(pulse), sent)
+
+
 if __name__ == "__main__":
-    commands, pulse, reports = begin_child()
-    code = main(Connection(commands), Listener(pulse), Connection(reports, readable=False))
+    code = serve(begin_child())
     os._exit(code)  # threads may be stuck in a driver that does not come back

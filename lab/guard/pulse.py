@@ -10,8 +10,9 @@ from __future__ import annotations
 import contextlib
 import os
 import struct
-import threading
 from collections.abc import Iterator
+
+import timing
 
 from .awake import Awake
 
@@ -33,8 +34,8 @@ class Pulse:
         """Clock that runs only while this process is awake; silences and long steps are measured on it."""
         self._last = self.awake.now
         self._waits = 0
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._beat, name="pulse", daemon=True)
+        self._ended = timing.Event()
+        self._thread = timing.Thread(target=self._beat, name="pulse", daemon=True)
         self._thread.start()
 
     def mark(self) -> None:
@@ -82,6 +83,10 @@ class Listener:
         self.gone = False
         """True once the other end is closed: the program has ended."""
         self._rest = b""
+
+    def close(self) -> None:
+        """Hear no more."""
+        os.close(self.pipe)
 
     def take(self) -> list[tuple[bytes, float]]:
         """All records that have come."""

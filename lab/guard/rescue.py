@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from recordings.json_text import read_json
+from timing import RigClock
 
-from ..files.clock import RigClock
 from ..files.rig_file import RigFile
 from .child import begin_child, start_child
 from .guard import LIVES_ON, Guard

@@ -11,20 +11,16 @@ from drivers.interfaces import PressureSample
 
 PA = (1.0, 98.0665, 100.0, 133.322, 249.089, 1e3, 3386.39, 6894.757, 98_066.5, 1e5, 101_325.0, 1e6)
 """Pa in the units of measure that panels offer: Pa, cmH2O, mbar, torr, inH2O, kPa, inHg, psi, kg/cm2, bar, atm, MPa."""
-LEAST = 1.5
-"""Smaller ratios (bar to atm) are no danger, and a pressure that is ramped passes through them."""
-RATIOS = tuple(sorted(a / b for a in PA for b in PA if a / b > LEAST))
-NEAR = 0.05
-"""Share by which a jump may differ from a ratio of units: noise, and what the pressure did between two readings."""
-SHOWS = 3e3
-"""Pa; of two readings the higher one must be above this, or noise would jump by any ratio."""
+# smaller ratios (bar to atm) are no danger, and a pressure that is ramped passes through them
+RATIOS = tuple(sorted(a / b for a in PA for b in PA if a / b > 1.5))
 
 
 def jumps(before: PressureSample, now: PressureSample) -> int:
     """The first channel (from 1) whose pressure jumped by a ratio of units of measure; 0 for none."""
     for channel, pair in enumerate(zip(before.measured, now.measured, strict=True), 1):
         low, high = sorted(map(abs, pair))
-        if high > SHOWS and any(abs(high - ratio * low) <= NEAR * high for ratio in RATIOS):
+        # Pa; below, noise would jump by any ratio. 5 %: noise, and what the pressure did between two readings
+        if high > 3e3 and any(abs(high - ratio * low) <= 0.05 * high for ratio in RATIOS):
             return channel
     return 0
 

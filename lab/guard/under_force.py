@@ -10,13 +10,12 @@ A rig whose force sensor was not opened has nothing to wait for.
 
 from __future__ import annotations
 
-import threading
-import time
 from collections import deque
 from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
+import timing
 from drivers.errors import InstrumentError, StaleReading
 
 from ..files.rig_file import Limits
@@ -48,14 +47,14 @@ class UnderForce:
         self._arm, self._limits = arm, limits
         self._begin, self._log, self._fail = begin, tell, fail
         self._arrivals: deque[float] = deque(maxlen=FLOW)
-        self._turn = threading.Lock()
+        self._turn = timing.Lock()
         self._goal: Call | None = None
         self._waits = self._reported = False
         self._stood = 0.0
         """Host seconds that motions stood still for, less those they moved for."""
-        self._under_way = threading.Event()
+        self._under_way = timing.Event()
         self._finished = False
-        threading.Thread(target=self._watch, name="under-force", daemon=True).start()
+        timing.Thread(target=self._watch, name="under-force", daemon=True).start()
 
     def sampled(self, at: float) -> None:
         """A force sample has come, at this host time."""
@@ -142,7 +141,7 @@ class UnderForce:
     # -- the samples
     def _age(self) -> float:
         """Of the newest sample, host s; 0 where none ever came: the sensor is not in use."""
-        return time.monotonic() - self._arrivals[-1] if self._arrivals else 0.0
+        return timing.now() - self._arrivals[-1] if self._arrivals else 0.0
 
     def _flows(self) -> bool:
         """Whether samples come one shortly after the other."""
@@ -157,11 +156,11 @@ class UnderForce:
         failed = 0
         while not self._finished:
             self._under_way.wait()
-            began = time.monotonic()
+            began = timing.now()
             if not self._waits and self._age() > self._limits.max_age_in_motion:
                 failed = failed + 1 if not self._hold(last=failed + 1 == STOPS) else 0
-            time.sleep(LOOK)
-            past = time.monotonic() - began
+            timing.sleep(LOOK)
+            past = timing.now() - began
             self._stood = self._stood + past if self._waits else max(0.0, self._stood - past)
 
     def _hold(self, last: bool) -> bool:

@@ -20,8 +20,6 @@ from .columns import Judged, judge, of_frame
 from .map_file import Source
 from .series import LARGEST, Array, Series, demand_bounded, of_judged
 
-WIDE = 20
-"""Times as many columns as rows, from which an array alone lies on its side."""
 LAST = ("point", "axis")
 """Dimensions of an array that become columns."""
 
@@ -166,7 +164,8 @@ def _lies_on_its_side(table: Array) -> bool:
     """Whether the rows of a table alone run along its second dimension: it is very wide, or time does."""
     high, wide = table.shape
     rises = [len(line) > 1 and bool((np.diff(line) > 0).all()) for line in (table[0], table[:, 0])]
-    return wide >= WIDE * high or (wide > high and rises == [True, False])
+    # an array alone that is this wide lies on its side
+    return wide >= 20 * high or (wide > high and rises == [True, False])
 
 
 def _held(path: Path, given: Mapping[str, Any], name: str, place: str) -> Any:

@@ -33,8 +33,6 @@ FILLERS = frozenset([s * float(n) for n in (999, 9999, 99999, 999999, 9999999) f
 """Numbers that programs write where nothing was measured."""
 BEYOND = 1e25
 """Numbers from here on are none that anybody measured; ns since 1970 are below."""
-FILLER_SHARE = 0.1
-"""Of a filler, below which all other numbers of its column lie."""
 WRITTEN = str.maketrans({"\u2212": "-", "\u2013": "-", "\u00a0": " ", "\u202f": " "})
 """How minus signs and blanks are written besides."""
 GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}(?:([.,' ’])\d{3})(?:\1\d{3})*(?=$|[.,]\d*$)")
@@ -45,8 +43,6 @@ HOURS = re.compile(r"(\d{1,2}):(\d{2})\s*([AaPp][Mm])?")
 DATE = re.compile(r"\d{1,4}[-/.](?:\d{1,2}|[A-Za-z]{3})[-/.]\d{1,4}(?:[T ,]+\d{1,2}:\d{2}.*)?|\d{8}T\d{6}.*")
 DAY = 86400.0
 """s"""
-SAMPLE = 1000
-"""Cells by which a column's decimal mark is judged."""
 MOST_WORDS = 5
 """Strange words of a column that are listed."""
 
@@ -161,7 +157,7 @@ def judge(cells: pd.Series[str], missing: Sequence[str | float] = (), decimal: s
     if open_.sum() >= np.isfinite(values).sum():
         times = _times(cells, words)
         return Judged(np.array(cells, dtype=np.str_)) if times is None else Judged(times, "s")
-    found = tuple(dict.fromkeys(map(str, cells[open_].head(SAMPLE))))[:MOST_WORDS]
+    found = tuple(dict.fromkeys(map(str, cells[open_].head(1000))))[:MOST_WORDS]
     return Judged(
         values, unit, Strange(int(np.argmax(open_)), found, int(open_.sum()), np.array(cells, dtype=np.str_)), note
     )
@@ -178,7 +174,8 @@ def without_fillers(values: Array, missing: Sequence[str | float] = ()) -> tuple
         if not at.any():
             continue
         rest = size[~at & np.isfinite(size)]
-        if one in declared or (rest.size and float(rest.max()) < FILLER_SHARE * abs(one)):
+        # all other numbers lie far below a filler
+        if one in declared or (rest.size and float(rest.max()) < 0.1 * abs(one)):
             found[one] = int(at.sum())
             values = np.where(at, np.nan, values)
     return values, found

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.robot import Robot
+from recordings.states.rules import AMBIENT
 from recordings.trials import unit_of
 
 from ..files.config import ConfigError, check
@@ -26,6 +27,7 @@ from .headings import (
     chamber,
     heading,
     names_inflated,
+    own_column,
     quadruples,
     quantity,
     tendon,
@@ -33,7 +35,7 @@ from .headings import (
 )
 from .map_file import Map
 from .proposal import Guess
-from .quantities import ATMOSPHERE, quantities_of
+from .quantities import quantities_of
 from .reading import EPOCH, texts
 from .series import Series
 from .trials import Change, Stages, changes
@@ -42,8 +44,6 @@ Array = NDArray[np.float64]
 
 USUAL_PRESSURES = {"Pa": (4e3, 2e6), "kPa": (4.0, 600.0), "bar": (0.02, 4.0), "mbar": (600.0, 6e3), "psi": (4.0, 90.0)}
 """Highest pressures of soft robots by unit, in the order in which they are considered."""
-AT_AMBIENT = 0.05
-"""Share of the atmosphere within which a lowest pressure is the atmosphere."""
 STEADY = 0.02
 """Of the highest pressure, within which a plateau stands."""
 MOTION_CAPTURE = ("Motive", "C3D")
@@ -51,8 +51,6 @@ LONG_STEP, MANY = 5.0, 200
 """Step and number of rows from which times without a unit are not in s."""
 STEPS = {"ms": 5e3, "us": 5e6}
 """Step below which such times are in this unit."""
-FEW = 5
-"""Rows of the same pressure, on average, from which a file is a time series."""
 
 
 def guess_map(series: Series, robot: Robot) -> Guess:
@@ -199,7 +197,7 @@ def _pressure_unit(values: Array, h: Heading, series: Series) -> _Unit:
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
 
     def absolute(unit: str) -> bool:
-        return abs(low * KINDS["Pa"][unit] - ATMOSPHERE) < AT_AMBIENT * ATMOSPHERE
+        return abs(low * KINDS["Pa"][unit] - AMBIENT) < 0.05 * AMBIENT
 
     if said := h.unit if h.kind == "Pa" else series.unit_of(h.name, KINDS["Pa"]):
         return _Unit(said, f"the file says {said} of {h.name!r}", absolute(said))
@@ -216,8 +214,8 @@ def _pressure_unit(values: Array, h: Heading, series: Series) -> _Unit:
 def _others(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot) -> None:
     ignored = []
     for h in headings:
-        column = quantity(h)
-        words = h.name in series.words and column != "branch"
+        column = own_column(h) or quantity(h)
+        words = h.name in series.words and column not in ("branch", "protocol", "specimen")
         if column in (None, "trial", "repeat") or f"columns.{column}" in g.reasons or words:
             ignored.append(h.name)
             continue
@@ -285,7 +283,8 @@ def _states(g: Guess, series: Series, pressures: Sequence[str], robot: Robot) ->
     stays = np.abs(np.diff(values, axis=0)).max(axis=1) < STEADY * span if len(values) > 1 else np.zeros(0, bool)
     stretches = 1 + int((~stays).sum())
     timed = "columns.t" in g.reasons or "time" in series.numbers
-    if len(values) >= FEW * stretches or (len(series) > 500 and stays.mean() > 0.5):
+    # with five rows of the same pressure on average, a file is a time series
+    if len(values) >= 5 * stretches or (len(series) > 500 and stays.mean() > 0.5):
         steady = float(f"{STEADY * span / 1e3:.2g}")
         why = f"{len(series)} rows in which pressures mostly stand still: a recording over time"
         g.say("states.plateaus", {"steady": f"{steady:g} kPa"}, why)

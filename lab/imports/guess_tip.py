@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,7 +16,7 @@ from model.section import rods_of
 
 from ..files.config import ConfigError
 from ..files.units import KINDS
-from .headings import BASE_WORDS, TIP_WORDS, Heading, Triple, heading, triples
+from .headings import BASE_WORDS, TIP_WORDS, Heading, Triple, heading, own_column, quantity, triples
 from .map_file import Frame, Orientation, units_for
 from .proposal import Guess
 from .quantities import clearly_worse, misfits
@@ -24,18 +25,10 @@ from .series import Series
 
 Array = NDArray[np.float64]
 
-ASIDE = 0.5
-"""Robot lengths off the longest axis from which the resting tip does not tell which way the robot hangs."""
 ORDERS_IN_WORDS = (
     "small letters turn about fixed axes (extrinsic, as in SciPy), capitals about axes that turn with the body (intrinsic); "
     "robots of Universal Robots write a rotation vector"
 )
-STILL = 0.02
-"""Share of the tip's movement within which a marker stands still."""
-SAG_KNOWN = 1.5
-"""Times the sag that robot.yaml's weight and stiffness give, within which a tip rests where the robot may bring it."""
-AGREED = 0.9
-"""Cosine between pressures and displacements below which the frame remains in doubt."""
 FITS = 1.5
 """Factor between the distance of the resting tip and the robot's length below which a unit of length is told by it."""
 
@@ -127,7 +120,7 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
 def _still(g: Guess, series: Series, others: Sequence[Triple], tip: Triple) -> list[Triple]:
     """The one place that stands still while the tip moves."""
     moves = _spread(_xyz(series, tip))
-    still = [t for t in others if t.unit == tip.unit and _spread(_xyz(series, t)) < STILL * moves]
+    still = [t for t in others if t.unit == tip.unit and _spread(_xyz(series, t)) < 0.02 * moves]
     if len(still) != 1:
         return []
     g.doubts.append(f"points.tip.against: {' / '.join(still[0].columns)} stands still: taken for a marker at the base")
@@ -167,7 +160,7 @@ def _spread(found: Array) -> float:
 
 def proposed_pressures(g: Guess, series: Series, robot: Robot) -> Array:
     """(n, chambers) Pa of the columns proposed for the chambers."""
-    columns = [c for k, c in g.values.get("columns", {}).items() if k.startswith("p") and "column" in c]
+    columns = [c for k, c in g.values.get("columns", {}).items() if re.fullmatch(r"p\d+", k) and "column" in c]
     units = units_for("p1", robot.actuators.words)
     every = [series.numbers[c["column"]] * units[c["unit"]] for c in columns]
     return np.column_stack(every) if every else np.zeros((len(series), 0))
@@ -200,9 +193,11 @@ def _frame(g: Guess, series: Series, tip: Array, rest: NDArray[np.bool_], robot:
     along = int(np.argmax(np.abs(at_rest)))
     away = float(np.linalg.norm(at_rest))
     aside = float(np.linalg.norm(np.delete(at_rest, along)))
-    sag, chord = _under_its_weight(robot)
-    elsewhere = rests and (abs(away - chord) > 0.02 * robot.length or aside > 0.05 * robot.length + SAG_KNOWN * sag)
-    told = aside <= ASIDE * robot.length
+    sag, chord = _under_its_weight(robot, _mass_at_rest(series, rest))
+    # the sag that robot.yaml's weight and stiffness give may be half as large again
+    elsewhere = rests and (abs(away - chord) > 0.02 * robot.length or aside > 0.05 * robot.length + 1.5 * sag)
+    # a tip that rests farther off the longest axis does not tell which way the robot hangs
+    told = aside <= 0.5 * robot.length
     lies = "-" * bool(at_rest[along] < 0) + "xyz"[along]
     frames = [
         Frame(x=x, y=y, z=z) for z in ([lies] if told else ["z", "-z", "x", "-x", "y", "-y"]) for x, y in _turned(z)
@@ -211,7 +206,8 @@ def _frame(g: Guess, series: Series, tip: Array, rest: NDArray[np.bool_], robot:
     best = int(np.argmax(agreement))
     found = frames[best]
     bends = f"the tip bends {_sense(robot)} ({agreement[best]:.2f} of 1)"
-    if agreement[best] < AGREED:
+    # the frame remains in doubt
+    if agreement[best] < 0.9:
         g.doubts.append(
             f"frame.x, frame.y: with the base's x along the file's {found.x} and its y along the file's {found.y} {bends}: "
             "the best turn about the base's z, but not forced by these data"
@@ -233,14 +229,26 @@ def _frame(g: Guess, series: Series, tip: Array, rest: NDArray[np.bool_], robot:
         )
         g.say("straight", "at rest", f"{text}: markers were placed elsewhere")
         g.doubts.append(
-            f"straight: {text}; `at rest` moves the readings there, which hides what moves the tip at rest: measure where the "
-            "base is among the cameras' axes to see it"
+            f"straight: {text}; `at rest` moves the readings there, which hides what moves the tip at rest: to see it, measure "
+            "where the base is among the cameras' axes and write that as `zero` of columns x, y, z"
         )
 
 
-def _under_its_weight(robot: Robot) -> tuple[float, float]:
-    """m that the tip of the robot at rest lies off the axis, and m from the base; of a straight one where it cannot stand."""
-    found = solve(rods_of(robot, conditions(robot, 0.0, np.zeros((1, len(robot.actuators.azimuths_deg))))), FINE)
+def _mass_at_rest(series: Series, rest: NDArray[np.bool_]) -> float | None:
+    """kg that hang at the tip in the rows at rest, where a column of the file says so; else None."""
+    for name, values in series.numbers.items():
+        h = heading(name, series.units.get(name, ""))
+        unit = KINDS["kg"].get(h.unit, 1.0 if own_column(h) == "tip_mass" else None)
+        if unit is not None and quantity(h) == "tip_mass" and np.isfinite(values[rest]).any():
+            return float(np.nanmedian(values[rest])) * unit
+    return None
+
+
+def _under_its_weight(robot: Robot, mass: float | None) -> tuple[float, float]:
+    """m that the tip of the robot at rest lies off the axis, and m from the base; of a straight one where it cannot stand. `mass`
+    (kg) hangs at the tip, by default robot.yaml's."""
+    still = np.zeros((1, len(robot.actuators.azimuths_deg)))
+    found = solve(rods_of(robot, conditions(robot, 0.0, still, mass)), FINE)
     tip = found.tip[0] if found.converged[0] else np.array([0.0, 0.0, robot.length])
     return float(np.hypot(tip[0], tip[1])), float(np.linalg.norm(tip))
 

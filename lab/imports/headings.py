@@ -6,6 +6,8 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from recordings.trials import column_order
+
 from ..files.units import KINDS
 
 WORDS = {
@@ -173,6 +175,12 @@ def quantity(h: Heading) -> str | None:
     return None
 
 
+def own_column(h: Heading) -> str | None:
+    """The column of trials.csv of which a heading is the very name, its unit aside: "hold", "rate [N/s]"."""
+    name = re.sub(r"\s*[\[(][^\])]*[\])]\s*$", "", h.name.strip())
+    return name if column_order(name) is not None else None
+
+
 def names_inflated(h: Heading) -> bool:
     """Whether what is inflated may stand under a heading: "chambers", but not "chamber 1" or "chamber [kPa]"."""
     return bool(INFLATED & set(h.words)) and not h.stated and not any(c.isdigit() for w in h.words for c in w)
@@ -192,8 +200,11 @@ def chamber(h: Heading) -> int | None:
     return None
 
 
+COMPOUND_TENDON = r"[^\W\d_]*(?:seil|sehne|kabel|draht|bowden|tendon|cable)[^\W\d_]*"
+"""A word made of others, such as Seilzug or Zugseil."""
 TENSION = re.compile(
-    rf"(?<![^\W\d_])({'|'.join(sorted(TENDON, key=len, reverse=True))}|kraft|force|fuerza|forza|load|f|t)\s?(\d+)(?!\d)"
+    rf"(?<![^\W\d_])({'|'.join(sorted(TENDON, key=len, reverse=True))}|{COMPOUND_TENDON}|kraft|force|fuerza|forza|load|f|t|p)"
+    r"\s?(\d+)(?!\d)"
 )
 
 
@@ -204,7 +215,7 @@ def tendon(h: Heading) -> int | None:
         return None
     if not found:
         return 1 if set(h.words) & TENDON and set(h.words) <= TENDON | ASKED_FOR | READ else None
-    return int(found[2]) if h.kind == "N" or found[1] not in ("f", "t") else None
+    return int(found[2]) if h.kind == "N" or found[1] not in ("f", "t", "p") else None
 
 
 TURN_WORDS = frozenset(

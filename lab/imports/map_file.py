@@ -66,8 +66,8 @@ class Column(Part):
     """By default as heading or file say, or SI. Of tendons also N, of their rate N/s."""
     scale: FiniteFloat = 1.0
     """A factor of the sensor's own."""
-    zero: Literal["none", "first", "absolute"] = "none"
-    """What is subtracted: nothing, the first row, or the atmosphere."""
+    zero: Literal["none", "first", "absolute"] | FiniteFloat = "none"
+    """What is subtracted: nothing, the first row, the atmosphere, or a number in the column's unit, such as where the base is."""
     values: dict[str, str] = {}
     """The file's word -> that of trials.csv."""
 
@@ -230,7 +230,7 @@ class Map(Part):
     """What a file of measurements holds."""
 
     robot: str = "robot.yaml"
-    """Its robot.yaml, beside this file."""
+    """Its robot.yaml, next to this file."""
     source: Source = Source()
     """How a file is read."""
     columns: dict[str, Column] = {}

@@ -30,8 +30,6 @@ MI_MATRIX, MI_COMPRESSED = 14, 15
 KINDS = frozenset([*range(1, 8), 9, *range(12, 19)])
 """Kinds of elements of a file of version 5; SciPy ends the process at others."""
 
-MOST_NESTED = 50
-"""Depth of structures and cells."""
 MAGIC = b"\x89HDF\r\n\x1a\n"
 USER_BLOCK = 512
 CLASS, EMPTY, SPARSE, DECODE = "MATLAB_class", "MATLAB_empty", "MATLAB_sparse", "MATLAB_object_decode"
@@ -118,7 +116,7 @@ def _demand_kinds(data: bytes, order: Literal["little", "big"], depth: int = 0) 
         small = kind >> 16
         size = small or int.from_bytes(data[at + 4 : at + 8], order)
         kind &= 0xFFFF
-        if kind not in KINDS or depth > MOST_NESTED:
+        if kind not in KINDS or depth > 50:
             raise ValueError(f"an element of kind {kind}, nested {depth} deep")
         body = data[at + 8 : at + 8 + size]
         if kind == MI_COMPRESSED:

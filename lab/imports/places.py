@@ -128,10 +128,6 @@ def length_at_rest(rows: Sequence[TrialRow], length: float) -> float | None:
     return float(z) if straight and abs(z / length - 1) > OTHER_LENGTH else None
 
 
-TOO_FAR = 1.02
-"""Robot lengths from the base beyond which no body at rest reaches, but for stretch."""
-
-
 def beside_at_rest(rows: Sequence[TrialRow], straight: Array) -> tuple[float, float] | None:
     """m off the axis and m from the base at which the tip rests where a body cannot bring it, so that the base is elsewhere;
     `straight` (3,) m: the tracked point of the straight robot. None otherwise."""
@@ -142,7 +138,8 @@ def beside_at_rest(rows: Sequence[TrialRow], straight: Array) -> tuple[float, fl
     tip = np.array([r.tip for r in kept])[resting].mean(axis=0)
     away, off = float(np.linalg.norm(tip)), float(np.linalg.norm((tip - straight)[:2]))
     reach = float(np.linalg.norm(straight))
-    return (off, away) if off > ON_AXIS * reach and away > TOO_FAR * reach else None
+    # no body at rest reaches farther, but for stretch
+    return (off, away) if off > ON_AXIS * reach and away > 1.02 * reach else None
 
 
 # ------------------------------------------------------------------ at rest

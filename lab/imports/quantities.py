@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from model.actuators import Words
-from recordings.states.rules import BRANCHES
+from recordings.states.rules import AMBIENT, BRANCHES
 from recordings.trials import TEXTS
 
 from ..files.config import ConfigError
@@ -26,14 +26,8 @@ from .series import Series, listed
 
 Array = NDArray[np.float64]
 
-ATMOSPHERE = 101_325.0
-"""Pa, taken off absolute pressures."""
-MOST_TURN = 12.0
-"""rad, about two turns: larger angles without a unit are asked about."""
 BETWEEN_RUNS = 60.0
 """s from the end of one run or file to the start of the next, where only each one's own time is known."""
-LATE = 1.0
-"""s by which a row may be late; times that fall by more begin again."""
 OF_ANGLES = ("euler xyz", "euler XYZ", "rotation vector")
 """Orders in which a file may mean three columns for x, y and z."""
 TIMES_WORSE, DEGREES_WORSE = 3.0, 0.5
@@ -172,7 +166,8 @@ def _in_order(q: Quantities, file: _File) -> Quantities:
     if (steps < 0).mean() > HALF:
         file.notes.append("times fall from row to row: the file is read from its end to its begin")
         return _in_order(q.of(np.arange(len(q.t))[::-1]), file)
-    again = np.flatnonzero(steps < -max(LATE, 3 * float(np.median(steps[steps >= 0])))) + 1
+    # times that fall by more begin again
+    again = np.flatnonzero(steps < -max(1.0, 3 * float(np.median(steps[steps >= 0])))) + 1
     if len(again):
         from_, to = q.t[again[0] - 1], q.t[again[0]]
         place = file.series.place(int(q.row[again[0]]))
@@ -215,10 +210,12 @@ def _number(file: _File, name: str, column: Column) -> Array:
     if column.zero == "first":
         finite = found[np.isfinite(found)]
         found = found - (finite[0] if finite.size else 0.0)
+    if isinstance(column.zero, float):
+        found = found - column.zero
     found = found * column.scale * one
     if name == "repeat" and np.nanmin(found) == 0:
         found = found + 1  # a count from 0
-    return found - ATMOSPHERE if column.zero == "absolute" else found
+    return found - AMBIENT if column.zero == "absolute" else found
 
 
 def _contradict(file: _File, own: str, name: str, unit: str, place: str, scale: float = 1.0) -> None:
@@ -379,7 +376,8 @@ def stated(series: Series, given: Orientation) -> tuple[Rotation, NDArray[np.boo
     unit = (
         given.unit or unit_in(series, name_of(series, given.columns[0], "orientation.columns"), KINDS["deg"]) or "rad"
     )
-    if given.unit is None and unit == "rad" and (largest := float(np.abs(kept).max(initial=0.0))) > MOST_TURN:
+    # rad, about two turns: larger angles without a unit are asked about
+    if given.unit is None and unit == "rad" and (largest := float(np.abs(kept).max(initial=0.0))) > 12.0:
         raise ConfigError(
             f"{series.path}: orientation: angles up to {largest:.4g} rad; write unit: deg, or unit: rad if they are"
         )

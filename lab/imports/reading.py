@@ -21,10 +21,6 @@ EPOCH = (6e8, 4.2e9)
 """s since 1970, from 1989 to 2103."""
 EPOCH_UNITS = (1.0, 1e-3, 1e-6, 1e-9)
 """s of the units in which computers count time."""
-NEAR_ZERO = 0.05
-"""Share of the distances between positions within which others lie where 0, 0, 0 is a position."""
-REST = 0.03
-"""Share of the largest pressure within which all chambers are at rest."""
 
 
 def name_of(series: Series, name: Name, place: str) -> str:
@@ -140,7 +136,8 @@ def unseen(xyz: Array, resting: NDArray[np.bool_] | None = None) -> NDArray[np.b
     if resting is not None and (zero == resting).all():
         return np.zeros(len(xyz), bool)
     spread = float(np.linalg.norm(others - np.median(others, axis=0), axis=1).max())
-    if float(np.linalg.norm(others, axis=1).min()) < NEAR_ZERO * spread:
+    # then 0, 0, 0 is a position
+    if float(np.linalg.norm(others, axis=1).min()) < 0.05 * spread:
         return np.zeros(len(xyz), bool)
     return zero
 
@@ -149,7 +146,7 @@ def at_rest(pressures: Array) -> NDArray[np.bool_]:
     """(n,) rows in which every pressure is the lowest of its chamber, but for noise."""
     low, high = _range(pressures)
     above = np.nan_to_num(pressures - low, nan=np.inf).max(axis=1, initial=0.0)
-    return np.asarray(above <= REST * max(float((high - low).max(initial=0.0)), 1e-300))
+    return np.asarray(above <= 0.03 * max(float((high - low).max(initial=0.0)), 1e-300))
 
 
 def _range(pressures: Array) -> tuple[Array, Array]:

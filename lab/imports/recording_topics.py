@@ -34,16 +34,6 @@ from .series import Series
 Array = NDArray[np.float64]
 Decoder = Callable[[bytes], Any]
 
-MOST_FIELDS = 5000
-"""Numbers of one message."""
-STALE = 0.5
-"""s beyond which a reading of another topic is too old to stand beside one."""
-SPLIT = 2.0
-"""s between the end of a file and the start of the next within which both are parts of one recording."""
-TRIED = 20
-"""Messages of a topic with which its decoder is tried."""
-MOST_LISTED = 500
-"""Numbers of one list."""
 MOST_REASONS, MOST_SAID = 3, 160
 """Reasons that a note gives, and letters of each."""
 SHOWN = 12
@@ -91,7 +81,8 @@ def together(files: Sequence[tuple[Path, Map]]) -> list[tuple[tuple[Path, ...], 
     out: list[tuple[tuple[Path, ...], Map]] = []
     end, topics = -np.inf, set[str]()
     for (first, last), own, path, wanted in sorted(opened, key=lambda o: o[0]):
-        if out and topics & own and first > 0 and abs(first - end) <= SPLIT * 1e9 and out[-1][1] == wanted:
+        # files that follow each other within two seconds are parts of one recording
+        if out and topics & own and first > 0 and abs(first - end) <= 2.0 * 1e9 and out[-1][1] == wanted:
             out[-1] = ((*out[-1][0], path), wanted)
         else:
             out.append(((path,), wanted))
@@ -178,14 +169,14 @@ def _places(rows: list[dict[str, float]]) -> int:
 
 
 def _at(at: Array, times: Array, values: Array) -> Array:
-    """Values at other times; NaN where the nearest reading is older than `STALE`."""
+    """Values at other times; NaN where the nearest reading is older than half a second."""
     seen = np.isfinite(values)
     if not seen.any():
         return np.full(len(at), np.nan)
     times, values = times[seen], values[seen]
     after = np.clip(np.searchsorted(times, at), 0, len(times) - 1)
     before = np.clip(after - 1, 0, None)
-    far = np.minimum(np.abs(times[after] - at), np.abs(times[before] - at)) > STALE
+    far = np.minimum(np.abs(times[after] - at), np.abs(times[before] - at)) > 0.5
     return np.where(far, np.nan, np.interp(at, times, values))
 
 
@@ -197,14 +188,14 @@ def _decode(recording: Recording, found: Mapping[str, Topic]) -> None:
         topic = found[channel.topic]
         if channel.id not in decoders:
             schema = recording.contents.schemas.get(channel.schema_id)
-            decoders[channel.id] = _decoder(channel, schema, payloads[:TRIED], topic)
+            decoders[channel.id] = _decoder(channel, schema, payloads[:20], topic)
         decode = decoders[channel.id]
         if decode is None:
             topic.left_out += len(payloads)
             continue
         for log_time, payload in zip(log_times.tolist(), payloads, strict=True):
             try:
-                row = dict(islice(_numbers("", decode(payload)), MOST_FIELDS))
+                row = dict(islice(_numbers("", decode(payload)), 5000))
             except Exception as e:  # whatever a decoder raises, this is no message
                 topic.left_out += 1
                 topic.why.setdefault(_short(e))
@@ -290,5 +281,5 @@ def _numbers(name: str, value: Any) -> Iterator[tuple[str, float]]:
         for slot in value.__slots__:
             yield from _numbers(f"{name}.{slot}" if name else slot, getattr(value, slot, None))
     elif hasattr(value, "__iter__"):
-        for i, inner in enumerate(islice(value, MOST_LISTED), 1):
+        for i, inner in enumerate(islice(value, 500), 1):
             yield from _numbers(f"{name}.{i}" if name else str(i), inner)

@@ -35,11 +35,7 @@ from .trials import trials_of_rows
 
 Array = NDArray[np.float64]
 
-NO_PRESSURE = 2e3
-"""Pa, steps in which the state nearest to no pressure is looked for; the first of equals is taken."""
 FORCES = ("force_x", "force_y", "force_z")
-MOST_STRAYS = 0.2
-"""Of the rows of a state that may hold a place elsewhere."""
 MOST_JUMPS = 3
 """Jumps of places that are told one by one."""
 FOLLOWS, FEW_SETTINGS = 0.9, 4
@@ -289,7 +285,7 @@ def _without_strays(
             continue
         first = row + own.start if first is None else first
         rows = np.flatnonzero(strays(tip[own], markers[own], length)) + own.start
-        if len(rows) > MOST_STRAYS * (own.stop - own.start):
+        if len(rows) > 0.2 * (own.stop - own.start):
             torn.append(cut)
             continue
         tip[rows], markers[rows] = np.nan, np.nan
@@ -366,7 +362,8 @@ def _mounted(
     first state: the first one at rest is the straight robot. at rest: the mean of those at rest, of those that begin a trial
     where there are any, is where the model stands under its weight.
     """
-    level = [round(max(map(abs, s.row.pressures)) / NO_PRESSURE) for s in states]
+    # in steps of 2 kPa, of which the first of equals is taken
+    level = [round(max(map(abs, s.row.pressures)) / 2e3) for s in states]
     resting = [i for i, own in enumerate(level) if own == min(level)]
     if straight == "first state":
         resting, end = resting[:1], _straight_point(robot)

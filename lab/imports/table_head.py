@@ -14,8 +14,6 @@ from .series import unique
 
 Line = tuple[int, list[str], str]
 """Number in the file, cells, text."""
-FILLED = 0.5
-"""Share of the columns that a line of headings names at least."""
 LABELS = ("id", "type", "parent")
 """Lines of headings, by the word at their begin, that name nothing: Motive writes them."""
 MOTIVE = re.compile(r"\W*Format Version\W.*Take Name")
@@ -49,7 +47,7 @@ def head_of(path: Path, above: Sequence[Line], width: int, source: Source) -> He
             raise ConfigError(
                 f"{path}: source.{key} = {line}: this line holds no words above the numbers; correct the line"
             )
-    wide = [one for one in above if sum(map(bool, one[1])) >= max(1, FILLED * width) and not MOTIVE.match(one[2])]
+    wide = [one for one in above if sum(map(bool, one[1])) >= max(1, 0.5 * width) and not MOTIVE.match(one[2])]
     labels = {line for line, cells, _ in above if _is_label(cells)}
     units = named[source.units] if source.units else None
     if units is None:

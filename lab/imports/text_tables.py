@@ -31,28 +31,18 @@ if TYPE_CHECKING:
 
 SEPARATORS = ("\t", ";", "|", ",", " ")
 """In the order in which they are preferred where several split the lines as well."""
-BLANKS = 1.2
-"""Times the points of another separator by which blanks, of which a tab is one, must split the lines better."""
 SAMPLE = 100
 """Lines by which separator and width are judged."""
-LONGEST_CELL = 20
-"""Lines that one cell in quotation marks may have."""
 MOST_COLUMNS = 5000
 DATA_SHARE = 0.5
 """Of the most numbers of a line, from which a line is data."""
-MOST_ODD = 0.1
-"""Of the lines of data that may have too many cells."""
 COMMENT = re.compile(r"\s*(?:#+|%+|//+)\s*")
-MOST_NAMED = 0.3
-"""Of the headings, from which a line among the data that holds them is one of headings."""
 MOST_NOTED = 5
 """Lines left out that are named."""
 DECIMAL_COMMA = r"\s*[-+]?(?:0?|\d{4,}),\d+\s*|\s*[-+]?\d+,(?:\d{1,2}|\d{4,})\s*"
 """A number whose comma stands between no thousands."""
 END_OF_HEADER = "***End_of_Header***"
 """Line of LabVIEW's measurement files (.lvm)."""
-BINARY = 0.1
-"""Share of control characters from which a file is no text."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +108,7 @@ def _decoded(path: Path, data: bytes) -> str:
         text = data.decode("cp1252", "replace") if encoding == "utf-8-sig" else data.decode(encoding, "replace")
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     begin = text[:10_000]
-    if sum(c < " " and c not in "\t\n\0\f\x1a" for c in begin) + begin.count("\ufffd") > BINARY * len(begin):
+    if sum(c < " " and c not in "\t\n\0\f\x1a" for c in begin) + begin.count("\ufffd") > 0.1 * len(begin):
         raise ConfigError(f"{path}: is not a text table; export the data as CSV")
     return text.replace("\0", "")
 
@@ -131,7 +121,7 @@ def _records(text: str) -> Iterator[Record]:
         line, begin = lines[i], i
         i += 1
         if line.count('"') % 2:
-            more = next((k for k in range(i, min(i + LONGEST_CELL, len(lines))) if lines[k].count('"') % 2), None)
+            more = next((k for k in range(i, min(i + 20, len(lines))) if lines[k].count('"') % 2), None)
             if more is None:
                 line = line.replace('"', "")
             else:
@@ -180,7 +170,8 @@ def _form(path: Path, records: Sequence[Record], given: str | None, missing: Seq
             if values and len(cells) > 1:
                 score[len(cells)] = score.get(len(cells), 0.0) + values - other
         width, points = max(score.items(), key=lambda s: s[1], default=(0, 0.0))
-        if points > best[0] * (BLANKS if separator == " " else 1.0):
+        # blanks, of which a tab is one, must split the lines better than another separator
+        if points > best[0] * (1.2 if separator == " " else 1.0):
             best = (points, separator, width)
     if not best[1]:
         tried = f"not split by {given!r}" if given else "no separator splits the lines into columns of numbers"
@@ -298,7 +289,7 @@ def _left_out(
     path: Path, records: Sequence[Record], width: int, data: NDArray[np.bool_], first: int, too_long: Sequence[Record]
 ) -> Iterator[str]:
     """Notes on lines that look like part of the table and are not read; raises ConfigError where they are many."""
-    if len(too_long) > MOST_ODD * int(data.sum()):
+    if len(too_long) > 0.1 * int(data.sum()):
         raise ConfigError(
             f"{path}, line {too_long[0].line}: has more than the {width} cells of other lines: "
             f"{too_long[0].text.strip()[:40]!r}; correct the line, or name separator and decimal mark "
@@ -333,7 +324,7 @@ def _demand_one_table(
         alike = sum(c == name for c, name in zip(cells, head.names, strict=True))
         pairs = [(_unit(c), said[n]) for c, n in zip(cells, head.names, strict=True)]
         units = are_units(cells) and any(one and other and one != other for one, other in pairs)
-        told = max(1, int(MOST_NAMED * len(head.stated)))
+        told = max(1, int(0.3 * len(head.stated)))
         if units or (named >= told and alike < sum(map(bool, cells)) and alike < len(head.stated)):
             unlike = (c for c, n in zip(cells, head.names, strict=True) if c and c != n and _unit(c) != said[n])
             other = next(unlike, records[i].text.strip())

@@ -25,8 +25,6 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Texts = NDArray[np.str_]
 
-ONE_LEVEL = 1.5
-"""Usual lengths of a level (rows) beyond which a rest is the end of one sweep and the begin of the next."""
 MOST_NOTES = 3
 """Changes away from rest that are noted one by one."""
 
@@ -140,7 +138,8 @@ def trials_of_rows(series: Series, q: Quantities, wanted: Map, drive: Words) -> 
         parted += own
         if not own and not by_rest:
             continue
-        middle = (b - a) // 2 if b - a >= max(2.0, ONE_LEVEL * usual) and not wanted.states.windows else 0
+        # a rest that is longer than levels usually are ends one sweep and begins the next
+        middle = (b - a) // 2 if b - a >= max(2.0, 1.5 * usual) and not wanted.states.windows else 0
         begins[[stages.border(row) for row in _borders(own, int(stages.begin[a + middle]))]] = True
     begins[[stages.border(c.row) for c in followed if c not in parted]] = True
     return np.cumsum(begins).astype(np.int64), tuple(_notes(series, q, strange, by_rest, drive))

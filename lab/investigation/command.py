@@ -33,8 +33,6 @@ from ..pages import diagnosis_report, investigation_page
 from ..processes import for_case
 from .laboratory import RigLaboratory
 
-LEADING = 4
-"""Hypotheses shown after each diagnosis."""
 STORY, ANSWER, PAGE, ANSWER_PAGE = "investigation.json", "diagnosis.json", "investigation.html", "diagnosis.html"
 
 
@@ -66,13 +64,11 @@ class _Weighing:
         self._quiet = quiet
         self._screen: Screen | None = None
 
-    def progress(self, share: float) -> None:
-        """So much of a diagnosis is done."""
+    def step(self, name: str, share: float) -> None:
+        """See Screen.step."""
         if self._screen is None:
             self._screen = Screen("weighing hypotheses", quiet=self._quiet).__enter__()
-        self._screen.progress(share, 1.0)
-        if share >= 1.0:
-            self.stop()
+        self._screen.step(name, share)
 
     def stop(self) -> None:
         """None is going on."""
@@ -111,9 +107,11 @@ def run(w: Wanted, as_json: bool) -> int:
         as_json,
     )
     rounds: list[Round] = []
+    weighing = _Weighing(as_json)
     say = Screen("", quiet=as_json).say
 
     def diagnosed(r: Round) -> None:
+        weighing.stop()
         rounds.append(r)
         if not as_json:
             _show(r)
@@ -121,12 +119,11 @@ def run(w: Wanted, as_json: bool) -> int:
     ended: BaseException | None = None
     found: Investigation | None = None
     cores = w.workers if w.workers is not None else len(os.sched_getaffinity(0))
-    weighing = _Weighing(as_json)
     try:
         with for_case(len(case.table), cores) as others, page_where(w.watched, say) as at.page:
             if at.page is not None:
                 say(f"watch it at {at.page.address}")
-            fits = Executor(progress=weighing.progress, remote_map=None if others is None else others.in_order)
+            fits = Executor(progress=weighing.step, remote_map=None if others is None else others.in_order)
             found = investigate(case, at, Options(catalogue=weighed, executor=fits), w.limits, diagnosed)
     except (DiagnosisError, ModelError) as e:
         raise ConfigError(str(e)) from e
@@ -182,7 +179,7 @@ def _named(effects: Sequence[str]) -> str:
 
 
 def _leading(d: Diagnosis) -> list[Ranked]:
-    return list(d.attribute.ranking[:LEADING])
+    return list(d.attribute.ranking[:4])
 
 
 def _show(r: Round) -> None:

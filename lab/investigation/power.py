@@ -38,7 +38,6 @@ Columns = dict[str, NDArray[np.generic]]
 
 READ = ("x", "y", "z", "qw", "qx", "qy", "qz")
 """What motion capture tells of the tip."""
-SHOWN_PAIRS = 8
 CLUTTERS = {"clean": (0.0,), "cluttered": (0.05, 0.1, 0.2)}
 
 
@@ -189,7 +188,7 @@ def _show(found: dict[str, Power], brings: tuple[Addition, ...]) -> None:
             f"other laws than the catalogue's about {p.right * OTHER_LAWS[name]:.2f}",
             soft_wrap=True,
         )
-    if pairs := cluttered.pairs[:SHOWN_PAIRS]:
+    if pairs := cluttered.pairs[:8]:
         out.print(
             "not distinguished: " + "; ".join(f"{a} from {b} ({share:.2f})" for a, b, share in pairs), soft_wrap=True
         )

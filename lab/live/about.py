@@ -20,7 +20,6 @@ from ..rig.limits import within_robot
 
 PLAN = "plan.json"
 """The attachment that holds the steps of the plan."""
-MOST_STEPS = 10_000
 LONGEST = 300
 """Characters of a name that are shown."""
 
@@ -138,7 +137,7 @@ def _steps(contents: Contents, missing: list[str]) -> tuple[tuple[str, float], .
         missing.append("no plan: the recording was made by an older version")
         return ()
     try:
-        steps = tuple((str(step["label"]), float(step["seconds"])) for step in read_json(data)["steps"][:MOST_STEPS])
+        steps = tuple((str(step["label"]), float(step["seconds"])) for step in read_json(data)["steps"][:10_000])
     except (ValueError, KeyError, TypeError) as e:
         missing.append(f"no plan: {PLAN} cannot be understood ({e!r:.80})")
         return ()

@@ -10,7 +10,6 @@ from typing import Any
 
 BEHIND = 5
 """Niceness of what shows a run, as a session and in it: the run comes first, but on a busy computer the page still comes."""
-LONGEST_LINE = 64 * 2**20
 
 
 class NoModel(RuntimeError):
@@ -28,7 +27,7 @@ class Model:
         """Start it; returns whether it gives intervals once its kernels are there. Raises `NoModel`."""
         self._process = await asyncio.create_subprocess_exec(
             sys.executable, "-P", "-m", "lab.live.expected", stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE,
-            stderr=asyncio.subprocess.DEVNULL, limit=LONGEST_LINE, start_new_session=True,
+            stderr=asyncio.subprocess.DEVNULL, limit=64 * 2**20, start_new_session=True,
         )  # fmt: skip
         answer = await self.ask({"robot": self._robot})
         if "error" in answer:

@@ -24,10 +24,6 @@ from ..guard.child import start_child
 from .show import LOOPBACK, place
 
 BY = "page"
-LONGEST_LINE = 4096
-"""Bytes of a request: such a line is written to a pipe whole or not at all."""
-PACE = 0.1
-"""Host seconds between two requests that are taken."""
 
 Ask = Callable[[str, str, str], object]
 """Is told what viewers ask, as `Steering.ask`."""
@@ -80,12 +76,13 @@ class Page:
         """Pass on what is asked at the page until its process ends; what is no request is passed over, and what was meant
         for an earlier run too."""
         with pipe:
-            while line := pipe.readline(LONGEST_LINE):
+            # a line of up to 4096 bytes is written to a pipe whole or not at all
+            while line := pipe.readline(4096):
                 with contextlib.suppress(ValueError, KeyError, TypeError, AttributeError):
                     told = read_json(line)
                     if told["shown"] == self._shown:
                         self._ask(told["kind"], BY, told["text"])
-                time.sleep(PACE)
+                time.sleep(0.1)
 
     def close(self) -> None:
         """Nothing more will be shown; who looks gets the end."""

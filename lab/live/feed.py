@@ -9,12 +9,8 @@ from collections.abc import AsyncIterator, Callable
 
 from recordings.file.tail import Piece, Tail
 
-LOOK = 0.02
-"""Host seconds between two looks at a file that is being written."""
 AT_ONCE = 256
 """Pieces that are read in one go while the beginning of a long run is caught up with."""
-TICK = 0.05
-"""Host seconds between two updates of a recording that is played."""
 
 
 async def following(tail: Tail, over: Callable[[], bool]) -> AsyncIterator[list[Piece]]:
@@ -25,7 +21,7 @@ async def following(tail: Tail, over: Callable[[], bool]) -> AsyncIterator[list[
         elif over():
             return
         else:
-            await asyncio.sleep(LOOK)
+            await asyncio.sleep(0.02)
 
 
 async def played(tail: Tail, speed: float) -> AsyncIterator[list[Piece]]:
@@ -36,7 +32,7 @@ async def played(tail: Tail, speed: float) -> AsyncIterator[list[Piece]]:
         for piece in pieces:
             first = piece.until if first is None else first
             wait = begin + (piece.until - first) / 1e9 / speed - time.monotonic()
-            if wait > TICK or (due and math.isfinite(speed) and wait > 0):
+            if wait > 0.05 or (due and math.isfinite(speed) and wait > 0):
                 if due:
                     yield due
                     due = []

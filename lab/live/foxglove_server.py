@@ -28,8 +28,6 @@ LAYOUT = Path(str(files(__package__) / "page" / "foxglove.json"))
 """Panels for Foxglove and Lichtblick; their paths are those of our recordings."""
 WAITING = 2**16
 """Messages that may wait for one viewer: two minutes of a rig."""
-SETTLED = 0.5
-"""Host seconds after the newest subscription from which a viewer has all that its panels want."""
 SPHERE = 0.008
 """Diameter that stands for the expected tip, m."""
 
@@ -75,7 +73,8 @@ class Foxglove:
     @property
     def wanted(self) -> bool:
         """Whether somebody has subscribed, and no further subscription has come for a moment."""
-        return bool(self._asked) and time.monotonic() - self._asked[0] > SETTLED
+        # host seconds after the newest subscription, a viewer has all that its panels want
+        return bool(self._asked) and time.monotonic() - self._asked[0] > 0.5
 
     def anew(self) -> None:
         """Another recording follows, whose topics are its own."""

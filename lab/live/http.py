@@ -22,7 +22,6 @@ LARGEST_HEAD = 8192
 HEAD_WITHIN = 5.0
 """Host seconds in which it must be here."""
 _REQUEST = re.compile(rb"(GET|POST) (/[!-~]{0,200}) HTTP/1\.[01]\r\n((?:[!-9;-~]+:[^\r\n\x00]*\r\n)*)\r\n")
-LARGEST_BODY = 4096
 _METHOD = re.compile(rb"[A-Z]{1,20} [!-~]+ HTTP/1\.[01]\r\n")
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src data:; base-uri 'none'; "
@@ -115,7 +114,7 @@ async def _posted(reader: asyncio.StreamReader, head: bytes) -> dict[str, Any]:
     length = said.get(b"content-length", b"")
     if not (length.isdigit() and len(length) < 10):
         raise Refused(HTTPStatus.LENGTH_REQUIRED)
-    if int(length) > LARGEST_BODY:
+    if int(length) > 4096:
         raise Refused(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
     try:
         found = read_json(await asyncio.wait_for(reader.readexactly(int(length)), HEAD_WITHIN))

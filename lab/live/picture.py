@@ -23,14 +23,8 @@ from recordings.trials import TrialRow
 from ..console import seconds_left
 from .about import About, shown
 
-KEPT = 60.0
-"""s of the host for which the charts go back."""
-POINTS = 600
-"""Pieces that are kept for them."""
 LINES, LISTED = 200, 2000
 """Lines of the log and finished states that a page is given."""
-AT_ONCE = 60
-"""Pieces of an update that are handed out: of a recording played fast the newest."""
 SAME_MOMENT = 0.2
 """Host seconds by which a tip and the pressures of its prediction may differ."""
 
@@ -91,7 +85,7 @@ class Picture:
         self._unsafe = False
         """The safe state was not confirmed at the end."""
         self._streams: dict[str, Stream] = {}
-        self._points: deque[Numbers] = deque(maxlen=POINTS)
+        self._points: deque[Numbers] = deque(maxlen=600)
         self._log: deque[Numbers] = deque(maxlen=LINES)
         self._gaps: list[Numbers | None] = []
         self._now: Numbers | None = None
@@ -120,7 +114,8 @@ class Picture:
                 self._progress(message)
         self._points.extend(points)
         self._log.extend(lines)
-        new: Numbers = {"t": self.t, "points": points[-AT_ONCE:], "newest": self.newest, "streams": self._counts()}
+        # of a recording played fast, the newest
+        new: Numbers = {"t": self.t, "points": points[-60:], "newest": self.newest, "streams": self._counts()}
         if lines:
             new["log"] = lines[-LINES:]
         if len(self.rows) > first_row:
@@ -130,7 +125,7 @@ class Picture:
 
     def whole(self) -> Numbers:
         """Everything, for somebody who has seen nothing."""
-        since = self.t - KEPT * self.about.speed
+        since = self.t - 60.0 * self.about.speed
         return {
             "about": self.about.to_dict(),
             "t": self.t,

@@ -26,16 +26,8 @@ from .picture import Picture
 from .viewers import Steer, Viewers
 
 LOOPBACK = "127.0.0.1"
-NO_LONGER = 2.0
-"""Host seconds for which a page is served after the run beside it has ended, so that it gets the end."""
 ASK = 0.2
 """Host seconds between two questions to the model."""
-REST = 4.0
-"""All finished states are compared anew with each further one; so many times as long as that takes the model has rest."""
-LAST_ANSWER = 60.0
-"""Host seconds for which viewers of a run that has ended wait for what the model says of its last state."""
-HEARTBEAT = 0.5
-"""Host seconds between two updates at least: ages go on while nothing comes."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +122,8 @@ class Show:
                         await self._show(tail)
                 self._part = None if self._part is None else replace(self._part, more=False)
                 self._tell(self._of_part())
-                await asyncio.sleep(0.0 if stay else NO_LONGER)
+                # a page gets the end of the run beside it
+                await asyncio.sleep(0.0 if stay else 2.0)
             finally:
                 await self._viewers.end()
 
@@ -186,7 +179,8 @@ class Show:
             while not self._leaves():
                 await asyncio.sleep(0.05)
             if asking is not None and not self._parts and self._viewers.count:
-                await asyncio.wait([asking], timeout=LAST_ANSWER)
+                # viewers wait for what the model says of the last state
+                await asyncio.wait([asking], timeout=60.0)
         finally:
             for task in beside:
                 task.cancel()
@@ -243,7 +237,8 @@ class Show:
 
     async def _beat(self) -> None:
         while True:
-            await asyncio.sleep(HEARTBEAT)
+            # ages go on while nothing comes
+            await asyncio.sleep(0.5)
             self._tell({})
 
     # -- the model
@@ -268,7 +263,8 @@ class Show:
                 if len(picture.rows) > asked and ((began := time.monotonic()) >= due or last_round):
                     asked = len(picture.rows)
                     found = await model.ask({"rows": [row.to_json() for row in picture.rows]})
-                    due = time.monotonic() + REST * (time.monotonic() - began)
+                    # the model rests four times as long as it has worked
+                    due = time.monotonic() + 4.0 * (time.monotonic() - began)
                     self._tell(
                         picture.gaps(found["gaps"]) if "gaps" in found else picture.model_says("ready", found["error"])
                     )

@@ -17,12 +17,8 @@ from recordings.file.player import plain_numbers
 from . import http
 
 MOST_CONNECTIONS, MOST_VIEWERS = 128, 32
-WAITING = 100
-"""Updates that may wait for one viewer: ten seconds of them."""
 STUCK = 10.0
 """Host seconds for which a viewer may take nothing while something waits."""
-QUIET = 5.0
-"""Host seconds after which an empty line tells that the stream is alive."""
 RATE, BURST = 2.0, 10.0
 """Requests to the run a host second from all viewers together, and how many may come at once."""
 LINGER, LINGERED = 1.0, 2**18
@@ -120,14 +116,15 @@ class Viewers:
         if self.count >= MOST_VIEWERS:
             writer.write(http.refusal(HTTPStatus.SERVICE_UNAVAILABLE))
             return
-        queue: asyncio.Queue[bytes | None] = asyncio.Queue(WAITING)
+        queue: asyncio.Queue[bytes | None] = asyncio.Queue(100)  # ten seconds of updates
         writer.write(http.event_stream() + event("whole", self._whole()))
         self._queues.add(queue)
         try:
             while queue in self._queues or not queue.empty():
                 await asyncio.wait_for(writer.drain(), STUCK)
                 try:
-                    text = await asyncio.wait_for(queue.get(), QUIET)
+                    # then an empty line tells that the stream is alive
+                    text = await asyncio.wait_for(queue.get(), 5.0)
                 except TimeoutError:
                     text = b":\n\n"
                 if text is None:

@@ -24,10 +24,7 @@ Array = NDArray[np.float64]
 MOST_GROUPS = 8
 """Panels, one for each group of chambers."""
 OTHERS = "other settings"
-MOST_WRITTEN = 10
-"""Columns of a map up to which its cells have their number written in."""
 GREY, BLUE, RED, LIGHT = "#8a8a8a", "#20639b", "#b5382a", "#d5dadd"
-MM = 1e3
 
 
 HATCHES = {
@@ -150,7 +147,7 @@ def gap_map(d: Diagnosis, name: str, folder: Path) -> list[Path]:
             image = axis.imshow(values, aspect="auto", vmin=0, vmax=top, cmap="cividis")
             axis.set_xticks(range(len(pressures)), [d.words.number(p) for p in pressures])
             axis.set_yticks(range(len(rows)), labels, fontsize=8)
-            if len(pressures) <= MOST_WRITTEN:
+            if len(pressures) <= 10:
                 for (i, j), value in np.ndenumerate(values):
                     if np.isfinite(value):
                         axis.text(j, i, f"{value:.2g}", ha="center", va="center", fontsize=7,
@@ -171,7 +168,7 @@ def loops(d: Diagnosis, name: str, folder: Path) -> list[Path]:
     s, found = _states(d), groups(d)
     half = d.locate.noise_floor_mm / np.sqrt(3)
     missed = {model: s["tip"] - s[key] for key, model in (("calibrated", CALIBRATED), ("explained", name))}
-    most = max(float(np.nanmax(np.abs(gap[:, :2]))) for gap in missed.values()) * MM * 1.05 + half
+    most = max(float(np.nanmax(np.abs(gap[:, :2]))) for gap in missed.values()) * 1e3 * 1.05 + half
     made = []
     for k, g in enumerate(found):
         directions = (("along bending", g.side), ("across", np.array([-g.side[1], g.side[0], 0.0])))
@@ -183,7 +180,7 @@ def loops(d: Diagnosis, name: str, folder: Path) -> list[Path]:
                     for length, colour in zip(g.lengths, colours(len(g.lengths)), strict=True):
                         for branch, style in ((1, "-"), (-1, "--")):
                             at = g.own & (s["branch"] == branch) & (np.abs(s["spine_length"] - length) < 0.01)
-                            _curve(axis, s["pressure"][at], d.words.pascal, gap[at] @ way * MM, colour, style)
+                            _curve(axis, s["pressure"][at], d.words.pascal, gap[at] @ way * 1e3, colour, style)
                     axis.set_title(f"{model},\n{word}", loc="left", fontsize=8)
                 row[0].set_ylabel("measured minus\nmodel, mm")
             legend = axes[0, 0]
@@ -226,11 +223,11 @@ def unseen_tips(d: Diagnosis, name: str, folder: Path) -> list[Path]:
                     2, 1, figsize=(3.9, 4.4), layout="constrained", sharex=True, height_ratios=(3, 2)
                 )
                 for key, style, label, colour in models:
-                    _curve(top, s["pressure"][at], d.words.pascal, s[key][at] @ g.side * MM, colour, style, label)
+                    _curve(top, s["pressure"][at], d.words.pascal, s[key][at] @ g.side * 1e3, colour, style, label)
                     if key != "given":
-                        missed = np.linalg.norm(s["tip"][at] - s[key][at], axis=1) * MM
+                        missed = np.linalg.norm(s["tip"][at] - s[key][at], axis=1) * 1e3
                         _curve(below, s["pressure"][at], d.words.pascal, missed, colour, style)
-                tip = s["tip"][at] @ g.side * MM
+                tip = s["tip"][at] @ g.side * 1e3
                 top.plot(s["pressure"][at] / d.words.pascal, tip, "o", color=RED, mfc="none", ms=4, label="measured")
                 top.set_title(f"{g.name}{f', spine {length * 100:.0f} cm' if spines else ''}", loc="left")
                 below.axhspan(0, d.locate.noise_floor_mm, color="0.9")
@@ -310,7 +307,7 @@ def _mapped(
     for i, (group, length) in enumerate(rows):
         row = there & group.own & (np.abs(s["spine_length"] - length) < 0.01)
         for j in np.unique(column[row]):
-            out[i, j] = np.sqrt(np.nanmean((gap[row & (column == j)] ** 2).sum(axis=1))) * MM
+            out[i, j] = np.sqrt(np.nanmean((gap[row & (column == j)] ** 2).sum(axis=1))) * 1e3
     return out
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from diagnosis.answer.candidate_experiments import to_apply
 from diagnosis.answer.headline import for_people, percent, stated
 from diagnosis.answer.result import Diagnosis
-from diagnosis.answer.sentences import closed_alone, disorder, hypothesis_name, plain_name, with_id
+from diagnosis.answer.sentences import BEYOND_TOLERANCE, closed_alone, disorder, hypothesis_name, plain_name, with_id
 from diagnosis.data.first_calibration import CALIBRATED_FIRST
 from diagnosis.inference.posterior import UNKNOWN
 from diagnosis.judgement import RIVAL_WORTH_SEPARATING
@@ -187,7 +187,7 @@ def _first_step(d: Diagnosis, protocols: Path | None) -> tuple[str, str]:
     return f"{text}.", command(first, protocols)
 
 
-ON_TOP = (UNCONFIRMED_GUESSES, CALIBRATED_FIRST)
+ON_TOP = (UNCONFIRMED_GUESSES, CALIBRATED_FIRST, BEYOND_TOLERANCE)
 STEPS = {
     "calibration": "calibration with one area factor",
     "simulator": "the simulator taken back to the rod",

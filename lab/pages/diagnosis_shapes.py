@@ -17,11 +17,8 @@ from .figures import CALIBRATED, STYLE, save
 
 Array = NDArray[np.float64]
 
-MM = 1e3
 MODELS = {"calibrated": ("#8a8a8a", "--", "s"), "explained": ("#20639b", "-", "D")}
 MEASURED = "#b5382a"
-LEAST_WINDOW = 2.0
-"""mm, half the edge of the smallest close-up."""
 State = Mapping[str, Any]
 
 
@@ -37,7 +34,8 @@ def _panel(state: State, name: str, path: Path, words: Words) -> Path:
     names = dict(zip(MODELS, (CALIBRATED, name), strict=True))
     tips = np.vstack([_mm(state["measured_tip"]), *(_mm(state[model]["tip"]) for model in MODELS)])
     middle = tips.mean(axis=0)
-    half = max(LEAST_WINDOW, 1.25 * float(np.nanmax(np.abs(tips - middle))))
+    # no close-up is smaller than 4 mm
+    half = max(2.0, 1.25 * float(np.nanmax(np.abs(tips - middle))))
     with plt.rc_context(STYLE | {"font.size": 8}):
         figure, axes = plt.subplots(2, 2, figsize=(4.0, 5.4), layout="constrained", height_ratios=(3, 2))
         for k, (whole, close) in enumerate(axes.T):
@@ -80,4 +78,4 @@ def _draw(axis: Axes, state: State, k: int, names: Mapping[str, str]) -> None:
 
 
 def _mm(metres: object) -> Array:
-    return MM * np.array(metres, float)
+    return 1e3 * np.array(metres, float)

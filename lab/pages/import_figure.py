@@ -20,17 +20,12 @@ from recordings.trials import TrialRow
 from ..imports.table import Imported
 from .figures import save
 
-MM = 1e3
-MOST_POINTS = 4000
-"""Of a line; more are not seen."""
 GREYS = ("black", "0.45", "0.7")
 STYLES = ("-", "--", ":", "-.")
 BESIDE: dict[str, Any] = {"fontsize": "small", "loc": "upper left", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.3}
 """A legend to the right of its panel."""
 COLUMNS, MOST_GROUPS = 4, 7
 """Panels in a row at most, and groups of chambers that are drawn."""
-WEAK = 0.1
-"""Of the pressures' sum, below which their push across the axis has no direction."""
 
 
 def draw(made: Imported, robot: Robot, path: Path) -> None:
@@ -75,13 +70,14 @@ def _groups(rows: Sequence[TrialRow]) -> Mapping[tuple[int, ...], Sequence[Trial
 
 def _over_time(made: Imported, rows: Sequence[TrialRow], words: Words, pressure: Axes, tip: Axes) -> None:
     for number, (_, q, cuts) in enumerate(made.files):
-        every = max(1, len(q.t) // MOST_POINTS)
+        # more are not seen
+        every = max(1, len(q.t) // 4000)
         for k in range(q.pressures.shape[1]):
             pressure.plot(
                 q.t[::every], q.pressures[::every, k] / words.pascal, STYLES[k // 3 % 4], color=GREYS[k % 3], lw=1,
                 label=f"p{k + 1}" if not number else None,
             )  # fmt: skip
-        moved = (q.tip - np.nanmedian(q.tip, axis=0)) * MM
+        moved = (q.tip - np.nanmedian(q.tip, axis=0)) * 1e3
         for k, axis in enumerate("xyz"):
             tip.plot(
                 q.t[::every], moved[::every, k], STYLES[k], color=GREYS[k], lw=1, label=axis if not number else None
@@ -104,13 +100,13 @@ def _over_time(made: Imported, rows: Sequence[TrialRow], words: Words, pressure:
 
 def _side(rows: Sequence[TrialRow], robot: Robot, ax: Axes) -> PathCollection:
     """All tips, by their distance from the axis."""
-    x, y, z = MM * np.array([r.tip for r in rows], np.float64).T
-    ax.plot([0, 0], [0, robot.length * MM], color="0.6", lw=3, solid_capstyle="butt")
+    x, y, z = 1e3 * np.array([r.tip for r in rows], np.float64).T
+    ax.plot([0, 0], [0, robot.length * 1e3], color="0.6", lw=3, solid_capstyle="butt")
     dots = ax.scatter(
         np.hypot(x, y), z, c=[max(r.pressures) / robot.actuators.words.pascal for r in rows], s=14, cmap="viridis"
     )
     ax.set_title("side; grey: straight robot", fontsize="small")
-    width = MM * max(0.7 * robot.length, 1.1 * max(float(np.hypot(*r.tip[:2])) for r in rows if r.tip))
+    width = 1e3 * max(0.7 * robot.length, 1.1 * max(float(np.hypot(*r.tip[:2])) for r in rows if r.tip))
     ax.set(xlabel="from the axis, mm", ylabel="z, mm", xlim=(-0.05 * width, width))
     ax.set_aspect("equal")
     return dots
@@ -120,15 +116,16 @@ def _top(own: Sequence[TrialRow], group: Sequence[int], rows: Sequence[TrialRow]
     """Tips of the states of one group, and the direction in which the chambers push them."""
     pascal = robot.actuators.words.pascal
     highest = [max(r.pressures) / pascal for r in rows]
-    x, y, _ = MM * np.array([r.tip for r in own], np.float64).T
-    size = 1.1 * MM * max(float(np.abs([r.tip[:2] for r in rows if r.tip]).max()), 1e-3)
+    x, y, _ = 1e3 * np.array([r.tip for r in own], np.float64).T
+    size = 1.1 * 1e3 * max(float(np.abs([r.tip[:2] for r in rows if r.tip]).max()), 1e-3)
     towards = robot.bending_directions
     pushed = {
         round(r.roll_deg or 0.0): complex(np.dot(r.pressures, towards) * np.exp(1j * np.radians(r.roll_deg or 0.0)))
         for r in own
         if len(r.pressures) == len(towards)
     }
-    weak = WEAK * max(sum(r.pressures) for r in own)
+    # pressures whose push across the axis is weaker have no direction
+    weak = 0.1 * max(sum(r.pressures) for r in own)
     for push in (p / abs(p) for p in pushed.values() if abs(p) > weak):
         ax.annotate(
             "",

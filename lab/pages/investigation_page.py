@@ -18,10 +18,6 @@ from .diagnosis_report import hypothesis, names
 from .figures import GREY, STYLE, colours, save
 from .report import Report, Section
 
-SHOWN = 6
-"""Hypotheses drawn, those that were ever most probable first."""
-LEAST = 0.01
-
 
 def write(found: Investigation, path: Path, source: str, answer: str) -> Path:
     """Write one offline page; `answer` is the name of the page of the last diagnosis beside it."""
@@ -113,7 +109,7 @@ def _drawn(found: Investigation, path: Path) -> Path:
     """Lines of probability over minutes; the experiments stand above."""
     probability = [{x.effects: x.probability for x in r.diagnosis.attribute.ranking} for r in found.rounds]
     highest = {h: max(p.get(h, 0.0) for p in probability) for h in {h for p in probability for h in p}}
-    shown = sorted((h for h in highest if highest[h] > LEAST), key=lambda h: -highest[h])[:SHOWN]
+    shown = sorted((h for h in highest if highest[h] > 0.01), key=lambda h: -highest[h])[:6]
     minutes = [r.minutes for r in found.rounds]
     with plt.rc_context(STYLE):
         figure, axis = plt.subplots(figsize=(5.2, 3.4 + 0.2 * len(shown)), layout="constrained")

@@ -15,7 +15,6 @@ from model.prediction.inverse import Reached
 from .figures import STYLE, colours, save
 
 Array = NDArray[np.float64]
-MM = 1e3
 
 
 def tips(pressure: Array, spine_length: Array, found: Prediction, path: Path, words: Words) -> Path:
@@ -28,7 +27,7 @@ def tips(pressure: Array, spine_length: Array, found: Prediction, path: Path, wo
             own = np.flatnonzero(np.round(spine_length, 4) == length)
             at = pressure[own] / words.pascal
             for k, axis in enumerate(axes):
-                middle, half = MM * found.tip[own, k], MM * (high - low)[own, k] / 2
+                middle, half = 1e3 * found.tip[own, k], 1e3 * (high - low)[own, k] / 2
                 axis.errorbar(at, middle, half, fmt="o", ms=2.5, lw=0.9, capsize=2, color=colour)
             if len(lengths) <= 12:
                 axes[0].plot([], [], "o", ms=3, color=colour, label=f"{100 * length:.3g} cm")
@@ -49,13 +48,13 @@ def targets(wanted: Array, found: Reached, path: Path) -> Path:
         figure, axes = plt.subplots(1, 2, figsize=(9, 4), layout="constrained")
         for axis, (i, j) in zip(axes, ((0, 2), (0, 1)), strict=True):
             axis.errorbar(
-                MM * tip[:, i], MM * tip[:, j], MM * (high - low)[:, j] / 2, MM * (high - low)[:, i] / 2,
+                1e3 * tip[:, i], 1e3 * tip[:, j], 1e3 * (high - low)[:, j] / 2, 1e3 * (high - low)[:, i] / 2,
                 fmt=".", ms=3, lw=0.8, color="0.25", label="expected tip, 95 % interval",
             )  # fmt: skip
             for own, mark, label in ((found.reached, "o", "target"), (~found.reached, "x", "target out of reach")):
-                axis.plot(MM * place[own, i], MM * place[own, j], mark, ms=7, mfc="none", color="black", label=label)
+                axis.plot(1e3 * place[own, i], 1e3 * place[own, j], mark, ms=7, mfc="none", color="black", label=label)
             axis.plot(
-                MM * np.stack([place[:, i], tip[:, i]]), MM * np.stack([place[:, j], tip[:, j]]), ":", color="0.5"
+                1e3 * np.stack([place[:, i], tip[:, i]]), 1e3 * np.stack([place[:, j], tip[:, j]]), ":", color="0.5"
             )
             axis.set_aspect("equal", "datalim")
             axis.set_xlabel(f"{'xyz'[i]}, mm")

@@ -11,8 +11,6 @@ import numpy as np
 
 from .figures import CALIBRATED, STYLE, colours, save
 
-MM = 1e3
-
 
 def pushes(found: Mapping[str, Any], name: str, path: Path) -> Path:
     """`found` is the diagnosis' detail of stiffness trials: deflection read, and missed by the model, a line a trial.
@@ -28,12 +26,12 @@ def pushes(found: Mapping[str, Any], name: str, path: Path) -> Path:
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots(2, 1, figsize=(4.8, 5.6), layout="constrained", sharex=True, sharey=True)
         for axis, (key, title) in zip(axes, models, strict=True):
-            missed = MM * (np.array(found["force"]) - np.array(found[key])) / np.array(found["stiffness"])
+            missed = 1e3 * (np.array(found["force"]) - np.array(found[key])) / np.array(found["stiffness"])
             axis.axhspan(-found["floor_mm"], found["floor_mm"], color="0.9")
             for name, colour in zip(specimens, colours(len(specimens)), strict=False):
                 for t in np.unique(trial[[n == name for n in names]]):
                     own = trial == t
-                    axis.plot(MM * deflection[own], missed[own], "-o", ms=2.5, lw=0.9, color=colour)
+                    axis.plot(1e3 * deflection[own], missed[own], "-o", ms=2.5, lw=0.9, color=colour)
                 axis.plot([], [], color=colour, label=name)
             axis.set_title(title, loc="left")
             axis.set_ylabel("measured minus model,\nmm of deflection")

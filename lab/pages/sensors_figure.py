@@ -15,8 +15,6 @@ from ..files.units import unit_text
 from .figures import Panel, colours, legend_below
 
 PREFIX = "sensor_"
-MOST = 20
-"""Quantities that are drawn; the table of numbers has all."""
 
 
 def quantities(table: Table) -> tuple[str, ...]:
@@ -34,7 +32,8 @@ def sensors(table: Table, words: Words) -> list[Panel]:
     deviation of the samples averaged."""
     return [
         partial(_panel, table=table, column=column, over=over, pascal=words.pascal)
-        for column in quantities(table)[:MOST]
+        # the table of numbers has all
+        for column in quantities(table)[:20]
         for over in ("state", f"highest {words.axis}")
     ]
 

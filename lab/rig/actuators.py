@@ -14,15 +14,15 @@ import shlex
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable
 from multiprocessing import Pipe
 from typing import Any
 
+import timing
 from drivers.interfaces import Identity
+from timing import RigClock
 
-from ..files.clock import RigClock
 from ..files.rig_file import RigFile
 from ..guard.child import start_child
 from ..guard.instruments import COMMANDS
@@ -36,8 +36,6 @@ ANSWER_WITHIN = 50.0
 """Host seconds after which a guard that lives and beats but does not answer is given up."""
 BEATS_MISSED = 2.0
 """The guard counts as frozen after so many times the rig's `safe.heartbeat` without a sign of life."""
-LONGEST_COMMAND = 200
-"""Characters of this program's command that are shown to others."""
 SLICE = 0.05
 LIVING_ON: list[subprocess.Popen[bytes]] = []
 """Guards that go on landing their rigs without this program."""
@@ -67,7 +65,7 @@ class Actuators:
         """Raises RigLocked when a person has to see to the rig first, or another program owns it."""
         self._on_sample, self._on_event = on_sample, on_event
         self._silent = BEATS_MISSED * rig.safe.heartbeat
-        self._lock = threading.RLock()
+        self._lock = timing.RLock()
         self._numbers = itertools.count(1)
         self.last_command: dict[str, float] = {}
         """Host time at which the last command to each instrument ended: no reading comes while it works."""
@@ -94,7 +92,7 @@ class Actuators:
             self._end()
             self._samples.close()
             raise
-        self._reader = threading.Thread(target=self._forward, name="guard-messages", daemon=True)
+        self._reader = timing.Thread(target=self._forward, name="guard-messages", daemon=True)
         self._reader.start()
 
     @property
@@ -118,14 +116,14 @@ class Actuators:
                 return self._answer(number, f"{name}.{method}", ANSWER_WITHIN)
             finally:
                 self.pulse.mark()
-                self.last_command[name] = time.monotonic()
+                self.last_command[name] = timing.now()
 
     def _answer(self, number: int, what: str, within: float) -> Any:
         """The answer to command `number`; answers to commands whose callers were interrupted are dropped."""
-        deadline = time.monotonic() + within
+        deadline = timing.now() + within
         while True:
             try:
-                come = self._commands.poll(SLICE)
+                come = timing.readable([self._commands], SLICE)
                 if come:
                     answered, ok, answer = self._commands.recv()
                     if answered != number:
@@ -136,7 +134,7 @@ class Actuators:
             except (EOFError, BrokenPipeError, ConnectionResetError) as e:
                 self._give_up("it has ended")
                 raise self._lost(what) from e
-            now = time.monotonic()
+            now = timing.now()
             self.pulse.mark()
             if number:
                 self._listen()
@@ -149,7 +147,7 @@ class Actuators:
         """Take what the guard sends until its end."""
         with self._samples, contextlib.suppress(EOFError, OSError):
             while True:
-                message = self._samples.recv()
+                message = timing.receive(self._samples)
                 self._heard = self.pulse.awake.now
                 if isinstance(message, Event):
                     if message.kind != "beat":
@@ -229,7 +227,7 @@ class Actuators:
 
 def _about() -> str:
     """This program, for others who want the rig."""
-    command = shlex.join([os.path.basename(sys.argv[0]), *sys.argv[1:]])[:LONGEST_COMMAND]
+    command = shlex.join([os.path.basename(sys.argv[0]), *sys.argv[1:]])[:200]
     return f"{command} (process {os.getpid()}, since {time.strftime('%H:%M')})"
 
 

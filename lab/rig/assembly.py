@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import threading
-import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from types import TracebackType
 from typing import Any, Self
 
+import timing
 from drivers.configs import InstrumentConfig
 from drivers.errors import InstrumentError
 from drivers.interfaces import Identity
@@ -73,7 +72,7 @@ class Rig:
         """The landing by this program after its guard was lost."""
         self._recorder: Recorder | None = None
         self._sinks: dict[str, Callable[[Any], None]] = {}
-        self._lock = threading.Lock()
+        self._lock = timing.Lock()
         instruments = file.instruments
         self.chambers = wiring(file, robot)
         self.actuators = act.Actuators(file, self.clock, self._polled, self._guard_event, despite_latch)
@@ -166,7 +165,7 @@ class Rig:
             self.vital.errors[name] = sample
             return
         self.vital.errors.pop(name, None)
-        self.vital.heard[name] = time.monotonic()
+        self.vital.heard[name] = timing.now()
         if name == "gauge":
             self.vital.repeats.take(sample.absolute, self.vital.heard[name])
         self._take(name, sample)

@@ -11,9 +11,6 @@ from recordings.own_files import replaced
 
 from ..files.config import ConfigError
 
-LONGEST = 5000
-"""Bytes of a path."""
-
 
 def _place(rig: Path) -> Path:
     return rig.with_suffix(".recording")
@@ -32,7 +29,7 @@ def recording_of(rig: Path) -> Path:
     place = _place(rig)
     if not place.exists():
         raise ConfigError(f"{rig}: no run of it is known ({place.name} is not there); give its recording instead")
-    found = Path(os.fsdecode(read_bounded(place, LONGEST, ConfigError).strip()))
+    found = Path(os.fsdecode(read_bounded(place, 5000, ConfigError).strip()))  # bytes
     if not found.is_file():
         raise ConfigError(f"{place}: names {found}, which is not there; give the recording instead")
     return found

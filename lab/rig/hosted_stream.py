@@ -10,17 +10,17 @@ import contextlib
 import queue
 import subprocess
 import threading
-import time
 from multiprocessing.connection import Connection
 from typing import Any
 
+import timing
 from drivers.configs import ArmConfig
 from drivers.errors import BadReply, InstrumentError, NotReady, StaleReading, Unreachable
 from drivers.interfaces import ArmSample, Identity, Sink
+from timing import RigClock
 
 from ..files.all_drivers import drivers
-from ..files.clock import RigClock
-from ..guard.child import begin_child, how_it_ended, start_served
+from ..guard.child import Child, begin_child, how_it_ended, start_served
 
 OPEN_WITHIN, CLOSE_WITHIN = 20.0, 5.0
 """Host seconds. A sound controller sends its state within one or two, and a busy computer may take ten to start a process; the
@@ -35,10 +35,10 @@ class HostedArmState:
         self.name, self.config = name, config
         self.lost = 0
         self._clock, self._sink = clock, sink
-        self._process: subprocess.Popen[bytes] | None = None
+        self._process: Child | None = None
         self._line: Connection | None = None
         self._receiver: threading.Thread | None = None
-        self._opened: queue.Queue[Identity | InstrumentError] = queue.Queue()
+        self._opened: queue.Queue[Identity | InstrumentError] = timing.Queue()
         self._newest: tuple[float, ArmSample] | None = None
         self._doubt: InstrumentError | None = None
         """What is wrong with the newest sample."""
@@ -51,10 +51,10 @@ class HostedArmState:
         clock, config = self._clock, self.config
         setup = (self.name, config.driver, config.model_dump_json(), clock.speed, clock.start)
         self._process, self._line = start_served("lab.rig.hosted_stream", setup)
-        self._opened = queue.Queue()
+        self._opened = timing.Queue()
         self._newest = self._doubt = self._error = None
         self.lost = 0
-        self._receiver = threading.Thread(
+        self._receiver = timing.Thread(
             target=self._receive, args=(self._line, self._process, self._opened), name=self.name, daemon=True
         )
         self._receiver.start()
@@ -94,7 +94,7 @@ class HostedArmState:
             raise NotReady(self.name, "not open; call open() first")
         if self._error is not None:
             raise self._error
-        age = time.monotonic() - newest[0]
+        age = timing.now() - newest[0]
         if age > self.config.max_age:
             raise StaleReading(
                 self.name,
@@ -105,12 +105,10 @@ class HostedArmState:
             raise self._doubt
         return newest[1]
 
-    def _receive(
-        self, line: Connection, process: subprocess.Popen[bytes], opened: queue.Queue[Identity | InstrumentError]
-    ) -> None:
+    def _receive(self, line: Connection, process: Child, opened: queue.Queue[Identity | InstrumentError]) -> None:
         with contextlib.suppress(EOFError, OSError):
             while True:
-                message = line.recv()
+                message = timing.receive(line)
                 if isinstance(message, (Identity, InstrumentError)):
                     opened.put(message)
                     continue
@@ -129,9 +127,16 @@ class HostedArmState:
 
 
 # ------------------------------------------------------------------ the process
+def serve(given: list[int]) -> int:
+    """Serve a rig on the file descriptor that it gave, until it ends."""
+    with Connection(given[0]) as line:
+        _serve(line)
+    return 0
+
+
 def _serve(line: Connection) -> None:
-    name, driver_name, config, speed, start = line.recv()
-    samples: queue.SimpleQueue[ArmSample] = queue.SimpleQueue()
+    name, driver_name, config, speed, start = timing.receive(line)
+    samples: queue.Queue[ArmSample] = timing.Queue()
     of = drivers()[driver_name]
     assert of.make_state is not None
     driver = of.make_state(name, of.config.model_validate_json(config), RigClock(speed, start), samples.put)
@@ -141,14 +146,14 @@ def _serve(line: Connection) -> None:
         line.send(e)
         return
     with contextlib.suppress(EOFError, OSError):
-        while not line.poll(0):
+        while not timing.readable([line], 0.0):
             batch: list[Any] = []
             with contextlib.suppress(queue.Empty):
                 batch.append(samples.get(timeout=0.05))
                 while len(batch) < LONGEST_BATCH:
                     batch.append(samples.get_nowait())
             if batch:
-                line.send((driver.lost, time.monotonic(), batch, _doubt(driver)))
+                line.send((driver.lost, timing.now(), batch, _doubt(driver)))
     driver.close()
 
 
@@ -164,5 +169,4 @@ def _doubt(driver: Any) -> InstrumentError | None:
 
 
 if __name__ == "__main__":
-    (given,) = begin_child()
-    _serve(Connection(given))
+    serve(begin_child())

@@ -10,15 +10,14 @@ from __future__ import annotations
 import codecs
 import contextlib
 import os
-import select
 import signal
 import termios
-import threading
 import tty
 from collections.abc import Callable, Iterator
 from types import FrameType, TracebackType
 from typing import Any
 
+import timing
 from protocols.errors import BadRequest
 from protocols.steering import LONGEST, Steering
 
@@ -99,11 +98,11 @@ class Keys:
         self._decoder = codecs.getincrementaldecoder("utf-8")("replace")
         self._before: list[Any] | None = None
         """The mode to put back; None while it is as it was."""
-        self._lock = threading.RLock()
+        self._lock = timing.RLock()
         """Held while the terminal is read or its mode is changed."""
         self._lent = 0
         self._wake, self._woken = -1, -1
-        self._thread = threading.Thread(target=self._run, name="keys", daemon=True)
+        self._thread = timing.Thread(target=self._run, name="keys", daemon=True)
         self._stop_signal: Any = None
 
     def __enter__(self) -> Keys:
@@ -176,7 +175,7 @@ class Keys:
         while True:
             own = [self._fd] if self._before is not None and self._foreground else []
             try:
-                ready, _, _ = select.select([self._woken, *own], [], [], LOOK)
+                ready = timing.readable([self._woken, *own], LOOK)
             except OSError:
                 return
             if self._woken in ready:
@@ -192,7 +191,7 @@ class Keys:
 
     def _typed(self) -> str | None:
         """What has come; None at the end of a terminal that is gone."""
-        if self._before is None or not self._foreground or not select.select([self._fd], [], [], 0)[0]:
+        if self._before is None or not self._foreground or not timing.readable([self._fd], 0.0):
             return ""
         try:
             data = os.read(self._fd, 1024)

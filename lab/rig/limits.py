@@ -17,10 +17,6 @@ from recordings.states.demands import Bodies
 from ..files.config import ConfigError
 from ..files.rig_file import RigFile, Stand
 
-LONGER = 3.0
-"""Times the elongation of robot.yaml: its area factor is known before a calibration within such a factor."""
-MISPLACED = 0.1
-"""Share of a distance by which the cameras' base frame and bodies may be out of place before a run is held up."""
 SLACK = 1 + 1e-9
 """A value at its limit is within it, however it was rounded."""
 
@@ -190,8 +186,9 @@ def _push(push: Push, rig: RigFile, path: Path, robot: Robot) -> Iterator[Excess
 def bodies(rig: RigFile, robot: Robot) -> Bodies:
     """Return the bounds that the robot sets to the places of its tip and markers, to be judged from rig time 0 on.
 
-    The stretch is `LONGER` times the strain with all chambers at their highest pressure, and `MISPLACED` more. Markers count
-    where robot.yaml states the arc length of each marker of rig.yaml.
+    The stretch is three times the strain with all chambers at their highest pressure, because the area factor is not known
+    better before a calibration, and a tenth more, because bodies and the cameras' base frame may be out of place. Markers
+    count where robot.yaml states the arc length of each marker of rig.yaml.
     """
     names = getattr(rig.instruments.mocap, "markers", ())
     markers = robot.markers if len(names) == len(robot.markers) else ()
@@ -200,7 +197,7 @@ def bodies(rig: RigFile, robot: Robot) -> Bodies:
         factor = float(robot.area_factor_at([0.0, 0.0 if robot.spine is None else robot.length]).max())
         push = rig.instruments.pressure.max_pressure * factor * float(body_of(robot).tip_area.sum())
         strain = push / (robot.youngs_modulus * body_area(robot))
-    return Bodies(0.0, (robot.length, *markers), 1 + MISPLACED + LONGER * strain)
+    return Bodies(0.0, (robot.length, *markers), 1 + 0.1 + 3.0 * strain)
 
 
 def expected_force(robot: Robot, push: Push) -> float | None:

@@ -36,8 +36,6 @@ AGREE = 1e3
 """Pa by which a reading may differ from its set-point, and the other channels may move."""
 REST = 2.0
 """Rig seconds in which the robot comes to rest."""
-RATE = 5e3
-"""Pa/s."""
 FRAMES = 200
 """Of the tip that are averaged: 0.3 mm of camera noise becomes 0.03 mm in a difference."""
 LEAST_VISIBLE = 0.3e-3
@@ -201,7 +199,7 @@ def _channel(bench: Bench, rig: RigFile, displacements: Expected, channel: int) 
 def _inflate(bench: Bench, channel: int, pressure: float, before: Array) -> None:
     """Ramp one channel to a pressure (Pa); NotAsCommanded when its reading does not get there, or another moves."""
     channels = len(bench.chambers.channels)
-    ramp(bench, [pressure if c == channel else 0.0 for c in range(channels)], RATE)
+    ramp(bench, [pressure if c == channel else 0.0 for c in range(channels)], 5e3)  # Pa/s
     wanted = before * 0.0
     wanted[channel] = pressure
     bench.wait(

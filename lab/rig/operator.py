@@ -17,6 +17,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import timing
 from protocols.bench import Operator, Setup
 from protocols.errors import ProtocolError, Stopped
 from recordings.json_text import read_json
@@ -43,10 +44,6 @@ def preparations(setup: Setup, before: Setup | None = None) -> str:
     return "; ".join(
         text for name, text in done.items() if before is None or getattr(setup, name) != getattr(before, name)
     )
-
-
-LONGEST_ANSWER = 65536
-"""Characters of one line that a program may answer."""
 
 
 class Console:
@@ -108,8 +105,10 @@ class Program:
                 connection.connect(str(self.path))
                 self._check_peer(connection)
                 connection.sendall(json.dumps(question).encode() + b"\n")
-                line = connection.makefile().readline(LONGEST_ANSWER)
-            answer = read_json(line)
+                line = b""
+                while b"\n" not in line and len(line) < 65536 and (more := timing.recv(connection, 4096)):
+                    line += more
+            answer = read_json(line.partition(b"\n")[0])
         except (OSError, ValueError) as e:
             raise ProtocolError(
                 f"{self._where}: no usable answer ({e}); start it, or set operator: console in rig.yaml"

@@ -13,8 +13,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from drivers.configs import HOSTS, PORTS
+from timing import RigClock
 
-from ..files.clock import RigClock
 from ..files.config import ConfigError
 from ..files.rig_file import ClockConfig, Instruments, RigFile, present, table_of
 from .operator import UNIX, ended

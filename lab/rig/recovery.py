@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 
+import timing
 from drivers.errors import DeviceFault, InstrumentError
 from protocols.bench import Operator, Setup
 from protocols.errors import Stopped, Suspended
@@ -87,31 +87,31 @@ class Recovery:
                 raise Stopped("stopped by the operator during a pause; the steps finished so far are in the recording")
             self._actuators.pulse.mark()
             self._watch.look(resting=True)
-            time.sleep(LOOK)
+            timing.sleep(LOOK)
         self._actuators.resume()
         self._await_health(None)
         self._say("Resuming")
 
     def _await_health(self, cause: InstrumentError | None) -> None:
         """Wait until nothing has been wrong for a while."""
-        give_up = time.monotonic() + self._limits.resume_within
-        well_since = time.monotonic()
+        give_up = timing.now() + self._limits.resume_within
+        well_since = timing.now()
         self._watch.forget()
-        while time.monotonic() - well_since < STEADY:
+        while timing.now() - well_since < STEADY:
             self._actuators.pulse.mark()
             try:
                 self._watch.look(strict=True)
             except (InstrumentError, Suspended) as e:
-                if time.monotonic() > give_up:
+                if timing.now() > give_up:
                     still = f"{self._limits.resume_within:g} s (limits.resume_within) after it was confirmed as fixed"
                     raise _with(cause or _cause(e), f"{still}, still {e}") from e
                 self._watch.forget()
-                well_since = time.monotonic()
+                well_since = timing.now()
             except RigLanded as e:
                 if cause is None:
                     raise
                 raise _with(cause, str(e)) from e
-            time.sleep(LOOK)
+            timing.sleep(LOOK)
 
 
 def _cause(error: InstrumentError | Suspended) -> InstrumentError:

@@ -54,14 +54,6 @@ from .streams import TOPICS, recorded
 
 RATE = 100.0
 """Samples of each stream in a rig second."""
-JUMP = 0.5
-"""Shortest rig seconds that pass where a protocol waits."""
-LONGER = 10.0
-"""Times the planned duration after which a rehearsal is given up; an hour at least."""
-SUPPLY = 80e3
-"""Pa below ambient, of the vacuum supply where neither plan nor set-up names a vacuum."""
-STIFFNESS = 300.0
-"""N/m of the specimen at the stand, from its axis on: touched in the first steps, and far below any limit in the last."""
 AT_DESK = "; at the desk set-points are reached at once, and the tip hangs straight"
 ZERO: Vector6 = (0.0,) * 6
 
@@ -125,7 +117,7 @@ class Clock:
 
     def sleep(self, duration: float) -> None:
         """At least `duration` seconds pass."""
-        self._t += max(duration, JUMP)
+        self._t += max(duration, 0.5)
         if self._t > self._longest:
             raise TimeoutError(
                 f"run has not ended after {self._longest / 3600:.3g} h of rig time; does it wait for ever?"
@@ -174,10 +166,12 @@ class Desk:
 
     def __init__(self, rig: RigFile, plan: Plan, markers: int, sensors: Sequence[MessageType]) -> None:
         self.rig, self.sensors = rig, sensors
-        self.clock = Clock(max(LONGER * plan.seconds, 3600.0))
+        # a rehearsal that takes ten times as long as planned, an hour at least, is given up
+        self.clock = Clock(max(10.0 * plan.seconds, 3600.0))
         self.chambers: ChamberMap = wiring(rig, rig.body)
         self.readings = Readings(streams(self.chambers.count, markers, sensors), self.clock)
-        self.supply = max((step.ask.vacuum or 0.0 for step in plan.steps), default=0.0) or SUPPLY
+        # Pa below ambient, where neither plan nor set-up names a vacuum
+        self.supply = max((step.ask.vacuum or 0.0 for step in plan.steps), default=0.0) or 80e3
         self.highest = 0.0
         self.stand = None if rig.stand is None else StandFrame(**rig.stand.model_dump())
         self.places = bodies(rig, rig.body)
@@ -311,7 +305,8 @@ class Arm(Instrument):
         stand = self.desk.stand
         if stand is not None:
             depth = sum((a - o) * d for a, o, d in zip((x, y, z), stand.origin, stand.push, strict=True))
-            pushed = -STIFFNESS * max(0.0, depth) * np.array(stand.push) @ rotation_from_vector(turn)
+            # N/m: touched in the first steps, and far below any limit in the last
+            pushed = -300.0 * max(0.0, depth) * np.array(stand.push) @ rotation_from_vector(turn)
             self.desk.force.show(raw=(*pushed.tolist(), 0.0, 0.0, 0.0))
 
     def moving(self) -> bool:

@@ -8,15 +8,6 @@ from statistics import fmean, stdev
 
 LEARNED = 40
 """Latest readings before a run of equal ones that tell how noisy the gauge is there; half of them are enough."""
-MOST_EQUAL = 0.25
-"""Share of neighbours that may be equal in a noisy gauge: a noise of one digit or less makes more, and then runs of equal
-readings tell nothing."""
-LEAST_TURNS = 1 / 3
-"""Share of readings that must be above or below both neighbours: noise makes two thirds, a changing pressure none."""
-SAME_LEVEL = 5.0
-"""Standard deviations within which equal readings are at the level that the noise is known for."""
-LONGEST_RUN = 20
-"""Equal readings on end that are no chance: with a quarter of equal neighbours, one series in 10^12."""
 
 
 class Repeats:
@@ -45,10 +36,13 @@ class Repeats:
     @property
     def stuck(self) -> float:
         """Host seconds for which a gauge has repeated itself that scattered before; 0 for one that may be at rest."""
-        if self._count < LONGEST_RUN or len(self._before) < LEARNED / 2:
+        # with a quarter of equal neighbours, such a run comes in one series of 10^12
+        if self._count < 20 or len(self._before) < LEARNED / 2:
             return 0.0
         steps = [b - a for a, b in pairwise(self._before)]
         equal = sum(step == 0 for step in steps) / len(steps)
         turns = sum(a * b < 0 for a, b in pairwise(steps)) / (len(steps) - 1)
-        near = abs(self._value - fmean(self._before)) <= SAME_LEVEL * stdev(self._before)
-        return self._at - self._since if near and equal <= MOST_EQUAL and turns >= LEAST_TURNS else 0.0
+        near = abs(self._value - fmean(self._before)) <= 5.0 * stdev(self._before)
+        # Where more than a quarter of neighbours are equal, for a noise of one digit or less, equal readings tell nothing.
+        # Noise turns two thirds of the readings, a changing pressure none.
+        return self._at - self._since if near and equal <= 0.25 and turns >= 1 / 3 else 0.0

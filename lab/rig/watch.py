@@ -9,16 +9,16 @@ from __future__ import annotations
 
 import contextlib
 import math
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import timing
 from drivers.errors import BadReply, DeviceFault, InstrumentError, StaleReading
-from drivers.interfaces import ArmSample, BodySample, WrenchSample
+from drivers.interfaces import ArmSample, BodySample, SafetyBit, WrenchSample
 from protocols.errors import StoodStill, Suspended
+from timing import RigClock
 
-from ..files.clock import RigClock
 from ..files.rig_file import Limits
 from ..guard.instruments import POLLED
 from ..guard.messages import Event, RigLanded
@@ -27,8 +27,6 @@ from .repeats import Repeats
 
 GRACE = 0.5
 """Host seconds for which a stream may be late, less those for which it was not: a loaded computer must not end a run."""
-SAFEGUARD = 1 << 4
-"""Safety bit of an arm whose safeguard input has opened: somebody is in the cell."""
 OWN_SLEEP, CATCH_UP = 0.5, 0.2
 """Host seconds that this program may have stood still between two looks; time to make up for more."""
 STANDSTILL = 5.0
@@ -36,8 +34,14 @@ STANDSTILL = 5.0
 STUCK = 1.0
 """Host seconds for which all values of a force sensor, of a tracked body or of a noisy gauge may stay the same to the last
 digit."""
-HELD = 1 << 2 | 1 << 4 | 1 << 5 | 1 << 6 | 1 << 7
-"""Safety bits of an arm that stands by a protective, safeguard or emergency stop until a person sets it free."""
+HELD = (
+    SafetyBit.PROTECTIVE_STOP
+    | SafetyBit.SAFEGUARD_STOP
+    | SafetyBit.SYSTEM_EMERGENCY_STOP
+    | SafetyBit.ROBOT_EMERGENCY_STOP
+    | SafetyBit.EMERGENCY_STOP
+)
+"""Of an arm that stands by a protective, safeguard or emergency stop until a person sets it free."""
 SLICE = 0.02
 """Longest host seconds between two looks while the experiment sleeps."""
 
@@ -89,7 +93,7 @@ class Watch:
         excuse nothing, lest an instrument that takes commands need never be read."""
         self._values: dict[str, Shown] = {}
         """What a stream showed last."""
-        self._began = time.monotonic()
+        self._began = timing.now()
         self._looked = self._began, actuators.pulse.awake.now
         self.stood = 0.0
         """Host seconds for which this program has stood still until now."""
@@ -107,7 +111,7 @@ class Watch:
         self._values.clear()
         self._vital.repeats.forget()
         self._vital.pause = None
-        self._began = time.monotonic()
+        self._began = timing.now()
 
     def look(self, strict: bool = False, resting: bool = False) -> None:
         """Raises what is wrong: KeyboardInterrupt, ActuatorsLost, RigLanded, Suspended or an InstrumentError.
@@ -123,10 +127,10 @@ class Watch:
                 self._standstill = StoodStill(
                     StaleReading("computer", f"stood still for {stood:.0f} s; the state is read anew")
                 )
-            time.sleep(CATCH_UP)  # let the threads of this program read what has come meanwhile
+            timing.sleep(CATCH_UP)  # let the threads of this program read what has come meanwhile
             self._excuse()
-            self._began = time.monotonic()
-        self._looked = time.monotonic(), self._actuators.pulse.awake.now
+            self._began = timing.now()
+        self._looked = timing.now(), self._actuators.pulse.awake.now
         self._actuators.look()
         vital = self._vital
         if vital.landed is not None:
@@ -135,7 +139,7 @@ class Watch:
             raise Suspended(vital.pause.error)
         if self._standstill is not None and not resting:
             raise self._standstill
-        now = time.monotonic()
+        now = timing.now()
         for name in self._needed:
             try:
                 if name in POLLED:
@@ -158,7 +162,7 @@ class Watch:
     def _stood_still(self) -> float:
         """Host seconds since the last look for which this program was not awake; a command that takes long is no sleep."""
         looked, awake = self._looked
-        return (time.monotonic() - looked) - (self._actuators.pulse.awake.now - awake)
+        return (timing.now() - looked) - (self._actuators.pulse.awake.now - awake)
 
     def recoverable(self, error: InstrumentError) -> bool:
         """Whether a person can put right what an instrument complains of: an arm that its own safety system holds, a
@@ -168,7 +172,7 @@ class Watch:
         state = self._streams.get("arm_state")
         if error.instrument != "arm" or state is None:
             return False
-        time.sleep(CATCH_UP)  # the state comes over a connection of its own
+        timing.sleep(CATCH_UP)  # the state comes over a connection of its own
         try:
             return bool(state.latest().safety_bits & HELD)
         except InstrumentError:
@@ -207,7 +211,9 @@ class Watch:
                 self._hidden_since = math.inf
             self._lateness(name, now, late=False)
             self._moves_on(name, sample, now)
-            if isinstance(sample, ArmSample) and sample.safety_bits & SAFEGUARD:
+            if (
+                isinstance(sample, ArmSample) and sample.safety_bits & SafetyBit.SAFEGUARD_STOP
+            ):  # somebody is in the cell
                 raise Suspended(
                     DeviceFault("arm", "safeguard stop: somebody has opened the cell; close it and reset it")
                 )
@@ -253,11 +259,11 @@ class WatchedClock:
 
     def sleep(self, duration: float) -> None:
         """Wait `duration` seconds of rig time; raises what the watch finds."""
-        end = time.monotonic() + max(0.0, duration) / self._clock.speed
+        end = timing.now() + max(0.0, duration) / self._clock.speed
         while True:
             self._actuators.pulse.mark()
             self._watch.look()
-            left = end - time.monotonic()
+            left = end - timing.now()
             if left <= 0:
                 return
-            time.sleep(min(SLICE, left))
+            timing.sleep(min(SLICE, left))

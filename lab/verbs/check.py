@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
+import timing
 from drivers.errors import InstrumentError
 from drivers.interfaces import Identity
 from model.robot import Robot
@@ -32,8 +33,6 @@ from ..rig.interrupts import Interrupts
 from ..rig.limits import bodies
 from ..rig.losses import newly_lost
 
-VACUUM = 80e3
-"""Pa below ambient that the supply is set to."""
 LOOK = 0.05
 """Host seconds between two looks at what has come."""
 
@@ -133,7 +132,7 @@ def _moved(rig: Rig, robot: Robot, as_json: bool) -> list[Moved]:
         rig.record_to(recorder)
         try:
             if rig.file.operator != "console":  # a person at the console has just been asked
-                bench.operator.prepare(Setup("robot", robot.tip_mass, 0.0, VACUUM))
+                bench.operator.prepare(Setup("robot", robot.tip_mass, 0.0, 80e3))  # Pa below ambient
             for result in moves(bench, rig.file, robot):
                 tell(result)
         except (ProtocolError, KeyboardInterrupt) as e:
@@ -165,13 +164,13 @@ def _misplaced(rig: Rig) -> list[str]:
 def _listen(rig: Rig, before: dict[str, int], seconds: float) -> float:
     """Let samples come for `seconds` of host time, and on until each instrument has brought one, for as long as a run would
     wait for it; returns how long that was."""
-    began = time.monotonic()
-    time.sleep(max(0.0, seconds))
+    began = timing.now()
+    timing.sleep(max(0.0, seconds))
     awaited = [topic for name in rig.identities if (topic := rig.topic(name))]
-    while (span := time.monotonic() - began) < rig.file.limits.max_age:
+    while (span := timing.now() - began) < rig.file.limits.max_age:
         if all(rig.counts.get(topic, 0) > before.get(topic, 0) for topic in awaited):
             break
-        time.sleep(LOOK)
+        timing.sleep(LOOK)
     return span
 
 

@@ -41,9 +41,6 @@ from ..next_step import FIRST, command, nothing_next, worth_doing
 from ..options import ANY_SIZE, INPUTS, OWN_EFFECTS, ROBOT, SCHEDULER, WORKERS, Verb, option
 from ..processes import for_case
 
-FIRST_PAIRS = 3
-"""Pairs of hypotheses named that the first proposal distinguishes."""
-
 
 @dataclass(frozen=True)
 class Outputs:
@@ -176,7 +173,7 @@ def _baseline(case: Case, comparisons: Comparisons, weighed: Mapping[str, Effect
 
 
 def _shown(screen: Screen, executor: Executor) -> Executor:
-    return replace(executor, progress=lambda share: screen.progress(share, 1.0))
+    return replace(executor, progress=screen.step)
 
 
 def _at_first_sight(screen: Screen, look: FirstLook) -> None:
@@ -255,7 +252,10 @@ def show(d: Diagnosis, protocols: Path | None = None) -> None:
         out.print(_separated(first))
     if not d.words.by_rig:
         where = f"{protocols}/{first.id}.csv" if protocols else "a file that --protocols FOLDER writes"
-        out.print(f"The states of the first are in {where}; lab import reads what you measure", soft_wrap=True)
+        out.print(
+            f"The states of the first are in {where}; lab import reads what you measure, and lab diagnose both cases as one",
+            soft_wrap=True,
+        )
         return
     run = command(first, protocols)
     out.print(
@@ -295,7 +295,7 @@ def _proposals(d: Diagnosis) -> Sheet:
 
 
 def _separated(p: Proposal) -> str:
-    pairs = " and ".join(" from ".join(pair) for pair in p.separates[:FIRST_PAIRS])
+    pairs = " and ".join(" from ".join(pair) for pair in p.separates[:3])
     return f"{p.id} is expected to distinguish {pairs}."
 
 

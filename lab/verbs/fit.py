@@ -55,7 +55,7 @@ def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_json
         )  # fmt: skip
     try:
         with Screen("calibrating", quiet=as_json) as screen:
-            result = calibrate(Case(case.robot.plain, case.table), lambda share: screen.progress(share, 1.0))
+            result = calibrate(Case(case.robot.plain, case.table), screen.step)
     except (DiagnosisError, ModelError) as e:
         raise ConfigError(str(e)) from e
     if folder is not None:
@@ -85,7 +85,7 @@ def fit_with(inputs: Sequence[Path], robot: Path | None, asked: WithEffects, fol
     note(left_out)
     try:
         with Screen("fitting", quiet=as_json) as screen:
-            found = fit_effects(case, asked.effects, known, lambda share: screen.progress(share, 1.0), asked.residual)
+            found = fit_effects(case, asked.effects, known, screen.step, asked.residual)
     except BadEffect:
         raise
     except (DiagnosisError, ModelError) as e:

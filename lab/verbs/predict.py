@@ -41,10 +41,6 @@ AT_REST = {"spine_length", "tip_mass", "roll_deg"}
 """What a table may tell of states that are each reached from rest by one ramp."""
 MM, SHOWN = 1e3, 40
 """Rows that are printed; all are written."""
-OWN_COLUMNS = 4
-"""Chambers of which each has a column of its own; those of a robot with more are listed in one."""
-LEAST_SHOWN = 10.0
-"""Pa."""
 INTERVAL = (
     "95 %: parameters of robot.yaml to first order, model-form error, discrepancy, pressure and spine from trial to trial; "
     "of a reading also its noise"
@@ -53,10 +49,6 @@ NO_INTERVAL = (
     "no interval: robot.yaml states no uncertainty; `lab fit CASE --with EFFECT --out FOLDER` writes a robot.yaml that "
     "does"
 )
-LEAST_PRESSURE = 1e3
-"""Pa; a table whose highest pressure is below is one in kPa or bar."""
-FARTHEST = 3.0
-"""Robot lengths; a target that is farther from the base is not in m."""
 PICTURES = (".svg", ".png", ".pdf")
 
 
@@ -184,7 +176,8 @@ def table_states(path: Path, words: Words) -> Columns:
     n = len(next(iter(found.values())))
     found.setdefault("spine_length", np.zeros(n))
     highest = {name: float(np.nanmax(np.abs(column))) for name, column in found.items() if re.fullmatch(r"p\d+", name)}
-    if highest and 0 < max(highest.values()) < LEAST_PRESSURE:
+    # such a table is in kPa or bar
+    if highest and 0 < max(highest.values()) < 1e3:
         name = max(highest, key=lambda n: highest[n])
         raise ConfigError(
             f"{path}: column {name}: the highest {words.say('pressure')} is {highest[name]:g} Pa, which looks like another "
@@ -197,7 +190,8 @@ def table_states(path: Path, words: Words) -> Columns:
 def _demand_metres(path: Path, place: Array, robot: Robot) -> None:
     """Raises ConfigError for targets (m, 3) that cannot be in m."""
     far = float(np.nanmax(np.abs(place), initial=0.0))
-    if far > FARTHEST * robot.length:
+    # such a target is not in m
+    if far > 3.0 * robot.length:
         raise ConfigError(
             f"{path}: a target is {far:g} m from the base of a robot of {robot.length:g} m, which looks like mm or cm; write m"
         )
@@ -343,7 +337,8 @@ def _sheet(robot: Robot, states: Columns, found: Prediction) -> Sheet:
     low, high = found.interval()
     pressures, words = _pressures(robot, states), robot.actuators.words
     count = pressures.shape[1]
-    own = count <= OWN_COLUMNS
+    # chambers of a robot with more are listed in one column
+    own = count <= 4
     columns = [f"p{c}" for c in range(1, count + 1)] if own else [words.say("p (chambers)")]
     named = " + ".join(robot.effects) or "no effect"
     t = Sheet(title=f"Expected readings of the tip, p in {words.unit}: {robot.name}, {named}", title_justify="left")
@@ -383,7 +378,7 @@ def _inflated(pressures: Array, words: Words) -> str:
     """Pressure or tension and, in brackets, the actuators that have it."""
     by: dict[str, list[str]] = {}
     for c, p in enumerate(pressures.tolist(), 1):
-        if p > LEAST_SHOWN:
+        if p > 10.0:
             by.setdefault(words.number(p, 1), []).append(str(c))
     return "; ".join(f"{number} ({', '.join(own)})" for number, own in by.items()) or "none"
 

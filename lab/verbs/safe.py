@@ -173,7 +173,8 @@ def _ended(found: Landed) -> list[str]:
 
 def _land_rest(rig_path: Path, latch: Latch, result: Result, clear: bool) -> None:
     """Land what no guard has landed. Raises ConfigError when nothing of the rig can be read, FakesEnded for ended fakes."""
-    from ..files.clock import RigClock
+    from timing import RigClock
+
     from ..files.rig_file import rig_to_make_safe
     from ..guard.instruments import ACTUATORS, owned_names
     from ..guard.last_used import recall

@@ -18,9 +18,6 @@ from ..console import clock, out
 from ..files.config import ConfigError
 from ..options import ANY_SIZE, JSON, Verb, option
 
-WIDEST = 10_000
-"""Columns of a terminal beyond any."""
-
 
 def _listed(found: Sequence[Run]) -> None:
     """The same where a table would be too wide: each recording with two lines below its path."""
@@ -87,7 +84,7 @@ def runs(folder: Path, since: str, protocol: str, spine: float | None, as_json: 
         notes, labels = str(run.notes or ""), ", ".join(f"{k}={v}" for k, v in run.labels.items())
         sheet.add_row(run.path, run.start[:19].replace("T", " "), clock(run.duration), run.protocol, spines,
                       _states(run), run.outcome, str(run.lost), notes, labels)  # fmt: skip
-    if out.measure(sheet, options=out.options.update(max_width=WIDEST)).maximum <= out.width:
+    if out.measure(sheet, options=out.options.update(max_width=10_000)).maximum <= out.width:
         out.print(sheet)
     else:
         _listed(found)

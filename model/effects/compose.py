@@ -24,8 +24,6 @@ ZERO = np.zeros((1, 1))
 
 FAR_AWAY = 1e4
 """m to where a spring is fixed that pulls with the same force wherever the tip is, to 1 in 10^4."""
-CONTACT_WIDTH = 2e-3
-"""m over which the obstacle's force sets in: skin and mounting give a little."""
 
 
 class RodColumns:
@@ -234,7 +232,8 @@ def _loads(q: Quantities, out: RodColumns) -> None:
     out[wall + 1] = s * q.plane_direction[0] + c * q.plane_direction[1]
     out[wall + col.SPRING_STIFFNESS] = q.plane_stiffness
     out[wall + col.SPRING_ORIGIN] = q.plane_distance
-    out[wall + col.SPRING_SOFTNESS] = CONTACT_WIDTH
+    # m: skin and mounting give a little
+    out[wall + col.SPRING_SOFTNESS] = 2e-3
     # Back along the body from the tip, which the chambers stretch and bend: y'' = k + F y / EI, k = M / EI.
     last = q.layout.elements[-1]
     bent = [out[col.TIP_MOMENT + k] / out[last + col.BEND] for k in range(2)]

@@ -26,12 +26,6 @@ from model.robot import Robot
 Array = NDArray[np.float64]
 Columns = Mapping[str, NDArray[np.generic]]
 
-VENTED = 1e3
-"""Pa; a state that reads less in all chambers is a state of rest."""
-PAUSE = 3600.0
-"""s without a reading, after which a robot may have been mounted anew."""
-MOST_RESTARTS = 0.5
-"""Of the trials; where more begin at an earlier t than the one before ended, t counts from the beginning of each trial."""
 TURN = ("rx", "ry", "rz")
 """Orientation channels: rotation vector (rad, base frame) from the baseline's orientation to the tip's."""
 QUATERNION = ("qw", "qx", "qy", "qz")
@@ -96,9 +90,11 @@ def _sittings(t: Array, trial: NDArray[np.int64]) -> NDArray[np.int64]:
     if len(numbers) < 2 or not np.isfinite(spans).all():
         return np.zeros(len(t), np.int64)
     between = spans[1:, 0] - spans[:-1, 1]
-    if np.mean(between < 0) > MOST_RESTARTS:
+    # where most trials begin at an earlier t than the one before ended, t counts from the beginning of each trial
+    if np.mean(between < 0) > 0.5:
         return np.zeros(len(t), np.int64)
-    count = np.concatenate([[0], np.cumsum((between < 0) | (between > PAUSE))])
+    # after an hour without a reading, a robot may have been mounted anew
+    count = np.concatenate([[0], np.cumsum((between < 0) | (between > 3600.0))])
     return np.asarray(count[np.searchsorted(numbers, trial)], np.int64)
 
 
@@ -128,7 +124,7 @@ def with_rest(design: States) -> tuple[States, NDArray[np.int64]]:
         if not own.size:
             continue
         rest[k] = own[0]
-        if np.abs(design.pressure[own[0]]).max() > VENTED:
+        if np.abs(design.pressure[own[0]]).max() > 1e3:
             rest[k] = len(design) + len(extra)
             extra.append(int(own[0]))
     long = design[np.concatenate([np.arange(len(design)), np.array(extra, int)])]

@@ -34,10 +34,6 @@ Array = NDArray[np.float64]
 
 NUDGE = 1e-5
 """By which assembly and history are differenced, in prior widths, and readings, in m and rad."""
-ROUNDING = 1e-9
-"""By which a bound may be missed, in prior widths: where robot.yaml has an effect, bounds are counted from it."""
-KEPT = 3
-"""Latest points that are kept: a search predicts where it then linearises."""
 
 
 @dataclass(frozen=True)
@@ -358,7 +354,8 @@ class ForwardModel:
         if values.shape != (len(self.parameters),):
             raise BadCondition(f"theta: shape {values.shape}, must be ({len(self.parameters)},)")
         values = values + self._nominal
-        slack = ROUNDING * self._sd
+        # where robot.yaml has an effect, bounds are counted from it and may be missed by rounding
+        slack = 1e-9 * self._sd
         wrong = ~((values >= self._low - slack) & (values <= self._high + slack))
         if wrong.any():
             info = self.parameters[int(np.flatnonzero(wrong)[0])]
@@ -410,7 +407,8 @@ class ForwardModel:
 
     def _keep(self, here: _At) -> None:
         others = [p for p in self._points if not np.array_equal(p.theta, here.theta)]
-        self._points = (here, *others)[:KEPT]
+        # a search predicts where it then linearises
+        self._points = (here, *others)[:3]
 
     def _asked(self, here: _At, sources: frozenset[int]) -> _At:
         """The same point with laws by which it is to be differentiated: one of size zero does nothing, but says where and how it

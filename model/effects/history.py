@@ -28,8 +28,6 @@ Order = NDArray[np.int64]
 
 CELLS = 12
 """Along the body, for what it remembers from one spine length to the next."""
-PAUSE = 300.0
-"""s between trials whose times are not known."""
 SHORTEST = 1e-4
 """m; a part shorter than this has no curvature to speak of."""
 
@@ -103,7 +101,8 @@ class Path:
         """Largest plus least value (v, n, DRIVES) that each cell of the body has come to, by parts; fading at `rate` (v,) 1/s.
         `covered` (v, n, CELLS) are the shares of the cells that are of the inner part, `roll` (n,) rad that of the body."""
         out = np.zeros(drive.shape)
-        pause = np.where(np.isfinite(self.stay), self.stay, PAUSE)
+        # s between trials whose times are not known
+        pause = np.where(np.isfinite(self.stay), self.stay, 300.0)
         _extremes(drive, covered, roll, self.after, pause + self.ramp + self.hold, rate, out)
         return out
 

@@ -23,14 +23,11 @@ POINTS, WEIGHTS = (0.5 * (a + b) for a, b in zip(np.polynomial.legendre.leggauss
 """Of a quadrature over 0..1, exact for the shapes of both parts."""
 
 
-NOTHING = 1e9
-"""m/N of a specimen that is not there."""
-
-
 def cantilever_force(q: Quantities, shear: ShearSpine) -> Array:
     """Force (v, n) N at the end for the deflection that was read; 0 where the row is no stiffness row."""
     design = q.design
-    bare = np.full((1, 1), NOTHING)
+    # m/N of a specimen that is not there
+    bare = np.full((1, 1), 1e9)
     if q.robot.spine is not None:
         second = annulus_second_moment(q.robot.spine.radius)
         bare = np.maximum(q.spine_length, 1e-3) ** 3 / (3 * np.maximum(moduli(q, shear)[2], 1.0) * second)

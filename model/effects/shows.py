@@ -11,12 +11,10 @@ from model.robot import Robot
 
 Array = NDArray[np.float64]
 
-SAME = 0.97
-"""Cosine of two settings of the chambers above which one is the other at another pressure."""
+REPEATED = 0.5
+"""Share of distinct values among pressures up to which they are set-points: of each value there are two or more."""
 SAME_SIDE = np.cos(np.radians(20.0))
 """Cosine of two bending directions above which they are one."""
-LEAST_BENDING = 0.05
-"""Of the sum of pressures, that must be left of their vector sum for chambers to bend the body."""
 
 
 def pushes(robot: Robot, design: States) -> bool:
@@ -48,9 +46,17 @@ def possible(robot: Robot, spec: EffectSpec) -> bool:
     return part is None or getattr(robot, part) is not None
 
 
+def set_points(robot: Robot, design: States) -> bool:
+    """A table that holds what was asked for: the same pressures again and again, to the last digit, as no reading is."""
+    pressure = design.pressure[~design.stiffness]
+    driven = pressure[pressure > USED]
+    return driven.size > 0 and len(np.unique(driven)) <= REPEATED * driven.size
+
+
 def chambers_apart(robot: Robot, design: States) -> bool:
     """Chambers inflated in more than one proportion: with one alone, areas are those of A_eff and the pattern's azimuth."""
-    return _differ(_inflated(design.pressure[~design.stiffness]), SAME)
+    # a larger cosine is the same setting at another pressure
+    return _differ(_inflated(design.pressure[~design.stiffness]), 0.97)
 
 
 def directions_apart(robot: Robot, design: States) -> bool:
@@ -63,7 +69,8 @@ def sides_apart(robot: Robot, pressure: Array) -> bool:
     pressure = _inflated(pressure)
     azimuth = np.deg2rad(robot.actuators.azimuths_deg)
     side = pressure @ np.column_stack([np.cos(azimuth), np.sin(azimuth)])
-    return _differ(side[np.linalg.norm(side, axis=1) > LEAST_BENDING * pressure.sum(axis=1)], SAME_SIDE)
+    # chambers whose vector sum is smaller do not bend the body
+    return _differ(side[np.linalg.norm(side, axis=1) > 0.05 * pressure.sum(axis=1)], SAME_SIDE)
 
 
 def returns(robot: Robot, design: States) -> bool:

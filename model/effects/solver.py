@@ -24,10 +24,6 @@ DIVISIONS = 5.0
 METHOD = rod.Fast(divisions=DIVISIONS, close=1e-9, remember=True)
 STRAIN_POINTS = 3
 """An element; strains change little along it."""
-NEAR_MARGIN = 0.02
-"""Margin to buckling with which a solution is trusted that began at a trusted one close by."""
-PARTS = (2, 6)
-"""Into how many the way from rods nearby is cut where it is too far in one."""
 FAR = math.cos(0.5 * 0.8)
 """Cosine of half the angle (0.8 rad) by which its tip may have turned since."""
 
@@ -130,7 +126,7 @@ def _go_on(layout: at.Layout, rows: Array, steps: Steps, start: Solved, trial: b
     left = _open(found)
     if left.size:
         left = _put(found, left, rod.solve(rods[left], replace(METHOD, steps=steps[left], follow=False)))
-    for parts in PARTS:
+    for parts in (2, 6):
         if not left.size:
             break
         here = start.solution.take(left)
@@ -148,7 +144,8 @@ def _go_on(layout: at.Layout, rows: Array, steps: Steps, start: Solved, trial: b
 
 def _nearby(rods: rod.Rods, steps: Steps, start: rod.Solution) -> rod.Solution:
     """Solve from solutions close by; FAILED where one is not to be trusted, or the tip turned so far that it may have snapped."""
-    found = rod.solve(rods, replace(METHOD, steps=steps, least_margin=NEAR_MARGIN, follow=False), start=start)
+    # closer to buckling, not even a solution that began at a trusted one close by is trusted
+    found = rod.solve(rods, replace(METHOD, steps=steps, least_margin=0.02, follow=False), start=start)
     turned = ~(np.abs(np.sum(found.orientation * start.orientation, axis=1)) >= FAR)
     found.status[turned] = rod.Status.FAILED
     return found

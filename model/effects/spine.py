@@ -20,10 +20,6 @@ Array = NDArray[np.float64]
 
 SHORTEST = 1e-3
 """m; keeps the laws finite where there is no spine."""
-LEAST_POWER = 1e-4
-"""A mean of this power is as good as the geometric one."""
-UNJAMMED = 0.02
-"""Share of the nominal vacuum that stands for granules without vacuum: they still pack under the sleeve's tension."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +85,8 @@ def _blend(q: Quantities, table: Array, other: Array) -> Array:
     if not q.shear_blend.any():
         return table
     power = q.shear_mix - 1
-    power = np.where(np.abs(power) < LEAST_POWER, LEAST_POWER, power)
+    # a mean of this power is as good as the geometric one
+    power = np.where(np.abs(power) < 1e-4, 1e-4, power)
     out: Array = table * (1 + q.shear_blend * ((other / table) ** power - 1)) ** (1 / power)
     return out
 
@@ -97,8 +94,9 @@ def _blend(q: Quantities, table: Array, other: Array) -> Array:
 def jamming(q: Quantities) -> Array:
     """Factor on the spine's moduli by the vacuum that reaches the granules; 1 at the nominal one."""
     share = (q.design.vacuum - q.vacuum_loss) / q.design.nominal_vacuum
-    # Far above UNJAMMED this is the share itself; it levels off there instead of becoming negative.
-    low, width = UNJAMMED, 0.05
+    # Granules without vacuum still pack under the sleeve's tension: they count as 0.02 of the nominal vacuum. Far above, this
+    # is the share itself; it levels off there instead of becoming negative.
+    low, width = 0.02, 0.05
     if (share > 0.25).all():
         return share**q.jamming_exponent
     smooth = low + 0.5 * (share - low + np.sqrt((share - low) ** 2 + width**2))

@@ -34,8 +34,6 @@ TRIED, SEED = 4096, 7
 BANDS, NEAREST = 4, 12
 """Bands of spine length in each of which a start is taken: the state of least pressure of so many nearest to the target."""
 ROUNDS, STEP_TOLERANCE, COST_TOLERANCE = 40, 1e-6, 1e-5
-EQUAL = 1e-8
-"""Of costs: of ways to a target that differ by less the first counts, so that rounding does not choose among them."""
 FIRST_RADIUS, LEAST_RADIUS = 0.3, 1e-7
 """Trust region, as a share of the ranges."""
 DAMPING = 1e-2
@@ -188,7 +186,8 @@ class _Search:
             done = better & ((gained < COST_TOLERANCE) | (moved < STEP_TOLERANCE))
             active = active[~done & (radius[active] > LEAST_RADIUS)]
         reached = cost.reshape(m, tries)
-        best = np.argmax(reached <= reached.min(axis=1, keepdims=True) + EQUAL, axis=1)
+        # rounding must not choose among ways to a target
+        best = np.argmax(reached <= reached.min(axis=1, keepdims=True) + 1e-8, axis=1)
         return np.asarray(u.reshape(m, tries, -1)[np.arange(m), best])
 
     def _starts(self) -> Array:

@@ -25,8 +25,6 @@ from model.stated import AREA_FACTOR
 Array = NDArray[np.float64]
 Order = NDArray[np.intp]
 
-SAME_LENGTH = 0.02
-"""m of spine length within which states are put beside each other."""
 BATCH = 4096
 """States that are worked on together: their arrays stay within a processor's cache."""
 PRESSURE_STEP, LENGTH_STEP = 50.0, 1e-5
@@ -130,7 +128,8 @@ class Predictor:
 
         n = len(asked)
         # Rods that are solved together share their steps: alike ones need fewer.
-        alike = np.lexsort((asked.pressure.sum(axis=1), np.round(asked.spine_length / SAME_LENGTH)))
+        # m of spine length
+        alike = np.lexsort((asked.pressure.sum(axis=1), np.round(asked.spine_length / 0.02)))
         order = alike if n > BATCH else np.arange(n)
         batches = [order[k : k + BATCH] for k in range(0, n, BATCH)]
         found = _joined(self._shared_out(part, batches), order)

@@ -20,8 +20,6 @@ from model.rods.solution import Solution, Status, assembled
 
 Array = NDArray[np.float64]
 
-CLOSED = 1e-6
-"""Largest residual (N, N m) of a solved rod."""
 STRETCH, BEND, LOAD, REST = 0, 3, 6, 9
 """Columns of the sections: diagonal of K_se (N) and K_bt (N m^2), f (N/m), u* (1/m)."""
 
@@ -56,7 +54,7 @@ class Paper:
             wrench[i], _, flag, _ = fsolve(rod.error, np.zeros(6), full_output=True)
             path = np.zeros((self.steps + 1, 3))
             _, rotation, _, _ = rod.integrate(wrench[i], path)
-            if flag == 1 and np.abs(rod.error(wrench[i])).max() < CLOSED:
+            if flag == 1 and np.abs(rod.error(wrench[i])).max() < 1e-6:  # N, N m
                 status[i] = Status.SOLVED
                 tip[i], orientation[i] = path[-1], _nearest_quaternion(rotation)
                 at = np.linspace(0.0, rod.length, self.steps + 1)

@@ -29,13 +29,6 @@ Array = NDArray[np.float64]
 ELEMENTS = 20
 TIME_STEP = 1e-4
 """s."""
-DAMPING = 25.0
-"""1/s; near critical for the first bending mode of a robot of half a metre of silicone."""
-LOOK = 200
-"""Steps between two looks at whether it rests."""
-AT_REST = 1e-4
-"""m/s of the fastest node."""
-MOST_STEPS = 100_000
 RADIUS = 0.02
 """m of the elements in PyElastica; it sets their rotary inertia alone, as the stiffness is given."""
 
@@ -82,7 +75,7 @@ def relaxed(
     density: float,
     elements: int = ELEMENTS,
     time_step: float = TIME_STEP,
-    at_rest: float = AT_REST,
+    at_rest: float = 1e-4,
 ) -> Array:
     """(3,) m, the tip of rod `i` at rest, which is `at_rest` m/s; NaN where it does not rest. Many elements want a short
     `time_step` (s)."""
@@ -109,13 +102,15 @@ def relaxed(
     system.append(rod)
     system.constrain(rod).using(ea.OneEndFixedBC, constrained_position_idx=(0,), constrained_director_idx=(0,))
     system.add_forcing_to(rod).using(_Loads, weight, rods.field("tip_force")[i], rods.field("tip_moment")[i])
-    system.dampen(rod).using(ea.AnalyticalLinearDamper, uniform_damping_constant=DAMPING, time_step=time_step)
+    # 1/s; near critical for the first bending mode of a robot of half a metre of silicone
+    system.dampen(rod).using(ea.AnalyticalLinearDamper, uniform_damping_constant=25.0, time_step=time_step)
     system.finalize()
     stepper = ea.PositionVerlet()
     time = 0.0
-    for step in range(MOST_STEPS):
+    for step in range(100_000):
         time = float(stepper.step(system, time, time_step))
-        if step % LOOK == LOOK - 1:
+        # rest is tested every 200 steps
+        if step % 200 == 199:
             speed = float(np.abs(rod.velocity_collection).max())
             if not np.isfinite(speed):
                 break

@@ -33,15 +33,8 @@ Array = NDArray[np.float64]
 
 jax.config.update("jax_enable_x64", True)
 
-SEGMENTS = 10
-STEPS = 4
-"""In which the loads are put on."""
-NEWTON = 15
-"""Iterations of each, at most."""
 AT_REST = 1e-9
 """N m, of the residual."""
-LEAST_WEIGHT = 1e-9
-"""N/m: SoRoMoX wants a density."""
 RADIUS = 0.02
 """m of the segments in SoRoMoX; it sets nothing here, as stiffness and weight are given."""
 ORDER = (2, 0, 1)
@@ -55,7 +48,7 @@ class SoRoMoX:
 
     parameters = ("area.excess",)
 
-    def __init__(self, robot: Robot, segments: int = SEGMENTS) -> None:
+    def __init__(self, robot: Robot, segments: int = 10) -> None:
         self._robot, self._segments = robot, segments
         self._models: dict[bytes, Any] = {}
         """SoRoMoX' rods by stiffness and weight: one for each spine length."""
@@ -95,7 +88,8 @@ def _model(length: float, stiffness: Array, load: Array, rest: Array) -> Any:
     each = length / len(stiffness)
     links = [
         LinkSpec.circular(
-            length=each, radius=RADIUS, density=max(float(w @ gravity), LEAST_WEIGHT) / (np.pi * RADIUS**2),
+            # SoRoMoX wants a density
+            length=each, radius=RADIUS, density=max(float(w @ gravity), 1e-9) / (np.pi * RADIUS**2),
             reference_strain=u.tolist(), stiffness=jnp.diag(jnp.asarray(each * k)),
         )
         for k, w, u in zip(stiffness, load, rest, strict=True)
@@ -117,7 +111,7 @@ def equilibrium(model: Any, follower: Any, dead: Any, length: Any) -> tuple[Any,
 
     def balanced(q: Any, share: Any) -> tuple[Any, None]:
         def goes_on(state: Any) -> Any:
-            return (state[2] > AT_REST) & (state[0] < NEWTON)
+            return (state[2] > AT_REST) & (state[0] < 15)
 
         def step(state: Any) -> tuple[Any, Any, Any]:
             k, q, _ = state
@@ -126,5 +120,6 @@ def equilibrium(model: Any, follower: Any, dead: Any, length: Any) -> tuple[Any,
 
         return jax.lax.while_loop(goes_on, step, (0, q, jnp.inf))[1], None
 
-    q, _ = jax.lax.scan(balanced, jnp.zeros(model.num_internal_dofs), jnp.linspace(1.0 / STEPS, 1.0, STEPS))
+    # the loads are put on in four steps
+    q, _ = jax.lax.scan(balanced, jnp.zeros(model.num_internal_dofs), jnp.linspace(1.0 / 4, 1.0, 4))
     return model.forward_kinematics(q, length)[:3, 3], jnp.abs(residual(q, 1.0)).max()

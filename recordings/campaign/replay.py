@@ -89,10 +89,6 @@ def units_of(recording: Recording) -> dict[str, str]:
     return {sensor_column(topic, name): unit for topic, name, unit in units if name != "t"}
 
 
-AVERAGING = 20
-"""Times of what looking at a sample costs, averaging it costs."""
-
-
 class _Counted:
     """The streams of a recording; what states look at is taken from a budget.
 
@@ -110,7 +106,8 @@ class _Counted:
 
     def average(self, count: int) -> None:
         """So many samples are about to be averaged."""
-        self.budget.take(Cost.LOOKED_AT, AVERAGING * count)
+        # averaging a sample costs twenty times what looking at it costs
+        self.budget.take(Cost.LOOKED_AT, 20 * count)
 
 
 def replay_states(recording: Recording) -> list[Replayed]:

@@ -27,10 +27,6 @@ from .resumed import campaign_of
 
 INDEX = ".recordings.json"
 VERSION = 6
-LARGEST = 100_000_000
-"""Bytes of an index; a recording has some 500."""
-TOLERANCE = 0.5e-3
-"""m: a spine length that is asked for matches one that was set within this."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +102,7 @@ def runs(
         run
         for run in sorted((run for _, run in found.values()), key=lambda run: (run.start, run.path))
         if run.start >= since and protocol in ("", run.protocol)
-        if spine is None or any(abs(length - spine) <= TOLERANCE for length in run.spines)
+        if spine is None or any(abs(length - spine) <= 0.5e-3 for length in run.spines)
         if all(run.labels.get(key) == text for key, text in where)
     ]
 
@@ -114,7 +110,7 @@ def runs(
 def _read(place: Path) -> dict[str, tuple[int, Run]]:
     """The index by path: time of change (ns), and what is known; empty where there is none or it is of no use."""
     try:
-        index = read_json(read_bounded(place, LARGEST, ValueError))
+        index = read_json(read_bounded(place, 100_000_000, ValueError))  # a recording has some 500 bytes
         lines = index["runs"] if index["version"] == VERSION else []
         return {line["path"]: (int(line.pop("changed")), _run(line)) for line in lines}
     except (ValueError, TypeError, KeyError, AttributeError, OverflowError):

@@ -20,8 +20,6 @@ SMALL_CHUNK = 8 * 2**20
 """Bytes that a chunk of any file may hold."""
 SMALLEST_CHUNK = 1024
 """Bytes that a chunk counts at least: what is done for each."""
-MAX_MESSAGE = 64 * 2**10
-"""Bytes of one message that the protobuf runtime takes apart; a state has about a thousand."""
 PER_TEXT = 12
 """Bytes of memory that a byte of metadata costs at most, once its short texts are taken apart."""
 PER_CHANNEL = 1000
@@ -58,7 +56,7 @@ def largest_chunk(size: int) -> int:
 
 def largest_message() -> int:
     """Bytes of one message that the protobuf runtime takes apart."""
-    return MAX_TOTAL if _lifted else MAX_MESSAGE
+    return MAX_TOTAL if _lifted else 64 * 2**10  # a state has about a thousand
 
 
 def _most(cost: Cost, size: int) -> int:

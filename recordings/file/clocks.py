@@ -23,8 +23,6 @@ Numbers = NDArray[np.float64]
 
 STAMP = "device_time"
 """Name of the field that holds the instrument's own stamp, s."""
-FEWEST = 20
-"""Samples that a model needs."""
 LATEST = 1e10
 """s: a stamp beyond is none."""
 
@@ -57,7 +55,7 @@ def fit(device: Numbers, host: Numbers) -> ClockModel | None:
     back = np.flatnonzero(np.diff(device) < 0)
     if len(back):
         device, host = device[back[-1] + 1 :], host[back[-1] + 1 :]
-    if len(device) < FEWEST or not device[-1] > device[0]:
+    if len(device) < 20 or not device[-1] > device[0]:
         return None
     reference = float(device[0])
     x = device - reference

@@ -17,8 +17,6 @@ from ..json_text import read_json
 
 LARGEST = 2**53
 """No recorder counts further."""
-GAP = 2.5
-"""An interval longer than this many median intervals is a gap."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +47,7 @@ def timing(stamps: NDArray[np.float64]) -> Timing:
     start, end = float(stamps[0]), float(stamps[-1])
     intervals = np.diff(stamps)
     median = float(np.median(intervals))
-    gap = intervals > GAP * median if median > 0 else np.zeros(n - 1, dtype=bool)
+    gap = intervals > 2.5 * median if median > 0 else np.zeros(n - 1, dtype=bool)
     missing = int(np.sum(np.round(intervals[gap] / median) - 1)) if gap.any() else 0
     p50, p99, most = np.quantile(np.abs(intervals[~gap] - median), (0.5, 0.99, 1.0)).tolist()
     rate = (n - 1) / (end - start) if end > start else 0.0

@@ -40,8 +40,6 @@ from .records import MAGIC
 
 MOST = 2**20
 """Bytes of messages after which a chunk is full."""
-LEVEL = 3
-"""Of zstd: twice as fast as higher ones for two per cent."""
 
 _MESSAGE = struct.Struct("<BQHIQQ")
 _INDEX = struct.Struct("<BQHI")
@@ -63,7 +61,8 @@ class McapFile:
         """Of each chunk with its message indexes, as it was written."""
         self._attachments: list[AttachmentIndex] = []
         self._metadata: list[MetadataIndex] = []
-        self._packer = zstandard.ZstdCompressor(level=LEVEL)
+        # twice as fast as higher levels, for two per cent of size
+        self._packer = zstandard.ZstdCompressor(level=3)
         self._records: list[bytes] = []
         self._size = 0
         self._index: dict[int, array[int]] = {}

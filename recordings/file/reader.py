@@ -28,8 +28,6 @@ from .samples import check_version, decode, message_of, ours, parse, version_of,
 T = TypeVar("T")
 COUNTERS = ("device_time", "frame")
 """Fields that count up at the instrument until it restarts."""
-SHOWN = 12
-"""Topics of a foreign file that an error lists."""
 _TIMES = np.dtype([("sequence", "<i8"), ("log", "<i8")])
 """Number and log time (ns) of a message."""
 
@@ -161,7 +159,7 @@ class Recording:
     def _described(self) -> str:
         """The topics with their messages, for people."""
         told = []
-        for _, channel in sorted(self.contents.channels.items())[:SHOWN]:
+        for _, channel in sorted(self.contents.channels.items())[:12]:
             schema = self.contents.schemas.get(channel.schema_id)
             kind = channel.message_encoding if schema is None else f"{schema.name}, {channel.message_encoding}"
             told.append(f"{channel.topic} ({kind})")

@@ -36,14 +36,8 @@ LAYOUT: dict[int, tuple[int, ...]] = {
     Opcode.METADATA: (-4, -4), Opcode.METADATA_INDEX: (16, -4), Opcode.SUMMARY_OFFSET: (17,), Opcode.DATA_END: (4,),
 }  # fmt: skip
 """Fields of each kind: bytes of fixed fields, or -4 and -8 for bytes counted by a number of so many bytes in front of them."""
-CHAIN = 3
-"""Records that must follow each other where the walk goes on behind a hole."""
 PLAUSIBLE = 2**32
 """Bytes that a record may claim beyond the end of a file that was cut off."""
-ZEROS = 4096
-"""Bytes of zeros behind a record that are taken for the end of what was written."""
-BATCH = 4 * 2**20
-"""Bytes of unpacked chunks held at a time; small enough for the allocator to use the same memory again."""
 UNPACKERS = min(4, os.cpu_count() or 1)
 """Threads that unpack chunks."""
 _BEGIN = re.compile(rb"(?=[\x01-\x0f][\x00-\xff]{4}\x00{4})")
@@ -196,7 +190,8 @@ def gathered(data: memoryview, contents: Contents) -> Iterator[Messages]:
     """
     budget = Budget(contents.name, len(data))
     ends = accumulate(chunk.size for chunk in contents.chunks)
-    groups = groupby(zip(contents.chunks, ends, strict=True), lambda pair: pair[1] // BATCH)
+    # bytes unpacked at a time; small enough for the allocator to use the same memory again
+    groups = groupby(zip(contents.chunks, ends, strict=True), lambda pair: pair[1] // (4 * 2**20))
     batches = [[chunk for chunk, _ in group] for _, group in groups]
     with ThreadPoolExecutor(UNPACKERS, "unpack") as pool:
         ahead: list[tuple[list[Chunk], list[Future[bytes]]]] = []
@@ -256,14 +251,15 @@ def _plausible(data: memoryview, at: int) -> bool:
         return True
     opcode, length = HEAD.unpack_from(data, at)
     if opcode == 0:
-        return not (length or any(data[at : at + ZEROS]))
+        # so many zeros behind a record are taken for the end of what was written
+        return not (length or any(data[at : at + 4096]))
     return bool(length <= left or (opcode in LAYOUT and length < PLAUSIBLE))
 
 
 def _begins(data: memoryview, at: int) -> bool:
     """Whether a chain of known records begins here, or the last ones of the file."""
     try:
-        for _ in range(CHAIN):
+        for _ in range(3):
             record = _record_at(data, at, search=False)
             if record.opcode not in LAYOUT:
                 return False

@@ -26,8 +26,6 @@ from .counts import below_zero, counted
 from .reader import Recording
 from .records import MAGIC, Hole, records
 
-ENOUGH = 1000
-"""Problems after which a file is not checked further."""
 INTACT, UNCOVERED, DAMAGED = "intact", "intact as far as checksums reach", "damaged"
 INDEXES: dict[int, tuple[Any, Opcode]] = {
     Opcode.CHUNK_INDEX: (ChunkIndex, Opcode.CHUNK),
@@ -108,7 +106,7 @@ class _Check:
 
     def walk(self) -> None:
         for item in records(self.data, self.contents, unpack=True):
-            if len(self.problems) >= ENOUGH:
+            if len(self.problems) >= 1000:
                 return
             if isinstance(item, Hole):
                 self._close_chunk(whole=False)

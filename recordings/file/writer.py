@@ -54,8 +54,6 @@ LOOK = 0.02
 """Host seconds between two looks of the writer thread at what has come. A producer never wakes it: waking a thread costs
 the producer tens of microseconds, and up to hundreds where both then want the same processor."""
 
-BURST = 1000
-"""Messages that are written between two looks at the clock."""
 
 LIBRARY = "softlab recordings"
 
@@ -345,7 +343,7 @@ class Recorder:
     def _drain(self) -> bool:
         """Put what has come into memory and into the chunk in hand, a burst of it or until that is full; False at the end."""
         with self.buffers.lock:  # nothing in here waits for the disk
-            for _ in range(min(len(self._queue), BURST)):
+            for _ in range(min(len(self._queue), 1000)):
                 item = self._queue.popleft()
                 if not isinstance(item, tuple):
                     break

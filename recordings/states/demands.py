@@ -17,14 +17,8 @@ from numpy.typing import NDArray
 
 from ..trials import TrialRow
 
-LONGEST_LOOK = 600.0
-"""s before the end of a window in which vacuum and bodies are judged at most: samples stay in memory for `buffer.KEEP`, 900 s."""
 SLACK = 0.005
 """m by which a distance may be longer than the body allows: bodies for the cameras are mounted on the robot's surface."""
-FASTEST = 3.0
-"""m/s between two frames: a robot of 40 cm that swings freely with its whole deflection at 2 Hz reaches less."""
-APART = 0.02
-"""m by which states at rest of one run may differ: hysteresis and creep of the robot of the paper leave less than 1 cm."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +29,8 @@ class Demand:
 
     def begin(self, until: float) -> float:
         """Rig time (s) of the first sample that is judged where samples are judged until `until` (s)."""
-        return max(self.since, until - LONGEST_LOOK)
+        # samples stay in memory for 900 s, `buffer.KEEP`
+        return max(self.since, until - 600.0)
 
 
 @dataclass(frozen=True)
@@ -116,7 +111,8 @@ def jumped(samples: NDArray[np.void]) -> str:
         if len(at) < 2:
             continue
         steps, lasted = np.diff(at, axis=0), np.diff(t)
-        sudden = np.linalg.norm(steps, axis=1) > FASTEST * lasted + SLACK
+        # m/s: a robot of 40 cm that swings freely with its whole deflection at 2 Hz reaches less
+        sudden = np.linalg.norm(steps, axis=1) > 3.0 * lasted + SLACK
         away = float(np.linalg.norm(steps[sudden].sum(axis=0)))
         if away > SLACK:
             first = int(np.argmax(sudden))
@@ -134,4 +130,5 @@ def elsewhere(before: TrialRow, now: TrialRow) -> str:
     pairs = enumerate(zip((before.tip, *before.markers), (now.tip, *now.markers), strict=True))
     away = [(math.dist(a, b), i) for i, (a, b) in pairs if not any(map(math.isnan, (*a, *b)))]
     worst, body = max(away, default=(0.0, 0))
-    return f"{_name(body)} is at rest {worst * 1e3:.0f} mm away from its place at rest" if worst > APART else ""
+    # m: hysteresis and creep of the robot of the paper leave less than 1 cm
+    return f"{_name(body)} is at rest {worst * 1e3:.0f} mm away from its place at rest" if worst > 0.02 else ""

@@ -16,6 +16,7 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 from ..errors import BadMessage
 from ..json_text import read_json
 from ..messages import STREAMS, is_stream
+from ..trials import LARGEST_INTEGER
 from .demands import Bodies, VacuumBand
 
 PROTOCOL = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,39}")
@@ -25,7 +26,6 @@ BRANCHES = ("load", "unload")
 SPECIMENS = ("spine", "body")
 LARGEST = 1e15
 """No number of a state is larger, in whatever unit; squares of such numbers are numbers still."""
-LARGEST_INTEGER = 2**53
 LONGEST_AVERAGE = 10_000
 """Samples of a moving average."""
 BESIDE_JSON = ("clipped", "vacuum", "least_force", "bodies")

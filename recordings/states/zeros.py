@@ -17,8 +17,6 @@ from ..trials import TrialRow
 from .averaging import along_push
 from .buffer import Streams
 
-SIGMAS = 4.0
-"""Standard errors by which two paces must differ to count as different: one constant drift in 15 000 is mistaken."""
 TOLERATED = 0.1
 """N that a line may miss the drift by before rows are marked: the noise of one sample of an FT 300-S."""
 
@@ -94,7 +92,8 @@ def drift(before: Unloaded, start: Unloaded, end: Unloaded) -> Drift:
     rate = moved / during
     other = (start.force - before.force) / early - rate
     error = math.hypot(before.error / early, end.error / during, start.error * (1 / early + 1 / during))
-    linear = abs(other) <= SIGMAS * error or abs(other) * during <= TOLERATED
+    # at four standard errors, one constant drift in 15 000 is mistaken
+    linear = abs(other) <= 4.0 * error or abs(other) * during <= TOLERATED
     return Drift(moved, rate, linear)
 
 

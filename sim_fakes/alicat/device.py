@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..plant import Plant
+from ..plant import AMBIENT, Plant
 from ..pty_fake import Device
 
 UNIT_NAMES = {
@@ -20,9 +20,6 @@ PA_PER_UNIT = {
     2: 1.0, 3: 100.0, 4: 1e3, 5: 1e6, 6: 100.0, 7: 1e5, 9: 98_066.5, 10: 6894.757, 13: 133.322, 15: 3386.39, 18: 98.0665,
     20: 249.089, 22: 101_325.0,
 }  # fmt: skip
-ABSOLUTE = 34
-"""Number of the control loop for absolute pressure; 38 is gauge pressure."""
-AMBIENT = 101_325.0
 
 
 @dataclass
@@ -96,7 +93,8 @@ class AlicatDevice(Device):
         """Pressure that its control loop drives to."""
         if self._driven == 0 and not self.zero_active:
             return self.pressure
-        return max(0.0, self._driven - AMBIENT) if self.loop == ABSOLUTE else self._driven + self.offset
+        # loop 34 is that for absolute pressure
+        return max(0.0, self._driven - AMBIENT) if self.loop == 34 else self._driven + self.offset
 
     def take(self, setpoint: float) -> None:
         """A set-point from the serial line: clamped to the range, ignored when it comes from the analog input."""

@@ -25,18 +25,17 @@ every 50 ms and has no letter until it is given one (`@@ A`).
 from __future__ import annotations
 
 import re
-import time
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
-from ..clock import SimClock
+import timing
+from timing import RigClock
+
 from ..plant import Plant
 from ..pty_fake import PtyFake
 from .device import PA_PER_UNIT, UNIT_NAMES, UNITS, AlicatDevice
 
 __all__ = ["PA_PER_UNIT", "UNITS", "AlicatDevice", "AlicatFake"]
-NOISE = 100.0
-"""Standard deviation of a reading, Pa."""
 STREAM_PERIOD = 0.05
 """Host seconds between two frames of a unit in streaming mode."""
 SECONDS = {"3": 1e-3, "4": 1.0, "5": 60.0, "6": 3600.0, "7": 86400.0}
@@ -58,7 +57,7 @@ class AlicatFake(PtyFake):
     def __init__(
         self,
         plant: Plant,
-        clock: SimClock,
+        clock: RigClock,
         units: Sequence[str] = ("A", "B", "C"),
         chambers: Sequence[Sequence[int]] = ((9, 1, 2), (3, 4, 5), (6, 7, 8)),
         baud: int = 115200,
@@ -140,7 +139,7 @@ class AlicatFake(PtyFake):
         # a set-point works on the plant before its answer is out
         if not self.faults.freeze:
             unit.process(0.0)
-        time.sleep(IDLE_BYTES * self.byte_time)
+        timing.sleep(IDLE_BYTES * self.byte_time)
         tail = str(self.faults.extra.get("tail", ""))
         self.send("".join(f"{row}\r{tail}" for row in answer.split("\r")).encode("ascii"))
         return True
@@ -277,7 +276,8 @@ class AlicatFake(PtyFake):
         status = self.faults.extra.get("status")
         if isinstance(status, dict) and letter in status:
             codes.append(str(status[letter]))
-        reading = self.random.gauss(measured - unit.offset, NOISE)
+        # Pa, standard deviation of a reading
+        reading = self.random.gauss(measured - unit.offset, 100.0)
         reading = 0.0 if abs(reading) < unit.zero_band / 100 * unit.full_scale else reading
         if isinstance(shown := self.faults.extra.get("reading"), float):
             reading = shown

@@ -7,8 +7,8 @@ import asyncio
 import contextlib
 import os
 import sys
-import threading
-import time
+
+import timing
 
 from ..instrument import loopback
 from ..punctual import punctual
@@ -61,10 +61,10 @@ def main() -> None:
     parser.add_argument("--die-with-parent", action="store_true", help="end when standard input closes")
     arguments = parser.parse_args()
     if arguments.die_with_parent:
-        threading.Thread(target=_end_with_parent, daemon=True).start()
+        timing.Thread(target=_end_with_parent, daemon=True).start()
     punctual()
     controller = Controller(arguments.version, arguments.speed, arguments.seed)
-    start = time.monotonic() if arguments.clock_start is None else arguments.clock_start
+    start = timing.now() if arguments.clock_start is None else arguments.clock_start
     server = Server(controller, arguments.host, start, dashboard=not arguments.no_dashboard)
     with contextlib.suppress(KeyboardInterrupt):
         asyncio.run(server.run(arguments.backdoor, arguments.pose_to, lambda: print("ready", flush=True)))

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from .controller import RUNNING, Controller
+from .controller import Controller, RobotMode
 from .kinematics import Array, pose_matrix
 from .wire import Connection, Hub
 
@@ -108,9 +108,9 @@ def act(hub: Hub, request: dict[str, Any]) -> None:
         case "power":
             if not request["on"]:
                 controller.power(on=False)
-            elif controller.robot_mode != RUNNING:
+            elif controller.robot_mode != RobotMode.RUNNING:
                 controller.power(on=False)
-                controller.robot_mode = RUNNING
+                controller.robot_mode = RobotMode.RUNNING
         case "stuck":
             held = request["variables"]
             controller.stuck = held if isinstance(held, dict) else {name: controller.value(name) for name in held}

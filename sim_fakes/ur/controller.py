@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, field
+from enum import IntEnum
 
 import numpy as np
 
@@ -17,37 +18,59 @@ from .kinematics import UR5_CB3, UR5E, Array, forward, pose_vector
 from .motion import Arm, JointOverspeed, ProgramError
 from .script import ControlScript
 
-STOPPED, PLAYING = 1, 2
-"""runtime_state"""
-POWER_OFF, POWER_ON, IDLE, RUNNING = 3, 4, 5, 7
-"""robot_mode"""
+
+class Runtime(IntEnum):
+    """runtime_state"""
+
+    STOPPED = 1
+    PLAYING = 2
+
+
+class RobotMode(IntEnum):
+    """robot_mode"""
+
+    POWER_OFF = 3
+    POWER_ON = 4
+    IDLE = 5
+    RUNNING = 7
+
+
 POWERING, RELEASING = 4.0, 2.0
 """s that the joints take to start, and the brakes to be released."""
 INSPECTED = 5.0
 """s after a protective stop before which it cannot be unlocked."""
-NORMAL, REDUCED, PROTECTIVE_STOP, RECOVERY, SAFEGUARD_STOP = 1 << 0, 1 << 1, 1 << 2, 1 << 3, 1 << 4
-SYSTEM_EMERGENCY_STOP, EMERGENCY_STOP = 1 << 5 | 1 << 7, 1 << 6 | 1 << 7
-VIOLATION, FAULT, THREE_POSITION_STOP = 1 << 8 | 1 << 10, 1 << 9 | 1 << 10, 1 << 10 | 1 << 11
-"""safety_status_bits; the emergency stops also show that there is any, the last three that the safety system stopped it."""
-SAFETY_MODE = {
-    NORMAL: (1, "NORMAL"),
-    REDUCED: (2, "REDUCED"),
-    PROTECTIVE_STOP: (3, "PROTECTIVE_STOP"),
-    RECOVERY: (4, "RECOVERY"),
-    SAFEGUARD_STOP: (5, "SAFEGUARD_STOP"),
-    SYSTEM_EMERGENCY_STOP: (6, "SYSTEM_EMERGENCY_STOP"),
-    EMERGENCY_STOP: (7, "ROBOT_EMERGENCY_STOP"),
-    VIOLATION: (8, "VIOLATION"),
-    FAULT: (9, "FAULT"),
-    THREE_POSITION_STOP: (13, "SYSTEM_THREE_POSITION_ENABLING_STOP"),
+
+
+class Safety(IntEnum):
+    """safety_status_bits; the emergency stops also show that there is any, the last three that the safety system stopped it."""
+
+    NORMAL = 1 << 0
+    REDUCED = 1 << 1
+    PROTECTIVE_STOP = 1 << 2
+    RECOVERY = 1 << 3
+    SAFEGUARD_STOP = 1 << 4
+    SYSTEM_EMERGENCY_STOP = 1 << 5 | 1 << 7
+    EMERGENCY_STOP = 1 << 6 | 1 << 7
+    VIOLATION = 1 << 8 | 1 << 10
+    FAULT = 1 << 9 | 1 << 10
+    THREE_POSITION_STOP = 1 << 10 | 1 << 11
+
+
+SAFETY_MODE: dict[int, tuple[int, str]] = {
+    Safety.NORMAL: (1, "NORMAL"),
+    Safety.REDUCED: (2, "REDUCED"),
+    Safety.PROTECTIVE_STOP: (3, "PROTECTIVE_STOP"),
+    Safety.RECOVERY: (4, "RECOVERY"),
+    Safety.SAFEGUARD_STOP: (5, "SAFEGUARD_STOP"),
+    Safety.SYSTEM_EMERGENCY_STOP: (6, "SYSTEM_EMERGENCY_STOP"),
+    Safety.EMERGENCY_STOP: (7, "ROBOT_EMERGENCY_STOP"),
+    Safety.VIOLATION: (8, "VIOLATION"),
+    Safety.FAULT: (9, "FAULT"),
+    Safety.THREE_POSITION_STOP: (13, "SYSTEM_THREE_POSITION_ENABLING_STOP"),
 }
 """safety_status_bits -> safety_mode and the dashboard's name for it."""
-WITHOUT_POWER = (SYSTEM_EMERGENCY_STOP, EMERGENCY_STOP, VIOLATION, FAULT)
+WITHOUT_POWER = (Safety.SYSTEM_EMERGENCY_STOP, Safety.EMERGENCY_STOP, Safety.VIOLATION, Safety.FAULT)
 
-ENCODER_NOISE = 1e-5
-"""rad, standard deviation."""
-SPEED_NOISE = 1e-4
-"""rad/s, standard deviation."""
 UPTIME = 1000.0
 """s; the controller's own clock has nothing to do with the rig's."""
 
@@ -83,9 +106,9 @@ class Controller:
     user_role: str = "programmer"
     remote: bool = True
     """The pendant is in remote control; a CB3 has no such switch."""
-    safety: int = NORMAL
-    robot_mode: int = RUNNING
-    runtime: int = STOPPED
+    safety: int = Safety.NORMAL
+    robot_mode: int = RobotMode.RUNNING
+    runtime: int = Runtime.STOPPED
     commands: list[Command] = field(default_factory=list)
     ended: list[str] = field(default_factory=list)
     """Why each program ended, oldest first."""
@@ -146,8 +169,8 @@ class Controller:
 
     def _measure(self) -> None:
         noise = self._random.normal(size=(2, 6))
-        self._actual_q = self.arm.q + ENCODER_NOISE * noise[0]
-        self._actual_qd = self.arm.qd + SPEED_NOISE * noise[1]
+        self._actual_q = self.arm.q + 1e-5 * noise[0]  # rad
+        self._actual_qd = self.arm.qd + 1e-4 * noise[1]  # rad/s
         self._actual_tcp: tuple[Array, Array] | None = None
 
     def _measured_tcp(self) -> tuple[Array, Array]:
@@ -160,12 +183,12 @@ class Controller:
     # -- safety and program
     def protective_stop(self, reason: str) -> None:
         """The safety system stops the arm; the program is gone."""
-        self.safety, self._stopped_at = PROTECTIVE_STOP, self.t
+        self.safety, self._stopped_at = Safety.PROTECTIVE_STOP, self.t
         self.end_program(f"protective stop: {reason}")
 
     def safeguard_stop(self) -> None:
         """Somebody opened the cell: the arm halts as after a protective stop, with its brakes released."""
-        self.safety = SAFEGUARD_STOP
+        self.safety = Safety.SAFEGUARD_STOP
         self.end_program("safeguard stop")
 
     def emergency_stop(self) -> None:
@@ -177,8 +200,8 @@ class Controller:
         self.safety = {words: bits for bits, (_, words) in SAFETY_MODE.items()}[name]
         if self.safety in WITHOUT_POWER:
             self._steps.clear()
-            self.robot_mode = POWER_OFF
-        if self.safety not in (NORMAL, REDUCED):
+            self.robot_mode = RobotMode.POWER_OFF
+        if self.safety not in (Safety.NORMAL, Safety.REDUCED):
             self.end_program(name.lower().replace("_", " "))
 
     def power(self, on: bool, release: bool = False) -> bool:
@@ -186,31 +209,31 @@ class Controller:
         self._steps.clear()
         if not on:
             self.end_program("powered off")
-            self.robot_mode = POWER_OFF
+            self.robot_mode = RobotMode.POWER_OFF
             return True
-        if self.safety not in (NORMAL, REDUCED):
+        if self.safety not in (Safety.NORMAL, Safety.REDUCED):
             return False
         at = self.t
-        if self.robot_mode in (POWER_OFF, POWER_ON):
+        if self.robot_mode in (RobotMode.POWER_OFF, RobotMode.POWER_ON):
             at += POWERING
-            self.robot_mode = POWER_ON
-            self._steps.append((at, IDLE))
-        if release and self.robot_mode != RUNNING:
-            self._steps.append((at + RELEASING, RUNNING))
+            self.robot_mode = RobotMode.POWER_ON
+            self._steps.append((at, RobotMode.IDLE))
+        if release and self.robot_mode != RobotMode.RUNNING:
+            self._steps.append((at + RELEASING, RobotMode.RUNNING))
         return True
 
     def unlock(self) -> bool:
         """Enable the arm again after a protective stop; False where nobody can have looked at it yet."""
-        if self.safety == PROTECTIVE_STOP and self.t - self._stopped_at < INSPECTED:
+        if self.safety == Safety.PROTECTIVE_STOP and self.t - self._stopped_at < INSPECTED:
             return False
-        if self.safety == PROTECTIVE_STOP:
+        if self.safety == Safety.PROTECTIVE_STOP:
             self.clear()
         return True
 
     def clear(self) -> None:
         """Somebody at the pendant has cleared the stop, powered on and released the brakes."""
         self._steps.clear()
-        self.safety, self.robot_mode = NORMAL, RUNNING
+        self.safety, self.robot_mode = Safety.NORMAL, RobotMode.RUNNING
 
     def load(self, text: str) -> None:
         """A program arrives; a running one is replaced."""
@@ -218,7 +241,7 @@ class Controller:
             self.end_program("replaced by another program")
         function = _FUNCTION.match(text)
         name = function[1] if function else "?"
-        if self.safety not in (NORMAL, REDUCED) or self.robot_mode != RUNNING:
+        if self.safety not in (Safety.NORMAL, Safety.REDUCED) or self.robot_mode != RobotMode.RUNNING:
             self.ended.append(f"{name} not started: the arm is not ready")
         elif not self.remote:
             self.ended.append(f"{name} not started: the pendant is in local mode")
@@ -226,7 +249,7 @@ class Controller:
             self.ended.append(f"{name}: only the control script is understood")
         else:
             offset = _OFFSET.search(text)
-            self.runtime = PLAYING
+            self.runtime = Runtime.PLAYING
             self._program = ControlScript(self, int(offset[1]) if offset else 0)
 
     def end_program(self, reason: str) -> None:
@@ -234,7 +257,7 @@ class Controller:
         self._watchdog = None
         self.arm.halt()
         if self._program is not None:
-            self._program, self.runtime = None, STOPPED
+            self._program, self.runtime = None, Runtime.STOPPED
             self.ended.append(reason)
 
     # -- what the control script needs
@@ -298,7 +321,7 @@ class Controller:
             "safety_status": SAFETY_MODE[self.safety][0],
             "payload": self.payload,
             "safety_status_bits": self.safety,
-            "robot_status_bits": (self.robot_mode != POWER_OFF) | (self.runtime == PLAYING) << 1,
+            "robot_status_bits": (self.robot_mode != RobotMode.POWER_OFF) | (self.runtime == Runtime.PLAYING) << 1,
             "speed_scaling": self.slider,
             "target_speed_fraction": self.slider,
         }

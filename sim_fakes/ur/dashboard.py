@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from .controller import IDLE, NORMAL, PLAYING, POWER_OFF, POWER_ON, RUNNING, SAFETY_MODE, Controller
+from .controller import SAFETY_MODE, Controller, RobotMode, Runtime, Safety
 from .wire import Connection
 
 PORT = 29999
-LONGEST_LINE = 1024
-CB3 = 3
 SUPPORT_FILE = (5, 8)
 """PolyScope version from which on a support file can be asked for."""
 ROLES = ("programmer", "operator", "none", "locked", "restricted")
 UNLOCKED_TOO_SOON = (
     "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of protective stop before unlocking"
 )
-_MODE = {POWER_OFF: "POWER_OFF", POWER_ON: "POWER_ON", IDLE: "IDLE", RUNNING: "RUNNING"}
+_MODE: dict[int, str] = {
+    RobotMode.POWER_OFF: "POWER_OFF",
+    RobotMode.POWER_ON: "POWER_ON",
+    RobotMode.IDLE: "IDLE",
+    RobotMode.RUNNING: "RUNNING",
+}
 _SINCE = {
     "get serial number": ((3, 12), (5, 6)),
     "get robot model": ((3, 12), (5, 6)),
@@ -38,7 +41,7 @@ class DashboardConnection(Connection):
 
     def take(self) -> bool:
         line, newline, rest = self.buffer.partition(b"\n")
-        if len(line) > LONGEST_LINE:
+        if len(line) > 1024:
             self.hub.violation("dashboard: line too long")
             self.transport.abort()
             return False
@@ -60,7 +63,7 @@ def answer(controller: Controller, request: str) -> str:
     major = controller.version[0]
     if key in _SINCE and controller.version[:2] < _SINCE[key][0 if major == 3 else 1]:
         return f"could not understand: '{request}'"
-    running = controller.runtime == PLAYING
+    running = controller.runtime == Runtime.PLAYING
     told = {
         "polyscopeversion": "URSoftware {}.{}.{}.{} (Sep 05 2022)".format(*controller.version),
         "robotmode": f"Robotmode: {_MODE[controller.robot_mode]}",
@@ -86,7 +89,7 @@ def _act(controller: Controller, request: str, key: str) -> str:
     verb, _, rest = request.partition(" ")
     match key:
         case "stop":
-            if controller.runtime != PLAYING:
+            if controller.runtime != Runtime.PLAYING:
                 return "Failed to execute: stop"
             controller.end_program("stopped at the dashboard")
             return "Stopped"
@@ -105,7 +108,7 @@ def _act(controller: Controller, request: str, key: str) -> str:
             return "Brake releasing"
         case "restart safety":
             controller.power(on=False)
-            controller.safety = NORMAL
+            controller.safety = Safety.NORMAL
             return "Restarting safety"
         case "clear operational mode":
             controller.operational_mode = "NONE"
@@ -130,7 +133,7 @@ def _with_argument(controller: Controller, request: str, verb: str, rest: str) -
         controller.user_role = rest.lower()
         return f"Setting user role: {rest.lower()}"
     mode = rest.lower().removeprefix("operational mode ")
-    if verb == "set" and rest.lower().startswith("operational mode ") and controller.version[0] > CB3:
+    if verb == "set" and rest.lower().startswith("operational mode ") and controller.version[0] > 3:  # no CB3
         if mode not in ("manual", "automatic"):
             return "Failed setting operational mode"
         controller.operational_mode = mode.upper()

@@ -4,31 +4,43 @@ from __future__ import annotations
 
 import socket
 import struct
-import threading
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..clock import SimClock
+import timing
+from timing import RigClock
+
 from ..plant import Plant
 from ..punctual import punctual
 from .kinematics import rotation_matrix
 from .process import UrProcess
 
+if TYPE_CHECKING:
+    from .in_process import UrThread
+
 
 class UrFake:
     """Made without a process; `start` starts it and returns when it answers."""
 
-    def __init__(self, plant: Plant, clock: SimClock, host: str, seed: int = 0) -> None:
+    def __init__(self, plant: Plant, clock: RigClock, host: str, seed: int = 0) -> None:
         self.plant, self.clock, self.host, self.seed = plant, clock, host, seed
-        self.process: UrProcess | None = None
+        self.process: UrProcess | UrThread | None = None
         self._poses = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._poses.bind((host, 0))
         self._running = True
-        self._thread = threading.Thread(target=self._receive, name="fake-arm", daemon=True)
+        self._thread = timing.Thread(target=self._receive, name="fake-arm", daemon=True)
 
     def start(self) -> None:
         """Raises RuntimeError when the controller does not start."""
-        self.process = UrProcess(self.host, speed=self.clock.speed, pose_to=self._poses.getsockname(), seed=self.seed)
+        if timing.together():
+            from .in_process import UrThread  # with the maker's library
+
+            self.process = UrThread(self.host, self.clock.speed, self._poses.getsockname(), self.seed)
+        else:
+            self.process = UrProcess(
+                self.host, speed=self.clock.speed, pose_to=self._poses.getsockname(), seed=self.seed
+            )
         self._thread.start()
 
     def stop(self) -> None:
@@ -42,15 +54,16 @@ class UrFake:
 
     def _receive(self) -> None:
         punctual()
-        self._poses.settimeout(0.2)
         known: tuple[float, ...] = ()
         while self._running:
             try:
+                if not timing.readable([self._poses], 0.2):
+                    continue
                 data, sender = self._poses.recvfrom(256)
                 pose = struct.unpack("<7d", data)[1:]
-            except (TimeoutError, struct.error):
+            except struct.error:
                 continue
-            except OSError:
+            except (OSError, ValueError):
                 return
             if sender[0] != self.host or pose == known:
                 continue

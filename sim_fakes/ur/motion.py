@@ -12,8 +12,6 @@ from .kinematics import Array, Geometry, forward, inverse, pose_matrix, pose_vec
 
 JOINT_SPEED_LIMIT = math.pi
 """rad/s; a faster joint is stopped by the safety system."""
-LEVER = 0.1
-"""m per rad: how much of the tool speed a rotation takes in a straight motion."""
 START_JOINTS = (0.0, -1.5708, -1.5708, -1.5708, 1.5708, 0.0)
 """rad; the tool points down about 0.49 m in front of the base and 0.43 m above it."""
 
@@ -136,7 +134,8 @@ class LinearMove(Motion):
         target = pose_matrix(goal)
         self.way = target[:3, 3] - self.start[:3, 3]
         self.turn = rotation_vector(self.start[:3, :3].T @ target[:3, :3])
-        distance = max(float(np.linalg.norm(self.way)), LEVER * float(np.linalg.norm(self.turn)))
+        # m per rad: how much of the tool speed a rotation takes in a straight motion
+        distance = max(float(np.linalg.norm(self.way)), 0.1 * float(np.linalg.norm(self.turn)))
         self.profile = Profile(distance, speed, acceleration)
         self.t = 0.0
         self._check_path(distance)

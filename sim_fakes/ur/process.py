@@ -8,14 +8,14 @@ from __future__ import annotations
 import contextlib
 import json
 import random
-import select
 import socket
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 from typing import Any
+
+import timing
 
 from . import dashboard, rtde, upload
 
@@ -76,7 +76,7 @@ class UrProcess:
         output = self.process.stdout
         if output is None:
             raise RuntimeError("the controller's output is not connected")
-        ready, _, _ = select.select([output], [], [], START_TIMEOUT)
+        ready = timing.readable([output], START_TIMEOUT)
         if not ready or output.readline().strip() != b"ready":
             self.kill()
             raise RuntimeError(f"the controller at {self.host} did not start within {START_TIMEOUT:g} s")
@@ -102,11 +102,11 @@ class UrProcess:
 
     def wait_for(self, what: str, value: object, timeout: float = 5.0) -> dict[str, Any]:
         """Poll the back door until an entry has a value; TimeoutError after `timeout` (s of host time)."""
-        deadline = time.monotonic() + timeout
+        deadline = timing.now() + timeout
         while (state := self.backdoor())[what] != value:
-            if time.monotonic() > deadline:
+            if timing.now() > deadline:
                 raise TimeoutError(f"{what} is {state[what]!r} and not {value!r} after {timeout:g} s")
-            time.sleep(0.01)
+            timing.sleep(0.01)
         return state
 
     def kill(self) -> None:

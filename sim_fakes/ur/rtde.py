@@ -15,7 +15,6 @@ from .wire import Connection, Hub
 
 PORT = 30004
 VERSION, CONTROLLER_VERSION, OUTPUTS, INPUTS, START, PAUSE, DATA = b"VvOISPU"
-LARGEST_PACKET = 4096
 LONGEST_NAMES = 2048
 """Bytes of a list of names; a longer one is refused."""
 SLOWEST = 1.0
@@ -23,8 +22,6 @@ SLOWEST = 1.0
 V1, V2 = 1, 2
 SPLIT_PAUSE = 0.003
 """s between the pieces of a package."""
-_BACKLOG = 200_000
-"""Bytes a client may leave unread before packages are skipped."""
 
 
 @dataclass
@@ -66,7 +63,7 @@ class RtdeConnection(Connection):
         if len(self.buffer) < 3:
             return False
         size, kind = struct.unpack(">HB", self.buffer[:3])
-        if not 3 <= size <= LARGEST_PACKET:
+        if not 3 <= size <= 4096:
             self._reject(f"packet length {size}")
             return False
         if len(self.buffer) < size:
@@ -190,7 +187,8 @@ class RtdeConnection(Connection):
         if want is None or not self.started:
             return
         want.cycle += 1
-        if want.cycle % want.every or self.transport.get_write_buffer_size() > _BACKLOG:
+        # packages are skipped while a client leaves too much unread
+        if want.cycle % want.every or self.transport.get_write_buffer_size() > 200_000:
             return
         package: list[float] = []
         for name in want.names:

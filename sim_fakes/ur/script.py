@@ -16,9 +16,6 @@ from .kinematics import Array, pose_matrix, pose_vector
 from .motion import Arm, JointMove, LinearMove, Motion, ProgramError, stop_joints, stop_linear
 
 READY, DONE = 1, 2
-STOP_SCRIPT = 255
-_RUNNING = 1 << 15
-_WRAP = 128
 
 SPEED_RANGE = {"joint": (3.14, 40.0), "tool": (3.0, 150.0)}
 """Largest speed and acceleration the script accepts: rad/s and rad/s^2, m/s and m/s^2."""
@@ -82,7 +79,7 @@ class ControlScript:
             self._say(READY)
         elif not self._executing:
             self._executing = True
-            if code == STOP_SCRIPT:
+            if code == 255:  # stop script
                 self.host.note_command("stop script", [])
                 return False
             self._process(code)
@@ -108,10 +105,10 @@ class ControlScript:
         self.host.write_int(1 + self.offset, int(value))
 
     def _signal(self, running: bool, started: bool = False) -> None:
-        self._writes = (self._writes + 1) % _WRAP
+        self._writes = (self._writes + 1) % 128
         if started:
-            self._operation = (self._operation + 1) % _WRAP
-        status = (self._writes << 16) + (self._operation << 24) + (_RUNNING if running else 0)
+            self._operation = (self._operation + 1) % 128
+        status = (self._writes << 16) + (self._operation << 24) + (running << 15)
         self.host.write_int(2 + self.offset, status)
 
     # -- the threads of the script that move the arm

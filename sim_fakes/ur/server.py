@@ -6,8 +6,9 @@ import asyncio
 import contextlib
 import socket
 import struct
-import time
 from collections.abc import Callable
+
+import timing
 
 from . import backdoor, dashboard, rtde, upload
 from .controller import Controller
@@ -53,14 +54,14 @@ class Server:
 
     async def _cycles(self, plant: socket.socket, pose_to: Address | None) -> None:
         controller, period = self.controller, self.controller.period
-        due = began = time.monotonic()
+        due = began = timing.now()
         while True:
-            now = time.monotonic()
+            now = timing.now()
             # A real controller is never late; a host is. What was missed is made up at twice the rate, because a client
             # keeps only the newest of several packages that arrive together.
             due = max(due + period, now - LONGEST_BACKLOG)
             await asyncio.sleep(due - now if due > now else period / 2)
-            before, began = began, time.monotonic()
+            before, began = began, timing.now()
             controller.advance(began - before)
             if pose_to is not None:
                 rig_time = (due - self.clock_start) * controller.speed

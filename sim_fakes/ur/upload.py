@@ -8,7 +8,6 @@ from .wire import Connection
 
 PORTS = (30001, 30002, 30003)
 _PROGRAM = re.compile(rb"(?m)^def \w+\(\):\n(?:.*\n)*?end\n")
-LARGEST_PROGRAM = 1 << 20
 
 
 class UploadConnection(Connection):
@@ -17,7 +16,7 @@ class UploadConnection(Connection):
     def take(self) -> bool:
         program = _PROGRAM.search(self.buffer)
         if program is None:
-            if len(self.buffer) > LARGEST_PROGRAM:
+            if len(self.buffer) > 1 << 20:
                 self.hub.violation(f"script: {len(self.buffer)} bytes without a program")
                 self.transport.abort()
             return False

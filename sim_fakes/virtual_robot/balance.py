@@ -21,15 +21,6 @@ from .material import History, Sections, respond
 
 Array = NDArray[np.float64]
 
-TOLERANCE = 1e-6
-CONTACT_TOLERANCE = 1e-7
-"""Largest last correction of a node, m and rad, free and in contact. Each correction is at least 50 times smaller than
-the one before, so the error that is left is far below these."""
-MAX_ITERATIONS = 30
-MAX_TURN = 0.25
-MAX_MOVE = 0.04
-"""Largest correction of a node in one iteration, rad and m: keeps Newton on the branch it started on."""
-
 
 @kernel
 def contact_force(depth: float, soft_depth: float, soft: float, stiff: float) -> tuple[float, float]:
@@ -185,8 +176,9 @@ def equilibrium(chain: Chain, s: Sections, hist: History, loads: Loads) -> int:
     g = np.empty((n + 1, 6))
     for i in range(4):
         chain.q[0, i] = loads.base[i]
-    tolerance = CONTACT_TOLERANCE if loads.contacts.shape[0] > 0 else TOLERANCE
-    for iteration in range(MAX_ITERATIONS):
+    # m and rad, largest last correction of a node; each is at least 50 times smaller than the one before
+    tolerance = 1e-7 if loads.contacts.shape[0] > 0 else 1e-6
+    for iteration in range(30):
         _balance(chain, s, hist, loads, low, diag, up, g)
         solve_chain(low, diag, up, g)
         move = 0.0
@@ -197,7 +189,8 @@ def equilibrium(chain: Chain, s: Sections, hist: History, loads: Loads) -> int:
                 angle = max(angle, abs(g[k, 3 + i]))
         if not (move < 1e3 and angle < 1e5):
             return -1
-        scale = min(1.0, MAX_MOVE / max(move, 1e-30), MAX_TURN / max(angle, 1e-30))
+        # m and rad: keeps Newton on the branch it started on
+        scale = min(1.0, 0.04 / max(move, 1e-30), 0.25 / max(angle, 1e-30))
         for k in range(n + 1):
             for i in range(3):
                 chain.r[k, i] += scale * g[k, i]

@@ -22,15 +22,6 @@ from .truth import RobotTruth
 
 Array = NDArray[np.float64]
 
-PRESENT_FROM = 0.3
-"""Relative jamming at which the spine has fully taken its share of the section."""
-SLIP_TAPER = 0.03
-"""m before the spine's end over which friction fades."""
-SLIP_FORCE_PER_LENGTH = 20.0 / 0.15
-"""N/m of friction force per N m of friction moment."""
-TETHER_REACH = 0.3
-"""m of tip motion that takes the tether's force to zero."""
-
 
 class Body:
     """The silicone body as a rod; `hanging` False is the stiffness stand (no tilt, no tether)."""
@@ -53,7 +44,8 @@ class Body:
         """Material during a step of dt seconds."""
         truth, laws, n = self._truth, self._laws, self._truth.segments
         jamming = spine.jamming
-        x = min(jamming / PRESENT_FROM, 1.0)
+        # from this relative jamming on, the spine has fully taken its share of the section
+        x = min(jamming / 0.3, 1.0)
         volume_share = truth.spine_area / (truth.area + truth.spine_area)
         taken = (1 - laws.area_moment) * volume_share * x * x * (3 - 2 * x)
         shape = np.array(
@@ -66,9 +58,12 @@ class Body:
             h = self.rod.chain.h
             room = np.maximum(spine.true_length - (np.cumsum(h) - h / 2), 0.0)
             slip_moment = np.outer(
-                np.minimum(room / SLIP_TAPER, 1.0), laws.spine_slip * jamming * np.array(SLIP_SHARES)
+                # friction fades over 3 cm before the spine's end
+                np.minimum(room / 0.03, 1.0),
+                laws.spine_slip * jamming * np.array(SLIP_SHARES),
             )
-            slip_force += (SLIP_FORCE_PER_LENGTH * laws.spine_slip * jamming / len(SLIP_STRAINS) * room)[:, None]
+            # N/m of friction force per N m of friction moment
+            slip_force += ((20.0 / 0.15) * laws.spine_slip * jamming / len(SLIP_STRAINS) * room)[:, None]
         return Sections(
             stiffness=np.outer(silicone, shape) + np.outer(self._cover, self._spine_stiffness(spine, volume_share)),
             slip_moment=slip_moment,
@@ -101,7 +96,8 @@ class Body:
             if laws.tether_load:
                 a = self._directions.tether
                 force[-1, :2] += laws.tether_load * np.array([math.cos(a), math.sin(a)])
-                spring[0] = abs(laws.tether_load) / TETHER_REACH
+                # m of tip motion that takes the tether's force to zero
+                spring[0] = abs(laws.tether_load) / 0.3
             a, half = self._directions.tilt, laws.base_tilt / 2
             base = np.array([math.cos(half), -math.sin(a) * math.sin(half), math.cos(a) * math.sin(half), 0.0])
         return Loads(force, follower_force, follower_moment, spring, contacts, base)

@@ -2,7 +2,7 @@
 
 A set of effects is a `Laws` object: a field per effect, named by its id. The physics reads the field; a zero leaves
 its equation as the paper has it, to the last bit. The laws themselves are where the physics is (body.py, spine.py,
-pneumatics.py, stand.py), as their docstrings and docs/explanations/virtual-robot.md state.
+pneumatics.py, stand.py); docs/explanations/virtual-robot.md gives an overview.
 """
 
 from __future__ import annotations

@@ -18,10 +18,6 @@ from .truth import RobotTruth
 
 Array = NDArray[np.float64]
 
-BALLOON_POWER = 1.5
-BALLOON_AT = 250e3
-TWIST_GROWTH = 0.3
-
 
 class Pneumatics:
     """The chambers; pressures in Pa gauge, in the order of their numbers."""
@@ -47,7 +43,7 @@ class Pneumatics:
         """Axial force of each chamber, N."""
         p, area = self.pressures, np.full(len(self.pressures), self._truth.chamber_area)
         if self._laws.chamber_ballooning:
-            area = area * (1 + self._laws.chamber_ballooning * np.sign(p) * np.abs(p / BALLOON_AT) ** BALLOON_POWER)
+            area = area * (1 + self._laws.chamber_ballooning * np.sign(p) * np.abs(p / 250e3) ** 1.5)
         return np.asarray(area * p)
 
     def wrench(self, roll: float, h: Array) -> tuple[Array, Array]:
@@ -62,7 +58,7 @@ class Pneumatics:
             moments[-1, :2] = mx, my
         else:
             s = np.cumsum(h) - h / 2
-            wound = self._laws.chamber_twist * s * (1 + TWIST_GROWTH * s / self._truth.length)
+            wound = self._laws.chamber_twist * s * (1 + 0.3 * s / self._truth.length)
             mid = np.stack([mx * np.cos(wound) - my * np.sin(wound), mx * np.sin(wound) + my * np.cos(wound)], axis=1)
             moments[1:, :2] = mid
             moments[1:-1, :2] -= mid[1:]

@@ -27,15 +27,6 @@ from .truth import RobotTruth
 Array = NDArray[np.float64]
 
 MOUNTS = ("robot", "body", "spine")
-LONG_AGO = 1e9
-"""s: a step in which everything comes to rest."""
-UNSEEN_MOTION = 2e-6
-"""m that the shape may be expected to move before it is computed again while no input changes."""
-LONGEST_REST = 0.5
-"""s after which it is computed again in any case."""
-CLEARANCE = 0.002
-"""m between probe and specimen from which the probe counts as clear."""
-FORCE_STEP = 1e-4
 INPUT_STEPS = np.array([1e-7, 1e-6, 1e-6, 1e-6, 1e-7, 1e-4])
 """Changes that count: chamber forces (N); spine length (m), jamming, tip mass (kg), roll (rad), probe level and
 place (m)."""
@@ -68,7 +59,7 @@ class VirtualRobot:
         self.spine = Spine(self.truth, self.laws, seed)
         self.stand = Stand(self.truth, self.laws)
         self._markers = np.array(self.truth.markers, dtype=np.float64)
-        self._steps = np.concatenate([np.full(len(self.truth.chamber_azimuths_deg), FORCE_STEP), INPUT_STEPS])
+        self._steps = np.concatenate([np.full(len(self.truth.chamber_azimuths_deg), 1e-4), INPUT_STEPS])
         self.reset()
 
     def reset(self) -> None:
@@ -96,7 +87,8 @@ class VirtualRobot:
         self._pending = 0.0
         self._speed = 0.0
         self._contacts = NO_CONTACT
-        self._solve(LONG_AGO)
+        # a step in which everything comes to rest
+        self._solve(1e9)
         self._inputs = self._input_vector()
 
     # -- one step
@@ -107,13 +99,14 @@ class VirtualRobot:
         self._pending += dt
         inputs = self._input_vector()
         still = bool(np.all(np.abs(inputs - self._inputs) <= self._steps))
-        if still and self._speed * self._pending < UNSEEN_MOTION and self._pending < LONGEST_REST:
+        # a shape that is expected to move by less, m, is computed anew after half a second only
+        if still and self._speed * self._pending < 2e-6 and self._pending < 0.5:
             return
         step, self._pending, self._inputs = self._pending, 0.0, inputs
         self._solve(step)
 
     def _input_vector(self) -> Array:
-        near = float(self.specimen.rod.chain.r[:, 0].min()) - CLEARANCE
+        near = float(self.specimen.rod.chain.r[:, 0].min()) - 0.002
         # a probe that stays clear of the specimen is no input
         level, at = self.hands.probe if self.hands.probe and self.hands.probe[0] > near else (-1.0, 0.0)
         rest = (self.spine.true_length, self.spine.jamming, self.hands.tip_mass, self.hands.roll, level, at)

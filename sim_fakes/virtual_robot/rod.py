@@ -15,9 +15,6 @@ Array = NDArray[np.float64]
 
 FIRST_BRAKE, LAST_BRAKE = 8.0, 0.03
 """Viscosity of the intermediate steps when a step is too large for Newton."""
-MOST_BRAKED_STEPS = 80
-MOST_FORESIGHT = 3.0
-"""Longest step, relative to the one before, over which the last motion is carried on."""
 
 
 class NoEquilibrium(RuntimeError):
@@ -68,7 +65,8 @@ class Rod:
         # the last motion foretells this one when the steps are alike; a contact could be lost by it, so not there
         ratio = math.inf if len(loads.contacts) else dt / self._last_step
         r, q = self._before
-        foresee(self.chain, r, q, ratio if ratio < MOST_FORESIGHT else 0.0)
+        # the last motion is not carried on over a much longer step
+        foresee(self.chain, r, q, ratio if ratio < 3.0 else 0.0)
         self._last_step = dt
         iterations = equilibrium(self.chain, sections, self.history, loads)
         if iterations < 0:
@@ -84,7 +82,7 @@ class Rod:
         state = (self.chain.r, self.chain.q, *self.history)
         begin = [a.copy() for a in state]
         brake = FIRST_BRAKE
-        for _ in range(MOST_BRAKED_STEPS):
+        for _ in range(80):
             before = [a.copy() for a in state]
             last = brake < LAST_BRAKE
             step = sections if last else sections._replace(viscosity=max(brake, sections.viscosity))

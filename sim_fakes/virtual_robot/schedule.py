@@ -18,14 +18,10 @@ from .robot import Hands, VirtualRobot
 
 Array = NDArray[np.float64]
 
-VENT_RATE = 100e3
-"""Pa/s while venting for a new spine length."""
-GROW_SPEED = 0.02
 JAM_TIME = 10.0
 FINE_STEP, COARSE_STEP = 8e3, 60e3
 """Pa of pressure change per step of a ramp, with and without effects that depend on the way."""
 HOLD_EDGES = (0.02, 0.1, 0.3, 0.6, 1.0)
-APPROACH_STEPS = 4
 
 
 @dataclass(frozen=True)
@@ -121,14 +117,14 @@ def _prepare(robot: VirtualRobot, state: Condition) -> bool:
             spine.draw(state.vacuum)
         return False
     hands.probe = None
-    _ramp(robot, np.zeros_like(robot.pneumatics.pressures), VENT_RATE)
+    _ramp(robot, np.zeros_like(robot.pneumatics.pressures), 100e3)  # Pa/s
     if remount:
         robot.remount(Hands(state.mount, state.tip_mass, state.roll))
     hands = robot.hands
     hands.tip_mass = state.tip_mass
     travel = abs(state.spine_length - spine.length)
     spine.place(state.spine_length, 0.0)
-    robot.move(travel / GROW_SPEED + JAM_TIME)
+    robot.move(travel / 0.02 + JAM_TIME)
     spine.place(state.spine_length, state.vacuum)
     robot.move(JAM_TIME)
     return True
@@ -149,8 +145,8 @@ def _push(robot: VirtualRobot, touch: float, deflection: float) -> None:
     length = float(robot.specimen.rod.chain.h.sum())
     start = robot.hands.probe[0] if robot.hands.probe else touch
     level = touch + deflection
-    for i in range(1, APPROACH_STEPS + 1):
-        robot.hands.probe = (start + (level - start) * i / APPROACH_STEPS, length)
+    for i in range(1, 5):
+        robot.hands.probe = (start + (level - start) * i / 4, length)
         robot.move(0.25)
 
 

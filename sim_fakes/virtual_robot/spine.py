@@ -15,16 +15,10 @@ import numpy as np
 from .effects import Laws
 from .truth import RobotTruth
 
-JAM_CURVE = 0.9
-SINGLE_MODULUS = 6.6e6
 SHEAR_STIFFNESS = 0.09e6
 """Pa: the one modulus of the spine and its shear modulus times shear factor, at full `spine_shear`."""
 GAUGE_SHARE = 0.8
 """Share of a vacuum leak that the gauge at the unit sees; the rest is lost along the spine."""
-FOLLOW_SPEED = 0.15
-"""m/s at which the spine catches up with the drive once it is free."""
-FREE_SLACK = 5e-4
-"""m of drive travel beyond a held spine before the motor counts as stalled."""
 
 
 def table_modulus(truth: RobotTruth, length: float) -> float:
@@ -64,10 +58,12 @@ class Spine:
         self._notice()
         drive = max(0.0, drive)
         if self._jammed:
-            self.blocked = abs(drive - self.length) > FREE_SLACK
+            # m of drive travel beyond a held spine before the motor counts as stalled
+            self.blocked = abs(drive - self.length) > 5e-4
         else:
             self.blocked = False
-            step = FOLLOW_SPEED * dt
+            # m/s at which the spine catches up with the drive once it is free
+            step = 0.15 * dt
             self.length += min(max(drive - self.length, -step), step)
 
     def place(self, length: float, vacuum: float) -> None:
@@ -118,13 +114,13 @@ class Spine:
         share = self.vacuum / self._truth.nominal_vacuum
         if self._laws.vacuum_leak:
             share *= (1 - self._leak()) / (1 - GAUGE_SHARE * self._leak())
-        return share * (1 + JAM_CURVE) / (share + JAM_CURVE) * self._stiffness_factor
+        return share * (1 + 0.9) / (share + 0.9) * self._stiffness_factor
 
     @property
     def modulus(self) -> float:
         """Bending modulus at nominal vacuum, Pa."""
         table, blend = table_modulus(self._truth, self.true_length), self._laws.spine_shear
-        return table if blend == 0.0 else 1 / ((1 - blend) / table + blend / SINGLE_MODULUS)
+        return table if blend == 0.0 else 1 / ((1 - blend) / table + blend / 6.6e6)
 
     @property
     def shear_modulus(self) -> float:

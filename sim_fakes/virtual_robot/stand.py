@@ -25,18 +25,8 @@ Array = NDArray[np.float64]
 
 SHORTEST_SPINE = 0.02
 """m; a shorter spine offers nothing to push on."""
-OVERHANG = 0.02
-"""m beyond the specimen's end where the probe still meets it."""
-SHEAR_STIFF = 1e3
-"""Shear modulus / Young's modulus of a spine that does not shear: adds below 3e-4 to its compliance."""
-LIMP = 2e-3
-"""Stiffness left in an unjammed spine relative to a jammed one, so that it keeps a shape."""
-SOFT_LAYER = 150.0
-"""N/m of the layer that `contact_offset` squeezes."""
 BIAS_RISE, BIAS_FALL = 0.2, 20.0
 """s in which the force sensor's zero moves when loaded, and returns."""
-LOADED = 0.02
-"""N from which the sensor counts as loaded."""
 
 NO_CONTACT = np.zeros((0, 9))
 
@@ -65,9 +55,11 @@ class BareSpine:
     def sections(self, spine: Spine, dt: float) -> Sections:
         """Material during a step of dt seconds."""
         n, radius, area = self._truth.segments, self._truth.spine_radius, self._truth.spine_area
-        jamming = max(spine.jamming, LIMP)
+        # an unjammed spine keeps a shape
+        jamming = max(spine.jamming, 2e-3)
         e = jamming * spine.modulus
-        shear = area / (1 / (SHEAR_STIFF * e) + self._laws.spine_shear / (jamming * SHEAR_STIFFNESS))
+        # a spine that does not shear adds below 3e-4 to its compliance
+        shear = area / (1 / (1e3 * e) + self._laws.spine_shear / (jamming * SHEAR_STIFFNESS))
         inertia = math.pi / 4 * radius**4
         stiffness = np.array([shear, shear, e * area, e * inertia, e * inertia, 2 * e * inertia])
         return without_friction(np.tile(stiffness, (n, 1)), approach(dt, self._truth.settling_time))
@@ -101,7 +93,8 @@ class Stand:
         None: misses."""
         x, y, z = self._rotation.T @ (probe - self._origin)
         length = float(chain.h.sum())
-        if not 0.005 < z < length + OVERHANG or abs(y) > radius:
+        # the probe still meets the specimen 2 cm beyond its end
+        if not 0.005 < z < length + 0.02 or abs(y) > radius:
             return None
         return float(x) + radius, min(float(z), length)
 
@@ -110,7 +103,7 @@ class Stand:
         s = np.concatenate([[0.0], np.cumsum(chain.h)])
         k = min(max(int(np.searchsorted(s, at)) - 1, 0), len(chain.h) - 1)
         weight = min((at - s[k]) / chain.h[k], 1.0)
-        return np.array([[k, weight, 1.0, 0.0, 0.0, level, self._soft_depth, SOFT_LAYER, self._stiffness]])
+        return np.array([[k, weight, 1.0, 0.0, 0.0, level, self._soft_depth, 150.0, self._stiffness]])
 
     @staticmethod
     def force(chain: Chain, contacts: Array) -> float:
@@ -124,7 +117,7 @@ class Stand:
     def sensed(self, force: float, dt: float) -> float:
         """Force as the sensor reports it after dt seconds, N: its zero moves while it is loaded."""
         if self._bias_size:
-            goal, time = (self._bias_size, BIAS_RISE) if force > LOADED else (0.0, BIAS_FALL)
+            goal, time = (self._bias_size, BIAS_RISE) if force > 0.02 else (0.0, BIAS_FALL)
             self._bias = goal + (self._bias - goal) * math.exp(-dt / time)
         return force + self._bias
 

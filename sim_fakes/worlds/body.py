@@ -37,8 +37,6 @@ ORDER = (
 )  # fmt: skip
 """Effects that change the body, in the order in which they act; causes outside the catalogue follow."""
 TORSION = np.array([1, 1, 1, 1, 1, 2.0])
-JAM_EXPONENT = 0.5
-"""Jammed stiffness grows with this power of the vacuum."""
 
 Change = Callable[["Body", Array], None]
 """An effect of given sizes (n,), in plausible scales times the form's own scale, changes a body."""
@@ -143,7 +141,7 @@ class Body:
 
     def jam(self, share: Array) -> Array:
         """Jammed stiffness at this share of the nominal vacuum, relative to nominal."""
-        return np.asarray(np.maximum(share, 1e-4) ** JAM_EXPONENT)
+        return np.asarray(np.maximum(share, 1e-4) ** 0.5)
 
     def vacuum_share(self) -> Array:
         """(n, 1) vacuum relative to nominal."""

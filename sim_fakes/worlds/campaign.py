@@ -32,15 +32,10 @@ DRIFT = Cause("modulus_drift", "material", 0.02, _softer, "body")
 STEPS = {"area": 0.01, "grown": 1e-3, "jammed": 0.02, DRIFT.id: 1.0, "tilt_x": 2e-3, "tilt_y": 2e-3}
 """Changes by which the response of each state is taken: relative, m, relative, 2 %, rad, rad."""
 GROWN, JAMMED = 1e-3, 0.02
-PRESSURE = 500.0
-"""Pa, a regulator's reading beside the truth, beyond its fast noise."""
-FAST_PRESSURE = 50.0
 CHANNELS = ((9, 1, 2), (3, 4, 5), (6, 7, 8))
 """Chambers that share a regulator."""
 MEMORY = 60.0
 """s over which the camera's slow error is forgotten."""
-MOST = 4.0
-"""Of a heavy tail, in its own scale."""
 
 
 @dataclass(frozen=True)
@@ -176,7 +171,7 @@ def tails(rng: np.random.Generator, heavy: bool, shape: int | tuple[int, ...]) -
     """Normal numbers, or Student's t of three degrees of freedom cut at four."""
     if not heavy:
         return rng.normal(size=shape)
-    return np.clip(rng.standard_t(3, size=shape), -MOST, MOST)
+    return np.clip(rng.standard_t(3, size=shape), -4.0, 4.0)
 
 
 @dataclass(frozen=True)
@@ -230,7 +225,8 @@ def _seen(
     markers = markers + sd * rng.normal(size=markers.shape) + np.array(robot.offset)
     turns = turns @ turn(angle * error[..., 3:])
     pressures = np.tile(np.array([leg.pressures for leg in legs]), (count, 1, 1))
-    wander = PRESSURE * _slow(rng, t, len(CHANNELS)) + FAST_PRESSURE * rng.normal(size=(count, reads, len(CHANNELS)))
+    # Pa, a regulator's reading beside the truth: slow error and fast noise
+    wander = 500.0 * _slow(rng, t, len(CHANNELS)) + 50.0 * rng.normal(size=(count, reads, len(CHANNELS)))
     for k, channel in enumerate(CHANNELS):
         pressures[..., [c - 1 for c in channel]] += wander[..., k, None]
     vacuum = np.array([trial.vacuum for trial in sweep.trials])[:, None] + 100.0 * rng.normal(size=(count, reads))

@@ -16,7 +16,6 @@ from .campaign import Response, Robot, Sweep, courses
 from .forms import EFFECTS
 
 Array = NDArray[np.float64]
-MM = 1e3
 TRIED = 0.3
 """Plausible scales at which an effect that is not there is tried as the nearest of a cause outside the catalogue."""
 
@@ -75,7 +74,7 @@ def _rest(d: Array, by: Sequence[Array]) -> tuple[Array, Array]:
 
 def rms(d: Array) -> float:
     """Root mean square length of the vectors in d, mm."""
-    return float(np.sqrt(np.mean(np.sum(d.reshape(-1, 3) ** 2, axis=1))) * MM)
+    return float(np.sqrt(np.mean(np.sum(d.reshape(-1, 3) ** 2, axis=1))) * 1e3)
 
 
 def _sorted(values: Mapping[str, float]) -> dict[str, float]:

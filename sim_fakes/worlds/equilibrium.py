@@ -26,8 +26,6 @@ from .frames import adjoint, apply, cross, hat, log_derivatives, rotation_vector
 
 Array = NDArray[np.float64]
 
-TOLERANCE = 1e-6
-"""Largest last correction of a frame, in units of `LARGEST`; each is a hundred times smaller than the one before."""
 MOST_STEPS = 40
 LARGEST = np.array([0.03] * 3 + [0.3] * 3)
 """Largest correction in one step, m and rad: keeps Newton on the branch it started on."""
@@ -106,7 +104,8 @@ def settle(shape: Shape, h: Array, material: Material, loads: Loads) -> Shape:
         p, r = screw(step)
         shape.r += apply(shape.turns, p)
         shape.turns = shape.turns @ r
-        if largest.max() < TOLERANCE:
+        # each correction, in units of `LARGEST`, is a hundred times smaller than the one before
+        if largest.max() < 1e-6:
             return shape
     raise NoEquilibrium(f"no equilibrium in {MOST_STEPS} steps")
 

@@ -23,12 +23,11 @@ ARM = 0.03
 """m: axial strain over this is the curvature at which the same slip begins."""
 SUBSTEPS = 6
 """Of the elements without a closed form."""
-STRIPS = 12
 
 
 def strips() -> tuple[Array, Array]:
     """Places y (m) and areas (m^2) of strips across the annulus whose sum and second moment are exactly its own."""
-    y, w = np.polynomial.legendre.leggauss(2 * STRIPS)
+    y, w = np.polynomial.legendre.leggauss(24)
     y, w = y * OUTER, w * OUTER
     width = 2 * (np.sqrt(np.maximum(OUTER**2 - y**2, 0)) - np.sqrt(np.maximum(INNER**2 - y**2, 0)))
     y, area = y[y > 0], 2 * (w * width)[y > 0]

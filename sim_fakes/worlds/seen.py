@@ -18,8 +18,6 @@ from .robot import LENGTH, Lanes
 
 Array = NDArray[np.float64]
 
-SAME_RATE = 1.0
-"""Pa/s by which a ramp's rate may differ from step to step."""
 ORDER = ("time_offset", "marker_offset", "frame_misalignment")
 
 
@@ -106,7 +104,7 @@ def _at(path: Path, when: Array) -> Path:
 def _corners(path: Path) -> list[int]:
     """The first point, those at which the pressures begin to change at another rate, and the last."""
     rate = np.diff(path.pressures, axis=0) / np.maximum(np.diff(path.times), 1e-9)[:, None]
-    turns = np.flatnonzero((np.abs(np.diff(rate, axis=0)) > SAME_RATE).any(axis=1)) + 1
+    turns = np.flatnonzero((np.abs(np.diff(rate, axis=0)) > 1.0).any(axis=1)) + 1  # Pa/s
     return [0, *turns.tolist(), len(path.times) - 1]
 
 

@@ -20,10 +20,7 @@ from .seen import Path, seeing
 
 Array = NDArray[np.float64]
 
-STEP = 50e3
-"""Pa, the largest; what remembers does so exactly while strains change evenly within it."""
 HOLD_EDGES = (0.1, 0.35, 1.0)
-LONG = 1e6
 
 
 @dataclass(frozen=True)
@@ -63,12 +60,13 @@ def walk(lanes: Lanes, physics: Physics, legs: Sequence[Leg], segments: int = SE
         before, shape, pressure = (shape, pressure), moved, target
         track.add(dt, shape, target, read)
 
-    step(pressure, LONG, False)
+    step(pressure, 1e6, False)
     before = None
     for leg in legs:
         target = np.asarray(leg.pressures, float)
         change = float(np.abs(target - pressure).max())
-        start, count = pressure, max(1, math.ceil(change / STEP - 1e-9)) if change else 0
+        # what remembers does so exactly while strains change evenly within a step
+        start, count = pressure, max(1, math.ceil(change / 50e3 - 1e-9)) if change else 0
         for i in range(1, count + 1):
             last = i == count and not leg.hold
             step(start + (target - start) * i / count, change / leg.rate / count, leg.read and last)

@@ -137,3 +137,11 @@ if __name__ == "__main__":
 
 def test_after_warming_up_a_whole_diagnosis_asks_for_no_kernel_that_is_not_ready() -> None:
     subprocess.run([sys.executable, "-c", WARM], check=True, cwd=Path(__file__).parents[2])
+
+
+def test_regulators_that_lag_are_told_from_a_body_that_creeps() -> None:
+    names = ("pressure_lag", "viscoelastic", "rest_shape", "pressure_offset", "pressure_deadband")
+    case = measured(2, 3, FEW, pressure_lag__constant=2.0)
+    found = diagnose(case, quick({name: CATALOGUE[name] for name in names})).attribute
+    assert found.effects == ("pressure_lag",) and found.probability > 0.9
+    assert found.ranking[0].parameters["pressure_lag.constant"].value == pytest.approx(2.0, abs=0.1)

@@ -240,5 +240,13 @@ def test_a_body_that_sags_upwards_is_asked_about(factor: float) -> None:
     rows = sweep(level, spines=(0.0,), levels=(0.0, 10e3, 20e3))
     told = level.with_modulus(factor)
     assert doubtful(told, rows, "robot.yaml") == ()
-    (said,) = doubtful(told.model_copy(update={"gravity": (9.81, 0.0, 0.0)}), rows, "robot.yaml")
-    assert said.startswith("robot.yaml: gravity [9.81, 0, 0] m/s^2: at rest the tip is") and "gravity reversed" in said
+    across = (
+        ((0.0, 0.0, 9.81), (0.0, -9.81, 0.0)) if factor >= 1 else ()
+    )  # a body twice as soft sags by as much too far
+    for wrong in ((9.81, 0.0, 0.0), *across):
+        (said,) = doubtful(told.model_copy(update={"gravity": wrong}), rows, "robot.yaml")
+        stated = ", ".join(f"{g:g}" for g in wrong)
+        assert (
+            said.startswith(f"robot.yaml: gravity [{stated}] m/s^2: at rest the tip is")
+            and "with [-9.81, 0, 0]" in said
+        )

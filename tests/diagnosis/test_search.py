@@ -54,11 +54,16 @@ def test_the_same_data_give_the_same_answer_to_the_last_bit() -> None:
 
 
 def test_threads_change_nothing_and_progress_only_rises() -> None:
-    told: list[float] = []
+    told: list[tuple[str, float]] = []
     problem = toy_problem(5, {"play": 1.0, "turned": -0.9})
-    alone, shared = Search(problem).run(), Search(problem, executor=Executor(3, told.append)).run()
+    alone, shared = (
+        Search(problem).run(),
+        Search(problem, executor=Executor(3, lambda step, share: told.append((step, share)))).run(),
+    )
     assert [(c.named, c.log_evidence) for c in alone] == [(c.named, c.log_evidence) for c in shared]
-    assert told == sorted(told) and 0 < told[0] < told[-1] < 1
+    steps = [step for step, _ in told]
+    assert steps == sorted(steps) and steps[0] == "step 2 of 9: single effects"
+    assert all(0 < share <= 1 for _, share in told)
 
 
 def test_single_effects_are_searched_from_where_a_leading_triple_was_found() -> None:

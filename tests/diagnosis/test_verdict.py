@@ -193,3 +193,15 @@ def test_a_simulators_difference_says_what_remains_without_it() -> None:
     assert (
         "by 0.10 mm after an area factor is fitted: less than the noise floor." in alike and "do not show" not in alike
     )
+
+
+def test_a_cause_that_leads_but_is_probably_too_small_is_not_named() -> None:
+    leading = weighed(base_tilt=0.45, none=0.35, contact=0.16, unknown=0.04)
+    small, large = (decide(leading, CALIBRATED, True, share) for share in (0.7, 0.3))
+    assert (small.verdict, small.effects, small.too_small) == ("none", (), ("base_tilt",))
+    assert small.probability == pytest.approx(0.96 * 0.7)
+    assert large.verdict == "effect" and large.effects == ("base_tilt",)
+    assert decide(weighed(base_tilt=0.76, none=0.2, unknown=0.04), CALIBRATED, True, 0.9).verdict == "effect"
+    told = statement(replace(facts(leading), decision=small, conclusion="none", budget=()))
+    assert told.startswith("No cause stands out: probably no effect carries 2 noise floors (p = 0.67")
+    assert "The most probable one is tilt of the base [base_tilt]." in told

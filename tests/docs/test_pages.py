@@ -42,6 +42,7 @@ def rigs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rigs]:
     found.sleep()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("page", RUNNABLE, ids=lambda p: str(p.relative_to(ROOT)))
 def test_the_blocks_of_a_page_run_in_order(
     page: Path, rigs: Rigs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

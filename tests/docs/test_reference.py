@@ -27,32 +27,25 @@ def reference(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     return {page.stem: page.read_text(encoding="utf-8") for page in folder.rglob("*.md")}
 
 
-def test_each_verb_key_effect_driver_and_stream_is_there(reference: dict[str, str]) -> None:
-    assert all(f"\n## lab {verb}\n" in reference["command"] for verb in ("run", "diagnose", "blind make", "completion"))
+def test_each_key_effect_driver_and_stream_is_there(reference: dict[str, str]) -> None:
     assert all(f"\n- `{key}`" in reference["robot"] for key in Robot.model_fields)
     assert all(f"\n### {effect}\n" in reference["effects"] for effect in CATALOGUE)
     assert all(f"\n### {driver}\n" in reference["instruments"] for driver in OWN)
     assert all(f"\n## {topic}\n" in reference["streams"] for topic in STREAMS)
 
 
-def test_what_a_driver_and_its_fake_are_built_of_is_there(reference: dict[str, str]) -> None:
+def test_what_a_driver_must_offer_is_there(reference: dict[str, str]) -> None:
     text = reference["instruments"]
     sensor = text[text.index("\n## sensor\n") :]
-    assert text.index("\n- `open() ->") < text.index("\n## arm\n") and sensor.index("\n- `latest() ->") < sensor.index(
-        "\n## drivers.serial_line.SerialLine\n"
-    )
-    assert (
-        sum(line.startswith("- `latest() ->") for line in text.splitlines()) == 3
-    )  # of force, mocap and sensor, each once
-    for made in (
-        "SerialLine(name, port,",
-        "ask(request,",
-        "Retries(line)",
-        "twice(",
-        "PtyFake(",
-        "feed()",
-    ):
-        assert f"\n- `{made}" in text
+    assert text.index("\n- `open() ->") < text.index("\n## arm\n") and "\n- `latest() ->" in sensor
+    of_force_mocap_and_sensor = [line for line in text.splitlines() if line.startswith("- `latest() ->")]
+    assert len(of_force_mocap_and_sensor) == 3
+
+
+def test_what_only_the_project_uses_is_left_out_of_the_calls_of_a_protocol(reference: dict[str, str]) -> None:
+    text = reference["protocol-calls"]
+    assert "\n- `pause(" in text and "`gauge`" in text
+    assert "look_anew" not in text and "begin_again" not in text
 
 
 def test_the_pages_in_the_repository_are_those_that_the_code_makes(reference: dict[str, str]) -> None:

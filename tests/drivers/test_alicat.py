@@ -6,14 +6,13 @@ LAB_TEST_ALLOW_MOTION=1 as well.
 """
 
 import os
-import threading
-import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 from pydantic import ValidationError
 
+import timing
 from drivers.alicat.driver import Alicat, Config
 from drivers.errors import (
     BadReply,
@@ -28,9 +27,9 @@ from drivers.errors import (
 )
 from drivers.interfaces import PressureRegulators
 from sim_fakes.alicat import PA_PER_UNIT, AlicatFake
-from sim_fakes.clock import SimClock
 from sim_fakes.ft300s import Ft300sFake
 from sim_fakes.plant import Plant
+from timing import RigClock
 
 HARDWARE = os.environ.get("LAB_TEST_ALICAT_PORT")
 UNITS = tuple(os.environ.get("LAB_TEST_ALICAT_UNITS", "ABC"))
@@ -46,12 +45,12 @@ def plant() -> Plant:
 
 
 @pytest.fixture
-def clock() -> SimClock:
-    return SimClock(speed=1.0 if HARDWARE else 20.0)
+def clock() -> RigClock:
+    return RigClock(speed=1.0 if HARDWARE else 20.0)
 
 
 @pytest.fixture
-def fake(plant: Plant, clock: SimClock) -> Iterator[AlicatFake]:
+def fake(plant: Plant, clock: RigClock) -> Iterator[AlicatFake]:
     if HARDWARE:
         pytest.skip("needs the fake units")
     fake = AlicatFake(plant, clock, seed=2)
@@ -61,7 +60,7 @@ def fake(plant: Plant, clock: SimClock) -> Iterator[AlicatFake]:
 
 
 @pytest.fixture
-def make(request: pytest.FixtureRequest, clock: SimClock) -> Iterator[Callable[..., Alicat]]:
+def make(request: pytest.FixtureRequest, clock: RigClock) -> Iterator[Callable[..., Alicat]]:
     made: list[Alicat] = []
 
     def make(**changes: Any) -> Alicat:
@@ -92,7 +91,7 @@ def may_pressurise() -> None:
         pytest.skip("pressurises: set LAB_TEST_ALLOW_MOTION=1 when nobody is at the robot")
 
 
-def raise_to(regulators: Alicat, clock: SimClock, pressures: tuple[float, ...]) -> tuple[float, ...]:
+def raise_to(regulators: Alicat, clock: RigClock, pressures: tuple[float, ...]) -> tuple[float, ...]:
     """Set again and again, as a ramp does, until the rate limit lets the last value through."""
     for _ in range(200):
         confirmed = regulators.set(pressures)
@@ -120,14 +119,14 @@ def test_reading_gives_a_value_a_unit_near_ambient_when_vented(regulators: Alica
 
 
 @pytest.mark.usefixtures("may_pressurise")
-def test_setting_returns_what_the_units_confirmed_and_reading_shows_it(regulators: Alicat, clock: SimClock) -> None:
+def test_setting_returns_what_the_units_confirmed_and_reading_shows_it(regulators: Alicat, clock: RigClock) -> None:
     wanted = tuple(10e3 + 2e3 * i for i in range(len(UNITS)))
     assert raise_to(regulators, clock, wanted) == pytest.approx(wanted, abs=DIGIT)
     assert regulators.read().setpoint == pytest.approx(wanted, abs=DIGIT)
 
 
 @pytest.mark.usefixtures("may_pressurise")
-def test_venting_is_not_held_back_by_the_rate_limit(make: Callable[..., Alicat], clock: SimClock) -> None:
+def test_venting_is_not_held_back_by_the_rate_limit(make: Callable[..., Alicat], clock: RigClock) -> None:
     regulators = make(max_rate=5e3)
     regulators.open()
     raise_to(regulators, clock, (10e3,) * len(UNITS))
@@ -137,7 +136,7 @@ def test_venting_is_not_held_back_by_the_rate_limit(make: Callable[..., Alicat],
 
 @pytest.mark.usefixtures("may_pressurise")
 def test_closing_leaves_the_units_vented_and_may_be_repeated(
-    make: Callable[..., Alicat], regulators: Alicat, clock: SimClock
+    make: Callable[..., Alicat], regulators: Alicat, clock: RigClock
 ) -> None:
     raise_to(regulators, clock, (10e3,) * len(UNITS))
     regulators.close()
@@ -161,7 +160,7 @@ def test_the_driver_is_a_set_of_pressure_regulators(make: Callable[..., Alicat])
 
 # -- these need the fake
 def test_set_points_reach_the_chambers_of_the_channel_in_pascal(
-    make: Callable[..., Alicat], fake: AlicatFake, plant: Plant, clock: SimClock
+    make: Callable[..., Alicat], fake: AlicatFake, plant: Plant, clock: RigClock
 ) -> None:
     regulators = make(chambers=((9, 1, 2), (3, 4, 5), (6, 7, 8)))
     regulators.open()
@@ -171,7 +170,7 @@ def test_set_points_reach_the_chambers_of_the_channel_in_pascal(
     assert regulators.read().measured == pytest.approx((50e3, 1e3, 30e3), abs=500)
 
 
-def test_nine_units_make_nine_channels(plant: Plant, clock: SimClock) -> None:
+def test_nine_units_make_nine_channels(plant: Plant, clock: RigClock) -> None:
     nine = AlicatFake(plant, clock, "ABCDEFGHI", [(i,) for i in range(1, 10)])
     nine.start()
     config = Config(port=nine.port, units=tuple("ABCDEFGHI"), chambers=tuple((i,) for i in range(1, 10)))
@@ -187,7 +186,7 @@ def test_nine_units_make_nine_channels(plant: Plant, clock: SimClock) -> None:
 
 
 def test_what_is_above_the_limit_is_clipped_and_never_sent(
-    make: Callable[..., Alicat], fake: AlicatFake, clock: SimClock
+    make: Callable[..., Alicat], fake: AlicatFake, clock: RigClock
 ) -> None:
     regulators = make(max_pressure=20_004.0)
     regulators.open()
@@ -231,7 +230,7 @@ def test_a_pressure_that_is_no_number_is_refused_before_anything_is_sent(regulat
 
 
 def test_a_dead_unit_does_not_keep_the_others_from_venting_and_is_named(
-    regulators: Alicat, fake: AlicatFake, clock: SimClock
+    regulators: Alicat, fake: AlicatFake, clock: RigClock
 ) -> None:
     raise_to(regulators, clock, (20e3, 20e3, 20e3))
     fake.faults.extra["dead"] = "A"
@@ -255,17 +254,17 @@ def test_a_stop_does_not_wait_for_a_reading_that_waits_for_a_dead_unit(
             ended.append(str(e))
 
     heard = len(fake.requests)
-    reading = threading.Thread(target=poll, daemon=True)
+    reading = timing.Thread(target=poll, daemon=True)
     reading.start()
     while len(fake.requests) == heard:
-        time.sleep(0.001)
+        timing.sleep(0.001)
     regulators.connect()
     reading.join(10.0)
     assert len(ended) == 1 and "cancelled by a stop" in ended[0]
 
 
 def test_a_unit_that_fails_once_is_vented_in_the_second_round(
-    regulators: Alicat, fake: AlicatFake, clock: SimClock
+    regulators: Alicat, fake: AlicatFake, clock: RigClock
 ) -> None:
     raise_to(regulators, clock, (20e3, 20e3, 20e3))
     fake.faults.extra["miss"] = {"B": 1}
@@ -273,7 +272,7 @@ def test_a_unit_that_fails_once_is_vented_in_the_second_round(
     assert fake.device["B"].setpoint == 0.0
 
 
-def test_venting_lets_a_held_valve_go(regulators: Alicat, fake: AlicatFake, plant: Plant, clock: SimClock) -> None:
+def test_venting_lets_a_held_valve_go(regulators: Alicat, fake: AlicatFake, plant: Plant, clock: RigClock) -> None:
     raise_to(regulators, clock, (20e3, 20e3, 20e3))
     plant.chamber_pressure[:] = 20e3
     fake.device["C"].hold("HP")
@@ -282,7 +281,7 @@ def test_venting_lets_a_held_valve_go(regulators: Alicat, fake: AlicatFake, plan
 
 
 def test_closing_with_a_dead_unit_is_quiet_and_vents_the_others(
-    regulators: Alicat, fake: AlicatFake, clock: SimClock
+    regulators: Alicat, fake: AlicatFake, clock: RigClock
 ) -> None:
     raise_to(regulators, clock, (20e3, 20e3, 20e3))
     fake.faults.extra["dead"] = "B"
@@ -291,7 +290,7 @@ def test_closing_with_a_dead_unit_is_quiet_and_vents_the_others(
 
 
 def test_a_unit_that_ignores_set_points_is_a_fault_naming_both_values(
-    regulators: Alicat, fake: AlicatFake, clock: SimClock
+    regulators: Alicat, fake: AlicatFake, clock: RigClock
 ) -> None:
     fake.faults.extra["ignore"] = "B"
     clock.sleep(1.0)
@@ -300,7 +299,7 @@ def test_a_unit_that_ignores_set_points_is_a_fault_naming_both_values(
 
 
 def test_a_unit_that_clamps_a_set_point_is_a_bad_reply_naming_both_values(
-    regulators: Alicat, fake: AlicatFake, clock: SimClock
+    regulators: Alicat, fake: AlicatFake, clock: RigClock
 ) -> None:
     fake.device["B"].full_scale = 10e3
     clock.sleep(1.0)
@@ -404,7 +403,7 @@ def test_older_firmware_is_never_asked_what_it_does_not_know(
 
 
 @pytest.fixture
-def old(plant: Plant, clock: SimClock) -> Iterator[Callable[[str], AlicatFake]]:
+def old(plant: Plant, clock: RigClock) -> Iterator[Callable[[str], AlicatFake]]:
     """Units of firmware 5v12, which answer in their unit of measure without naming it."""
     started: list[AlicatFake] = []
 
@@ -440,7 +439,7 @@ def test_a_unit_that_does_not_tell_its_unit_of_measure_needs_it_in_rig_yaml(
 
 @pytest.mark.parametrize("unit", ["psi", "bar", "kPa"])
 def test_a_unit_that_shows_another_unit_of_measure_is_read_and_set_in_pascal(
-    make: Callable[..., Alicat], old: Callable[[str], AlicatFake], clock: SimClock, unit: str
+    make: Callable[..., Alicat], old: Callable[[str], AlicatFake], clock: RigClock, unit: str
 ) -> None:
     fake = old(unit)
     regulators = make(port=fake.port, unit=unit, full_scale=413.7e3)
@@ -463,6 +462,7 @@ def test_a_wrong_unit_of_measure_is_caught_before_the_first_pressure_beyond_5_kp
     fake = old(shows)
     regulators = make(port=fake.port, unit=told, full_scale=413.7e3)
     regulators.open()
+    timing.sleep(0.1)  # no time, no rise: the rate is limited
     with pytest.raises(WrongDevice, match=f"does not show {told} but {shows}.*correct unit or full_scale"):
         regulators.set((100e3, 0.0, 0.0))
     assert highest_told(fake) <= 5e3 and fake.device["A"].setpoint == 0
@@ -476,6 +476,7 @@ def test_a_range_far_from_the_unit_s_is_caught_too(
     fake = old("kPa")
     regulators = make(port=fake.port, unit="kPa", full_scale=said, max_pressure=min(said, 300e3))
     regulators.open()
+    timing.sleep(0.1)  # no time, no rise: the rate is limited
     with pytest.raises(WrongDevice, match="its range is not"):
         regulators.set((20e3, 0.0, 0.0))
     assert highest_told(fake) <= 5e3
@@ -494,15 +495,15 @@ def test_a_unit_that_tells_its_unit_of_measure_is_believed_before_rig_yaml(
 
 
 @pytest.mark.parametrize("streaming", [False, True])
-def test_a_force_sensor_on_the_port_is_told_at_opening(plant: Plant, clock: SimClock, streaming: bool) -> None:
+def test_a_force_sensor_on_the_port_is_told_at_opening(plant: Plant, clock: RigClock, streaming: bool) -> None:
     sensor = Ft300sFake(plant, clock)
     sensor.device.streaming = streaming
     sensor.start()
     regulators = Alicat("pressure", Config(port=sensor.port, baud=19200), clock)
-    start = time.monotonic()
+    start = timing.now()
     with pytest.raises(WrongDevice if streaming else Unreachable, match="check p.*baud rate"):
         regulators.open()
-    assert time.monotonic() - start < 20.0
+    assert timing.now() - start < 20.0
     sensor.stop()
 
 

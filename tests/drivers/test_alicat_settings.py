@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 import serial
 
+import timing
 from drivers.alicat.driver import Alicat, Config
 from drivers.errors import WrongDevice
 from sim_fakes.alicat import AlicatFake
-from sim_fakes.clock import SimClock
 from sim_fakes.plant import Plant
+from timing import RigClock
 
 Open = Callable[..., Alicat]
 FAR = 15e3
@@ -27,7 +27,7 @@ def plant() -> Plant:
 
 @pytest.fixture
 def fake(plant: Plant) -> Iterator[AlicatFake]:
-    fake = AlicatFake(plant, SimClock(speed=20.0), seed=2)
+    fake = AlicatFake(plant, RigClock(speed=20.0), seed=2)
     fake.start()
     yield fake
     fake.stop()
@@ -39,7 +39,7 @@ def opened(fake: AlicatFake) -> Iterator[Open]:
 
     def opened(**changes: Any) -> Alicat:
         values: dict[str, Any] = {"port": fake.port, "chambers": ((1,), (2,), (3,)), "timeout": 1.0, "max_age": 5.0}
-        made.append(Alicat("pressure", Config(**(values | changes)), SimClock(speed=20.0)))
+        made.append(Alicat("pressure", Config(**(values | changes)), RigClock(speed=20.0)))
         made[-1].open()
         return made[-1]
 
@@ -197,10 +197,10 @@ def test_a_vent_is_not_confirmed_by_a_reading_in_another_unit_of_measure(
 @pytest.mark.parametrize("unit", ["psi", "bar"])
 @pytest.mark.parametrize("moment", ["held", "vented"])
 def test_a_unit_that_does_not_tell_is_tried_anew(plant: Plant, unit: str, moment: str) -> None:
-    fake = AlicatFake(plant, SimClock(speed=20.0), seed=3, firmware="5v12.0-R22")
+    fake = AlicatFake(plant, RigClock(speed=20.0), seed=3, firmware="5v12.0-R22")
     fake.start()
     config = Config(port=fake.port, unit="kPa", chambers=((1,), (2,), (3,)), timeout=1.0)
-    regulators = Alicat("pressure", config, SimClock(speed=20.0))
+    regulators = Alicat("pressure", config, RigClock(speed=20.0))
     regulators.open()
     hold(regulators, plant, 60e3)
     if moment == "vented":
@@ -244,12 +244,12 @@ def test_an_echoing_adapter_is_named_and_harmless(opened: Open, fake: AlicatFake
 
 @pytest.mark.parametrize("start", ["B@ @", "B@=@"])
 def test_a_unit_that_streams_is_named_with_what_stops_it(opened: Open, fake: AlicatFake, start: str) -> None:
-    with serial.Serial(fake.port, 115200) as port:
+    with serial.serial_for_url(fake.port, 115200) as port:
         port.write(start.encode() + b"\r")
         assert port.read_until(b"\r")
     with pytest.raises(WrongDevice, match="without being asked: a unit in streaming mode .stop it with `@@"):
         opened()
-    with serial.Serial(fake.port, 115200, timeout=0.5) as port:
+    with serial.serial_for_url(fake.port, 115200, timeout=0.5) as port:
         port.write(b"@@ B\r")
         while port.read(1):
             pass
@@ -272,13 +272,13 @@ def test_retries_are_told_when_they_have_become_the_rule(opened: Open, fake: Ali
 
 def test_settings_are_read_while_another_thread_polls(opened: Open) -> None:
     regulators = opened()
-    ended = threading.Event()
+    ended = timing.Event()
 
     def poll() -> None:
         while not ended.is_set():
             regulators.read()
 
-    polling = threading.Thread(target=poll, daemon=True)
+    polling = timing.Thread(target=poll, daemon=True)
     polling.start()
     for _ in range(5):
         regulators.confirm_settings()

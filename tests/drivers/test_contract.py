@@ -37,9 +37,8 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (folder, *PACKAGES, ROOT)))}
 
 
-@pytest.mark.parametrize(
-    "drivers", [THEIRS, *(pytest.param((d,), marks=pytest.mark.long) for d in OWN)], ids=lambda found: "+".join(found)
-)
+@pytest.mark.long
+@pytest.mark.parametrize("drivers", [THEIRS, *((d,) for d in OWN)], ids=lambda found: "+".join(found))
 def test_the_contract(drivers: tuple[str, ...], installed: dict[str, str], tmp_path: Path) -> None:
     done, report = contract(installed, tmp_path, *drivers)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -93,6 +92,7 @@ WRONG = {
 """Drivers that are wrong in one respect: the only test that each fails, and what it says."""
 
 
+@pytest.mark.long
 def test_a_driver_that_is_wrong_in_one_respect_fails_the_test_of_that_and_no_other(tmp_path: Path) -> None:
     package = ROOT / "tests/drivers/bench_range"
     install(tmp_path, package)
@@ -128,6 +128,7 @@ def fakes(installed: dict[str, str], tmp_path: Path) -> Iterator[Path]:
         running.wait(30)
 
 
+@pytest.mark.long
 def test_a_rig_with_instruments_of_one_s_own_is_checked_run_and_replayed(
     fakes: Path, installed: dict[str, str], tmp_path: Path
 ) -> None:

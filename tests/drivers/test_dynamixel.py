@@ -1,20 +1,20 @@
 """What is particular to the Dynamixel length unit, through dynamixel-sdk against the fake servo."""
 
-import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 from pydantic import ValidationError
 
+import timing
 from drivers.dynamixel.bus import Register
 from drivers.dynamixel.driver import Config, DynamixelSpine
 from drivers.dynamixel.table import PRESENT_POSITION
 from drivers.errors import BadReply, DeviceFault, LimitExceeded, NotReady, Unreachable, WrongDevice
 from drivers.interfaces import SpineSample
-from sim_fakes.clock import SimClock
 from sim_fakes.dynamixel import DynamixelFake
 from sim_fakes.plant import Plant
+from timing import RigClock
 
 Make = Callable[..., tuple[DynamixelSpine, DynamixelFake]]
 TORQUE, WATCHDOG, MODE, GOAL = 64, 98, 11, 116
@@ -30,7 +30,7 @@ def make(plant: Plant) -> Iterator[Make]:
     made: list[tuple[DynamixelSpine, DynamixelFake]] = []
 
     def make(fake: dict[str, Any] | None = None, **changes: Any) -> tuple[DynamixelSpine, DynamixelFake]:
-        clock = SimClock(20.0)
+        clock = RigClock(20.0)
         servo = DynamixelFake(plant, clock, **(fake or {}))
         servo.start()
         spine = DynamixelSpine(
@@ -46,19 +46,19 @@ def make(plant: Plant) -> Iterator[Make]:
 
 
 def watch(spine: DynamixelSpine, until: Callable[[SpineSample], bool]) -> SpineSample:
-    deadline = time.monotonic() + 20
+    deadline = timing.now() + 20
     while not until(sample := spine.read()):
-        assert time.monotonic() < deadline, f"still {sample}"
-        time.sleep(0.01)
+        assert timing.now() < deadline, f"still {sample}"
+        timing.sleep(0.01)
     return sample
 
 
 def bitten(servo: DynamixelFake) -> None:
     """Wait until the servo's watchdog has bitten."""
-    deadline = time.monotonic() + 60
+    deadline = timing.now() + 60
     while servo.motor.table[WATCHDOG] != 0xFF:
-        assert time.monotonic() < deadline, "the watchdog never bites"
-        time.sleep(0.01)
+        assert timing.now() < deadline, "the watchdog never bites"
+        timing.sleep(0.01)
 
 
 def homed(spine: DynamixelSpine) -> None:
@@ -156,7 +156,7 @@ def test_a_watchdog_that_trips_holds_the_cord_whatever_homing_offset_was_left(ma
     spine.move_to(0.1, 0.05)
     watch(spine, lambda s: not s.moving)
     bitten(servo)
-    time.sleep(0.05)  # one second of the rig, in which a motor that moves comes far
+    timing.sleep(0.05)  # one second of the rig, in which a motor that moves comes far
     assert servo.motor.length == pytest.approx(0.1, abs=1e-3)
 
 
@@ -292,10 +292,10 @@ def test_a_stop_is_sent_again_when_the_watchdog_bites_on_its_way(make: Make, mon
 def test_reading_keeps_the_watchdog_quiet(make: Make) -> None:
     spine, servo = make(watchdog=0.6)
     homed(spine)
-    end = time.monotonic() + 0.9
-    while time.monotonic() < end:
+    end = timing.now() + 0.9
+    while timing.now() < end:
         spine.read()
-        time.sleep(0.02)
+        timing.sleep(0.02)
     assert servo.motor.table[WATCHDOG] == 30
 
 

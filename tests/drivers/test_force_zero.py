@@ -1,20 +1,19 @@
 """The zero of the force sensor is refused while force or moment change, and never while the sensor is at rest."""
 
 import math
-import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
 import pytest
 
+import timing
 from drivers.errors import NotReady
 from drivers.ft300s.driver import FT300S, Config
 from drivers.ft300s.rest import unrest
-from sim_fakes.clock import SimClock
 from sim_fakes.ft300s import COUNTS, PERIOD, Ft300sDevice, Ft300sFake
 from sim_fakes.plant import Plant
+from timing import RigClock
 
 Load = Callable[[float], tuple[float, float, float]]
 """Force on the probe's tip, N, by time in s."""
@@ -23,16 +22,16 @@ Load = Callable[[float], tuple[float, float, float]]
 @contextmanager
 def changing(fake: Ft300sFake, load: Load) -> Iterator[None]:
     """The load on the tip changes until the block ends; it has begun when the block is entered."""
-    began, end, start = threading.Event(), threading.Event(), time.monotonic()
+    began, end, start = timing.Event(), timing.Event(), timing.now()
 
     def change() -> None:
         while not end.is_set():
             with fake.device.plant.lock:
-                fake.device.plant.probe_force[:] = load(time.monotonic() - start)
+                fake.device.plant.probe_force[:] = load(timing.now() - start)
             began.set()
-            time.sleep(PERIOD / 2)
+            timing.sleep(PERIOD / 2)
 
-    thread = threading.Thread(target=change)
+    thread = timing.Thread(target=change)
     thread.start()
     began.wait()
     try:
@@ -44,7 +43,7 @@ def changing(fake: Ft300sFake, load: Load) -> Iterator[None]:
 
 @pytest.fixture
 def fake() -> Iterator[Ft300sFake]:
-    fake = Ft300sFake(Plant(9), SimClock(1.0), seed=3)
+    fake = Ft300sFake(Plant(9), RigClock(1.0), seed=3)
     fake.start()
     yield fake
     fake.stop()

@@ -5,19 +5,19 @@ hanging free.
 """
 
 import os
-import time
 from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
 
+import timing
 from drivers.errors import DeviceFault, LimitExceeded, NotReady, StaleReading, Unreachable, WrongDevice
 from drivers.ft300s.driver import FT300S, Config
 from drivers.interfaces import ForceSensor, WrenchSample
 from sim_fakes.alicat import AlicatFake
-from sim_fakes.clock import SimClock
 from sim_fakes.ft300s import Ft300sFake
 from sim_fakes.plant import Plant
+from timing import RigClock
 
 HARDWARE = os.environ.get("LAB_TEST_FT300S_PORT")
 NOISE = 5.0
@@ -26,9 +26,9 @@ NOISE = 5.0
 
 def eventually(condition: Callable[[], bool], within: float = 10.0) -> bool:
     """Wait for a condition; False when it does not come."""
-    deadline = time.monotonic() + within
-    while not condition() and time.monotonic() < deadline:
-        time.sleep(0.005)
+    deadline = timing.now() + within
+    while not condition() and timing.now() < deadline:
+        timing.sleep(0.005)
     return condition()
 
 
@@ -41,7 +41,7 @@ def plant() -> Plant:
 def fake(plant: Plant) -> Iterator[Ft300sFake]:
     if HARDWARE:
         pytest.skip("needs the fake sensor")
-    fake = Ft300sFake(plant, SimClock(), seed=1)
+    fake = Ft300sFake(plant, RigClock(), seed=1)
     fake.start()
     yield fake
     fake.stop()
@@ -55,7 +55,7 @@ def samples() -> list[WrenchSample]:
 @pytest.fixture
 def sensor(request: pytest.FixtureRequest, samples: list[WrenchSample]) -> Iterator[FT300S]:
     port = HARDWARE or request.getfixturevalue("fake").port
-    sensor = FT300S("force", Config(port=port, timeout=2.0), SimClock(), samples.append)
+    sensor = FT300S("force", Config(port=port, timeout=2.0), RigClock(), samples.append)
     yield sensor
     sensor.close()
 
@@ -131,7 +131,7 @@ def test_identity_comes_from_the_registers(sensor: FT300S, fake: Ft300sFake) -> 
 
 def test_a_sensor_left_streaming_by_a_host_that_died_is_stopped_and_opened(sensor: FT300S, fake: Ft300sFake) -> None:
     fake.device.streaming = True
-    time.sleep(0.1)
+    timing.sleep(0.1)
     assert sensor.open().serial == "FTS-1234"
     assert sensor.latest().raw[2] == pytest.approx(30.0, abs=1.0)
 
@@ -196,7 +196,7 @@ def test_a_reading_beyond_the_range_is_a_fault_that_names_the_axis(
 def test_a_stream_that_stops_makes_the_reading_stale_and_zero_ends_in_time(sensor: FT300S, fake: Ft300sFake) -> None:
     sensor.open()
     fake.faults.silent = True
-    time.sleep(0.2)
+    timing.sleep(0.2)
     with pytest.raises(StaleReading, match=r"newest frame is 0\.\d+ s old, limit 0\.1 s"):
         sensor.latest()
     with pytest.raises(StaleReading, match="of 5 frames arrived"):
@@ -244,18 +244,18 @@ def test_a_silent_sensor_is_unreachable_and_the_message_says_what_to_check(senso
 
 
 def test_another_instrument_on_the_port_is_told_at_opening(plant: Plant) -> None:
-    regulators = AlicatFake(plant, SimClock(), baud=19200)
+    regulators = AlicatFake(plant, RigClock(), baud=19200)
     regulators.start()
-    sensor = FT300S("force", Config(port=regulators.port), SimClock(), lambda sample: None)
-    start = time.monotonic()
+    sensor = FT300S("force", Config(port=regulators.port), RigClock(), lambda sample: None)
+    start = timing.now()
     with pytest.raises(Unreachable, match="check 24 V power, cable and port"):
         sensor.open()
-    assert time.monotonic() - start < 5.0
+    assert timing.now() - start < 5.0
     regulators.stop()
 
 
 def test_a_port_that_is_not_there_is_unreachable() -> None:
-    sensor = FT300S("force", Config(port="/dev/nothing"), SimClock(), lambda sample: None)
+    sensor = FT300S("force", Config(port="/dev/nothing"), RigClock(), lambda sample: None)
     with pytest.raises(Unreachable, match="/dev/nothing"):
         sensor.open()
 

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import random
-import time
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
+import timing
 from drivers.dynamixel import driver as dynamixel
 from drivers.dynamixel.bus import Register, Servo
 from drivers.errors import DeviceFault, InstrumentError, NoReply
 from drivers.tmcl import driver as tmcl
 from drivers.tmcl.bus import Axis
-from sim_fakes.clock import SimClock
 from sim_fakes.dynamixel import DynamixelFake
 from sim_fakes.plant import Plant
 from sim_fakes.tmcl import TmclFake
+from timing import RigClock
 
 KINDS: dict[str, tuple[Any, Any, Any]] = {
     "dynamixel": (dynamixel.DynamixelSpine, dynamixel.Config, DynamixelFake),
@@ -29,16 +29,16 @@ KINDS: dict[str, tuple[Any, Any, Any]] = {
 def pair(request: pytest.FixtureRequest) -> Iterator[tuple[Any, Any]]:
     """A driver whose spine has its zero, and its fake."""
     driver, config, kind = KINDS[request.param]
-    clock = SimClock(20.0)
+    clock = RigClock(20.0)
     fake = kind(Plant(), clock)
     fake.start()
     patient = {"watchdog": 2.54} if request.param == "dynamixel" else {"heartbeat": 30.0}
     unit = driver("spine", config(port=fake.port, metres_per_turn=0.1, **patient), clock)
     unit.open()
     unit.home()
-    deadline = time.monotonic() + 30
+    deadline = timing.now() + 30
     while not unit.read().homed:
-        assert time.monotonic() < deadline
+        assert timing.now() < deadline
     yield unit, fake
     fake.faults.delay = 0.0
     unit.close()
@@ -47,7 +47,7 @@ def pair(request: pytest.FixtureRequest) -> Iterator[tuple[Any, Any]]:
 
 def recovered(unit: Any) -> Any:
     """The first reading that comes, however long late answers keep coming."""
-    deadline = time.monotonic() + 30
+    deadline = timing.now() + 30
     while True:
         try:
             return unit.read()
@@ -55,7 +55,7 @@ def recovered(unit: Any) -> Any:
             assert "restarted" not in str(e)
             unit.stop()
         except InstrumentError:
-            assert time.monotonic() < deadline
+            assert timing.now() < deadline
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(n, marks=pytest.mark.long) for n in (1, 2, 3))])
@@ -89,7 +89,7 @@ def test_a_restart_is_told_also_after_late_answers_and_when_the_unit_was_stopped
 
 
 def test_a_late_dynamixel_answer_is_never_the_answer_to_a_later_question() -> None:
-    fake = DynamixelFake(Plant(), SimClock(20.0))
+    fake = DynamixelFake(Plant(), RigClock(20.0))
     fake.start()
     servo = Servo("spine", fake.port, 57600, 1, 0.05)
     servo.open()
@@ -103,7 +103,7 @@ def test_a_late_dynamixel_answer_is_never_the_answer_to_a_later_question() -> No
 
 
 def test_a_late_tmcl_answer_is_never_the_answer_to_a_later_question() -> None:
-    fake = TmclFake(Plant(), SimClock(20.0))
+    fake = TmclFake(Plant(), RigClock(20.0))
     fake.start()
     axis = Axis("spine", fake.port, 115200, 1, 2, 0, 0.05)
     axis.open()

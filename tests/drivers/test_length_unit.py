@@ -5,22 +5,22 @@ against a real unit instead; those that move want LAB_TEST_ALLOW_MOTION=1 as wel
 """
 
 import os
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
 import pytest
 
+import timing
 from drivers.dynamixel import driver as dynamixel
 from drivers.errors import DeviceFault, InstrumentError, LimitExceeded, NoReply, NotReady, Unreachable
 from drivers.interfaces import LengthUnit, SpineSample
 from drivers.tmcl import driver as tmcl
-from sim_fakes.clock import SimClock
 from sim_fakes.dynamixel import DynamixelFake
 from sim_fakes.numato import NumatoFake
 from sim_fakes.plant import Plant
 from sim_fakes.tmcl import TmclFake
+from timing import RigClock
 
 Fake = DynamixelFake | TmclFake
 DRIVERS: dict[str, tuple[Any, Any, Any]] = {
@@ -41,7 +41,7 @@ class Bench:
 
     def __post_init__(self) -> None:
         self.hardware = os.environ.get(f"LAB_TEST_{self.kind.upper()}_PORT")
-        self.clock = SimClock(1.0 if self.hardware else 5.0)
+        self.clock = RigClock(1.0 if self.hardware else 5.0)
 
     def fake(self, **options: Any) -> Any:
         """Start a fake; a real unit cannot take its place."""
@@ -88,10 +88,10 @@ def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
 
 def watch(unit: Any, until: Callable[[SpineSample], bool], within: float = 60.0) -> SpineSample:
     """Poll until the sample is as wanted; `within` is host time."""
-    deadline = time.monotonic() + within
+    deadline = timing.now() + within
     while not until(sample := unit.read()):
-        assert time.monotonic() < deadline, f"still {sample}"
-        time.sleep(0.01)
+        assert timing.now() < deadline, f"still {sample}"
+        timing.sleep(0.01)
     return sample
 
 
@@ -145,7 +145,7 @@ def test_a_call_before_open_is_refused(bench: Bench) -> None:
 
 
 def test_homing_finds_length_zero_at_the_retracted_end(bench: Bench) -> None:
-    bench.clock = SimClock(1.0)  # slow enough to be seen
+    bench.clock = RigClock(1.0)  # slow enough to be seen
     fake = bench.fake(start_length=0.04)
     unit = bench.unit(fake)
     unit.open()
@@ -304,10 +304,10 @@ def test_another_device_on_the_port_is_reported_quickly(bench: Bench) -> None:
     bench.lines.append(other)
     driver, config, _ = DRIVERS[bench.kind]
     unit = driver("spine", config(port=other.port, metres_per_turn=0.1), bench.clock)
-    start = time.monotonic()
+    start = timing.now()
     with pytest.raises(InstrumentError, match="spine"):
         unit.open()
-    assert time.monotonic() - start < 20.0
+    assert timing.now() - start < 20.0
     unit.close()
 
 
@@ -316,10 +316,10 @@ def test_a_silent_unit_gives_no_reply_within_the_time_out(bench: Bench) -> None:
     unit = bench.unit(fake, timeout=0.3)
     unit.open()
     fake.faults.silent = True
-    start = time.monotonic()
+    start = timing.now()
     with pytest.raises(NoReply):
         unit.read()
-    assert time.monotonic() - start < 20.0
+    assert timing.now() - start < 20.0
 
 
 @pytest.mark.parametrize("fault", ["corrupt", "truncate"])

@@ -5,19 +5,19 @@ module; those that switch the vacuum want LAB_TEST_ALLOW_MOTION=1 as well.
 """
 
 import os
-import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 
+import timing
 from drivers.errors import BadReply, DeviceFault, NoReply, NotReady, Unreachable, WrongDevice
 from drivers.interfaces import JammingValve
 from drivers.numato.driver import Config, NumatoValve
-from sim_fakes.clock import SimClock
 from sim_fakes.numato import NumatoFake
 from sim_fakes.pfeiffer import PfeifferFake
 from sim_fakes.plant import Plant
+from timing import RigClock
 
 HARDWARE = os.environ.get("LAB_TEST_NUMATO_PORT")
 RELAY = int(os.environ.get("LAB_TEST_NUMATO_RELAY", "0"))
@@ -33,7 +33,7 @@ def plant() -> Plant:
 def fake(plant: Plant) -> Iterator[NumatoFake]:
     if HARDWARE:
         pytest.skip("needs the fake module")
-    fake = NumatoFake(plant, SimClock(), relays=16, valve=RELAY)
+    fake = NumatoFake(plant, RigClock(), relays=16, valve=RELAY)
     fake.start()
     yield fake
     fake.stop()
@@ -46,7 +46,7 @@ def make(request: pytest.FixtureRequest) -> Iterator[Make]:
     def make(**changes: Any) -> NumatoValve:
         port = HARDWARE or request.getfixturevalue("fake").port
         made.append(
-            NumatoValve("valve", Config(**{"port": port, "relay": RELAY, "timeout": 1.0} | changes), SimClock())
+            NumatoValve("valve", Config(**{"port": port, "relay": RELAY, "timeout": 1.0} | changes), RigClock())
         )
         return made[-1]
 
@@ -185,10 +185,10 @@ def test_answers_in_two_pieces_are_put_together(make: Make, fake: NumatoFake) ->
 
 
 def test_another_device_on_the_port_is_reported_quickly(plant: Plant) -> None:
-    other = PfeifferFake(plant, SimClock())
+    other = PfeifferFake(plant, RigClock())
     other.start()
-    start = time.monotonic()
+    start = timing.now()
     with pytest.raises((Unreachable, WrongDevice)):
-        NumatoValve("valve", Config(port=other.port), SimClock()).open()
-    assert time.monotonic() - start < 20
+        NumatoValve("valve", Config(port=other.port), RigClock()).open()
+    assert timing.now() - start < 20
     other.stop()

@@ -5,20 +5,20 @@ gauge.
 """
 
 import os
-import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 from pydantic import ValidationError
 
+import timing
 from drivers.errors import BadReply, DeviceFault, NoReply, NotReady, Unreachable, WrongDevice
 from drivers.interfaces import VacuumGauge
 from drivers.pfeiffer.driver import HEALTH_EVERY, Config, PfeifferGauge
-from sim_fakes.clock import SimClock
 from sim_fakes.numato import NumatoFake
 from sim_fakes.pfeiffer import PfeifferFake
 from sim_fakes.plant import AMBIENT, Plant
+from timing import RigClock
 
 HARDWARE = os.environ.get("LAB_TEST_PFEIFFER_PORT")
 ADDRESS = int(os.environ.get("LAB_TEST_PFEIFFER_ADDRESS", "1"))
@@ -34,7 +34,7 @@ def plant() -> Plant:
 def fake(plant: Plant) -> Iterator[PfeifferFake]:
     if HARDWARE:
         pytest.skip("needs the fake gauge")
-    fake = PfeifferFake(plant, SimClock(20.0), address=ADDRESS, seed=4)
+    fake = PfeifferFake(plant, RigClock(20.0), address=ADDRESS, seed=4)
     fake.start()
     yield fake
     fake.stop()
@@ -47,7 +47,7 @@ def make(request: pytest.FixtureRequest) -> Iterator[Make]:
     def make(**changes: Any) -> PfeifferGauge:
         port = HARDWARE or request.getfixturevalue("fake").port
         values: dict[str, Any] = {"port": port, "address": ADDRESS, "timeout": 0.5} | changes
-        made.append(PfeifferGauge("gauge", Config(**values), SimClock(20.0)))
+        made.append(PfeifferGauge("gauge", Config(**values), RigClock(20.0)))
         return made[-1]
 
     yield make
@@ -57,7 +57,7 @@ def make(request: pytest.FixtureRequest) -> Iterator[Make]:
 
 def settled() -> None:
     """Let the fake's cell see the plant once."""
-    time.sleep(0.05)
+    timing.sleep(0.05)
 
 
 def test_it_is_a_vacuum_gauge_that_tells_who_it_is(make: Make) -> None:
@@ -162,7 +162,7 @@ def test_an_answer_that_came_too_late_is_not_taken_for_another_question(
         gauge.read()
     fake.faults.delay = 0.0
     plant.vacuum_absolute = 20e3
-    time.sleep(1.0)
+    timing.sleep(1.0)
     assert gauge.read().absolute == pytest.approx(20e3)
 
 
@@ -190,12 +190,12 @@ def test_limits_the_wrong_way_round_are_a_configuration_error() -> None:
 
 
 def test_another_device_on_the_port_is_reported_quickly(plant: Plant) -> None:
-    other = NumatoFake(plant, SimClock())
+    other = NumatoFake(plant, RigClock())
     other.start()
-    start = time.monotonic()
+    start = timing.now()
     with pytest.raises((Unreachable, WrongDevice)):
-        PfeifferGauge("gauge", Config(port=other.port), SimClock()).open()
-    assert time.monotonic() - start < 3
+        PfeifferGauge("gauge", Config(port=other.port), RigClock()).open()
+    assert timing.now() - start < 3
     other.stop()
 
 

@@ -5,20 +5,20 @@ against real units. Those that pressurise, to 20 kPa at most, want LAB_TEST_ALLO
 """
 
 import os
-import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 from pydantic import ValidationError
 
+import timing
 from drivers.errors import BadReply, DeviceFault, InstrumentError, NotReady, Unreachable, WrongDevice
 from drivers.interfaces import PressureRegulators
 from drivers.smc_itv.driver import REREAD_EVERY, Config, SmcItv
 from sim_fakes.alicat import AlicatFake
-from sim_fakes.clock import SimClock
 from sim_fakes.plant import Plant
 from sim_fakes.smc_itv import SmcItvFake
+from timing import RigClock
 
 HARDWARE = [port for port in os.environ.get("LAB_TEST_ITV_PORTS", "").split(",") if port]
 FULL_SCALE = float(os.environ.get("LAB_TEST_ITV_FULL_SCALE", "500e3"))
@@ -33,12 +33,12 @@ def plant() -> Plant:
 
 
 @pytest.fixture
-def clock() -> SimClock:
-    return SimClock(speed=1.0 if HARDWARE else 20.0)
+def clock() -> RigClock:
+    return RigClock(speed=1.0 if HARDWARE else 20.0)
 
 
 @pytest.fixture
-def fakes(plant: Plant, clock: SimClock) -> Iterator[list[SmcItvFake]]:
+def fakes(plant: Plant, clock: RigClock) -> Iterator[list[SmcItvFake]]:
     if HARDWARE:
         pytest.skip("needs the fake units")
     fakes = [SmcItvFake(plant, clock, [i + 1], seed=i) for i in range(CHANNELS)]
@@ -50,7 +50,7 @@ def fakes(plant: Plant, clock: SimClock) -> Iterator[list[SmcItvFake]]:
 
 
 @pytest.fixture
-def make(request: pytest.FixtureRequest, clock: SimClock) -> Iterator[Callable[..., SmcItv]]:
+def make(request: pytest.FixtureRequest, clock: RigClock) -> Iterator[Callable[..., SmcItv]]:
     made: list[SmcItv] = []
 
     def make(**changes: Any) -> SmcItv:
@@ -89,7 +89,7 @@ def test_opening_recognises_all_units(make: Callable[..., SmcItv]) -> None:
 
 
 @pytest.mark.usefixtures("may_pressurise")
-def test_the_set_point_returned_is_in_whole_counts_of_the_range(regulators: SmcItv, clock: SimClock) -> None:
+def test_the_set_point_returned_is_in_whole_counts_of_the_range(regulators: SmcItv, clock: RigClock) -> None:
     clock.sleep(1.0)
     confirmed = regulators.set((20e3,) * CHANNELS)
     assert confirmed == pytest.approx((round(20e3 / COUNT) * COUNT,) * CHANNELS)
@@ -98,14 +98,14 @@ def test_the_set_point_returned_is_in_whole_counts_of_the_range(regulators: SmcI
 
 @pytest.mark.usefixtures("may_pressurise")
 def test_closing_leaves_the_units_vented_and_may_be_repeated(
-    make: Callable[..., SmcItv], regulators: SmcItv, clock: SimClock
+    make: Callable[..., SmcItv], regulators: SmcItv, clock: RigClock
 ) -> None:
     clock.sleep(1.0)
     regulators.set((20e3,) * CHANNELS)
     regulators.close()
     regulators.close()
     again = make()
-    time.sleep(0.15)
+    timing.sleep(0.15)
     again.open()
     assert again.read().setpoint == (0.0,) * CHANNELS
 
@@ -124,7 +124,7 @@ def test_the_driver_is_a_set_of_pressure_regulators(make: Callable[..., SmcItv])
 
 # -- these need the fakes
 def test_set_points_reach_their_chambers_and_readings_come_back(
-    regulators: SmcItv, plant: Plant, clock: SimClock
+    regulators: SmcItv, plant: Plant, clock: RigClock
 ) -> None:
     clock.sleep(1.0)
     wanted = tuple(10e3 * i for i in range(CHANNELS))
@@ -142,7 +142,7 @@ def test_polls_keep_the_distance_that_the_units_need(regulators: SmcItv, fakes: 
 
 
 def test_what_is_above_the_limit_is_clipped_and_never_sent(
-    make: Callable[..., SmcItv], fakes: list[SmcItvFake], clock: SimClock
+    make: Callable[..., SmcItv], fakes: list[SmcItvFake], clock: RigClock
 ) -> None:
     regulators = make(max_pressure=20e3)
     regulators.open()
@@ -153,7 +153,7 @@ def test_what_is_above_the_limit_is_clipped_and_never_sent(
     assert max(int(r.split()[1]) for fake in fakes for r in fake.requests if r.startswith(b"SET")) == 40
 
 
-def test_a_slow_ramp_in_steps_below_one_count_still_arrives(make: Callable[..., SmcItv], clock: SimClock) -> None:
+def test_a_slow_ramp_in_steps_below_one_count_still_arrives(make: Callable[..., SmcItv], clock: RigClock) -> None:
     regulators = make(max_rate=2e3)
     regulators.open()
     deadline = clock.now() + 60.0
@@ -163,7 +163,7 @@ def test_a_slow_ramp_in_steps_below_one_count_still_arrives(make: Callable[..., 
 
 
 def test_a_dead_unit_does_not_keep_the_others_from_venting_and_is_named(
-    regulators: SmcItv, fakes: list[SmcItvFake], clock: SimClock
+    regulators: SmcItv, fakes: list[SmcItvFake], clock: RigClock
 ) -> None:
     clock.sleep(1.0)
     regulators.set((20e3,) * CHANNELS)
@@ -197,13 +197,13 @@ def test_a_late_answer_is_never_taken_for_that_of_a_later_request(
     with pytest.raises(InstrumentError, match="did not vent channel 1"):
         regulators.vent()
     slow.faults.delay = 0.0
-    until = time.monotonic() + 30.0
+    until = timing.now() + 30.0
     while True:  # what is owed comes in, then the unit is understood again
         try:
             regulators.vent()
             break
         except InstrumentError:
-            assert time.monotonic() < until
+            assert timing.now() < until
     assert slow.device.setpoint == 0
 
 
@@ -216,18 +216,18 @@ def test_after_a_moment_of_silence_the_units_are_understood_again(
     with pytest.raises(InstrumentError):
         regulators.read()
     fakes[0].faults.silent = False
-    until = time.monotonic() + 30.0
+    until = timing.now() + 30.0
     while True:
         try:
             assert len(regulators.read().measured) == CHANNELS
             break
         except InstrumentError:
-            assert time.monotonic() < until
+            assert timing.now() < until
     assert len(regulators.read().measured) == CHANNELS
 
 
 def test_a_unit_that_keeps_its_set_point_is_a_fault_naming_both_values(
-    regulators: SmcItv, fakes: list[SmcItvFake], clock: SimClock
+    regulators: SmcItv, fakes: list[SmcItvFake], clock: RigClock
 ) -> None:
     fakes[2].faults.extra["ignore"] = True
     clock.sleep(1.0)
@@ -245,7 +245,7 @@ def test_refusals_and_nonsense_are_bad_replies_that_show_the_words(
 
 
 def test_a_unit_with_a_smaller_range_refuses_by_itself(
-    regulators: SmcItv, fakes: list[SmcItvFake], clock: SimClock
+    regulators: SmcItv, fakes: list[SmcItvFake], clock: RigClock
 ) -> None:
     fakes[1].device.highest = 20
     clock.sleep(1.0)
@@ -261,7 +261,7 @@ def test_silent_ports_are_all_named_at_opening(make: Callable[..., SmcItv], fake
 
 
 def test_another_instrument_on_a_port_is_told_at_opening(
-    make: Callable[..., SmcItv], fakes: list[SmcItvFake], plant: Plant, clock: SimClock
+    make: Callable[..., SmcItv], fakes: list[SmcItvFake], plant: Plant, clock: RigClock
 ) -> None:
     stranger = AlicatFake(plant, clock, units=("W",), chambers=((1,),), baud=19200)
     stranger.start()
@@ -301,7 +301,7 @@ def test_a_setpoint_that_was_changed_at_the_panel_is_refused_by_name(
 
 
 def test_a_setpoint_changed_while_inflated_is_met_within_ten_readings(
-    make: Callable[..., SmcItv], fakes: list[SmcItvFake], clock: SimClock
+    make: Callable[..., SmcItv], fakes: list[SmcItvFake], clock: RigClock
 ) -> None:
     regulators = make(poll_interval=0.1)
     regulators.open()

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import threading
-import time
-
 import pytest
 
+import timing
 from drivers.errors import NoReply
 from drivers.stop_first import StopFirst
 
@@ -15,7 +13,7 @@ LONG = 30.0
 
 
 def test_an_exchange_under_way_gives_way_to_a_stop() -> None:
-    lock, begun, ended = StopFirst("pressure"), threading.Event(), []
+    lock, begun, ended = StopFirst("pressure"), timing.Event(), []
 
     def exchange() -> None:
         with lock:
@@ -25,7 +23,7 @@ def test_an_exchange_under_way_gives_way_to_a_stop() -> None:
             except NoReply as e:
                 ended.append(str(e))
 
-    thread = threading.Thread(target=exchange, daemon=True)
+    thread = timing.Thread(target=exchange, daemon=True)
     thread.start()
     assert begun.wait(LONG)
     with lock.stopping():
@@ -44,14 +42,14 @@ def test_nobody_gets_in_between_while_a_stop_waits() -> None:
             except NoReply as e:
                 other.append(e)
 
-        thread = threading.Thread(target=look, daemon=True)
+        thread = timing.Thread(target=look, daemon=True)
         thread.start()
         thread.join(LONG)
         assert len(other) == 1
 
 
 def test_the_stop_itself_is_not_interrupted_not_even_by_a_second_stop() -> None:
-    lock, waiting = StopFirst("pressure"), threading.Event()
+    lock, waiting = StopFirst("pressure"), timing.Event()
 
     def second() -> None:
         waiting.set()
@@ -59,7 +57,7 @@ def test_the_stop_itself_is_not_interrupted_not_even_by_a_second_stop() -> None:
             pass
 
     with lock.stopping():
-        thread = threading.Thread(target=second, daemon=True)
+        thread = timing.Thread(target=second, daemon=True)
         thread.start()
         assert waiting.wait(LONG)
         lock.sleep(0.05)
@@ -75,6 +73,6 @@ def test_after_the_stop_the_line_is_as_before() -> None:
         raise ValueError
     with lock:
         lock.give_way()
-        before = time.monotonic()
+        before = timing.now()
         lock.sleep(0.03)
-        assert time.monotonic() - before >= 0.03
+        assert timing.now() - before == pytest.approx(0.03)

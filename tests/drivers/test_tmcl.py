@@ -1,17 +1,17 @@
 """What is particular to the Trinamic length unit, through pytrinamic against the fake module."""
 
-import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 
+import timing
 from drivers.errors import BadReply, DeviceFault, NotReady, Unreachable, WrongDevice
 from drivers.interfaces import SpineSample
 from drivers.tmcl.driver import Config, TmclSpine
-from sim_fakes.clock import SimClock
 from sim_fakes.plant import Plant
-from sim_fakes.tmcl import MAX_DEVIATION, TmclFake
+from sim_fakes.tmcl import Axis, TmclFake
+from timing import RigClock
 
 Make = Callable[..., tuple[TmclSpine, TmclFake]]
 
@@ -26,7 +26,7 @@ def make(plant: Plant) -> Iterator[Make]:
     made: list[tuple[TmclSpine, TmclFake]] = []
 
     def make(fake: dict[str, Any] | None = None, **changes: Any) -> tuple[TmclSpine, TmclFake]:
-        clock = SimClock(20.0)
+        clock = RigClock(20.0)
         module = TmclFake(plant, clock, **(fake or {}))
         module.start()
         spine = TmclSpine(
@@ -42,20 +42,20 @@ def make(plant: Plant) -> Iterator[Make]:
 
 
 def watch(spine: TmclSpine, until: Callable[[SpineSample], bool]) -> SpineSample:
-    deadline = time.monotonic() + 20
+    deadline = timing.now() + 20
     while not until(sample := spine.read()):
-        assert time.monotonic() < deadline, f"still {sample}"
-        time.sleep(0.01)
+        assert timing.now() < deadline, f"still {sample}"
+        timing.sleep(0.01)
     return sample
 
 
 def stands(module: TmclFake) -> None:
     """Wait until the drum, once it turns, stands again; nothing is sent meanwhile."""
-    deadline = time.monotonic() + 60
+    deadline = timing.now() + 60
     for turning in (True, False):
         while (module.drum.speed != 0) != turning:
-            assert time.monotonic() < deadline, f"never so: turning {turning}"
-            time.sleep(0.001)
+            assert timing.now() < deadline, f"never so: turning {turning}"
+            timing.sleep(0.001)
 
 
 def homed(spine: TmclSpine) -> None:
@@ -68,7 +68,7 @@ def test_open_names_the_module_and_switches_the_deviation_stop_on(make: Make) ->
     spine, module = make(max_deviation=0.002)
     identity = spine.open()
     assert (identity.model, identity.firmware) == ("TMCM-1260", "1.16")
-    assert module.drum.parameters[MAX_DEVIATION] == 1024
+    assert module.drum.parameters[Axis.MAX_DEVIATION] == 1024
     assert module.drum.heartbeat == 2.0
 
 

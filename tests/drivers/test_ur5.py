@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -11,13 +10,14 @@ import pytest
 from pydantic import ValidationError
 from ur5_rig import Rig, a_rig, discard, moves_the_arm, needs_the_fake, raised, wait_until
 
+import timing
 from drivers.errors import DeviceFault, LimitExceeded, NotReady, WrongDevice
 from drivers.interfaces import ArmSample
 from drivers.ur5.driver import UR5, Config
 from drivers.ur5.motion import Deadline, distance_between, turn_between
 from drivers.ur5.state import Config as StateConfig
 from drivers.ur5.state import UR5State
-from sim_fakes.clock import SimClock
+from timing import RigClock
 
 UP = 0.01
 """m; the moves of these tests go so far up and back."""
@@ -89,7 +89,7 @@ def test_stop_ends_the_motion_within_a_short_distance(arm: UR5, watcher: UR5Stat
     stopped = watcher.latest().tcp_pose
     assert distance_between(start, stopped) < 5 * UP
     assert not arm.moving()
-    time.sleep(0.1)
+    timing.sleep(0.1)
     assert distance_between(watcher.latest().tcp_pose, stopped) < 1e-3
     arm.move_to(start, SPEED, ACCELERATION)
     arrived(arm)
@@ -153,7 +153,7 @@ def test_a_request_beyond_a_limit_is_refused_and_nothing_is_sent(
     rig.fake.backdoor("forget")
     with pytest.raises(LimitExceeded, match=message):
         arm.move_to(pose, change.get("speed", SPEED), change.get("acceleration", ACCELERATION))
-    time.sleep(0.03)
+    timing.sleep(0.03)
     assert rig.fake.backdoor()["commands"] == []
 
 
@@ -175,10 +175,10 @@ def test_a_sped_up_rig_moves_by_its_own_clock_and_with_the_tcp_it_was_given() ->
         arm.open()
         start = tuple(rig.fake.backdoor()["pose"])
         goal = raised(start, -0.2)
-        before = time.monotonic(), rig.clock.now()
+        before = timing.now(), rig.clock.now()
         arm.move_to(goal, SPEED, ACCELERATION)  # 4.1 s of the rig
         arrived(arm)
-        host, own = time.monotonic() - before[0], rig.clock.now() - before[1]
+        host, own = timing.now() - before[0], rig.clock.now() - before[1]
         assert own > 4.0 and host < own / 10
         assert distance_between(rig.fake.backdoor()["pose"], goal) < 1e-4
         assert start[2] == pytest.approx(0.4319 - 0.12, abs=1e-3)
@@ -207,7 +207,7 @@ def test_the_two_names_of_a_half_turn_are_the_same_orientation() -> None:
 
 
 def test_a_deadline_counts_the_motion_in_rig_time_and_the_wire_in_host_time() -> None:
-    clock = SimClock(100.0)
+    clock = RigClock(100.0)
     deadline = Deadline.after(clock, rig_allowed=5.0, host_margin=0.2)
     clock.sleep(10.0)  # 0.1 s of the host: the motion's time is over, the wire's margin is not
     assert not deadline.expired

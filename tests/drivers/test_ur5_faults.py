@@ -7,8 +7,6 @@ import os
 import signal
 import socket
 import struct
-import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
@@ -16,13 +14,14 @@ from multiprocessing.connection import Connection
 import pytest
 from ur5_rig import Rig, a_rig, discard, needs_the_fake, raised
 
+import timing
 from drivers.errors import DeviceFault, InstrumentError, NoReply, NotReady, Unreachable, WrongDevice
 from drivers.ur5.control import ControlThread
 from drivers.ur5.driver import UR5, Config
 from drivers.ur5.state import Config as StateConfig
 from drivers.ur5.state import UR5State
-from sim_fakes.clock import SimClock
 from sim_fakes.ur.process import free_host
+from timing import RigClock
 
 pytestmark = needs_the_fake
 SPEED, ACCELERATION = 0.05, 0.5
@@ -50,13 +49,13 @@ def holding_its_inputs(host: str) -> Iterator[socket.socket]:
 
 def fault_of(arm: UR5, timeout: float = 5.0) -> DeviceFault:
     """The fault that watching a motion ends with."""
-    deadline = time.monotonic() + timeout
-    while time.monotonic() < deadline:
+    deadline = timing.now() + timeout
+    while timing.now() < deadline:
         try:
             arm.moving()
         except DeviceFault as fault:
             return fault
-        time.sleep(0.005)
+        timing.sleep(0.005)
     pytest.fail(f"no fault within {timeout:g} s")
 
 
@@ -113,7 +112,12 @@ def test_an_arm_that_another_program_controls_is_not_taken(rig: Rig) -> None:
 def test_what_a_program_that_has_just_ended_still_holds_is_waited_for(rig: Rig) -> None:
     control = ControlThread("arm", rig.host, 3.0)
     with holding_its_inputs(rig.host) as held:
-        ended = threading.Timer(1.0, held.close)
+
+        def end() -> None:
+            timing.sleep(1.0)
+            held.close()
+
+        ended = timing.Thread(target=end)
         ended.start()
         control.start()
         ended.join()
@@ -134,11 +138,11 @@ def test_a_silent_dashboard_is_unreachable(rig: Rig) -> None:
 
 
 def open_state(host: str) -> None:
-    UR5State("arm state", StateConfig(host=host, timeout=0.3), SimClock(), discard).open()
+    UR5State("arm state", StateConfig(host=host, timeout=0.3), RigClock(), discard).open()
 
 
 def open_arm(host: str) -> None:
-    UR5("arm", Config(host=host, timeout=0.3), SimClock()).open()
+    UR5("arm", Config(host=host, timeout=0.3), RigClock()).open()
 
 
 @pytest.mark.parametrize("opener", [open_state, open_arm])
@@ -164,30 +168,30 @@ def test_something_else_at_the_port_is_told_apart_quickly(
             line, _ = server.accept()
             line.sendall(greeting)
             line.recv(1024)
-            time.sleep(0.6)
+            timing.sleep(0.6)
             line.close()
 
-        threading.Thread(target=serve, daemon=True).start()
-        start = time.monotonic()
+        timing.Thread(target=serve, daemon=True).start()
+        start = timing.now()
         with pytest.raises(error, match=f"{host}:30004"):
             opener(host)
-        assert time.monotonic() - start < 3.0
+        assert timing.now() - start < 3.0
 
 
 # -- the process of the driver, or the controller, dies
 def _hold_the_arm(host: str, line: Connection) -> None:
     """In a process of its own: open the arm, start a long move, close when told; answers with the time that took."""
-    arm = UR5("arm", Config(host=host), SimClock())
+    arm = UR5("arm", Config(host=host), RigClock())
     arm.open()
     line.send("open")
     pose = line.recv()
     arm.move_to(pose, 0.01, ACCELERATION)
     line.send("moving")
     line.recv()
-    start = time.monotonic()
+    start = timing.now()
     arm.close()
     arm.close()
-    line.send(time.monotonic() - start)
+    line.send(timing.now() - start)
 
 
 def _moving(rig: Rig) -> tuple[multiprocessing.process.BaseProcess, Connection]:
@@ -209,7 +213,7 @@ def holder(rig: Rig) -> Iterator[tuple[multiprocessing.process.BaseProcess, Conn
     for _ in range(10):
         rig.fake.backdoor("forget")
         process, line = _moving(rig)
-        time.sleep(0.5)
+        timing.sleep(0.5)
         if not rig.fake.backdoor()["ended"]:
             break
         process.kill()

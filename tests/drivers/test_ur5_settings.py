@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -10,20 +9,21 @@ from typing import Any
 import pytest
 from ur5_rig import Rig, a_rig, discard, needs_the_fake, raised, wait_until
 
+import timing
 from drivers.errors import DeviceFault, NotReady, Unreachable, WrongDevice
 from drivers.ur5.driver import UR5, Config
 from drivers.ur5.safety import stop_text
 from drivers.ur5.state import Config as StateConfig
 from drivers.ur5.state import UR5State
-from sim_fakes.clock import SimClock
-from sim_fakes.ur.process import UrProcess
+from sim_fakes.simulated_clock import SimulatedClock
+from timing import RigClock
 
 pytestmark = needs_the_fake
 E_SERIES = "5.11.0.108318"
 
 
 @pytest.fixture(scope="module")
-def rig() -> Iterator[Rig]:
+def rig(shared_clock: SimulatedClock) -> Iterator[Rig]:
     with a_rig(version=E_SERIES) as rig:
         yield rig
 
@@ -106,10 +106,10 @@ def test_a_speed_slider_at_0_is_named_before_and_during_a_motion(rig: Rig) -> No
 
 
 def watch(arm: UR5) -> None:
-    deadline = time.monotonic() + 30
+    deadline = timing.now() + 30
     while arm.moving():
-        assert time.monotonic() < deadline, "still moving"
-        time.sleep(0.01)
+        assert timing.now() < deadline, "still moving"
+        timing.sleep(0.01)
 
 
 @pytest.mark.parametrize(
@@ -166,14 +166,11 @@ def test_reduced_mode_moves(rig: Rig) -> None:
 def test_an_arm_without_a_dashboard_server_is_told_from_one_that_is_off(
     version: str, error: type[Exception], message: str
 ) -> None:
-    process = UrProcess(version=version, dashboard=False)
-    try:
+    with a_rig(version=version, dashboard=False) as bare:
         with pytest.raises(error, match=message):
-            UR5("arm", Config(host=process.host), SimClock()).open()
+            UR5("arm", Config(host=bare.host), RigClock()).open()
         with pytest.raises(error, match=message):
-            UR5State("arm state", StateConfig(host=process.host), SimClock(), discard).open()
-    finally:
-        process.stop()
+            UR5State("arm state", StateConfig(host=bare.host), RigClock(), discard).open()
 
 
 def test_an_arm_too_old_to_tell_its_payload_is_opened() -> None:

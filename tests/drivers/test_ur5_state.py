@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator
 
 import pytest
 from ur5_rig import Rig, a_rig, needs_the_fake, wait_until
 
+import timing
 from drivers.errors import BadReply, NotReady, StaleReading
 from drivers.interfaces import ArmSample
 from drivers.ur5.driver import DRIVER
 from drivers.ur5.state import Config, CycleCounter, UR5State, check_plausible
-from sim_fakes.clock import SimClock
+from timing import RigClock
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +44,7 @@ def accounted(stream: Stream) -> None:
     wait_until(lambda: driver.cycle is not None)
     while True:  # the thread counts a sample before it delivers it: look again when one came in between
         lost, stamps = driver.lost, [sample.device_time for sample in stream.samples]
-        time.sleep(0.002)
+        timing.sleep(0.002)
         if (driver.lost, len(stream.samples)) == (lost, len(stamps)):
             break
     steps = [(b - a) / driver.cycle for a, b in zip(stamps, stamps[1:], strict=False)]
@@ -142,10 +142,10 @@ def test_a_sped_up_e_series_shows_its_own_cycle() -> None:
         assert stream.driver.cycle == pytest.approx(0.020)
         rig.fake.kill()
         wait_until(lambda: stream.driver.interruptions == 1)
-        start = time.monotonic()
+        start = timing.now()
         stream.driver.close()
         stream.driver.close()
-        assert time.monotonic() - start < 30.0
+        assert timing.now() - start < 30.0
         with pytest.raises(NotReady):
             stream.driver.latest()
 
@@ -166,6 +166,6 @@ def test_the_counter_takes_a_restarted_controller_for_no_loss() -> None:
 def test_the_arms_timeout_is_also_that_of_its_states() -> None:
     assert DRIVER.make_state is not None
     arm = DRIVER.config(host="127.0.0.1", timeout=3.0, max_age=0.7)
-    stream = DRIVER.make_state("arm_state", arm, SimClock(), lambda sample: None)
+    stream = DRIVER.make_state("arm_state", arm, RigClock(), lambda sample: None)
     assert isinstance(stream, UR5State)
     assert (stream.config.timeout, stream.config.max_age) == (3.0, 0.7)

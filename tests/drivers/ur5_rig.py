@@ -6,16 +6,18 @@ Motion on a real arm (a few centimetres up and back from where it stands) also n
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import Any
 
 import pytest
 
+import timing
 from drivers.interfaces import ArmSample
-from sim_fakes.clock import SimClock
-from sim_fakes.ur.process import UrProcess
+from sim_fakes.ur.in_process import UrThread
+from sim_fakes.ur.process import UrProcess, free_host
+from timing import RigClock
 
 HOST = os.environ.get("LAB_TEST_UR5_HOST")
 MOTION_ALLOWED = HOST is None or os.environ.get("LAB_TEST_ALLOW_MOTION") == "1"
@@ -28,7 +30,7 @@ class Rig:
     """Where the arm is, the rig's clock, and the fake behind it unless it is real."""
 
     host: str
-    clock: SimClock = field(default_factory=SimClock)
+    clock: RigClock = field(default_factory=RigClock)
     process: UrProcess | None = None
 
     @property
@@ -40,25 +42,30 @@ class Rig:
 
 
 @contextmanager
-def a_rig(speed: float = 1.0, version: str = "3.15.8.106339") -> Iterator[Rig]:
+def a_rig(speed: float = 1.0, version: str = "3.15.8.106339", dashboard: bool = True) -> Iterator[Rig]:
     """The real arm, or a fresh fake."""
     if HOST is not None:
         yield Rig(HOST)
         return
-    process = UrProcess(speed=speed, version=version)
+    process: Any
+    if timing.together():
+        numbers = tuple(int(number) for number in version.split("."))
+        process = UrThread(free_host(), speed, None, 0, numbers, dashboard)  # type: ignore[arg-type]
+    else:
+        process = UrProcess(speed=speed, version=version, dashboard=dashboard)
     try:
-        yield Rig(process.host, SimClock(speed), process)
+        yield Rig(process.host, RigClock(speed), process)
     finally:
         process.stop()
 
 
 def wait_until(true: Callable[[], bool], timeout: float = 60.0) -> None:
     """Poll; fails the test after `timeout` (s of host time)."""
-    deadline = time.monotonic() + timeout
+    deadline = timing.now() + timeout
     while not true():
-        if time.monotonic() > deadline:
+        if timing.now() > deadline:
             pytest.fail(f"not so after {timeout:g} s")
-        time.sleep(0.005)
+        timing.sleep(0.005)
 
 
 def raised(pose: tuple[float, ...], by: float) -> tuple[float, ...]:

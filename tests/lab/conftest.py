@@ -12,14 +12,23 @@ from sim_fakes.rig import FakeRig
 @pytest.fixture(scope="session")
 def virtual_lab(whole_rig: FakeRig, tmp_path_factory: pytest.TempPathFactory) -> VirtualLab:
     rig = tmp_path_factory.mktemp("rig") / "rig.yaml"
-    # tests/safety tries the limits themselves; a browser may be long in finding that a hidden tip is seen again
-    write_rig(whole_rig, rig, {**PATIENT, "limits": {**PATIENT["limits"], "resume_within": 300.0}})
+    write_rig(whole_rig, rig)
     return VirtualLab(whole_rig, rig)
+
+
+@pytest.fixture(scope="session")
+def real_lab(real_rig: FakeRig, tmp_path_factory: pytest.TempPathFactory) -> VirtualLab:
+    """The same for programs of their own."""
+    rig = tmp_path_factory.mktemp("rig") / "rig.yaml"
+    # a browser may be long in finding that a hidden tip is seen again
+    write_rig(real_rig, rig, {**PATIENT, "limits": {**PATIENT["limits"], "resume_within": 300.0}})
+    return VirtualLab(real_rig, rig)
 
 
 @pytest.fixture(autouse=True)
 def _unlocked(request: pytest.FixtureRequest) -> None:
     """What one test left locked does not fail the next."""
-    if "virtual_lab" in request.fixturenames:
-        lab: VirtualLab = request.getfixturevalue("virtual_lab")
-        lab.rig.with_suffix(".latch").unlink(missing_ok=True)
+    for name in ("virtual_lab", "real_lab"):
+        if name in request.fixturenames:
+            lab: VirtualLab = request.getfixturevalue(name)
+            lab.rig.with_suffix(".latch").unlink(missing_ok=True)

@@ -8,11 +8,11 @@ import re
 import subprocess
 import sys
 import termios
-import threading
-import time
 from collections.abc import Sequence
 from types import TracebackType
 from typing import Any
+
+import timing
 
 ACTS = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 """What moves the cursor or colours text."""
@@ -34,7 +34,7 @@ class Terminal:
             env={**os.environ, "TERM": "xterm"},
         )  # fmt: skip
         self._shown = b""
-        self._read = threading.Thread(target=self._listen, daemon=True)
+        self._read = timing.Thread(target=self._listen, daemon=True)
         self._read.start()
 
     def _listen(self) -> None:
@@ -58,10 +58,10 @@ class Terminal:
 
     def until(self, text: str, times: int = 1) -> None:
         """Wait until this was shown so often; AssertionError when the program ends before, or never shows it."""
-        deadline = time.monotonic() + WITHIN
+        deadline = timing.now() + WITHIN
         while self.shown.count(text) < times:
-            assert self.program.poll() is None and time.monotonic() < deadline, (text, self.shown[-3000:])
-            time.sleep(0.02)
+            assert self.program.poll() is None and timing.now() < deadline, (text, self.shown[-3000:])
+            timing.sleep(0.02)
 
     def hang_up(self) -> None:
         """The terminal is closed, as by its window or a lost connection."""

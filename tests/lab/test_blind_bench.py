@@ -335,6 +335,33 @@ def test_a_set_is_scored_once_all_cases_are_answered_and_then_closed(small_set: 
         bench.run(small_set, always_none, crew=QUIET)
 
 
+def test_answers_of_another_method_are_scored_on_the_same_cases(
+    small_set: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    theirs = tmp_path / "theirs"
+    theirs.mkdir()
+    truth = open_seal(SetFolder(small_set))
+    for name, sealed in truth.items():
+        effects = sorted(sealed["effects"]) if sealed["kind"] != "outside" else []
+        verdict = {"single": "effect", "pair": "effect", "none": "none", "outside": "unknown"}[sealed["kind"]]
+        (theirs / f"{name}.json").write_text(
+            json.dumps({"attribute": {"verdict": verdict, "effects": effects, "probability": 0.9, "ranking": []}})
+        )
+    result = score(small_set, None, theirs)
+    assert all(c.right for c in result.cases)
+    assert main(["blind", "score", str(small_set), "--answers", str(theirs)]) in (0, 1)
+    assert (theirs / "score.json").exists() and (theirs / "score.png").exists()
+    with pytest.raises(ConfigError, match="not blind"):
+        bench.run(small_set, always_none, crew=QUIET)
+    (theirs / f"{min(truth)}.json").write_text("[1]")
+    capsys.readouterr()
+    assert main(["blind", "score", str(small_set), "--answers", str(theirs)]) == 2
+    assert "holds no answer; write {" in capsys.readouterr().err
+    (theirs / f"{min(truth)}.json").unlink()
+    with pytest.raises(ConfigError, match=r"have no answer .* write .*CASE\.json"):
+        score(small_set, None, theirs)
+
+
 # ------------------------------------------------------------------ figures
 def made_up(kind: str, truth: set[str], named: set[str], p: float, verdict: str = "effect", **more: Any) -> Scored:
     ranking = ((frozenset(named), p),) if named else ()

@@ -15,6 +15,7 @@ from recordings.campaign.replay import table_of
 from recordings.file.reader import Recording
 from recordings.trials import Table
 from sim_fakes.rig import FakeRig
+from sim_fakes.simulated_clock import SimulatedClock
 from sim_fakes.virtual_robot import Condition, Reading, RobotTruth, VirtualRobot, walk
 
 TRUTH = RobotTruth(youngs_modulus=0.52e6, area_factor=1.55, scatter_length=1e-3, scatter_stiffness=0.02)
@@ -40,7 +41,7 @@ pytestmark = pytest.mark.timeout(600)
 
 
 @pytest.fixture(scope="module")
-def wired(tmp_path_factory: pytest.TempPathFactory) -> Table:
+def wired(shared_clock: SimulatedClock, tmp_path_factory: pytest.TempPathFactory) -> Table:
     """The rows that a recording of the bending protocol holds."""
     folder = tmp_path_factory.mktemp("wire")
     with FakeRig(speed=SPEED, seed=21, truth=TRUTH, effects=SEALED) as fakes:

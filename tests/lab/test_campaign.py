@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import json
 import shlex
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from virtual_lab import VirtualLab
+from virtual_lab import VirtualLab, journal_says, meanwhile, press_ctrl_c
 
 from benchmarks.faults.night import KILL, Night, Trouble, write_campaign
 from lab.campaign.design import campaign_of
@@ -64,34 +60,16 @@ def test_a_campaign_gives_the_table_that_was_planned(virtual_lab: VirtualLab, tm
     assert (table["hold"][~swept & ~held] > 0.5).all() and (planned["hold"][~swept & ~held] > 0.5).all()
 
 
-def test_a_stopped_campaign_goes_on_by_the_line_it_printed(virtual_lab: VirtualLab, tmp_path: Path) -> None:
+def test_a_stopped_campaign_goes_on_by_the_line_it_printed(
+    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     folder = tmp_path / "with blank"
     file = write_campaign(tmp_path / "night.yaml", (0.0, 0.03), 1, unload=False)
-    command = [
-        sys.executable,
-        "-m",
-        "lab.cli",
-        "campaign",
-        str(file),
-        "--rig",
-        str(virtual_lab.rig),
-        "--out",
-        str(folder),
-    ]
-    program = subprocess.Popen(
-        [*command, "--operator", "Ada"],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
-    deadline = time.monotonic() + 240
-    while not any('"step"' in journal.read_text() for journal in folder.glob("0001-*/*.journal")):
-        assert program.poll() is None and time.monotonic() < deadline, program.communicate()[0]
-        time.sleep(0.02)
-    program.send_signal(signal.SIGINT)
-    output, _ = program.communicate(timeout=300)
-    assert program.returncode == 1, output
+    command = ["campaign", file, "--rig", virtual_lab.rig, "--out", folder]
+    meanwhile(lambda: journal_says('"step"', next(folder.glob("0001-*"), folder)), press_ctrl_c)
+    code = lab(*command, "--operator", "Ada")
+    output = "".join(capsys.readouterr())
+    assert code == 1, output
     (told,) = [line for line in output.splitlines() if line.startswith("go on with: ")]
     words = shlex.split(told.removeprefix("go on with: "))
     assert words == ["lab", "campaign", "--resume", str(folder), "--rig", str(virtual_lab.rig)]
@@ -111,15 +89,14 @@ def test_a_stopped_campaign_goes_on_by_the_line_it_printed(virtual_lab: VirtualL
     changed = yaml.safe_load((folder / "campaign.yaml").read_text()) | {"blocks": 2}
     (folder / "campaign.yaml").write_text(yaml.safe_dump(changed))
     assert lab(*words[1:]) == 2
-    assert lab(*command[3:]) == 2  # the folder holds a campaign
+    assert lab(*command) == 2  # the folder holds a campaign
 
 
-def test_a_night_with_kills_and_a_fault_loses_nothing_and_doubles_nothing(
-    virtual_lab: VirtualLab, tmp_path: Path
-) -> None:
+@pytest.mark.long
+def test_a_night_with_kills_and_a_fault_loses_nothing_and_doubles_nothing(real_lab: VirtualLab, tmp_path: Path) -> None:
     file = write_campaign(tmp_path / "night.yaml", (0.0, 0.03, 0.06), 1, unload=False)
     troubles = (Trouble(0, 0, KILL, 0.3), Trouble(2, 2, KILL), Trouble(3, 1, "gauge silence"))
-    report = Night(virtual_lab.fakes, virtual_lab.rig, file, tmp_path / "night", troubles).go()
+    report = Night(real_lab.fakes, real_lab.rig, file, tmp_path / "night", troubles).go()
     assert report.kills == 2 and report.faults == 1 and report.sessions >= 3 and report.torn >= 1
     assert report.planned == report.found == 9 and report.sound, report
     torn = [Recording.open(f) for f in (tmp_path / "night").glob("0002-*/*-recovered.mcap")]

@@ -14,11 +14,12 @@ import yaml
 from lab.cli import main
 from lab.files.rig_file import load_rig
 from lab.rig.checked import Moved, keep, last, place
-from lab.verbs.fakes import PATIENT, PATIENT_SETTLE, write_rig
+from lab.verbs.fakes import PATIENT_SETTLE, write_rig
 from recordings.file.reader import Recording
 from sim_fakes.alicat import AlicatFake
 from sim_fakes.instrument import Regulators
 from sim_fakes.rig import FakeRig
+from sim_fakes.simulated_clock import SimulatedClock
 from sim_fakes.smc_itv import STEPS, SmcItvFake
 
 Start = Callable[..., tuple[FakeRig, Path]]
@@ -36,14 +37,14 @@ def _few_frames(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def start(tmp_path: Path) -> Iterator[Start]:
+def start(simulated: SimulatedClock, tmp_path: Path) -> Iterator[Start]:
     """Fakes with such regulators, and a rig.yaml that tells of them what is given."""
     with ExitStack() as running:
 
         def start(regulators: Regulators, **written: Any) -> tuple[FakeRig, Path]:
             fakes = running.enter_context(FakeRig(speed=SPEED, seed=4, regulators=regulators))
             rig = tmp_path / "rig.yaml"
-            write_rig(fakes, rig, PATIENT)
+            write_rig(fakes, rig)
             data = yaml.safe_load(rig.read_text())
             data["instruments"]["pressure"] |= {"timeout": 2.0} | written
             rig.write_text(yaml.safe_dump(data))

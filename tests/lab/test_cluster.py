@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+import timing
 from diagnosis.inference.executor import Executor
 from diagnosis.inference.search import Search
 from lab.blind.workers import Crew, spread
@@ -41,27 +41,32 @@ def dies_once(mark: str) -> str:
     if not place.exists():
         place.write_text("was here")
         os._exit(1)
-    time.sleep(0.05)
+    timing.sleep(0.05)
     return mark
 
 
+@pytest.mark.long
 def test_every_item_comes_back(scheduler: str) -> None:
     with cluster(scheduler) as workers:
         assert sorted(workers.as_they_come(square, range(20))) == [x * x for x in range(20)]
         assert list(workers.in_order(square, range(20))) == [x * x for x in range(20)]
 
 
+@pytest.mark.long
 def test_the_fits_of_a_diagnosis_give_the_same_answer_there(scheduler: str) -> None:
-    told: list[float] = []
+    told: list[str] = []
     problem = toy_problem(5, {"play": 1.0, "turned": -0.9})
     with cluster(scheduler) as workers:
-        there = Search(problem, executor=Executor(progress=told.append, remote_map=workers.in_order)).run()
+        there = Search(
+            problem, executor=Executor(progress=lambda step, _: told.append(step), remote_map=workers.in_order)
+        ).run()
     here = Search(problem).run()
     assert [c.named for c in there] == [c.named for c in here]
     assert [c.log_evidence for c in there] == pytest.approx([c.log_evidence for c in here], abs=1e-6)
     assert told == sorted(told)
 
 
+@pytest.mark.long
 def test_a_lost_worker_loses_no_case(scheduler: str, tmp_path: Path) -> None:
     marks = [str(tmp_path / f"{i}") for i in range(3)]
     (tmp_path / "0").write_text("already")
@@ -82,6 +87,7 @@ class DiesOnce:
         return x * x
 
 
+@pytest.mark.long
 def test_a_worker_lost_in_the_middle_loses_nothing_of_what_was_sent_once(scheduler: str, tmp_path: Path) -> None:
     one = DiesOnce(tmp_path / "mark")
     with cluster(scheduler) as workers:

@@ -10,10 +10,11 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import BaseModel, ConfigDict, Field
 
-from lab.files.config import MOST_PROBLEMS, ConfigError, check, load, parse_yaml
+from lab.files.config import ConfigError, check, load, parse_yaml
 from lab.files.example import paper_robot
 from lab.files.robot_file import robot_yaml
 from lab.files.units import UnitError, to_si
+from model.plain_yaml import MOST_PROBLEMS
 from model.robot import Robot
 
 

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
-from virtual_lab import VirtualLab
+from virtual_lab import VirtualLab, meanwhile, press_ctrl_c
 
+import timing
 from drivers.errors import InstrumentError
 from lab.calibration import calibrate
 from lab.cli import main
@@ -65,13 +61,13 @@ def test_check_tells_an_instrument_that_opens_and_sends_nothing(
         mocap.faults.silent = True
         topic, seen = rig.topic("mocap"), -1
         while topic and seen < (seen := rig.counts.get(topic, 0)):
-            time.sleep(1.0)  # frames that were on their way still arrive
+            timing.sleep(1.0)  # frames that were on their way still arrive
         return failures
 
     monkeypatch.setattr(Rig, "open_all", then_silent)
     rig = virtual_lab.rig.with_name("short.yaml")
     data = yaml.safe_load(virtual_lab.rig.read_text())
-    data["limits"]["max_age"] = 4.0
+    data["limits"] = {"max_age": 4.0}
     rig.write_text(yaml.safe_dump(data))
     try:
         assert lab("check", "--rig", rig, "--seconds", "0", "--json") == 1
@@ -168,43 +164,17 @@ def test_a_sweep_is_read_on_the_fly(virtual_lab: VirtualLab, tmp_path: Path) -> 
     assert {r.rate for r in moving} == {2e3, -2e3}
 
 
-def start(virtual_lab: VirtualLab, folder: Path) -> subprocess.Popen[str]:
-    """A run in a process of its own, as soon as it has inflated the robot."""
-    command = [sys.executable, "-m", "lab.cli", "run", "bending", "--rig", str(virtual_lab.rig), "--out", str(folder)]
-    command += [word for pause in PATIENT_SETTLE for word in ("--set", pause)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    deadline = time.monotonic() + 120
-    while max(virtual_lab.fakes.plant.chamber_pressure) < 40e3:
-        assert process.poll() is None and time.monotonic() < deadline, process.communicate()[0]
-        time.sleep(0.05)
-    return process
-
-
 def vented(virtual_lab: VirtualLab, within: float) -> bool:
-    deadline = time.monotonic() + within
-    while max(virtual_lab.fakes.plant.chamber_pressure) > 5e3 or virtual_lab.fakes.plant.valve_on:
-        if time.monotonic() > deadline:
-            return False
-        time.sleep(0.02)
-    return True
+    plant = virtual_lab.fakes.plant
+    return timing.wait(lambda: max(plant.chamber_pressure) < 5e3 and not plant.valve_on, within)
 
 
-@pytest.mark.parametrize("presses", [pytest.param(1, marks=pytest.mark.long), 2])
-def test_ctrl_c_keeps_the_data_and_leaves_the_rig_safe(virtual_lab: VirtualLab, tmp_path: Path, presses: int) -> None:
-    process = start(virtual_lab, tmp_path)
-    for _ in range(presses):
-        process.send_signal(signal.SIGINT)
-        time.sleep(0.3)
-    output, _ = process.communicate(timeout=600)
-    assert process.returncode == 1, output
+@pytest.mark.parametrize("presses", [1, 2])
+def test_ctrl_c_keeps_the_data_and_leaves_the_rig_safe(
+    virtual_lab: VirtualLab, tmp_path: Path, presses: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    meanwhile(lambda: max(virtual_lab.fakes.plant.chamber_pressure) > 40e3, *[press_ctrl_c] * presses)
+    assert lab("run", "bending", "--rig", virtual_lab.rig, "--out", tmp_path) == 1
+    assert "stopped" in "".join(capsys.readouterr())
     assert vented(virtual_lab, 20.0)
-    assert "stopped" in output
     assert len(read_case([recorded(tmp_path)]).table) >= 1
-
-
-def test_a_killed_run_leaves_the_rig_vented_and_the_file_readable(virtual_lab: VirtualLab, tmp_path: Path) -> None:
-    process = start(virtual_lab, tmp_path)
-    os.kill(process.pid, signal.SIGKILL)
-    process.wait()
-    assert vented(virtual_lab, 20.0)
-    assert lab("info", recorded(tmp_path)) == 3

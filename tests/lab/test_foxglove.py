@@ -11,8 +11,6 @@ import socket
 import struct
 import subprocess
 import sys
-import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import islice
@@ -29,6 +27,7 @@ from google.protobuf.message_factory import GetMessageClass
 from mcap.records import Schema
 from websockets.sync.client import ClientConnection, connect
 
+import timing
 from lab.cli import main
 from lab.files.config import check, parse_yaml
 from lab.files.example import paper_robot
@@ -158,7 +157,7 @@ def shown(path: Path, speed: float | None = None, model: bool = False) -> Iterat
     at = place()
     with at.listening, Foxglove(LOOPBACK, 0) as foxglove:
         show = Show(at, Part(path), speed, model=model, foxglove=foxglove)
-        thread = threading.Thread(target=show.run, args=(True,))
+        thread = timing.Thread(target=show.run, args=(True,))
         thread.start()
         try:
             yield foxglove.address
@@ -253,7 +252,7 @@ def test_who_takes_nothing_costs_nobody_else_a_message(tmp_path: Path, monkeypat
 
 def until_wanted(foxglove: Foxglove) -> None:
     while not foxglove.wanted:
-        time.sleep(0.01)
+        timing.sleep(0.01)
 
 
 def _id(looks: Viewer) -> int:

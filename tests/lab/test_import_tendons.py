@@ -65,7 +65,7 @@ def trunk(folder: Path, word: str) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("word", ["Seil_", "tension ", "F", "Zugkraft"])
+@pytest.mark.parametrize("word", ["Seil_", "tension ", "F", "Zugkraft", "Seilzug ", "p"])
 def test_a_map_of_tensions_is_guessed_and_the_tip_goes_to_where_they_pull(
     word: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -573,4 +573,4 @@ def test_gravity_that_points_up_is_asked_about_at_import_and_by_compare(
     for command in (["import", str(tmp_path / "table.csv"), "--map", str(tmp_path / "map.yaml"), "--out"], ["compare"]):
         assert main([*command, str(tmp_path / "case")]) == 0
         said.append(" ".join(capsys.readouterr().err.split()))
-    assert all(("with gravity reversed" in text) == ("[0, 9.81" in gravity) for text in said)
+    assert all(("mm with [0, -9.81, 0]: does gravity" in text) == ("[0, 9.81" in gravity) for text in said)

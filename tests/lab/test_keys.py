@@ -8,7 +8,6 @@ import os
 import signal
 import sys
 import termios
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,6 +16,7 @@ import yaml
 from terminal import WITHIN, Terminal
 from virtual_lab import VirtualLab
 
+import timing
 from lab.cli import main
 from lab.files.inputs import read_case
 from lab.rig.keys import HELP, Line
@@ -33,10 +33,10 @@ HOSTILE = "[red]<b>3</b>"
 
 
 @pytest.fixture
-def rig(virtual_lab: VirtualLab) -> Path:
+def rig(real_lab: VirtualLab) -> Path:
     """The rig of fakes, with a person at the terminal."""
-    told = yaml.safe_load(virtual_lab.rig.read_text())
-    own = virtual_lab.rig.with_name("at_terminal.yaml")
+    told = yaml.safe_load(real_lab.rig.read_text())
+    own = real_lab.rig.with_name("at_terminal.yaml")
     own.write_text(yaml.safe_dump({**told, "operator": "console"}))
     own.with_suffix(".latch").unlink(missing_ok=True)
     return own
@@ -57,16 +57,16 @@ def asked(file: Path) -> list[tuple[str, str, str, bool]]:
 
 
 def wait(holds: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + WITHIN
+    deadline = timing.now() + WITHIN
     while not holds():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
+        assert timing.now() < deadline
+        timing.sleep(0.02)
 
 
 def test_a_run_is_paused_noted_in_and_goes_on_with_every_state_there_once(
-    virtual_lab: VirtualLab, rig: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    real_lab: VirtualLab, rig: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    plant = virtual_lab.fakes.plant
+    plant = real_lab.fakes.plant
     with at_terminal(rig, tmp_path) as terminal:
         assert HELP in terminal.shown and terminal.mode != terminal.before
         (journal,) = tmp_path.glob("*.journal")
@@ -110,7 +110,7 @@ def test_a_run_is_paused_noted_in_and_goes_on_with_every_state_there_once(
 
 
 def test_a_state_read_once_more_counts_once_and_a_skipped_trial_is_not_done_again(
-    virtual_lab: VirtualLab, rig: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    real_lab: VirtualLab, rig: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with at_terminal(rig, tmp_path) as terminal:
         terminal.press("r")
@@ -142,7 +142,7 @@ def test_a_state_read_once_more_counts_once_and_a_skipped_trial_is_not_done_agai
     capsys.readouterr()
 
 
-def test_the_last_reading_of_a_state_is_the_one_that_counts(virtual_lab: VirtualLab, rig: Path, tmp_path: Path) -> None:
+def test_the_last_reading_of_a_state_is_the_one_that_counts(real_lab: VirtualLab, rig: Path, tmp_path: Path) -> None:
     words = ("--set", "spine_lengths=[0.0]", "--set", "pressures=[60 kPa]", *LATE)
     with at_terminal(rig, tmp_path, *words) as terminal:
         terminal.press("r")
@@ -156,8 +156,8 @@ def test_the_last_reading_of_a_state_is_the_one_that_counts(virtual_lab: Virtual
     assert replay(file).rows == table.rows
 
 
-def test_in_a_pause_somebody_may_stand_before_the_cameras(virtual_lab: VirtualLab, rig: Path, tmp_path: Path) -> None:
-    fakes = virtual_lab.fakes
+def test_in_a_pause_somebody_may_stand_before_the_cameras(real_lab: VirtualLab, rig: Path, tmp_path: Path) -> None:
+    fakes = real_lab.fakes
     with at_terminal(rig, tmp_path) as terminal:
         terminal.press("p")
         terminal.until("Paused: vented and stopped")
@@ -195,7 +195,7 @@ while True:
 
 
 def test_by_ctrl_z_the_terminal_is_the_shells_and_keys_work_again_when_the_run_goes_on(
-    virtual_lab: VirtualLab, rig: Path, tmp_path: Path
+    real_lab: VirtualLab, rig: Path, tmp_path: Path
 ) -> None:
     words = ("run", "bending", "--rig", rig, *SHORT, "--out", tmp_path)
     with Terminal(*words, program=(sys.executable, "-c", SHELL)) as terminal:
@@ -213,7 +213,7 @@ def test_by_ctrl_z_the_terminal_is_the_shells_and_keys_work_again_when_the_run_g
 
 
 def test_a_run_that_is_told_to_end_leaves_the_terminal_as_it_was(
-    virtual_lab: VirtualLab, rig: Path, tmp_path: Path
+    real_lab: VirtualLab, rig: Path, tmp_path: Path
 ) -> None:
     with at_terminal(rig, tmp_path) as terminal:
         cbreak = terminal.mode

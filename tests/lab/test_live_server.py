@@ -7,7 +7,6 @@ import contextlib
 import json
 import re
 import socket
-import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 from http.client import HTTPConnection
@@ -15,6 +14,7 @@ from typing import Any
 
 import pytest
 
+import timing
 from lab.live import http, viewers
 from lab.live.show import Place, place
 from lab.live.viewers import Viewers
@@ -50,7 +50,7 @@ class Door:
 
     def tell(self, data: dict[str, Any]) -> None:
         """An update to all, done when this returns."""
-        done = threading.Event()
+        done = timing.Event()
         self.loop.call_soon_threadsafe(lambda: (self.hall.tell("new", data), done.set()))
         assert done.wait(ANSWER_WITHIN)
 
@@ -71,7 +71,7 @@ def door() -> Iterator[Door]:
 
 @contextlib.contextmanager
 def served(steer: viewers.Steer | None) -> Iterator[Door]:
-    at, loop, ready = place(), asyncio.new_event_loop(), threading.Event()
+    at, loop, ready = place(), asyncio.new_event_loop(), timing.Event()
     hall = Viewers(at.token, lambda: HELLO, steer)
 
     async def serve() -> None:
@@ -83,7 +83,7 @@ def served(steer: viewers.Steer | None) -> Iterator[Door]:
         await hall.end()
 
     task = loop.create_task(serve())
-    thread = threading.Thread(target=loop.run_until_complete, args=(task,))
+    thread = timing.Thread(target=loop.run_until_complete, args=(task,))
     thread.start()
     assert ready.wait(ANSWER_WITHIN)
     yield Door(at, hall, loop)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import socket
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,6 +13,7 @@ import pytest
 import yaml
 from pydantic import ValidationError
 
+import timing
 from lab.files.rig_file import RigFile
 from lab.rig.operator import Program, operator
 from protocols.bench import Setup
@@ -49,7 +49,7 @@ def answering(path: Path, answer: object) -> Iterator[list[dict[str, object]]]:
                 asked.append(json.loads(connection.makefile().readline()))
                 connection.sendall(json.dumps(answer).encode() + b"\n")
 
-        thread = threading.Thread(target=serve, daemon=True)
+        thread = timing.Thread(target=serve, daemon=True)
         thread.start()
         yield asked
         server.shutdown(socket.SHUT_RDWR)

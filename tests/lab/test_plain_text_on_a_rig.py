@@ -6,7 +6,6 @@ import os
 import pty
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import pytest
 import yaml
 from virtual_lab import VirtualLab
 
+import timing
 from lab.cli import main
 from lab.verbs.fakes import PATIENT_SETTLE
 from recordings.file.reader import Recording
@@ -31,15 +31,15 @@ SHORT = [
 
 
 @pytest.fixture
-def hostile_rig(virtual_lab: VirtualLab, tmp_path: Path) -> Iterator[Path]:
+def hostile_rig(real_lab: VirtualLab, tmp_path: Path) -> Iterator[Path]:
     """A rig file and a robot with such names, and a valve with such an identity."""
     name = HOSTILE.replace("\x1b", "")  # a file that holds a control character is refused
-    rig = yaml.safe_load(virtual_lab.rig.read_text()) | {"name": name}
-    robot = yaml.safe_load(virtual_lab.rig.with_name("robot.yaml").read_text()) | {"name": name}
+    rig = yaml.safe_load(real_lab.rig.read_text()) | {"name": name}
+    robot = yaml.safe_load(real_lab.rig.with_name("robot.yaml").read_text()) | {"name": name}
     (tmp_path / "robot.yaml").write_text(yaml.safe_dump(robot))
     path = tmp_path / "rig.yaml"
     path.write_text(yaml.safe_dump(rig))
-    valve = virtual_lab.fakes.lines["valve"]
+    valve = real_lab.fakes.lines["valve"]
     valve.identity = SERIAL  # type: ignore[attr-defined]
     yield path
     valve.identity = "SOFTLAB1"  # type: ignore[attr-defined]
@@ -74,9 +74,9 @@ def test_check_shows_names_and_identities_plain(hostile_rig: Path, capsys: pytes
 
 
 def test_check_shows_a_foreign_answer_plain(
-    hostile_rig: Path, virtual_lab: VirtualLab, capsys: pytest.CaptureFixture[str]
+    hostile_rig: Path, real_lab: VirtualLab, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    virtual_lab.fakes.lines["valve"].faults.extra["foreign"] = HOSTILE
+    real_lab.fakes.lines["valve"].faults.extra["foreign"] = HOSTILE
     assert main(["check", "--rig", str(hostile_rig), "--seconds", "0.3"]) == 1
     said = capsys.readouterr()
     assert "\x1b" not in said.out + said.err
@@ -84,10 +84,10 @@ def test_check_shows_a_foreign_answer_plain(
 
 
 def test_a_fault_in_mid_run_ends_it_with_its_error_and_a_whole_recording(
-    hostile_rig: Path, virtual_lab: VirtualLab, tmp_path: Path
+    hostile_rig: Path, real_lab: VirtualLab, tmp_path: Path
 ) -> None:
-    plant, valve = virtual_lab.fakes.plant, virtual_lab.fakes.lines["valve"]
-    over = threading.Event()
+    plant, valve = real_lab.fakes.plant, real_lab.fakes.lines["valve"]
+    over = timing.Event()
 
     def spoil() -> None:
         while not over.wait(0.005):
@@ -95,7 +95,7 @@ def test_a_fault_in_mid_run_ends_it_with_its_error_and_a_whole_recording(
                 valve.faults.extra["garbled"] = HOSTILE
                 return
 
-    thread = threading.Thread(target=spoil, daemon=True)
+    thread = timing.Thread(target=spoil, daemon=True)
     thread.start()
     code, seen = on_a_terminal("run", "bending", "--rig", str(hostile_rig), *SHORT, "--out", str(tmp_path))
     over.set()

@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from multiprocessing import active_children
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Any
 
 import pytest
 
+import timing
 from diagnosis.inference.executor import Executor, FirstLook
 from diagnosis.inference.search import Search
 from lab.processes import Processes, processes
@@ -82,10 +82,10 @@ class Meets:
 
     def read(self, _: int) -> tuple[int, int]:
         (self.marks / str(os.getpid())).touch()
-        deadline = time.monotonic() + 120
+        deadline = timing.now() + 120
         while len(list(self.marks.iterdir())) < self.count:
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
+            assert timing.now() < deadline
+            timing.sleep(0.01)
         return os.getpid(), Meets.reads
 
 
@@ -101,17 +101,17 @@ def test_this_process_works_beside_the_others_and_what_a_method_belongs_to_is_re
 def test_what_is_begun_ahead_is_done_elsewhere_while_this_process_does_something_else(
     two: Processes, tmp_path: Path
 ) -> None:
-    ahead = Executor(remote_map=two.in_order).ahead(Meets(tmp_path, 2).read, [0, 1], 0.0, 1.0)
-    deadline = time.monotonic() + 120
+    ahead = Executor(remote_map=two.in_order).ahead(Meets(tmp_path, 2).read, [0, 1])
+    deadline = timing.now() + 120
     while len(list(tmp_path.iterdir())) < 2:
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+        assert timing.now() < deadline
+        timing.sleep(0.01)
     where = {pid for pid, _ in ahead()}
     assert len(where) == 2 and os.getpid() not in where
 
 
 def test_a_single_item_is_not_sent(two: Processes, tmp_path: Path) -> None:
-    (where,) = {pid for pid, _ in Executor(remote_map=two.in_order).map(Meets(tmp_path, 1).read, [0], 0.0, 1.0)}
+    (where,) = {pid for pid, _ in Executor(remote_map=two.in_order).map(Meets(tmp_path, 1).read, [0])}
     assert where == os.getpid()
 
 
@@ -129,7 +129,7 @@ def test_ctrl_c_leaves_no_process_behind(tmp_path: Path) -> None:
         "from lab.processes import processes\n"
         "def waits(file):\n"
         "    Path(file).write_text(str(os.getpid()))\n"
-        "    time.sleep(600)\n"
+        "    timing.sleep(600)\n"
         "if __name__ == '__main__':\n"
         "    with processes(1) as pool:\n"
         "        list(pool.in_order(waits, sys.argv[1:]))\n"
@@ -140,10 +140,10 @@ def test_ctrl_c_leaves_no_process_behind(tmp_path: Path) -> None:
         stderr=subprocess.PIPE,
         start_new_session=True,
     )
-    deadline = time.monotonic() + 120
+    deadline = timing.now() + 120
     while not all(m.exists() and m.read_text() for m in marks):
-        assert time.monotonic() < deadline and running.poll() is None
-        time.sleep(0.05)
+        assert timing.now() < deadline and running.poll() is None
+        timing.sleep(0.05)
     os.killpg(running.pid, signal.SIGINT)
     _, said = running.communicate(timeout=60)
     assert b"KeyboardInterrupt" in said and running.returncode != 0

@@ -6,17 +6,16 @@ import hashlib
 import os
 import shlex
 import shutil
-import subprocess
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 import yaml
 from terminal import Terminal
-from test_resume import SHORT, freed, lab, started, wait_for
-from virtual_lab import VirtualLab
+from test_resume import SHORT, freed, lab
+from virtual_lab import VirtualLab, journal_says, meanwhile
 
+import timing
 from lab.files.inputs import read_case
 from lab.rig.current import recording_of
 from lab.verbs import run as run_verb
@@ -25,11 +24,6 @@ from recordings.file.verify import verify
 
 READ = '{"trial": 1, "step": 1}'
 BENDING = "PARAMETERS, NEEDS, plan, run = bending.PARAMETERS, bending.NEEDS, bending.plan, bending.run\n"
-
-
-def ended(process: subprocess.Popen[str]) -> str:
-    output, _ = process.communicate(timeout=300)
-    return output
 
 
 def delete_file(folder: Path) -> None:
@@ -46,19 +40,18 @@ def truncate(folder: Path) -> None:
 
 @pytest.mark.parametrize("harm", [delete_file, rename_folder, truncate])
 def test_a_run_whose_recording_is_lost_lands_after_the_state_and_goes_on_from_the_rescue_file(
-    harm: Callable[[Path], None], virtual_lab: VirtualLab, tmp_path: Path
+    harm: Callable[[Path], None], virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    freed(virtual_lab)
     rig = tmp_path / "rig" / "rig.yaml"
     shutil.copytree(virtual_lab.rig.parent, rig.parent)
     folder = tmp_path / "out"
-    process = started(rig, folder)
-    wait_for(READ, folder, process)
-    (file,) = folder.glob("*.mcap")
-    harm(folder)
-    output = ended(process)
+    files: list[Path] = []
+    meanwhile(lambda: journal_says(READ, folder), lambda: files.extend(folder.glob("*.mcap")), lambda: harm(folder))
+    code = lab("run", "bending", "--rig", rig, *SHORT, "--out", folder)
+    output = "".join(capsys.readouterr())
+    (file,) = files
     (rescue,) = rig.parent.glob("*-rescue.mcap")
-    assert process.returncode == 3, output
+    assert code == 3, output
     told = "".join(output.split())
     assert str(file) in told and f"statesin{rescue}" in told and "Traceback" not in output
     assert verify(rescue).ok and lab("info", rescue) == (3 if harm is truncate else 0)
@@ -66,7 +59,7 @@ def test_a_run_whose_recording_is_lost_lands_after_the_state_and_goes_on_from_th
     assert found.outcome == "stopped" and any(str(file) in line.text for line in found.log if line.level == "error")
     assert found.metadata["outcome"]["safe_state"] == "confirmed" and len(found.trials) < 6
     assert lab("replay", rescue) == 0 or harm is truncate
-    line = output.split("go on with: ")[1]
+    line = output.split("go on with: ")[1].splitlines()[0]
     assert lab(*shlex.split(line)[1:]) in (0, 3)
     second = max((p for p in rig.parent.glob("*.mcap") if p != rescue), key=lambda p: p.stat().st_mtime)
     assert {row.trial for row in read_case([rescue, second]).table} == {1, 2, 3}
@@ -75,7 +68,6 @@ def test_a_run_whose_recording_is_lost_lands_after_the_state_and_goes_on_from_th
 def test_what_was_read_is_attached_whatever_the_files_hold_by_then(
     virtual_lab: VirtualLab, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    freed(virtual_lab)
     shutil.copytree(virtual_lab.rig.parent, tmp_path / "rig")
     rig, robot, own = tmp_path / "rig" / "rig.yaml", tmp_path / "rig" / "robot.yaml", tmp_path / "bending.py"
     own.write_text("from protocols import bending\n" + BENDING)
@@ -98,14 +90,14 @@ def test_what_was_read_is_attached_whatever_the_files_hold_by_then(
     assert found.metadata["sha256"] == sums and "protocol.yaml" in sums
 
 
-@pytest.mark.parametrize("asked", [False, True])
+@pytest.mark.parametrize("asked", [pytest.param(False, marks=pytest.mark.long), True])
 def test_a_closed_terminal_ends_a_run_as_a_signal_to_end_does(
-    asked: bool, virtual_lab: VirtualLab, tmp_path: Path
+    asked: bool, real_lab: VirtualLab, tmp_path: Path
 ) -> None:
     """While a state is read, and while the person is asked to prepare the rig."""
-    freed(virtual_lab)
-    rig = virtual_lab.rig.with_name("at_terminal.yaml")
-    rig.write_text(yaml.safe_dump({**yaml.safe_load(virtual_lab.rig.read_text()), "operator": "console"}))
+    freed(real_lab)
+    rig = real_lab.rig.with_name("at_terminal.yaml")
+    rig.write_text(yaml.safe_dump({**yaml.safe_load(real_lab.rig.read_text()), "operator": "console"}))
     holding = (
         "--set",
         "reading=hold",
@@ -116,10 +108,10 @@ def test_a_closed_terminal_ends_a_run_as_a_signal_to_end_does(
         terminal.until("Enter when ready")
         if not asked:
             terminal.press("\n")
-            deadline = time.monotonic() + 120
+            deadline = timing.now() + 120
             while not any(READ in path.read_text() for path in tmp_path.glob("*.journal")):
-                assert time.monotonic() < deadline, terminal.shown
-                time.sleep(0.02)
+                assert timing.now() < deadline, terminal.shown
+                timing.sleep(0.02)
         terminal.hang_up()
         assert terminal.end() == 1
     (file,) = tmp_path.glob("*.mcap")

@@ -9,12 +9,12 @@ import shlex
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
-from virtual_lab import VirtualLab
+from virtual_lab import VirtualLab, journal_says, meanwhile, press_ctrl_c
 
+import timing
 from lab.cli import main
 from lab.files.inputs import read_case
 from lab.verbs.fakes import PATIENT_SETTLE
@@ -57,18 +57,18 @@ def started(rig: Path, folder: Path, limit: int | None = None, said: tuple[str, 
 
 def wait_for(text: str, folder: Path, process: subprocess.Popen[str]) -> None:
     """Until the journal says so."""
-    deadline = time.monotonic() + 120
+    deadline = timing.now() + 120
     while not any(text in path.read_text() for path in folder.glob("*.journal")):
-        assert process.poll() is None and time.monotonic() < deadline, process.communicate()[0]
-        time.sleep(0.02)
+        assert process.poll() is None and timing.now() < deadline, process.communicate()[0]
+        timing.sleep(0.02)
 
 
 def freed(virtual_lab: VirtualLab) -> None:
     """What a person does after a crash: look at the rig, bring it into the safe state, say that it is."""
-    deadline = time.monotonic() + 120
+    deadline = timing.now() + 120
     while lab("safe", "--clear", "--rig", virtual_lab.rig) != 0:
-        assert time.monotonic() < deadline
-        time.sleep(0.5)
+        assert timing.now() < deadline
+        timing.sleep(0.5)
 
 
 def shape(table: Table) -> list[tuple[object, ...]]:
@@ -80,16 +80,16 @@ def always(table: Table) -> list[str]:
     return [name for name in table.columns if name != "clipped"]
 
 
-def test_a_killed_run_is_resumed_from_its_first_unfinished_trial(virtual_lab: VirtualLab, tmp_path: Path) -> None:
+def test_a_killed_run_is_resumed_from_its_first_unfinished_trial(real_lab: VirtualLab, tmp_path: Path) -> None:
     whole, broken = tmp_path / "whole", tmp_path / "broken"
-    assert lab("run", "bending", "--rig", virtual_lab.rig, *SHORT, "--out", whole) in (0, 3)
-    process = started(virtual_lab.rig, broken)
+    assert lab("run", "bending", "--rig", real_lab.rig, *SHORT, "--out", whole) in (0, 3)
+    process = started(real_lab.rig, broken)
     wait_for('{"trial": 2, "step": 1}', broken, process)
     process.send_signal(signal.SIGKILL)
     process.wait()
     (first,) = broken.glob("*.mcap")
-    freed(virtual_lab)
-    assert lab("run", "--resume", first, "--rig", virtual_lab.rig) in (0, 3)
+    freed(real_lab)
+    assert lab("run", "--resume", first, "--rig", real_lab.rig) in (0, 3)
 
     (journal,) = broken.glob("*.journal")
     progress = read(journal)
@@ -111,17 +111,19 @@ def test_a_killed_run_is_resumed_from_its_first_unfinished_trial(virtual_lab: Vi
     assert [row[5] for row in shape(resumed)] == [row[5] for row in shape(plain)]
     assert (resumed["t"][1:] > resumed["t"][:-1]).all() and always(resumed) == always(plain)
 
-    assert lab("run", "--resume", journal, "--rig", virtual_lab.rig) in (0, 3)
+    assert lab("run", "--resume", journal, "--rig", real_lab.rig) in (0, 3)
     assert read_case([second, broken / "first.mcap"]).table.rows == resumed.rows
 
 
-def test_a_run_that_was_stopped_says_how_to_go_on_and_that_does(virtual_lab: VirtualLab, tmp_path: Path) -> None:
+def test_a_run_that_was_stopped_says_how_to_go_on_and_that_does(
+    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     folder = tmp_path / "with blank"
-    process = started(virtual_lab.rig, folder, said=("--operator", "Ada", "--tag", "batch=3"))
-    wait_for('{"trial": 2, "step": 1}', folder, process)
-    process.send_signal(signal.SIGINT)
-    output, _ = process.communicate(timeout=300)
-    assert process.returncode == 1, output
+    meanwhile(lambda: journal_says('{"trial": 2, "step": 1}', folder), press_ctrl_c)
+    said = ("--operator", "Ada", "--tag", "batch=3")
+    code = lab("run", "bending", "--rig", virtual_lab.rig, *SHORT, "--out", folder, *said)
+    output = "".join(capsys.readouterr())
+    assert code == 1, output
     (told,) = [line for line in output.splitlines() if line.startswith("go on with: ")]
     words = shlex.split(told.removeprefix("go on with: "))
     (first,) = folder.glob("*.mcap")
@@ -145,22 +147,22 @@ def test_what_cannot_be_resumed_is_told(
     assert lab("run", "--rig", virtual_lab.rig) == 2
 
 
-def test_a_full_disk_ends_the_run_safe_and_says_so(virtual_lab: VirtualLab, tmp_path: Path) -> None:
-    freed(virtual_lab)
-    process = started(virtual_lab.rig, tmp_path, limit=60_000)
+def test_a_full_disk_ends_the_run_safe_and_says_so(real_lab: VirtualLab, tmp_path: Path) -> None:
+    freed(real_lab)
+    process = started(real_lab.rig, tmp_path, limit=60_000)
     wait_for('"recording"', tmp_path, process)
     while not (files := list(tmp_path.glob("*.mcap"))):
         assert process.poll() is None, process.communicate()[0]
-        time.sleep(0.01)
+        timing.sleep(0.01)
     (file,), size = files, 0
     while process.poll() is None and (now := file.stat().st_size) >= size:
         size = now
-        time.sleep(0.01)
-    full = time.monotonic()
-    plant = virtual_lab.fakes.plant
-    while (max(plant.chamber_pressure) > 5e3 or plant.valve_on) and time.monotonic() < full + 30:
-        time.sleep(0.01)
-    safe = time.monotonic() - full
+        timing.sleep(0.01)
+    full = timing.now()
+    plant = real_lab.fakes.plant
+    while (max(plant.chamber_pressure) > 5e3 or plant.valve_on) and timing.now() < full + 30:
+        timing.sleep(0.01)
+    safe = timing.now() - full
     output, _ = process.communicate(timeout=600)
     assert process.returncode == 1 and "recording stopped" in output and "lab recover" in output
     assert safe < 30.0, f"{safe:.1f} s"  # a second on an idle machine; measured by benchmarks.recording

@@ -20,6 +20,7 @@ from model.section import rods_of
 from recordings.campaign.replay import table_of
 from recordings.file.reader import Recording
 from sim_fakes.rig import FakeRig
+from sim_fakes.simulated_clock import SimulatedClock
 from sim_fakes.virtual_robot import Condition, VirtualRobot, walk
 
 ROBOT = Path(__file__).parents[2] / "examples/three_chambers/robot.yaml"
@@ -27,7 +28,7 @@ SWEEP = ("pressures=[30 kPa, 60 kPa]", "repeats=2", "settle.min_samples=3", *PAT
 
 
 @pytest.fixture(scope="module")
-def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def rig(shared_clock: SimulatedClock, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     path = tmp_path_factory.mktemp("three") / "rig.yaml"
     with FakeRig(speed=20.0, seed=7, truth=played(load(ROBOT, Robot)), spine="") as fakes:
         present = fakes.rig_file()["instruments"]

@@ -96,10 +96,10 @@ def demand_equal(known: dict[str, Any], file: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def run(virtual_lab: VirtualLab, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:
+def run(real_lab: VirtualLab, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:
     """What a viewer of a run was told, and its recording."""
     folder = tmp_path_factory.mktemp("watched")
-    program = command("run", "bending", "--rig", virtual_lab.rig, *SHORT, *SAID, "--out", folder, "--watch")
+    program = command("run", "bending", "--rig", real_lab.rig, *SHORT, *SAID, "--out", folder, "--watch")
     try:
         where = urlsplit(page := address(program))
         with (
@@ -147,7 +147,7 @@ def test_what_is_said_of_a_run_is_on_its_page_and_finds_it(
     assert "--where 'operator': write KEY=VALUE" in " ".join(capsys.readouterr().err.split())
 
 
-def test_gaps_told_are_those_of_compare(run: tuple[dict[str, Any], Path], virtual_lab: VirtualLab) -> None:
+def test_gaps_told_are_those_of_compare(run: tuple[dict[str, Any], Path], real_lab: VirtualLab) -> None:
     _, file = run
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # as a shell starts a job in the background
     try:
@@ -170,12 +170,12 @@ def test_gaps_told_are_those_of_compare(run: tuple[dict[str, Any], Path], virtua
 
 
 def test_the_run_of_a_rig_is_found_and_one_that_is_over_is_told(
-    run: tuple[dict[str, Any], Path], virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    run: tuple[dict[str, Any], Path], real_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     _, file = run
-    assert main(["watch", str(virtual_lab.rig)]) == 2
+    assert main(["watch", str(real_lab.rig)]) == 2
     assert "no run is going on" in (said := " ".join(capsys.readouterr().err.split())) and file.name in said
-    (rig := tmp_path / "rig.yaml").write_bytes(virtual_lab.rig.read_bytes())
+    (rig := tmp_path / "rig.yaml").write_bytes(real_lab.rig.read_bytes())
     assert main(["watch", str(rig)]) == 2 and "no run of it is known" in capsys.readouterr().err
     with Recorder(tmp_path / "run.mcap", start_wall_ns=10**18) as recorder:
         announce(rig, recorder.path)
@@ -212,9 +212,9 @@ def until(stream: Iterator[tuple[str, dict[str, Any]]], fits: Any) -> dict[str, 
     return next(data for _, data in stream if fits(data))
 
 
-def test_the_page_of_a_campaign_goes_on_from_run_to_run_by_itself(virtual_lab: VirtualLab, tmp_path: Path) -> None:
+def test_the_page_of_a_campaign_goes_on_from_run_to_run_by_itself(real_lab: VirtualLab, tmp_path: Path) -> None:
     file = write_campaign(tmp_path / "night.yaml", (0.0, 0.03), 1, unload=False)
-    program = command("campaign", file, "--rig", virtual_lab.rig, "--out", tmp_path / "night", "--watch")
+    program = command("campaign", file, "--rig", real_lab.rig, "--out", tmp_path / "night", "--watch")
     wholes: list[dict[str, Any]] = []
     try:
         for name, data in events(address(program)):  # one connection to the end
@@ -267,23 +267,24 @@ def page(tmp_path: Path) -> Iterator[Browser]:
         yield browser
 
 
+@pytest.mark.long
 def test_a_browser_shows_a_run_as_it_goes_and_what_it_shows_is_in_the_recording(
-    virtual_lab: VirtualLab, tmp_path: Path, page: Browser
+    real_lab: VirtualLab, tmp_path: Path, page: Browser
 ) -> None:
     words = (*SHORT, "--set", "settle.within=3600 s", "--out", tmp_path / "out", "--watch")
-    program = command("run", "bending", "--rig", virtual_lab.rig, *words)
+    program = command("run", "bending", "--rig", real_lab.rig, *words)
     try:
         shown_at = address(program)
         # No state can be read from now on, however long a browser takes.
-        virtual_lab.fakes.door.answer(b'{"tip_visible": false}')
+        real_lab.fakes.door.answer(b'{"tip_visible": false}')
         page.open(shown_at)
         page.until("document.getElementById('lead').textContent.includes('hidden')", 120)
-        virtual_lab.fakes.door.answer(b'{"tip_visible": true}')
+        real_lab.fakes.door.answer(b'{"tip_visible": true}')
         page.until("live.state", 120)
         page.until("live.outcome", 240)
         out, _ = program.communicate(timeout=120)
     finally:
-        virtual_lab.fakes.door.answer(b'{"tip_visible": true}')
+        real_lab.fakes.door.answer(b'{"tip_visible": true}')
         program.kill()
     assert program.returncode in (0, 3), out
     (file,) = (tmp_path / "out").glob("*.mcap")
@@ -301,7 +302,8 @@ def test_a_browser_shows_a_run_as_it_goes_and_what_it_shows_is_in_the_recording(
         assert page.value(f"({inked})('{canvas}')") > 20, canvas
 
 
-def test_buttons_pause_a_run_and_a_note_is_written_down(virtual_lab: VirtualLab, tmp_path: Path, page: Browser) -> None:
+@pytest.mark.long
+def test_buttons_pause_a_run_and_a_note_is_written_down(real_lab: VirtualLab, tmp_path: Path, page: Browser) -> None:
     words = (
         "--set",
         "spine_lengths=[0.0, 3 cm]",
@@ -312,7 +314,7 @@ def test_buttons_pause_a_run_and_a_note_is_written_down(virtual_lab: VirtualLab,
         tmp_path / "out",
         "--watch",
     )
-    program = command("run", "bending", "--rig", virtual_lab.rig, *words)
+    program = command("run", "bending", "--rig", real_lab.rig, *words)
     press = "document.getElementById('{}').click()"
     try:
         page.open(address(program))
@@ -321,7 +323,7 @@ def test_buttons_pause_a_run_and_a_note_is_written_down(virtual_lab: VirtualLab,
         page.until("live.pause && live.pause.begun", 120)
         page.until("document.getElementById('pause').textContent === 'Go on'")
         page.until("document.getElementById('lead').textContent.startsWith('Paused for')")
-        assert float(virtual_lab.fakes.plant.regulator.max()) < 5e3
+        assert float(real_lab.fakes.plant.regulator.max()) < 5e3
         page.value(f"document.getElementById('note').value = {json.dumps(HOSTILE)}")
         page.value("document.getElementById('note-form').requestSubmit()")
         page.until("live.log.some((line) => line.level === 'note')")
@@ -345,8 +347,9 @@ def test_buttons_pause_a_run_and_a_note_is_written_down(virtual_lab: VirtualLab,
     assert [r.text for r in requests if r.kind == "note"] == [HOSTILE]
 
 
+@pytest.mark.long
 def test_in_a_campaign_a_browser_goes_on_with_the_next_run_and_its_buttons_are_for_that(
-    virtual_lab: VirtualLab, tmp_path: Path, page: Browser, monkeypatch: pytest.MonkeyPatch
+    real_lab: VirtualLab, tmp_path: Path, page: Browser, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = write_campaign(tmp_path / "night.yaml", (0.0,), 1, unload=False)
     campaign = yaml.safe_load(file.read_text())
@@ -354,7 +357,7 @@ def test_in_a_campaign_a_browser_goes_on_with_the_next_run_and_its_buttons_are_f
     bending["parameters"]["settle"]["within"] = "3600 s"
     bending["conditions"] = {"tip_mass": ["0 g", "20 g"]}  # so that each run is prepared
     file.write_text(yaml.safe_dump(campaign))
-    fakes = virtual_lab.fakes
+    fakes = real_lab.fakes
     prepare = fakes.prepare
 
     def prepare_and_hide(*setup: Any, **named: Any) -> None:
@@ -364,7 +367,7 @@ def test_in_a_campaign_a_browser_goes_on_with_the_next_run_and_its_buttons_are_f
             fakes.door.answer(b'{"tip_visible": false}')
 
     monkeypatch.setattr(fakes, "prepare", prepare_and_hide)
-    program = command("campaign", file, "--rig", virtual_lab.rig, "--out", tmp_path / "night", "--watch")
+    program = command("campaign", file, "--rig", real_lab.rig, "--out", tmp_path / "night", "--watch")
     try:
         page.open(address(program))
         page.until("document.getElementById('part').textContent.includes('Run 2 of 2')", 240)
@@ -386,6 +389,7 @@ def test_in_a_campaign_a_browser_goes_on_with_the_next_run_and_its_buttons_are_f
     assert page.said == []
 
 
+@pytest.mark.long
 def test_a_page_of_a_recording_has_no_buttons(run: tuple[dict[str, Any], Path], page: Browser) -> None:
     program = command("watch", run[1], "--speed", "1000", "--no-browser")
     try:
@@ -398,6 +402,7 @@ def test_a_page_of_a_recording_has_no_buttons(run: tuple[dict[str, Any], Path], 
         program.wait()
 
 
+@pytest.mark.long
 def test_what_is_silent_or_not_safe_is_said_and_no_old_number_looks_new(tmp_path: Path, page: Browser) -> None:
     with Recorder(tmp_path / "run.mcap", start_wall_ns=10**18) as recorder:
         for k in range(60):
@@ -423,6 +428,7 @@ def test_what_is_silent_or_not_safe_is_said_and_no_old_number_looks_new(tmp_path
         program.wait()
 
 
+@pytest.mark.long
 def test_a_browser_shows_text_from_outside_as_text_and_asks_for_nothing_beyond_the_page(
     tmp_path: Path, page: Browser
 ) -> None:

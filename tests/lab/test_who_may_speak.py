@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import socket
 import stat
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,6 +13,7 @@ import psutil
 import pytest
 from virtual_lab import VirtualLab
 
+import timing
 from lab.cli import main
 from recordings.file.reader import Recording
 
@@ -24,7 +24,7 @@ FRAME_OF_AN_OLD_SESSION = b"\x07\x00\x04\x00" + (10**6).to_bytes(4, "little")
 @contextmanager
 def forging(virtual_lab: VirtualLab) -> Iterator[None]:
     """Meanwhile another address sends datagrams to whatever hears any in this process."""
-    over = threading.Event()
+    over = timing.Event()
 
     def send() -> None:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as liar:
@@ -34,7 +34,7 @@ def forging(virtual_lab: VirtualLab) -> Iterator[None]:
                     if c.laddr.ip not in (virtual_lab.fakes.host, LIAR):
                         liar.sendto(FRAME_OF_AN_OLD_SESSION, (c.laddr.ip, c.laddr.port))
 
-    thread = threading.Thread(target=send)
+    thread = timing.Thread(target=send)
     thread.start()
     try:
         yield
@@ -76,8 +76,8 @@ def test_everything_that_fakes_listen_on_is_of_this_computer_alone(virtual_lab: 
     assert len(listening) >= 6 and all(ip.startswith("127.") for ip in listening), listening
 
 
-def test_the_back_doors_let_their_own_user_in_alone(virtual_lab: VirtualLab) -> None:
-    ur = virtual_lab.fakes.ur
+def test_the_back_doors_let_their_own_user_in_alone(real_lab: VirtualLab) -> None:
+    ur = real_lab.fakes.ur
     assert ur is not None
-    for path in (virtual_lab.fakes.door.path, ur.door):
+    for path in (real_lab.fakes.door.path, ur.door):
         assert path.is_socket() and stat.S_IMODE(path.parent.stat().st_mode) == 0o700

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import signal
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import timing
 from sim_fakes.rig import FakeRig
 
 
@@ -14,3 +18,29 @@ class VirtualLab:
 
     fakes: FakeRig
     rig: Path
+
+
+def meanwhile(condition: Callable[[], object], *acts: Callable[[], object], within: float = 120.0) -> None:
+    """Do something to a command of this process as soon as a condition holds, host seconds."""
+
+    def watch() -> None:
+        give_up = timing.now() + within
+        while not condition():
+            if timing.now() > give_up:
+                return
+            timing.sleep(0.02)
+        for act in acts:
+            act()
+            timing.sleep(0.3)
+
+    timing.Thread(target=watch, name="meanwhile").start()
+
+
+def journal_says(text: str, folder: Path) -> bool:
+    """Whether the journal of a run in this folder holds this text."""
+    return any(text in path.read_text() for path in folder.glob("*.journal"))
+
+
+def press_ctrl_c() -> None:
+    """As a person at the terminal of this process."""
+    os.kill(os.getpid(), signal.SIGINT)

@@ -10,22 +10,22 @@ from drivers.numato.driver import Config as ValveConfig
 from drivers.numato.driver import NumatoValve
 from drivers.pfeiffer.driver import Config as GaugeConfig
 from drivers.pfeiffer.driver import PfeifferGauge
-from lab.files.clock import RigClock
 from protocols.actions import release
 from protocols.bench import Bench
 from protocols.parameters import Jam
 from recordings.file.writer import Recorder
-from sim_fakes.clock import SimClock
 from sim_fakes.numato import NumatoFake
 from sim_fakes.pfeiffer import PfeifferFake
 from sim_fakes.plant import AMBIENT, Plant
+from sim_fakes.simulated_clock import SimulatedClock
+from timing import RigClock
 
 SPEED = 20.0
 
 
 @pytest.fixture
-def gauge() -> Iterator[PfeifferFake]:
-    fake = PfeifferFake(Plant(), SimClock(SPEED), seed=4)
+def gauge(simulated: SimulatedClock) -> Iterator[PfeifferFake]:
+    fake = PfeifferFake(Plant(), RigClock(SPEED), seed=4)
     fake.start()
     yield fake
     fake.stop()
@@ -34,7 +34,7 @@ def gauge() -> Iterator[PfeifferFake]:
 @pytest.fixture
 def bench(gauge: PfeifferFake, tmp_path: Path) -> Iterator[Bench]:
     """Valve and gauge of a rig; nobody at it."""
-    module = NumatoFake(gauge.plant, SimClock(SPEED), relays=16, valve=0)
+    module = NumatoFake(gauge.plant, RigClock(SPEED), relays=16, valve=0)
     module.start()
     clock = RigClock(SPEED)
     with Recorder(tmp_path / "run.mcap", start_wall_ns=10**18) as recorder:

@@ -12,17 +12,25 @@ from sim_fakes.rig import FakeRig
 
 
 @pytest.fixture(scope="session")
-def one_house(whole_rig: FakeRig, tmp_path_factory: pytest.TempPathFactory) -> House:
+def simulated_house(whole_rig: FakeRig, tmp_path_factory: pytest.TempPathFactory) -> House:
     return House(whole_rig, tmp_path_factory.mktemp("safety") / "rig.yaml")
 
 
+@pytest.fixture(scope="session")
+def real_house(real_rig: FakeRig, tmp_path_factory: pytest.TempPathFactory) -> House:
+    return House(real_rig, tmp_path_factory.mktemp("safety") / "rig.yaml")
+
+
 @pytest.fixture
-def house(one_house: House) -> Iterator[House]:
-    fakes = one_house.fakes
+def house(request: pytest.FixtureRequest) -> Iterator[House]:
+    real = request.node.get_closest_marker("real") is not None
+    house: House = request.getfixturevalue("real_house" if real else "simulated_house")
+    fakes = house.fakes
     # Late for want of processors is not dead; how soon that is noticed is what tests change in their own rig.yaml.
-    write_rig(fakes, one_house.rig, {"instruments": PATIENT["instruments"], "limits": {"max_age": 5.0}})
-    one_house.rig.with_suffix(".latch").unlink(missing_ok=True)
+    changes = {"instruments": PATIENT["instruments"], "limits": {"max_age": 5.0}} if real else {}
+    write_rig(fakes, house.rig, changes)
+    house.rig.with_suffix(".latch").unlink(missing_ok=True)
     fakes.troubles.clear()
-    yield one_house
+    yield house
     fakes.switch.end()
     fakes.on_confirm = None

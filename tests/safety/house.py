@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 
 import yaml
 
+import timing
 from lab.verbs.fakes import PATIENT_SETTLE
 from sim_fakes.rig import FakeRig
 
@@ -64,9 +64,9 @@ class House:
 
 def until(condition: Callable[[], bool], within: float = 30.0) -> bool:
     """Look until the condition holds; False when it does not within so many host seconds, far more than it takes."""
-    deadline = time.monotonic() + within
+    deadline = timing.now() + within
     while not condition():
-        if time.monotonic() > deadline:
+        if timing.now() > deadline:
             return False
-        time.sleep(0.005)
+        timing.sleep(0.005)
     return True

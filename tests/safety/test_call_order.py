@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -17,6 +16,7 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule, run_state_machine_as_test
 
+import timing
 from drivers.alicat import driver as alicat
 from drivers.dynamixel import driver as dynamixel
 from drivers.errors import DeviceFault, InstrumentError, LimitExceeded, NotReady
@@ -25,9 +25,7 @@ from drivers.numato import driver as numato
 from drivers.pfeiffer import driver as pfeiffer
 from drivers.smc_itv import driver as smc_itv
 from drivers.tmcl import driver as tmcl
-from lab.files.clock import RigClock
 from sim_fakes.alicat import AlicatFake
-from sim_fakes.clock import SimClock
 from sim_fakes.dynamixel import DynamixelFake
 from sim_fakes.ft300s import Ft300sFake
 from sim_fakes.numato import NumatoFake
@@ -36,6 +34,7 @@ from sim_fakes.plant import Plant
 from sim_fakes.pty_fake import PtyFake
 from sim_fakes.smc_itv import SmcItvFake
 from sim_fakes.tmcl import TmclFake
+from timing import RigClock
 
 SPEED = 50.0
 QUIET = 0.03
@@ -67,13 +66,13 @@ NEVER: dict[str, tuple[Call, ...]] = {
 ONE_SET: dict[str, Any] = {"timeout": PATIENCE, "full_scale": 500e3, "chambers": ((1, 2, 3),)}
 
 
-def serial(kind: str, driver: Callable[[PtyFake, RigClock], Any], fake: Callable[[Plant, SimClock], PtyFake]) -> type:
+def serial(kind: str, driver: Callable[[PtyFake, RigClock], Any], fake: Callable[[Plant, RigClock], PtyFake]) -> type:
     """The machine of a driver on a serial fake."""
 
     class Machine(RuleBasedStateMachine):
         def __init__(self) -> None:
             super().__init__()
-            self.fake = fake(Plant(), SimClock(SPEED))
+            self.fake = fake(Plant(), RigClock(SPEED))
             self.fake.start()
             self.driver = driver(self.fake, RigClock(SPEED))
             self.opened = self.homed = False
@@ -121,12 +120,12 @@ def serial(kind: str, driver: Callable[[PtyFake, RigClock], Any], fake: Callable
                 self._refused(lambda d: d.move_to(0.1, 0.01), NotReady)
 
         def _refused(self, call: Call, kinds: type[InstrumentError] | tuple[type[InstrumentError], ...]) -> None:
-            time.sleep(QUIET)
+            timing.sleep(QUIET)
             before = self.fake.heard
             with pytest.raises(kinds) as caught:
                 call(self.driver)
             assert isinstance(caught.value, InstrumentError) and caught.value.instrument == "it"
-            time.sleep(QUIET)
+            timing.sleep(QUIET)
             assert self.fake.heard == before
 
         @invariant()

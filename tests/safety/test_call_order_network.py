@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -17,16 +16,16 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_state_machine_as_test
 
+import timing
 from drivers.errors import DeviceFault, InstrumentError, LimitExceeded, NotReady
 from drivers.natnet import driver as natnet_mocap
 from drivers.natnet.config import Pose
 from drivers.ur5 import driver as ur5
 from drivers.ur5 import state as ur5_state
-from lab.files.clock import RigClock
-from sim_fakes.clock import SimClock
 from sim_fakes.motive import MOCAP_TO_BASE, MotiveFake
 from sim_fakes.plant import Plant
 from sim_fakes.ur.process import UrProcess, free_host
+from timing import RigClock
 
 SPEED = 50.0
 QUIET = 0.03
@@ -59,12 +58,12 @@ class Machine(RuleBasedStateMachine):
 
     def refused(self, call: Call, *kinds: type[InstrumentError]) -> None:
         """The call raises one of these errors, and the wire has heard nothing."""
-        time.sleep(QUIET)
+        timing.sleep(QUIET)
         before = self.marks()
         with pytest.raises(kinds) as caught:
             call(self.driver)
         assert caught.value.instrument == "it"
-        time.sleep(QUIET)
+        timing.sleep(QUIET)
         assert self.marks() == before
 
     def teardown(self) -> None:
@@ -196,7 +195,7 @@ def test_the_arms_state_in_any_order(ur: UrProcess) -> None:
 
 
 def test_motion_capture_in_any_order() -> None:
-    fake = MotiveFake(Plant(), SimClock(1.0), free_host())
+    fake = MotiveFake(Plant(), RigClock(1.0), free_host())
     fake.start()
     try:
         in_any_order(mocap_machine(fake), 10, 10)

@@ -18,6 +18,7 @@ MORE = 30_000
 """Bytes that the file may still grow by; about a second's worth."""
 
 
+@pytest.mark.real
 def test_a_run_whose_disk_is_full_vents_says_so_and_leaves_a_file_without_holes(house: House, tmp_path: Path) -> None:
     house.change(without=("arm", "force"))
     program = house.start(tmp_path)

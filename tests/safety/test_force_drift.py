@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +11,7 @@ import pytest
 from house import House
 from test_pauses import STIFFNESS, during, lab
 
+import timing
 from lab.files.inputs import read_case
 from lab.verbs.fakes import PATIENT
 from recordings.campaign.replay import compare, replay, table_of
@@ -38,14 +37,14 @@ def sensor(house: House) -> Ft300sFake:
 @contextmanager
 def drifting(house: House, zero: Callable[[float], float]) -> Iterator[None]:
     """The sensor's zero moves along the push by `zero` (N) of the host seconds since the begin."""
-    device, ended, begin = sensor(house).device, threading.Event(), time.monotonic()
+    device, ended, begin = sensor(house).device, timing.Event(), timing.now()
     before = device.bias.copy()
 
     def move() -> None:
         while not ended.wait(0.005):
-            device.bias[:3] = before[:3] + ACROSS * zero(time.monotonic() - begin)
+            device.bias[:3] = before[:3] + ACROSS * zero(timing.now() - begin)
 
-    thread = threading.Thread(target=move, daemon=True)
+    thread = timing.Thread(target=move, daemon=True)
     thread.start()
     try:
         yield
@@ -99,8 +98,8 @@ def test_a_zero_that_moves_in_another_way_marks_the_trial(
 ) -> None:
     house.change(without=("mocap",), safe=PATIENT["safe"])
     plant, begun = house.fakes.plant, []
-    during(lambda: abs(plant.probe_force).max() > 1.0, lambda: begun.append(time.monotonic()))
-    with drifting(house, lambda t: KINDS[kind](time.monotonic() - begun[0]) if begun else 0.0):
+    during(lambda: abs(plant.probe_force).max() > 1.0, lambda: begun.append(timing.now()))
+    with drifting(house, lambda t: KINDS[kind](timing.now() - begun[0]) if begun else 0.0):
         assert lab(house, tmp_path, "stiffness", *STIFFNESS, "--set", "steps=6") in (0, 3), "".join(capsys.readouterr())
     table = one(tmp_path)
     assert set(table["doubt"]) == {"drift"} and len(table) == 6

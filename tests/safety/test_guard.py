@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,10 +13,10 @@ import numpy as np
 import pytest
 from house import House, until
 
+import timing
 from drivers.errors import DeviceFault, InstrumentError
 from lab.cli import main
 from lab.console import Screen
-from lab.files.clock import RigClock
 from lab.files.inputs import read_case
 from lab.files.rig_file import load_rig
 from lab.guard.child import PRIORITY, SESSION
@@ -30,6 +29,7 @@ from lab.verbs.fakes import PATIENT
 from protocols.actions import ramp
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
+from timing import RigClock
 
 
 @pytest.fixture
@@ -67,10 +67,11 @@ def inflate(rig: Rig, house: House) -> None:
     rig.actuators.call("valve", "set", True)
     for _ in range(20):
         rig.actuators.call("pressure", "set", (60e3, 60e3, 60e3))
-        time.sleep(0.02)
+        timing.sleep(0.02)
     assert until(lambda: house.highest() > 40e3)
 
 
+@pytest.mark.real
 def test_a_killed_program_leaves_the_rig_landed_and_free(house: House, tmp_path: Path) -> None:
     house.change(without=("arm", "force"))
     program = house.start(tmp_path)
@@ -85,13 +86,14 @@ def test_a_killed_program_leaves_the_rig_landed_and_free(house: House, tmp_path:
     assert len(Recording.open(file, truncated=True).states) > 0
 
 
+@pytest.mark.real
 def test_a_frozen_program_is_landed_and_finds_out_when_it_wakes(house: House, tmp_path: Path) -> None:
     house.change(without=("arm", "force"))
     program = house.start(tmp_path)
     os.kill(program.pid, signal.SIGSTOP)
     try:
         assert house.vented()
-        time.sleep(0.3)
+        timing.sleep(0.3)
     finally:
         os.kill(program.pid, signal.SIGCONT)
     output, _ = program.communicate(timeout=600)
@@ -100,6 +102,7 @@ def test_a_frozen_program_is_landed_and_finds_out_when_it_wakes(house: House, tm
     assert "was lost" not in output  # the guard was sound: the program itself had been away
 
 
+@pytest.mark.real
 def test_a_computer_that_stood_still_condemns_nobody(house: House, tmp_path: Path) -> None:
     """A paused virtual machine: program and guard wake together, after longer than both wait for each other."""
     house.change(without=("arm", "force"), limits={"max_age": 10.0, "max_hidden": 10.0}, safe={"heartbeat": 0.8})
@@ -108,7 +111,7 @@ def test_a_computer_that_stood_still_condemns_nobody(house: House, tmp_path: Pat
     both = (guard_of(program), program.pid)
     for pid in both:
         os.kill(pid, signal.SIGSTOP)
-    time.sleep(1.8)
+    timing.sleep(1.8)
     for pid in both:
         os.kill(pid, signal.SIGCONT)
     output, _ = program.communicate(timeout=600)
@@ -116,6 +119,7 @@ def test_a_computer_that_stood_still_condemns_nobody(house: House, tmp_path: Pat
     assert "no heartbeat" not in output and "made the rig safe" not in output
 
 
+@pytest.mark.real
 def test_a_program_without_its_guard_stops_lands_the_rig_anew_and_says_so(house: House, tmp_path: Path) -> None:
     house.change(without=("arm", "force"))
     program = house.start(tmp_path)
@@ -126,6 +130,7 @@ def test_a_program_without_its_guard_stops_lands_the_rig_anew_and_says_so(house:
     assert not house.latch.exists()
 
 
+@pytest.mark.real
 def test_a_frozen_guard_is_replaced(house: House, tmp_path: Path) -> None:
     house.change(without=("arm", "force"))
     program = house.start(tmp_path)
@@ -135,6 +140,7 @@ def test_a_frozen_guard_is_replaced(house: House, tmp_path: Path) -> None:
     assert house.vented()
 
 
+@pytest.mark.real
 def test_regulators_that_can_be_reached_are_vented_though_one_of_them_is_dead(small: House, rig: Rig) -> None:
     """Landed anew, by a process that finds the rig inflated: who does not answer is named, the others do not wait for it."""
     inflate(rig, small)
@@ -151,6 +157,7 @@ def test_regulators_that_can_be_reached_are_vented_though_one_of_them_is_dead(sm
     assert small.latch.exists()
 
 
+@pytest.mark.real
 def test_when_both_are_killed_the_rig_is_locked_until_a_person_clears_it(
     small: House, rig: Rig, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -203,6 +210,7 @@ def test_a_landing_that_comes_after_the_last_one_does_not_judge_closed_drivers(s
         guard.close()
 
 
+@pytest.mark.real
 def test_the_guard_and_its_session_come_first_where_the_system_allows_it(rig: Rig) -> None:
     pid = rig.actuators.pid
     assert os.getsid(pid) == pid  # no Ctrl-C of the terminal reaches it
@@ -230,6 +238,7 @@ def test_a_rig_that_was_closed_leaves_no_file_open(small: House) -> None:
         assert until(lambda: pipes() == before)
 
 
+@pytest.mark.real
 def test_a_guard_of_this_process_leaves_no_thread_behind(house: House) -> None:
     before = set(threading.enumerate())
     Guard(load_rig(house.rig), RigClock(20.0), despite_latch=True).close()
@@ -254,7 +263,7 @@ def test_waiting_for_a_person_is_no_hang(small: House) -> None:
         rig.open_all(lambda name, outcome: None)
         inflate(rig, small)
         with rig.actuators.pulse.waiting_for_person():
-            time.sleep(3.0)
+            timing.sleep(3.0)
         rig.actuators.call("pressure", "set", (50e3, 50e3, 50e3))
 
 
@@ -286,7 +295,7 @@ def test_the_robot_s_own_pressure_clips_and_lands(small: House) -> None:
         inflate(rig, small)
         for _ in range(20):
             got = rig.actuators.call("pressure", "set", (200e3, 60e3, 60e3))
-            time.sleep(0.02)
+            timing.sleep(0.02)
         assert got[0] == pytest.approx(80e3, abs=100)
         small.fakes.set_faults("pressure", {"reading": 120e3})  # above 80 + 30 kPa, far below the regulators' 300
         assert until(lambda: rig.vital.landed is not None, 5.0)
@@ -304,7 +313,7 @@ def test_a_burst_chamber_is_told_with_its_channel(small: House, rig: Rig) -> Non
     small.fakes.accidents.begin("burst")
     for _ in range(20):
         rig.actuators.call("pressure", "set", (60e3, 60e3, 60e3))
-        time.sleep(0.02)
+        timing.sleep(0.02)
     assert until(lambda: rig.vital.pause is not None)
     assert rig.vital.pause is not None and "channel 1" in rig.vital.pause.text and "burst" in rig.vital.pause.text
 
@@ -331,6 +340,7 @@ def test_too_much_force_stops_the_arm_at_once(house: House) -> None:
             rig.actuators.call("arm", "move_to", tuple(pose), 0.05, 0.3)
 
 
+@pytest.mark.real
 def test_the_arms_process_may_crash_and_nobody_else_does(house: House) -> None:
     house.change(without=("force", "mocap"))
     with Rig(load_rig(house.rig)) as rig:
@@ -361,12 +371,13 @@ def test_an_arm_that_its_safety_system_holds_is_confirmed_at_rest_though_it_cann
         assert rig.make_safe().confirmed and not house.latch.exists()
 
 
+@pytest.mark.real
 def test_twenty_signals_during_the_clean_up_still_end_safe(house: House, tmp_path: Path) -> None:
     house.change(without=("arm", "force"))
     program = house.start(tmp_path)
     for i in range(20):
         program.send_signal(signal.SIGTERM if i % 2 else signal.SIGINT)
-        time.sleep(0.05)
+        timing.sleep(0.05)
     output, _ = program.communicate(timeout=600)
     assert program.returncode == 1, output
     assert house.vented() and not house.latch.exists()

@@ -10,14 +10,15 @@ from typing import Any
 import pytest
 from house import House, until
 
+import timing
 from drivers.errors import Unreachable
 from drivers.interfaces import PressureSample, SpineSample, ValveSample
-from lab.files.clock import RigClock
 from lab.files.rig_file import Safe, load_rig
 from lab.guard import hosted, landing
 from lab.guard.hosted import under_guard
 from lab.guard.instruments import ACTUATORS
 from lab.guard.landing import Instruments, Landing, SafeReport
+from timing import RigClock
 
 LANDINGS: list[Landing] = []
 
@@ -44,12 +45,12 @@ SUBSETS = [s for n in range(5) for s in itertools.combinations(ACTUATORS, n)]
 
 
 @pytest.fixture(scope="module")
-def drivers(one_house: House) -> Iterator[dict[str, Any]]:
+def drivers(simulated_house: House) -> Iterator[dict[str, Any]]:
     """The real drivers as under the guard, opened on the fakes."""
     from lab.verbs.fakes import write_rig
 
-    write_rig(one_house.fakes, one_house.rig)
-    instruments = load_rig(one_house.rig).instruments
+    write_rig(simulated_house.fakes, simulated_house.rig)
+    instruments = load_rig(simulated_house.rig).instruments
     clock = RigClock(20.0)
     made = {}
     for name in ACTUATORS:
@@ -147,7 +148,7 @@ def test_a_stop_that_does_not_come_back_holds_up_no_other(monkeypatch: pytest.Mo
     monkeypatch.setattr(landing, "LEAST_TIME", 1.0)
     told: list[str] = []
     names = ("valve", "spine", "pressure", "arm")
-    others_told = threading.Event()
+    others_told = timing.Event()
 
     class Hanging(Refusing):
         def stop(self) -> None:
@@ -168,7 +169,7 @@ def test_a_stop_that_does_not_come_back_holds_up_no_other(monkeypatch: pytest.Mo
 
 def test_nobody_waits_for_an_instrument_that_does_not_let_itself_be_opened() -> None:
     """The arm's controller and the gauge keep whoever opens them; the regulators are told, identified and read meanwhile."""
-    told, freed, opened = threading.Event(), threading.Event(), list[str]()
+    told, freed, opened = timing.Event(), timing.Event(), list[str]()
 
     class Regulators:
         def connect(self) -> None:
@@ -195,9 +196,7 @@ def test_nobody_waits_for_an_instrument_that_does_not_let_itself_be_opened() -> 
     instruments = Instruments({"arm": Arm(), "pressure": Regulators(), "gauge": object()}, opened, open_one)
     reports: list[SafeReport] = []
     landing_ = Landing(Safe(), instruments, 20.0)
-    thread = threading.Thread(
-        target=lambda: reports.append(landing_.make_safe(ACTUATORS[:2], False, 60.0)), daemon=True
-    )
+    thread = timing.Thread(target=lambda: reports.append(landing_.make_safe(ACTUATORS[:2], False, 60.0)), daemon=True)
     thread.start()
     assert told.wait(30.0) and until(lambda: opened == ["pressure"], 30.0)
     assert thread.is_alive()
@@ -235,7 +234,7 @@ def test_a_stop_that_overtook_a_command_is_sent_again() -> None:
 def test_an_instrument_that_is_confirmed_after_the_report_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its line is opened anew with each attempt."""
     monkeypatch.setattr(landing, "LEAST_TIME", 0.2)
-    back, late = threading.Event(), []
+    back, late = timing.Event(), []
 
     class Valve:
         opened = 0

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from house import House, until
 
+import timing
 from drivers.errors import InstrumentError
 from lab.cli import main
 from lab.console import Screen
@@ -35,7 +35,7 @@ def during(condition: Callable[[], bool], act: Callable[[], object]) -> threadin
         if until(condition, 60.0):
             act()
 
-    thread = threading.Thread(target=watch, daemon=True)
+    thread = timing.Thread(target=watch, daemon=True)
     thread.start()
     return thread
 
@@ -86,7 +86,7 @@ def test_a_stiffness_trial_goes_on_after_the_arms_own_safety_system_held_it(
 
     def put_right(trouble: str) -> None:
         stopped.append(len(ur.backdoor()["commands"]))
-        time.sleep(0.3)  # a person takes a while
+        timing.sleep(0.3)  # a person takes a while
         stopped.append(len(ur.backdoor()["commands"]))
         ur.backdoor("clear")
 

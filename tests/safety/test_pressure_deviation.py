@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import time
 from typing import Any
 
 import pytest
 from house import House
 
+import timing
 from drivers.interfaces import PressureSample
-from lab.files.clock import RigClock
 from lab.files.rig_file import load_rig
 from lab.guard.messages import Event
 from lab.rig.actuators import Actuators
 from lab.verbs.fakes import PATIENT
+from timing import RigClock
 
 
 @pytest.mark.parametrize("failure", ["burst", "stuck"])
@@ -28,7 +28,7 @@ def test_a_channel_that_fails_in_a_sweep_of_the_others_is_told_in_time(house: Ho
     actuators = Actuators(rig, RigClock(rig.clock.speed), lambda name, sample: heard.append(sample), heard.append)
     try:
         actuators.open("pressure")
-        give_up = time.monotonic() + 60.0
+        give_up = timing.now() + 60.0
         for turn in itertools.count():
             theirs = (20e3, 60e3, 100e3, 60e3)[turn % 4]  # never steady for pressure_error_time
             mine = 80e3 if failure == "burst" or turn < 20 else 80e3 + 2e3 * min(turn - 20, 60)
@@ -38,9 +38,9 @@ def test_a_channel_that_fails_in_a_sweep_of_the_others_is_told_in_time(house: Ho
                 house.fakes.lines["pressure"].faults.extra["stuck"] = "A"
             with contextlib.suppress(Exception):  # a regulator may be late on a busy computer
                 others.append(actuators.call("pressure", "set", (mine, theirs, theirs))[1])
-            if any(isinstance(h, Event) and h.kind in ("pause", "landed") for h in heard) or time.monotonic() > give_up:
+            if any(isinstance(h, Event) and h.kind in ("pause", "landed") for h in heard) or timing.now() > give_up:
                 break
-            time.sleep(0.02)
+            timing.sleep(0.02)
     finally:
         actuators.close()
     told = next((i for i, h in enumerate(heard) if isinstance(h, Event) and h.kind != "clipped"), len(heard) - 1)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -16,6 +15,7 @@ import psutil
 import pytest
 from house import House, until
 
+import timing
 from lab.files.config import load
 from lab.files.inputs import read_case
 from lab.verbs.fakes import PATIENT, PATIENT_SETTLE, played, write_rig
@@ -44,7 +44,7 @@ def stand_still(process: subprocess.Popen[str], seconds: float = LONG) -> None:
     stopped = [root, *root.children(recursive=True)]
     for one in stopped:
         one.send_signal(signal.SIGSTOP)
-    time.sleep(seconds)
+    timing.sleep(seconds)
     for one in stopped:
         one.send_signal(signal.SIGCONT)
 
@@ -67,6 +67,7 @@ def at_zero(house: House) -> bool:
     return bool(mocap(house))
 
 
+@pytest.mark.real
 @pytest.mark.parametrize(
     ("phase", "seconds"),
     [

@@ -18,7 +18,6 @@ import yaml
 from house import House, until
 
 from lab.cli import main
-from lab.files.clock import RigClock
 from lab.files.rig_file import load_rig
 from lab.guard import door, last_used
 from lab.guard.door import Answer, Door, Owner, demand_free, land, names_of_path, owners
@@ -28,6 +27,7 @@ from lab.guard.latch import Latch, RigLocked
 from lab.guard.messages import RigLanded
 from lab.guard.report import SafeReport, SafeStep
 from lab.rig.assembly import Rig
+from timing import RigClock
 
 REPORT = SafeReport((SafeStep("pressure", True, "highest pressure 0.1 kPa"), SafeStep("arm", False, "moving")))
 
@@ -137,6 +137,7 @@ def test_a_rig_that_is_used_lands_at_once_and_for_good(house: House, capsys: pyt
     assert not house.latch.exists()
 
 
+@pytest.mark.real
 def test_the_run_ends_and_says_who_asked(house: House, tmp_path: Path) -> None:
     house.change(without=("arm", "force"))
     program = house.start(tmp_path)
@@ -274,6 +275,7 @@ os.kill(os.getpid(), signal.SIGKILL)
 """
 
 
+@pytest.mark.real
 @pytest.mark.parametrize("spoil", BAD_DAYS, ids=lambda f: f.__name__)
 def test_what_a_crash_left_behind_is_landed(own_folder: House, spoil: Callable[[Path], Path]) -> None:
     """Program and guard are killed at the same moment; then the rig's files are spoilt."""
@@ -323,6 +325,7 @@ sys.exit(cli.main(["safe", "--rig", sys.argv[1]]))
 """
 
 
+@pytest.mark.real
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can become another user")
 @pytest.mark.parametrize("crashed", [False, True], ids=["a live run", "after a crash"])
 def test_another_user_may_land_a_rig_whose_folder_is_closed_to_them(own_folder: House, crashed: bool) -> None:

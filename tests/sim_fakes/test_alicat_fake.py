@@ -9,8 +9,8 @@ import pytest
 import serial
 
 from sim_fakes.alicat import AlicatFake
-from sim_fakes.clock import SimClock
 from sim_fakes.plant import Plant
+from timing import RigClock
 
 Ask = Callable[..., str]
 
@@ -22,7 +22,7 @@ def plant() -> Plant:
 
 @pytest.fixture
 def fake(plant: Plant) -> Iterator[AlicatFake]:
-    fake = AlicatFake(plant, SimClock(speed=20), seed=3)
+    fake = AlicatFake(plant, RigClock(speed=20), seed=3)
     fake.start()
     yield fake
     fake.stop()
@@ -30,7 +30,7 @@ def fake(plant: Plant) -> Iterator[AlicatFake]:
 
 @pytest.fixture
 def ask(fake: AlicatFake) -> Iterator[Ask]:
-    with serial.Serial(fake.port, 115200) as port:
+    with serial.serial_for_url(fake.port, 115200) as port:
 
         def ask(words: str, within: float = 20.0) -> str:
             port.timeout = within
@@ -113,7 +113,7 @@ def test_an_unknown_letter_is_met_with_silence(ask: Ask) -> None:
 
 
 def test_a_request_before_the_last_answer_jams_the_line(fake: AlicatFake) -> None:
-    with serial.Serial(fake.port, 115200, timeout=20) as port:
+    with serial.serial_for_url(fake.port, 115200, timeout=20) as port:
         port.write(b"A\rB\r")
         assert port.read_until(b"\r").startswith(b"B ")
         port.timeout = 0.2
@@ -169,7 +169,7 @@ def test_the_unit_of_measure_changes_what_is_shown_and_what_is_understood(ask: A
 
 
 def test_the_manufacturers_table_has_model_and_serial_number(fake: AlicatFake) -> None:
-    with serial.Serial(fake.port, 115200, timeout=20) as port:
+    with serial.serial_for_url(fake.port, 115200, timeout=20) as port:
         port.write(b"B??M*\r")
         rows = [port.read_until(b"\r").decode().strip() for _ in range(10)]
     assert rows[4] == "B  M04 Model Number PC-60PSIG-D"
@@ -193,7 +193,7 @@ def test_with_frozen_physics_a_set_point_is_confirmed_and_goes_nowhere(
 
 
 def rows(fake: AlicatFake, words: str, count: int) -> list[str]:
-    with serial.Serial(fake.port, 115200, timeout=20) as port:
+    with serial.serial_for_url(fake.port, 115200, timeout=20) as port:
         port.write(words.encode() + b"\r")
         return [port.read_until(b"\r").decode().rstrip("\r") for _ in range(count)]
 

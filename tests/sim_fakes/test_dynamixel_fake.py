@@ -1,16 +1,17 @@
 """The fake servo on its wire, without any driver: strictness, physics, faults."""
 
 import struct
-import time
 from collections.abc import Iterator
 
 import dynamixel_sdk
 import pytest
 import serial
 
-from sim_fakes.clock import SimClock
+import timing
+from drivers.dynamixel.bus import _Port as Port
 from sim_fakes.dynamixel import DynamixelFake, crc16, stuffed, unstuffed
 from sim_fakes.plant import Plant
+from timing import RigClock
 
 RANGE, LENGTH, LIMIT, ACCESS, CRC, UNDEFINED = 4, 5, 6, 7, 3, 2
 TORQUE, GOAL_CURRENT, GOAL, POSITION = 64, 102, 116, 132
@@ -21,7 +22,7 @@ class Wire:
 
     def __init__(self, fake: DynamixelFake) -> None:
         self.fake = fake
-        self.port = serial.Serial(fake.port, 57600)
+        self.port = serial.serial_for_url(fake.port, 57600)
 
     def ask(
         self, instruction: int, params: bytes = b"", servo: int = 1, damage: bool = False, within: float = 20.0
@@ -59,7 +60,7 @@ def plant() -> Plant:
 
 @pytest.fixture
 def wire(plant: Plant) -> Iterator[Wire]:
-    fake = DynamixelFake(plant, SimClock(20.0))
+    fake = DynamixelFake(plant, RigClock(20.0))
     fake.start()
     wire = Wire(fake)
     yield wire
@@ -143,8 +144,8 @@ def test_sync_and_bulk_instructions_reach_the_servo_among_others(wire: Wire) -> 
 def test_the_makers_own_groups_read_and_write(wire: Wire) -> None:
     packets = dynamixel_sdk.PacketHandler(2.0)
     wire.port.close()
-    port = dynamixel_sdk.PortHandler(wire.fake.port)
-    assert port.openPort() and port.setBaudRate(57600)
+    port = Port(wire.fake.port, 1.0)
+    assert port.openPort()
     try:
         assert packets.broadcastPing(port)[0] == {1: [1020, 45]}
         write = dynamixel_sdk.GroupSyncWrite(port, packets, GOAL_CURRENT, 2)
@@ -161,7 +162,7 @@ def test_the_makers_own_groups_read_and_write(wire: Wire) -> None:
 
 def test_the_makers_fast_groups_read(wire: Wire) -> None:
     wire.port.close()
-    port, packets = dynamixel_sdk.PortHandler(wire.fake.port), dynamixel_sdk.PacketHandler(2.0)
+    port, packets = Port(wire.fake.port, 1.0), dynamixel_sdk.PacketHandler(2.0)
     assert port.openPort()
     try:
         sync = dynamixel_sdk.GroupSyncRead(port, packets, POSITION, 4)
@@ -236,10 +237,10 @@ def test_a_watchdog_that_trips_forgets_the_homing_offset(wire: Wire) -> None:
     assert wire.write(TORQUE, b"\1") == 0
     start = wire.fake.motor.length
     assert wire.write(98, b"\1") == 0
-    deadline = time.monotonic() + 20
+    deadline = timing.now() + 20
     while abs(wire.fake.motor.length - start) < 0.02:
-        assert time.monotonic() < deadline, "the shaft stands still"
-        time.sleep(0.01)
+        assert timing.now() < deadline, "the shaft stands still"
+        timing.sleep(0.01)
 
 
 def test_an_unknown_instruction_is_refused(wire: Wire) -> None:
@@ -248,7 +249,7 @@ def test_an_unknown_instruction_is_refused(wire: Wire) -> None:
 
 def test_the_drum_follows_its_goal_at_profile_velocity() -> None:
     plant = Plant()
-    motor = DynamixelFake(plant, SimClock()).motor
+    motor = DynamixelFake(plant, RigClock()).motor
     start = motor.counts
     for address, value in ((11, 5), (112, 131), (TORQUE, 1), (GOAL, start + 4096)):
         motor.put(address, value)
@@ -263,13 +264,13 @@ def test_the_drum_follows_its_goal_at_profile_velocity() -> None:
 def test_nothing_moves_without_torque(wire: Wire, plant: Plant) -> None:
     wire.write(11, b"\5")
     wire.write(GOAL, struct.pack("<i", 9000))
-    time.sleep(0.1)
+    timing.sleep(0.1)
     assert plant.spine_drive == pytest.approx(0.03)
 
 
 def test_a_blocked_spine_overloads_the_motor_after_about_a_second_of_rig_time() -> None:
     plant = Plant(spine_blocked=True)
-    motor = DynamixelFake(plant, SimClock()).motor
+    motor = DynamixelFake(plant, RigClock()).motor
     motor.put(11, 5)
     motor.put(102, 400)
     motor.put(64, 1)
@@ -284,7 +285,7 @@ def test_a_blocked_spine_overloads_the_motor_after_about_a_second_of_rig_time() 
 
 
 def test_a_restart_keeps_the_angle_within_a_turn_only() -> None:
-    motor = DynamixelFake(Plant(), SimClock()).motor
+    motor = DynamixelFake(Plant(), RigClock()).motor
     motor.place(10_000)
     motor.restart()
     assert motor.counts == 10_000 % 4096
@@ -294,10 +295,10 @@ def test_goals_are_read_only_after_the_watchdog_tripped(wire: Wire) -> None:
     wire.write(11, b"\5")
     wire.write(TORQUE, b"\1")
     wire.write(98, b"\1")
-    deadline = time.monotonic() + 20
+    deadline = timing.now() + 20
     while wire.ask(2, struct.pack("<HH", 98, 1)) != (0, b"\xff"):
-        assert time.monotonic() < deadline
-        time.sleep(0.1)  # each instruction feeds the watchdog of 20 ms
+        assert timing.now() < deadline
+        timing.sleep(0.1)  # each instruction feeds the watchdog of 20 ms
     assert wire.write(GOAL, struct.pack("<i", 0)) == RANGE
     assert wire.write(98, b"\0") == 0
     assert wire.write(GOAL, struct.pack("<i", 0)) == 0

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 
 import pytest
 import serial
 
+import timing
 from sim_fakes.accidents import ACCIDENTS
 from sim_fakes.faults import FAULTS, INSTRUMENTS
 from sim_fakes.pty_fake import Faults
@@ -67,14 +67,14 @@ def test_the_panel_of_an_alicat_names_its_units() -> None:
 
 def test_a_pulled_cable_is_an_error_and_the_port_comes_back(rig: FakeRig) -> None:
     line = rig.lines["valve"]
-    with serial.Serial(line.port, 19200, timeout=0.1) as port:
+    with serial.serial_for_url(line.port, 19200, timeout=0.1) as port:
         line.unplug()
         with pytest.raises((OSError, serial.SerialException)):
             for _ in range(20):
                 port.write(b"ver\r")
-                time.sleep(0.01)
+                timing.sleep(0.01)
     line.plug()
-    with serial.Serial(line.port, 19200, timeout=0.1) as port:
+    with serial.serial_for_url(line.port, 19200, timeout=0.1) as port:
         port.write(b"ver\r")
 
 

@@ -1,21 +1,21 @@
 """The fake FT 300-S on the wire: Modbus frames as bytes, and the stream."""
 
 import struct
-import time
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
 import serial
 
-from sim_fakes.clock import SimClock
+import timing
 from sim_fakes.ft300s import Ft300sFake, crc16
 from sim_fakes.plant import Plant
+from timing import RigClock
 
 
 @pytest.fixture
 def fake() -> Iterator[Ft300sFake]:
-    fake = Ft300sFake(Plant(), SimClock(speed=20), seed=5)
+    fake = Ft300sFake(Plant(), RigClock(speed=20), seed=5)
     fake.start()
     yield fake
     fake.stop()
@@ -23,7 +23,7 @@ def fake() -> Iterator[Ft300sFake]:
 
 @pytest.fixture
 def port(fake: Ft300sFake) -> Iterator[serial.Serial]:
-    with serial.Serial(fake.port, 19200, timeout=0.1) as port:
+    with serial.serial_for_url(fake.port, 19200, timeout=0.1) as port:
         yield port
 
 
@@ -90,7 +90,7 @@ def test_a_wrong_crc_is_met_with_silence(port: serial.Serial) -> None:
 def test_a_pause_inside_a_request_breaks_it(port: serial.Serial) -> None:
     whole = bytes.fromhex("090300B40001C564")
     port.write(whole[:4])
-    time.sleep(0.05)
+    timing.sleep(0.05)
     port.write(whole[4:])
     assert port.read(10) == b""
 
@@ -108,21 +108,21 @@ def test_starting_the_stream_is_acknowledged_and_then_modbus_is_dead(port: seria
 def test_only_fifty_stop_bytes_in_a_row_end_the_stream(fake: Ft300sFake, port: serial.Serial) -> None:
     fake.device.streaming = True
     port.write(b"\xff" * 49 + b"\x00" + b"\xff" * 49)
-    time.sleep(0.1)
+    timing.sleep(0.1)
     assert fake.device.streaming
     port.write(b"\xff" * 50)
-    deadline = time.monotonic() + 20
+    deadline = timing.now() + 20
     while fake.device.streaming:
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+        assert timing.now() < deadline
+        timing.sleep(0.01)
 
 
 def test_the_stream_keeps_a_hundred_frames_a_second_of_host_time(fake: Ft300sFake, port: serial.Serial) -> None:
     port.timeout = 60
-    start = time.monotonic()
+    start = timing.now()
     fake.device.streaming = True
     assert len(port.read(16 * 100)) == 16 * 100
-    assert time.monotonic() - start > 0.9
+    assert timing.now() - start > 0.9
 
 
 def test_force_and_moment_follow_the_probe(fake: Ft300sFake) -> None:

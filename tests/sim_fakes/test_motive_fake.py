@@ -1,20 +1,19 @@
 """The fake Motive on its wire, without any driver."""
 
 import random
-import select
 import socket
 import struct
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
 
-from sim_fakes.clock import SimClock
+import timing
 from sim_fakes.motive import CLIENT_TIMEOUT, MotiveFake, quaternion_xyzw, rotation_matrix
 from sim_fakes.plant import Plant
+from timing import RigClock
 
 CONNECT, SERVERINFO, REQUEST_MODELDEF, MODELDEF, FRAME, KEEPALIVE = 0, 1, 4, 5, 7, 10
 ECHO_REQUEST, ECHO_RESPONSE, UNRECOGNIZED, DISCONNECT = 12, 13, 100, 9
@@ -35,9 +34,9 @@ class Host:
 
     def receive(self, wanted: int, within: float = 20.0) -> tuple[bytes, int] | None:
         """Payload and source port of the next message of this id; None when none comes."""
-        deadline = time.monotonic() + within
-        while (left := deadline - time.monotonic()) > 0:
-            if select.select([self.socket], [], [], left)[0]:
+        deadline = timing.now() + within
+        while (left := deadline - timing.now()) > 0:
+            if timing.readable([self.socket], left):
                 data, source = self.socket.recvfrom(65536)
                 message, size = struct.unpack("<HH", data[:4])
                 assert size == len(data) - 4
@@ -49,7 +48,7 @@ class Host:
 @pytest.fixture
 def host() -> Iterator[Host]:
     address = f"127.{random.randint(1, 254)}.{random.randint(1, 254)}.{random.randint(2, 254)}"
-    fake = MotiveFake(Plant(), SimClock(), address)
+    fake = MotiveFake(Plant(), RigClock(), address)
     fake.start()
     host = Host(fake)
     yield host
@@ -83,21 +82,21 @@ def test_nobody_gets_frames_without_connecting_or_after_disconnecting(host: Host
     host.send(CONNECT)
     assert host.receive(FRAME) is not None
     host.send(DISCONNECT)
-    deadline = time.monotonic() + 60
-    while select.select([host.socket], [], [], 0.2)[0]:
-        assert time.monotonic() < deadline, "frames still come"
-        host.socket.recv(65536)
+    deadline = timing.now() + 60
+    while timing.readable([host.socket], 0.2):
+        assert timing.now() < deadline, "frames still come"
+        timing.recv(host.socket, 65536)
 
 
 def test_frames_come_no_faster_than_the_rate_of_the_host(host: Host) -> None:
     host.send(CONNECT)
     host.receive(FRAME)
     start = host.fake.frame
-    begun = time.monotonic()
+    begun = timing.now()
     while host.fake.frame < start + 40:
-        assert time.monotonic() < begun + 60
-        time.sleep(0.01)
-    assert (host.fake.frame - start) / (time.monotonic() - begun) < 110
+        assert timing.now() < begun + 60
+        timing.sleep(0.01)
+    assert (host.fake.frame - start) / (timing.now() - begun) < 110
 
 
 def test_a_datagram_of_another_length_than_announced_is_dropped(host: Host) -> None:
@@ -114,11 +113,11 @@ def test_requests_without_content_may_end_with_the_zero_byte_of_the_makers_sampl
     assert host.receive(MODELDEF) is not None
     for content in (b"\0", b""):
         heard = host.fake.keep_alives
-        until = time.monotonic() + 2.5
-        while time.monotonic() < until:
+        until = timing.now() + 2.5
+        while timing.now() < until:
             host.send(KEEPALIVE, content, announced=0)
             assert host.receive(FRAME) is not None
-            time.sleep(0.02)
+            timing.sleep(0.02)
         assert host.fake.keep_alives > heard
 
 
@@ -134,13 +133,13 @@ def test_an_independent_client_hears_frames_for_longer_than_a_client_is_remember
     client.on_data_description_received_event.handlers.append(models.append)
     client.connect()
     client.request_modeldef()
-    until = time.monotonic() + CLIENT_TIMEOUT + 2
-    while time.monotonic() < until:
+    until = timing.now() + CLIENT_TIMEOUT + 2
+    while timing.now() < until:
         client.update_sync()
-        time.sleep(0.05)
+        timing.sleep(0.05)
     count = len(frames)
     client.update_sync()
-    time.sleep(0.1)
+    timing.sleep(0.1)
     client.update_sync()
     assert len(frames) > count and models
     client.shutdown()
@@ -162,7 +161,7 @@ for version in (None, (3, 1)):
         client.set_nat_net_version(*version)
     bodies.clear()
     while len(bodies) < 5:
-        time.sleep(0.05)
+        timing.sleep(0.05)
     print("BODIES", *sorted(bodies), flush=True)
 os._exit(0)  # its threads wait for ever
 """
@@ -220,7 +219,7 @@ def test_remote_requests_are_answered(host: Host) -> None:
 
 
 def test_a_client_of_old_counts_the_header_and_gets_the_short_description() -> None:
-    fake = MotiveFake(Plant(), SimClock(), f"127.6.{random.randint(1, 254)}.{random.randint(2, 254)}", version=(2, 9))
+    fake = MotiveFake(Plant(), RigClock(), f"127.6.{random.randint(1, 254)}.{random.randint(2, 254)}", version=(2, 9))
     fake.start()
     host = Host(fake)
     try:
@@ -257,7 +256,7 @@ def test_model_definitions_name_tip_base_and_markers(host: Host) -> None:
 
 
 def test_stamps_are_rig_time_at_any_speed() -> None:
-    clock = SimClock(50.0)
+    clock = RigClock(50.0)
     fake = MotiveFake(Plant(), clock, f"127.9.{random.randint(1, 254)}.{random.randint(2, 254)}")
     payload = fake._frame_payload(fake.version)
     stamp = struct.unpack("<d", payload[-4 - 2 - 8 - 24 - 8 : -4 - 2 - 8 - 24])[0]
@@ -277,7 +276,7 @@ def test_the_quaternion_of_a_rotation_gives_it_back() -> None:
 
 def test_equal_seeds_give_equal_noise() -> None:
     def frames(seed: int) -> list[np.ndarray]:
-        fake = MotiveFake(Plant(), SimClock(), f"127.8.{random.randint(1, 254)}.{random.randint(2, 254)}", seed=seed)
+        fake = MotiveFake(Plant(), RigClock(), f"127.8.{random.randint(1, 254)}.{random.randint(2, 254)}", seed=seed)
         fake._look()
         fake.stop()
         return [body.position for body in fake.bodies]

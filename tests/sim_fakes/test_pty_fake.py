@@ -1,21 +1,21 @@
 """The common faults of a fake on a pty, seen by a plain serial port."""
 
 import os
-import time
 from collections.abc import Iterator
 
 import pytest
 import serial
 
-from sim_fakes.clock import SimClock
+import timing
 from sim_fakes.pty_fake import PtyFake
+from timing import RigClock
 
 
 class Echo(PtyFake):
     """Sends every line back, and counts the rig time that its physics has seen."""
 
     def __init__(self) -> None:
-        super().__init__("echo", SimClock(), baud=115200, seed=1)
+        super().__init__("echo", RigClock(), baud=115200, seed=1)
         self.processed = 0.0
 
     def process(self, dt: float) -> None:
@@ -86,16 +86,16 @@ def test_split_answers_are_whole_in_the_end(echo: Echo, port: serial.Serial) -> 
 
 def test_delay_holds_the_answer_back(echo: Echo, port: serial.Serial) -> None:
     echo.faults.delay = 0.15
-    start = time.monotonic()
+    start = timing.now()
     assert ask(port) == b"0123456789\n"
-    assert time.monotonic() - start >= 0.15
+    assert timing.now() - start >= 0.15
 
 
 def test_freeze_stops_the_physics_but_not_the_answers(echo: Echo, port: serial.Serial) -> None:
     echo.faults.freeze = True
     ask(port)
     before = echo.processed
-    time.sleep(0.1)
+    timing.sleep(0.1)
     assert ask(port) == b"0123456789\n"
     assert echo.processed == before
 

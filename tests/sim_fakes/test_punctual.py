@@ -9,7 +9,7 @@ from sim_fakes.punctual import LATE, Silence
 
 def test_silence_is_counted_while_the_fake_is_awake(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 100.0
-    monkeypatch.setattr("time.monotonic", lambda: now)
+    monkeypatch.setattr("timing.now", lambda: now)
     silence = Silence()
     for _ in range(20):
         now += 0.02

@@ -1,14 +1,14 @@
 """What the fake ITV answers, line by line, to a plain serial port."""
 
-import time
 from collections.abc import Callable, Iterator
 
 import pytest
 import serial
 
-from sim_fakes.clock import SimClock
+import timing
 from sim_fakes.plant import Plant
 from sim_fakes.smc_itv import SmcItvFake
+from timing import RigClock
 
 Ask = Callable[[str], str]
 
@@ -20,7 +20,7 @@ def plant() -> Plant:
 
 @pytest.fixture
 def fake(plant: Plant) -> Iterator[SmcItvFake]:
-    fake = SmcItvFake(plant, SimClock(speed=20), chambers=(4, 5), seed=3)
+    fake = SmcItvFake(plant, RigClock(speed=20), chambers=(4, 5), seed=3)
     fake.start()
     yield fake
     fake.stop()
@@ -28,7 +28,7 @@ def fake(plant: Plant) -> Iterator[SmcItvFake]:
 
 @pytest.fixture
 def ask(fake: SmcItvFake) -> Iterator[Ask]:
-    with serial.Serial(fake.port, 9600, timeout=20) as port:
+    with serial.serial_for_url(fake.port, 9600, timeout=20) as port:
 
         def ask(words: str, end: str = "\r\n") -> str:
             port.reset_input_buffer()
@@ -66,17 +66,17 @@ def test_the_measured_pressure_is_in_counts_of_the_range(ask: Ask, plant: Plant)
 
 
 def test_a_poll_that_comes_too_soon_is_not_answered(ask: Ask, fake: SmcItvFake) -> None:
-    with serial.Serial(fake.port, 9600, timeout=20) as port:
+    with serial.serial_for_url(fake.port, 9600, timeout=20) as port:
         port.write(b"REQ\r\nREQ\r\n")
         assert port.read_until(b"\r\n") == b"0\r\n"
         port.timeout = 0.2
         assert port.read(1) == b""
-    time.sleep(0.1)
+    timing.sleep(0.1)
     assert ask("REQ") == "0"
 
 
 def test_a_line_without_carriage_return_and_line_feed_is_not_a_line(fake: SmcItvFake) -> None:
-    with serial.Serial(fake.port, 9600, timeout=0.1) as port:
+    with serial.serial_for_url(fake.port, 9600, timeout=0.1) as port:
         port.write(b"SET 5\r")
         assert port.read(10) == b""
         port.timeout = 20

@@ -1,15 +1,15 @@
 """The fake TMCM-1260 on its wire, without any driver."""
 
 import struct
-import time
 from collections.abc import Iterator
 
 import pytest
 import serial
 
-from sim_fakes.clock import SimClock
+import timing
 from sim_fakes.plant import Plant
 from sim_fakes.tmcl import TmclFake
+from timing import RigClock
 
 OK = 100
 MST, MVP, SAP, GAP, RFS = 3, 4, 5, 6, 13
@@ -20,7 +20,7 @@ class Wire:
 
     def __init__(self, fake: TmclFake) -> None:
         self.fake = fake
-        self.port = serial.Serial(fake.port, 115200)
+        self.port = serial.serial_for_url(fake.port, 115200)
 
     def ask(
         self, command: int, kind: int, value: int = 0, address: int = 1, damage: int = 0, within: float = 20.0
@@ -45,7 +45,7 @@ def plant() -> Plant:
 
 @pytest.fixture
 def wire(plant: Plant, request: pytest.FixtureRequest) -> Iterator[Wire]:
-    fake = TmclFake(plant, SimClock(getattr(request, "param", 20.0)))
+    fake = TmclFake(plant, RigClock(getattr(request, "param", 20.0)))
     fake.start()
     wire = Wire(fake)
     yield wire
@@ -79,12 +79,12 @@ def test_a_wrong_checksum_is_refused(wire: Wire) -> None:
 
 def test_half_a_frame_is_forgotten(wire: Wire) -> None:
     wire.port.write(b"\x01\x06\x01")
-    time.sleep(0.15)
+    timing.sleep(0.15)
     assert wire.ask(GAP, 0) == (OK, 0)
 
 
 def test_it_moves_at_its_maximum_speed(plant: Plant) -> None:
-    drum = TmclFake(plant, SimClock()).drum
+    drum = TmclFake(plant, RigClock()).drum
     drum.parameters[4] = 51200
     drum.go(51200)
     drum.process(0.5)
@@ -96,7 +96,7 @@ def test_it_moves_at_its_maximum_speed(plant: Plant) -> None:
 
 
 def test_a_spine_that_does_not_follow_stops_the_module_and_reading_clears_the_flag(plant: Plant) -> None:
-    fake = TmclFake(plant, SimClock())
+    fake = TmclFake(plant, RigClock())
     plant.spine_blocked = True
     fake.drum.parameters[212] = 1000
     fake.drum.go(50_000)
@@ -107,7 +107,7 @@ def test_a_spine_that_does_not_follow_stops_the_module_and_reading_clears_the_fl
 
 
 def test_relative_motions_and_rotations(plant: Plant) -> None:
-    fake = TmclFake(plant, SimClock(20.0))
+    fake = TmclFake(plant, RigClock(20.0))
     fake.start()
     wire = Wire(fake)
     try:
@@ -116,10 +116,10 @@ def test_relative_motions_and_rotations(plant: Plant) -> None:
         assert wire.ask(GAP, 0) == (OK, 750)
         for command, sign in ((1, 1), (2, -1)):
             assert wire.ask(command, 0, 5120) == (OK, 5120)
-            deadline = time.monotonic() + 20
+            deadline = timing.now() + 20
             while fake.drum.speed * sign < 5000:
-                assert time.monotonic() < deadline, "does not turn"
-                time.sleep(0.01)
+                assert timing.now() < deadline, "does not turn"
+                timing.sleep(0.01)
             assert wire.ask(MST, 0) == (OK, 0)
             assert wire.ask(GAP, 3) == (OK, 0)
         assert wire.ask(GAP, 4) == (OK, 51200)
@@ -171,9 +171,9 @@ def test_the_reference_search_zeroes_steps_and_encoder_at_the_switch(wire: Wire,
     wire.ask(SAP, 194, 20480)
     assert wire.ask(RFS, 0) == (OK, 0)
     assert wire.ask(RFS, 2) == (OK, 1)
-    deadline = time.monotonic() + 60
-    while wire.ask(RFS, 2) != (OK, 0) and time.monotonic() < deadline:
-        time.sleep(0.01)
+    deadline = timing.now() + 60
+    while wire.ask(RFS, 2) != (OK, 0) and timing.now() < deadline:
+        timing.sleep(0.01)
     assert wire.ask(GAP, 1) == (OK, 0)
     assert wire.ask(GAP, 209) == (OK, 0)
     assert plant.spine_drive == 0.0
@@ -181,8 +181,8 @@ def test_the_reference_search_zeroes_steps_and_encoder_at_the_switch(wire: Wire,
 
 def test_the_switch_stops_a_motion_towards_it(wire: Wire, plant: Plant) -> None:
     wire.ask(MVP, 0, -51200)
-    deadline = time.monotonic() + 60
+    deadline = timing.now() + 60
     while wire.ask(GAP, 11) != (OK, 1):
-        assert time.monotonic() < deadline
+        assert timing.now() < deadline
     assert wire.ask(GAP, 3) == (OK, 0)
     assert plant.spine_drive == 0.0

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sim_fakes.ur import kinematics as k
-from sim_fakes.ur.controller import PLAYING, STOPPED, UPTIME, Controller
+from sim_fakes.ur.controller import UPTIME, Controller, Runtime
 from sim_fakes.ur.dashboard import answer
 from sim_fakes.ur.motion import START_JOINTS, Arm, JointMove, LinearMove, Motion, Profile, ProgramError, stop_linear
 
@@ -28,7 +28,7 @@ def playing(speed: float = 1.0) -> Controller:
     """A controller that runs the control script."""
     controller = Controller(speed=speed)
     controller.load(PROGRAM)
-    assert controller.runtime == PLAYING
+    assert controller.runtime == Runtime.PLAYING
     return controller
 
 
@@ -188,7 +188,7 @@ def test_the_speed_slider_slows_the_motion_down() -> None:
 def test_what_the_script_cannot_do_ends_it_with_a_reason(code: int, doubles: list[float], reason: str) -> None:
     controller = playing()
     command(controller, code, doubles)
-    assert controller.runtime == STOPPED
+    assert controller.runtime == Runtime.STOPPED
     assert reason in controller.ended[-1]
 
 
@@ -211,10 +211,10 @@ def test_the_watchdog_ends_a_program_that_is_no_longer_written_to() -> None:
         controller.write("input_int_register_0", 0)
         for _ in range(5):
             controller.advance()
-    assert controller.runtime == PLAYING
+    assert controller.runtime == Runtime.PLAYING
     for _ in range(13):
         controller.advance()
-    assert controller.runtime == STOPPED and "watchdog" in controller.ended[-1]
+    assert controller.runtime == Runtime.STOPPED and "watchdog" in controller.ended[-1]
 
 
 def test_cycles_that_a_late_host_makes_up_count_by_the_time_they_took() -> None:
@@ -225,24 +225,24 @@ def test_cycles_that_a_late_host_makes_up_count_by_the_time_they_took() -> None:
     for _ in range(22):
         controller.advance(0.5 * controller.period)
     controller.advance(1.0)
-    assert controller.runtime == PLAYING
+    assert controller.runtime == Runtime.PLAYING
     for _ in range(2):
         controller.advance(0.5 * controller.period)
-    assert controller.runtime == STOPPED and "watchdog" in controller.ended[-1]
+    assert controller.runtime == Runtime.STOPPED and "watchdog" in controller.ended[-1]
 
 
 def test_no_program_starts_during_a_protective_stop() -> None:
     controller = playing()
     controller.protective_stop("test")
     controller.load(PROGRAM)
-    assert controller.runtime == STOPPED
+    assert controller.runtime == Runtime.STOPPED
     assert controller.ended[-1] == "rtde_control not started: the arm is not ready"
     assert answer(controller, "safetystatus") == "Safetystatus: PROTECTIVE_STOP"
     assert answer(controller, "unlock protective stop").startswith("Cannot unlock protective stop until 5s")
     after(controller, 5.1)
     assert answer(controller, "unlock protective stop") == "Protective stop releasing"
     controller.load(PROGRAM)
-    assert controller.runtime == PLAYING
+    assert controller.runtime == Runtime.PLAYING
 
 
 def after(controller: Controller, seconds: float) -> None:

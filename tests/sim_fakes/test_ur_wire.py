@@ -7,11 +7,11 @@ import socket
 import struct
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 
 import pytest
 
+import timing
 from sim_fakes.ur.process import UrProcess, free_host
 from sim_fakes.ur.server import POSE_DATAGRAM
 
@@ -95,10 +95,10 @@ def test_a_register_belongs_to_one_client_until_it_leaves(process: UrProcess, cl
     other = Client(process.host)
     assert other.ask("I", b"input_int_register_20,") == b"\x00IN_USE"
     client.close()
-    deadline = time.monotonic() + 60.0
+    deadline = timing.now() + 60.0
     tried = 2
     while (answer := other.ask("I", b"input_int_register_20,"))[1:] != b"INT32":
-        assert answer == b"\x00IN_USE" and time.monotonic() < deadline
+        assert answer == b"\x00IN_USE" and timing.now() < deadline
         tried += 1
     assert answer[0] == tried  # those that were rejected keep their numbers
     other.close()
@@ -213,13 +213,13 @@ def test_the_plant_is_told_the_pose_each_cycle_in_rig_time() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as plant:
         plant.bind((free_host(), 0))
         plant.settimeout(60.0)
-        start = time.monotonic()
+        start = timing.now()
         process = UrProcess(speed=10.0, pose_to=plant.getsockname(), clock_start=start)
         try:
             pose = [0.4, -0.2, 0.3, 0.0, math.pi, 0.0]
             process.backdoor("set", pose=pose)
             poses = [POSE_DATAGRAM.unpack(plant.recv(1024)) for _ in range(200)]
-            latest = (time.monotonic() - start) * 10.0
+            latest = (timing.now() - start) * 10.0
         finally:
             process.stop()
     steps = [b[0] - a[0] for a, b in zip(poses, poses[1:], strict=False)]
@@ -232,14 +232,14 @@ def test_it_ends_with_the_process_that_started_it() -> None:
     host = free_host()
     parent = f"import os; from sim_fakes.ur.process import UrProcess; UrProcess({host!r}); os._exit(0)"
     subprocess.run([sys.executable, "-c", parent], check=True, timeout=600)
-    deadline = time.monotonic() + 60.0
+    deadline = timing.now() + 60.0
     while True:
         try:
             socket.create_connection((host, 30004), timeout=1.0).close()
         except ConnectionError:
             return
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
+        assert timing.now() < deadline
+        timing.sleep(0.05)
 
 
 @pytest.mark.parametrize("arguments", [["--host", "10.0.0.1"], ["--host", "127.0.0.9", "--speed", "0"]])

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 import pytest
 import serial
 
-from sim_fakes.clock import SimClock
 from sim_fakes.numato import NumatoFake
 from sim_fakes.pfeiffer import PfeifferFake, checksum, pressure_digits
 from sim_fakes.plant import Plant
+from timing import RigClock
 
 
 @pytest.fixture
@@ -19,18 +19,18 @@ def plant() -> Plant:
 
 @pytest.fixture
 def relay(plant: Plant) -> Iterator[serial.Serial]:
-    fake = NumatoFake(plant, SimClock(20.0))
+    fake = NumatoFake(plant, RigClock(20.0))
     fake.start()
-    with serial.Serial(fake.port, 19200, timeout=20) as port:
+    with serial.serial_for_url(fake.port, 19200, timeout=20) as port:
         yield port
     fake.stop()
 
 
 @pytest.fixture
 def gauge(plant: Plant) -> Iterator[serial.Serial]:
-    fake = PfeifferFake(plant, SimClock(20.0), noise=0.0)
+    fake = PfeifferFake(plant, RigClock(20.0), noise=0.0)
     fake.start()
-    with serial.Serial(fake.port, 9600, timeout=20) as port:
+    with serial.serial_for_url(fake.port, 9600, timeout=20) as port:
         yield port
     fake.stop()
 
@@ -93,7 +93,7 @@ def test_a_telegram_that_is_not_exact_or_not_for_this_gauge_meets_silence(
 
 
 def test_noise_is_a_share_of_the_reading() -> None:
-    fake = PfeifferFake(Plant(), SimClock(), noise=0.01)
+    fake = PfeifferFake(Plant(), RigClock(), noise=0.01)
     fake.random = random.Random(1)
     sent: list[bytes] = []
     fake.send = sent.append  # type: ignore[method-assign]

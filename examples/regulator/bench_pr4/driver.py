@@ -10,10 +10,11 @@ from pydantic import Field, model_validator
 from drivers.chambers import ChamberMap
 from drivers.configs import RegulatorsConfig
 from drivers.errors import BadReply, DeviceFault, InstrumentError, NoReply, NotReady, Unreachable, WrongDevice
-from drivers.interfaces import Clock, Identity, PressureSample
+from drivers.interfaces import Identity, PressureSample
 from drivers.pressure_limits import PressureLimits
 from drivers.registry import Driver
 from drivers.serial_line import SerialLine, show
+from timing import Clock
 
 from . import BAUD, COUNT
 

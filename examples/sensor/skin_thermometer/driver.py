@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import re
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from pydantic import Field
 
+import timing
 from drivers.configs import SensorConfig
 from drivers.errors import BadReply, InstrumentError, NoReply, NotReady, StaleReading, Unreachable, WrongDevice
-from drivers.interfaces import Clock, Identity, Sink
+from drivers.interfaces import Identity, Sink
 from drivers.registry import Driver
 from drivers.serial_line import SerialLine, show
+from timing import Clock
 
 from . import BAUD
 
@@ -48,7 +49,7 @@ class SkinThermometer:
         self._line = SerialLine(name, config.port, BAUD, config.timeout)
         self._newest: tuple[float, Sample] | None = None
         self._broken: InstrumentError | None = None
-        self._stopping = threading.Event()
+        self._stopping = timing.Event()
         self._thread: threading.Thread | None = None
 
     def open(self) -> Identity:
@@ -65,7 +66,7 @@ class SkinThermometer:
             raise kind(self.name, e.message) from e
         self._stopping.clear()
         self._broken = None
-        self._thread = threading.Thread(target=self._run, name=self.name, daemon=True)
+        self._thread = timing.Thread(target=self._run, name=self.name, daemon=True)
         self._thread.start()
         return Identity("Bench", "skin thermometer")
 
@@ -84,7 +85,7 @@ class SkinThermometer:
         if self._broken is not None:
             raise self._broken
         at, sample = self._newest
-        if time.monotonic() - at > self._config.max_age:
+        if timing.now() - at > self._config.max_age:
             raise StaleReading(self.name, f"no line for more than {self._config.max_age:g} s; check its cable")
         return sample
 
@@ -94,7 +95,7 @@ class SkinThermometer:
         if found is None:
             raise BadReply(self.name, f"{self._config.port} sends {show(line)}, no reading; check the port")
         sample = Sample(self._clock.now(), float(found[1]), float(found[2]))
-        self._newest = time.monotonic(), sample
+        self._newest = timing.now(), sample
         self._sink(sample)
 
     def _run(self) -> None:

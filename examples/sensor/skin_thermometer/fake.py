@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import time
-
+import timing
 from sim_fakes.instrument import Fake, Site
 from sim_fakes.pty_fake import PtyFake
 
@@ -16,7 +15,7 @@ class SkinThermometerFake(PtyFake):
     def __init__(self, site: Site) -> None:
         super().__init__("skin", site.clock, BAUD, site.seed)
         self.plant = site.plant
-        self._due = time.monotonic()
+        self._due = timing.now()
 
     def feed(self) -> bool:
         """It listens to nobody."""
@@ -25,7 +24,7 @@ class SkinThermometerFake(PtyFake):
 
     def idle(self) -> float | None:
         """Send a line when one is due."""
-        now = time.monotonic()
+        now = timing.now()
         if now >= self._due:
             with self.plant.lock:
                 kelvin = 296.0 + 5e-6 * float(self.plant.chamber_pressure.mean()) + self.random.gauss(0.0, 0.02)

@@ -10,18 +10,13 @@ from numpy.typing import NDArray
 
 from model.condition import USED
 from model.effects.quantities import Quantities
-from model.effects.shows import by_chambers, chambers_apart, directions_apart
+from model.effects.shows import by_chambers, chambers_apart, directions_apart, set_points
 from model.effects.spec import EffectSpec, Law, Parameter, Values
 
-FULL = 250e3
-"""Pa, the pressure that ballooning is quoted at."""
 DEADBAND_SOFTNESS = 0.2
 """Width of the smooth corner of a dead band, in dead bands."""
-BALLOON_POWER = 1.25
 ORDERS = ((1, -1), (-1, -1), (-1, 0), (-1, 1), (1, 1))
 """Ways to connect hoses wrongly, as sense and start of counting: turned back, three mirror images, turned on."""
-ONSET_SOFTNESS = 0.5
-"""Width of the smooth corner where ballooning sets in, in onsets."""
 
 
 def _above(x: np.ndarray, soft: np.ndarray) -> np.ndarray:
@@ -45,6 +40,25 @@ def _time_offset(q: Quantities, v: Values) -> None:
     q.pressure = np.where(resting[:, None], np.maximum(shifted, np.minimum(q.pressure, 0.0)), shifted)
 
 
+def _pressure_lag(q: Quantities, v: Values) -> None:
+    """What a first-order low-pass still lacks of its set-point at the reading, what was lacking before it included."""
+    tau, p = v["constant"][..., None], q.pressure
+    known = tau > 0
+    tau = np.where(known, tau, 1.0)
+    first = np.ones(len(q.design), bool)
+    first[1:] = np.diff(q.design.trial) != 0
+    step = p - np.where(first[:, None], 0.0, np.roll(p, 1, axis=-2))
+    ramp = np.abs(step).max(axis=-1, keepdims=True) / np.maximum(q.design.rate, 1.0)[:, None]
+    held = np.exp(-q.design.hold[:, None] / tau)
+    slope = step / np.where(ramp > 0, ramp, 1.0)
+    own = slope * tau * -np.expm1(-ramp / tau) * held
+    kept = np.where(first[:, None], 0.0, held * np.exp(-ramp / tau))
+    lag = own
+    for _ in range(3):  # states before a reading whose lag it may still show
+        lag = own + kept * np.roll(lag, 1, axis=-2)
+    q.pressure = np.where(known & ~q.design.stiffness[:, None], p - lag, p)
+
+
 def _pressure_offset(q: Quantities, v: Values) -> None:
     share = np.where(q.design.used, 1.0, v["idle"][..., None])
     shifted = q.pressure + v["offset"][..., None] * share * ~q.design.stiffness[:, None]
@@ -65,13 +79,15 @@ def _pressure_deadband(q: Quantities, v: Values) -> None:
 
 
 def _chamber_ballooning(q: Quantities, v: Values) -> None:
-    power, onset = (x[..., None] for x in (BALLOON_POWER + v["power"], v["onset"]))
-    soft = ONSET_SOFTNESS * onset
+    power, onset = (x[..., None] for x in (1.25 + v["power"], v["onset"]))
+    # width of the smooth corner
+    soft = 0.5 * onset
 
     def beyond(p: np.ndarray) -> np.ndarray:
         return _above(p - onset, soft) - _above(-onset, soft)
 
-    grown = (beyond(np.maximum(q.pressure, 0.0)) / beyond(np.full_like(onset, FULL))) ** power
+    # ballooning is quoted at 250 kPa
+    grown = (beyond(np.maximum(q.pressure, 0.0)) / beyond(np.full_like(onset, 250e3))) ** power
     q.area_factor = q.area_factor * (1 + v["growth"][..., None] * grown)
 
 
@@ -130,6 +146,20 @@ SPECS = (
         law=Law(before=_time_offset),
         citation="kinematics of two clocks",
         seen_best_in="states read while ramping: the sign flips on the unload branch; grows with the ramp rate",
+    ),
+    EffectSpec(
+        id="pressure_lag",
+        label="regulators that lag behind their set-points",
+        says="the pressures follow their set-points with a time constant of {}",
+        stage="actuation",
+        equation="dP/dt = (P_set - P) / tau, where the table holds set-points: after a ramp of slope r and duration T, held for "
+        "h, P_set - P = r tau (1 - exp(-T / tau)) exp(-h / tau), and what the states before have left of theirs",
+        parameters=(Parameter("constant", "s", 1.0, 0.0, 20.0, sign="positive", starts=(0.5, 3.0)),),
+        law=Law(before=_pressure_lag),
+        citation="first-order regulator and hose, as of data sheets of proportional valves",
+        tolerated=False,
+        shown=set_points,
+        seen_best_in="states read soon after a ramp, on the way up and down; longer holds make it vanish",
     ),
     EffectSpec(
         id="pressure_offset",

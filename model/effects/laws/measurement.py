@@ -14,7 +14,6 @@ from model.effects.spec import EffectSpec, Law, Parameter, Values
 from model.rotation import to_base
 
 TURN = math.radians(1.5) / math.sqrt(3)
-OFF = 6e-3 / math.sqrt(3)
 
 
 def _stack(v: Values) -> np.ndarray:
@@ -52,7 +51,7 @@ SPECS = (
         says="the tip's marker sits {} off its place",
         stage="measurement",
         equation="p_read = p + R_tip d",
-        parameters=tuple(Parameter(axis, "m", OFF, -0.05, 0.05) for axis in "xyz"),
+        parameters=tuple(Parameter(axis, "m", 6e-3 / math.sqrt(3), -0.05, 0.05) for axis in "xyz"),
         law=Law(after=_marker_offset),
         citation="geometry",
         exact=True,

@@ -12,8 +12,6 @@ from model.effects.spec import EffectSpec, Law, Parameter, Values
 
 Array = NDArray[np.float64]
 
-SLIP_YIELD = 0.12
-"""1/m, change of curvature at which friction is half spent, before its shape parameter."""
 YIELDS = np.array([1 / 8, 1 / 2, 2.0, 8.0])
 """Spread of the sliding elements about it: a core slides in patches, all over the curvatures that the robot goes through."""
 GRIP = 0.10
@@ -27,7 +25,8 @@ def _spine_slip(h: History, v: Values) -> None:
     robot = h.quantities.robot
     if robot.spine is None:
         return
-    yields = SLIP_YIELD * np.exp(v["stroke"][:, :1]) * YIELDS
+    # 1/m, change of curvature at which friction is half spent
+    yields = 0.12 * np.exp(v["stroke"][:, :1]) * YIELDS
     long = h.quantities.spine_length
     built_up = np.where(long > GRIP, 1 - GRIP / (2 * np.maximum(long, GRIP)), long / (2 * GRIP))
     bend = h.sliding(h.drive[..., 0:2], yields)

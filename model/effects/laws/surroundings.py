@@ -11,11 +11,6 @@ from model.effects.rotations import rolled
 from model.effects.shows import by_chambers
 from model.effects.spec import EffectSpec, Law, Parameter, Values
 
-STIFFENED = 0.1
-"""rad, turn of a mount at which stiffening of 7 has halved its compliance."""
-PLANE = 0.07
-"""m from the axis to the obstacle, before its shape parameter."""
-
 
 def _vector(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """(v, n, 3) with z = 0."""
@@ -45,7 +40,8 @@ def _chamber_thrust(q: Quantities, v: Values) -> None:
 
 def _contact(q: Quantities, v: Values) -> None:
     q.plane_stiffness = q.plane_stiffness + v["stiffness"]
-    q.plane_distance = np.maximum(PLANE + v["distance"], 0.005)
+    # m from the axis to the obstacle
+    q.plane_distance = np.maximum(0.07 + v["distance"], 0.005)
     q.plane_turn = q.plane_turn + v["turn"]
     q.plane_lever = q.plane_lever + v["lever"]
 
@@ -57,7 +53,8 @@ def _base_tilt(q: Quantities, v: Values) -> None:
 def _base_compliance(q: Quantities, v: Values) -> None:
     q.base_compliance = q.base_compliance + v["give"]
     q.base_relief = q.base_relief + v["relief"]
-    q.base_stiffening = q.base_stiffening + v["stiffening"] / STIFFENED**2
+    # at a turn of 0.1 rad, stiffening of 7 has halved the compliance of a mount
+    q.base_stiffening = q.base_stiffening + v["stiffening"] / 0.1**2
     q.clamp_root = q.clamp_root + v["give"]
 
 

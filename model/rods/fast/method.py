@@ -20,12 +20,6 @@ Array = NDArray[np.float64]
 
 LEAST_MARGIN = 0.5
 """A direct solution with less margin to buckling is not trusted before its load was followed."""
-FOLLOW_FINER = 2.0
-"""Near buckling small errors grow: followed rods get so many times the divisions, and a hundredth of `close`."""
-CLOSEST = 1e-11
-"""What rounding lets a followed rod reach in any case."""
-STOP_MARGIN = 1e-3
-"""Following stops with less margin than this: the rod is at the point of snapping."""
 _NO_MEMORY = np.zeros((0, direct.MEMORY))
 
 
@@ -119,7 +113,8 @@ class Fast:
         form = rods.form
         found = values[doubtful, AT_RESIDUAL] < self.close
         reached = np.zeros(len(doubtful), np.int8)
-        settings = (FOLLOW_FINER * self.divisions, max(0.01 * self.close, CLOSEST), STOP_MARGIN)
+        # Near buckling small errors grow. Rounding lets a rod reach 1e-11 in any case; with a margin below 1e-3 it snaps.
+        settings = (2.0 * self.divisions, max(0.01 * self.close, 1e-11), 1e-3)
 
         def part(rows: slice) -> None:
             follow_load(rods.values, form.columns, full_of(form), settings, doubtful[rows], values, reached[rows])

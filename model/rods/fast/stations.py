@@ -15,9 +15,6 @@ from model.rods.solution import Solution
 
 Array = NDArray[np.float64]
 
-GAUSS = 8
-"""Points an element."""
-
 
 @dataclass(frozen=True)
 class Stations:
@@ -59,7 +56,7 @@ def stations(rods: Rods, solution: Solution, arc_lengths: ArrayLike, method: Fas
     return Stations(states_at(rods, solution, arcs, method.divisions, steps_of(rods, method.steps)))
 
 
-def gauss_points(rods: Rods, points: int = GAUSS) -> tuple[Array, Array]:
+def gauss_points(rods: Rods, points: int = 8) -> tuple[Array, Array]:
     """Arc lengths (n, elements points) in m, element by element, and weights (points,), of sum 1, of Gauss's rule."""
     places, weights = np.polynomial.legendre.leggauss(points)
     length = rods.field("length")

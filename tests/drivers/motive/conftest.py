@@ -15,9 +15,9 @@ from natnet_rig import IDENTITY, Make, free_host
 from drivers.frames import rotation_from_vector
 from drivers.interfaces import BodySample
 from drivers.natnet.driver import Config, NatNetMocap
-from sim_fakes.clock import SimClock
 from sim_fakes.motive import MotiveFake
 from sim_fakes.plant import Plant
+from timing import RigClock
 
 SERVER = os.environ.get("LAB_TEST_NATNET_SERVER")
 
@@ -37,7 +37,7 @@ def fake(plant: Plant, request: pytest.FixtureRequest) -> Iterator[MotiveFake]:
         pytest.skip("needs the fake server")
     changes = getattr(request, "param", {})
     values: dict[str, Any] = {"host": free_host(), "noise": 0.0, "angle_noise": 0.0} | changes
-    fake = MotiveFake(plant, SimClock(10.0), **values)
+    fake = MotiveFake(plant, RigClock(10.0), **values)
     fake.start()
     yield fake
     fake.stop()
@@ -60,7 +60,7 @@ def make(request: pytest.FixtureRequest, samples: list[BodySample]) -> Iterator[
             fake = request.getfixturevalue("fake")
             values = {"server": fake.host, "body": "Tip", "mocap_to_base": fake.mocap_to_base, "timeout": 1.0}
             values["max_age"] = 0.25
-        made.append(NatNetMocap("mocap", Config(**values | changes), SimClock(10.0), samples.append, notice))
+        made.append(NatNetMocap("mocap", Config(**values | changes), RigClock(10.0), samples.append, notice))
         return made[-1]
 
     yield make

@@ -2,9 +2,9 @@
 
 import random
 import socket
-import time
 from collections.abc import Callable
 
+import timing
 from drivers.errors import DeviceFault, InstrumentError, StaleReading
 from drivers.interfaces import BodySample
 from drivers.natnet.driver import NatNetMocap
@@ -26,10 +26,10 @@ def free_host() -> str:
 
 
 def wait(condition: Callable[[], bool], within: float = 60.0) -> None:
-    deadline = time.monotonic() + within
+    deadline = timing.now() + within
     while not condition():
-        assert time.monotonic() < deadline, "never happened"
-        time.sleep(0.005)
+        assert timing.now() < deadline, "never happened"
+        timing.sleep(0.005)
 
 
 def refused(mocap: NatNetMocap, kind: type[InstrumentError], text: str = "") -> None:

@@ -8,9 +8,9 @@ import struct
 import pytest
 
 from drivers.natnet.packets import SERVERINFO, Unreadable, definitions, frame, message, server_info
-from sim_fakes.clock import SimClock
 from sim_fakes.motive import MotiveFake
 from sim_fakes.plant import Plant
+from timing import RigClock
 
 VERSIONS = ((2, 6), (2, 11), (3, 1), (4, 0), (4, 1), (4, 2))
 
@@ -18,7 +18,7 @@ VERSIONS = ((2, 6), (2, 11), (3, 1), (4, 0), (4, 1), (4, 2))
 def seed_datagrams(version: tuple[int, int]) -> tuple[bytes, bytes]:
     """A frame and the definitions of a server of this version."""
     host = f"127.7.{random.randint(1, 254)}.{random.randint(2, 254)}"
-    fake = MotiveFake(Plant(), SimClock(), host, version=version)
+    fake = MotiveFake(Plant(), RigClock(), host, version=version)
     plate = struct.pack("<i", 1) + b"FP1\0" + bytes(4 * (2 + 3 + 144 + 12)) + struct.pack("<iii", 2, 0, 1) + b"Fx\0"
     fake.other_definitions.append((3, plate))
     found = fake._frame_payload(fake.version), fake._definitions(fake.version)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Callable
 from typing import Any
@@ -24,7 +25,7 @@ IDS = {
     "viscoelastic", "chamber_ballooning", "pressure_deadband", "pressure_offset", "chamber_azimuth", "chamber_twist",
     "self_weight", "tether_load", "contact", "base_tilt", "base_compliance", "precurvature", "frame_misalignment",
     "marker_offset", "time_offset", "force_bias", "arm_compliance", "contact_offset", "chamber_thrust",
-    "chamber_gain", "chamber_order", "tip_payload", "rest_shape",
+    "chamber_gain", "chamber_order", "tip_payload", "rest_shape", "pressure_lag",
 }  # fmt: skip
 ON_FORCE = {"force_bias", "arm_compliance", "contact_offset"}
 ON_TENDONS = {"tendon_friction", "tendon_slack"}
@@ -292,3 +293,33 @@ def test_a_robot_without_spine_or_with_other_chambers_has_the_same_catalogue(
     made = Moved(plain, columns)
     assert made.still[1, 0] < -0.01
     assert np.abs(made.by(spine_slip__moment=0.1)).max() < 1e-12
+
+
+def test_regulators_that_lag_follow_a_first_order_low_pass(paper_robot: Robot, make_campaign: Make) -> None:
+    """Against the differential equation itself, ramps and holds one after the other."""
+    tau, rate, hold = 1.5, 25e3, 1.0
+    design = design_from_columns(
+        paper_robot, make_campaign(lengths=(0.1,), levels=(50e3, 100e3, 150e3), rate=rate, hold=hold), ("x", "y", "z")
+    )
+    forward = ForwardModel(paper_robot, design)
+    q = copy.copy(forward._baseline)
+    CATALOGUE["pressure_lag"].law.before(q, {"constant": np.array([[tau]])})  # type: ignore[misc]
+    held, last, wanted = 0.0, 0.0, []
+    for goal in design.pressure.max(axis=1):
+        for start, end, duration in ((last, goal, abs(goal - last) / rate), (goal, goal, hold)):
+            for t in np.arange(0.0, duration, 1e-3):
+                asked = start + (end - start) * (t + 5e-4) / duration
+                held += (asked - held) * -np.expm1(-1e-3 / tau)
+        last = goal
+        wanted.append(held)
+    found = q.pressure[0, : len(design)].max(axis=1)
+    assert found == pytest.approx(wanted, abs=60.0) and np.abs(found - design.pressure.max(axis=1)).max() > 8e3
+
+
+def test_a_table_of_readings_does_not_ask_whether_regulators_lag(paper_robot: Robot, make_campaign: Make) -> None:
+    columns = make_campaign(lengths=(0.1, 0.2))
+    shown = CATALOGUE["pressure_lag"].shown
+    assert shown is not None and shown(paper_robot, design_from_columns(paper_robot, columns))
+    noise = np.random.default_rng(1)
+    read = columns | {f"p{c}": columns[f"p{c}"] + noise.normal(0, 50.0, len(columns["p1"])) for c in range(1, 10)}
+    assert not shown(paper_robot, design_from_columns(paper_robot, read))

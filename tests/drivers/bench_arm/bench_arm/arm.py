@@ -8,8 +8,9 @@ from collections.abc import Callable, Sequence
 
 from drivers.configs import ArmConfig
 from drivers.errors import DeviceFault, InstrumentError, LimitExceeded, NotReady, WrongDevice
-from drivers.interfaces import ArmSample, Clock, Identity
+from drivers.interfaces import ArmSample, Identity
 from drivers.registry import Driver
+from timing import Clock
 
 from . import ARM_PORT
 from .line import Line

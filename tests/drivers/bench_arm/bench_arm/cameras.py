@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from drivers.configs import MocapConfig
-from drivers.interfaces import BodySample, Clock
+from drivers.interfaces import BodySample
 from drivers.registry import Driver
+from timing import Clock
 
 from . import CAMERA_PORT
 from .line import Line

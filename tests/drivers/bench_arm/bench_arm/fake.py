@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import socketserver
-import threading
-import time
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+import timing
 from sim_fakes.instrument import Fake, Site
 
 from . import ARM_PORT, CAMERA_PORT
@@ -37,7 +36,7 @@ class LineServer:
             daemon_threads = allow_reuse_address = True
 
         self._server = Server((site.host, port), Handler)
-        self._thread = threading.Thread(target=self._server.serve_forever, args=(0.05,), daemon=True)
+        self._thread = timing.Thread(target=self._server.serve_forever, args=(0.05,), daemon=True)
         self.running = True
 
     def serve(self, connection: socketserver.StreamRequestHandler) -> None:
@@ -62,9 +61,9 @@ class ArmFake(LineServer):
 
     def __init__(self, site: Site) -> None:
         super().__init__(site, ARM_PORT)
-        self._lock = threading.Lock()
+        self._lock = timing.Lock()
         self._from, self._goal, self._speed, self._began = START, START, 1.0, 0.0
-        self._mover = threading.Thread(target=self._move, daemon=True)
+        self._mover = timing.Thread(target=self._move, daemon=True)
 
     def start(self) -> None:
         """Accept connections, and carry the probe."""
@@ -88,7 +87,7 @@ class ArmFake(LineServer):
             if words == ["STREAM"]:
                 while self.running:
                     connection.wfile.write(self._told())
-                    time.sleep(PERIOD)
+                    timing.sleep(PERIOD)
                 return
             connection.wfile.write(self._answer(words))
 
@@ -122,7 +121,7 @@ class ArmFake(LineServer):
             with self.site.plant.lock:
                 self.site.plant.probe_position = pose[:3].copy()
                 self.site.plant.probe_rotation = Rotation.from_rotvec(pose[3:]).as_matrix()
-            time.sleep(0.005)
+            timing.sleep(0.005)
 
 
 class CamerasFake(LineServer):
@@ -141,7 +140,7 @@ class CamerasFake(LineServer):
                 numbers = [*random.normal(plant.tip_position, NOISE), w, x, y, z, *plant.markers.ravel()]
                 head = f"{self.site.clock.now():.9g} {frame} {int(plant.tip_visible)}"
             connection.wfile.write(f"{head} {' '.join(f'{n:.9g}' for n in numbers)}\n".encode())
-            time.sleep(PERIOD / 2)
+            timing.sleep(PERIOD / 2)
 
 
 ARM = Fake("arm", lambda site: [ArmFake(site)], lambda site, parts: {"host": site.host})

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable
 from typing import Any
 
+import timing
 from drivers.errors import InstrumentError, NotReady, StaleReading
 from drivers.interfaces import Identity
 
@@ -21,7 +21,7 @@ class LineStream:
         self._line, self._request, self._max_age, self._sink = line, request, max_age, sink
         self._newest: tuple[float, Any] | None = None
         self._thread: threading.Thread | None = None
-        self._stopping = threading.Event()
+        self._stopping = timing.Event()
 
     def sample(self, words: list[str]) -> Any:
         """One line as a sample."""
@@ -39,7 +39,7 @@ class LineStream:
             self._line.send(self._request)
         self._take()
         self._stopping.clear()
-        self._thread = threading.Thread(target=self._run, name=self.name, daemon=True)
+        self._thread = timing.Thread(target=self._run, name=self.name, daemon=True)
         self._thread.start()
         return Identity("Bench", type(self).__name__)
 
@@ -55,14 +55,14 @@ class LineStream:
         """The newest sample; raises NotReady, StaleReading."""
         if self._thread is None:
             raise NotReady(self.name, "is not open; call open() first")
-        if self._newest is None or time.monotonic() - self._newest[0] > self._max_age:
+        if self._newest is None or timing.now() - self._newest[0] > self._max_age:
             raise StaleReading(self.name, f"nothing good for {self._max_age:g} s; check its cable and what it sees")
         return self._newest[1]
 
     def _take(self) -> None:
         sample = self.sample(self._line.read())
         if self.usable(sample):
-            self._newest = time.monotonic(), sample
+            self._newest = timing.now(), sample
         self._sink(sample)
 
     def _run(self) -> None:

@@ -12,11 +12,13 @@ from typing import Any
 import serial
 from pydantic import Field
 
+import timing
 from drivers.configs import SensorConfig
 from drivers.errors import BadReply, NoReply, NotReady, StaleReading, Unreachable, WrongDevice
-from drivers.interfaces import Clock, Identity, Sink
+from drivers.interfaces import Identity, Sink
 from drivers.registry import Driver
 from drivers.serial_line import SerialLine, show
+from timing import Clock
 
 from . import BAUD, total
 
@@ -48,7 +50,7 @@ class Range:
         self.name, self.lost, self.config, self.clock, self.sink = name, 0, config, clock, sink
         self.line = SerialLine(name, config.port, BAUD, config.timeout)
         self.newest: tuple[float, Sample] | None = None
-        self.stopping = threading.Event()
+        self.stopping = timing.Event()
         self.thread: threading.Thread | None = None
 
     def open(self) -> Identity:
@@ -62,7 +64,7 @@ class Range:
             self.line.close()
             raise (Unreachable if isinstance(e, NoReply) else WrongDevice)(self.name, e.message) from e
         self.stopping.clear()
-        self.thread = threading.Thread(target=self.run, name=self.name, daemon=True)
+        self.thread = timing.Thread(target=self.run, name=self.name, daemon=True)
         self.thread.start()
         return Identity("Bench", "LRF9")
 
@@ -79,7 +81,7 @@ class Range:
         if self.newest is None:
             raise NotReady(self.name, "is not open; call open() first")
         at, sample = self.newest
-        if self.old(time.monotonic() - at):
+        if self.old(timing.now() - at):
             raise StaleReading(self.name, f"no answer for {self.config.max_age:g} s; check its cable")
         return sample
 
@@ -87,7 +89,7 @@ class Range:
         """One request and its answer."""
         distance = self.distance(self.ask(b"?D\r"))
         sample = Sample(self.now(), distance)
-        self.newest = time.monotonic(), sample
+        self.newest = timing.now(), sample
         self.sink(sample)
 
     def run(self) -> None:
@@ -175,7 +177,7 @@ class Sharing(Range):
     def open(self) -> Identity:
         """Also by a handle that is never closed."""
         identity = super().open()
-        self.held = serial.Serial(self.config.port, BAUD)
+        self.held = serial.serial_for_url(self.config.port, BAUD)
         return identity
 
 

@@ -6,9 +6,10 @@ from pydantic import Field
 
 from drivers.configs import GaugeConfig
 from drivers.errors import BadReply, InstrumentError, NoReply, Unreachable, WrongDevice
-from drivers.interfaces import Clock, GaugeSample, Identity
+from drivers.interfaces import GaugeSample, Identity
 from drivers.registry import Driver
 from drivers.serial_line import SerialLine, show
+from timing import Clock
 
 from . import BAUD, total
 

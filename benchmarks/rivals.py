@@ -1,0 +1,215 @@
+"""Textbook methods on a sealed set, with the forward model and the noise of the diagnosis: `python -m benchmarks.rivals SET
+[--workers N] [--out FOLDER]`. Run the set first (`lab blind run SET`); the seal is opened at the end, for all methods alike.
+
+    alone       each effect fitted by itself, by least squares; the least BIC = 2 cost + k ln n names it, or none
+    stepwise    effects added one after another as long as BIC falls, all refitted each time
+    sparse      group lasso over the effects' columns about the calibrated model, its penalty by BIC; named: what is not zero
+
+The nuisances (trials, mounting, cameras, calibration) and their priors are those of the diagnosis in all of them; effects have no
+prior but their bounds. Each writes answers in the form of diagnosis.json, which `lab blind score SET --answers` reads.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+
+from diagnosis.data.case import states
+from diagnosis.inference.executor import one_thread
+from diagnosis.inference.fit import Fit, fit
+from diagnosis.inference.prepare import prepare
+from diagnosis.inference.problem import Problem
+from lab.blind.by_mm import weighed
+from lab.blind.folder import SetFolder, open_seal
+from lab.blind.metrics import counted
+from lab.blind.score import score, write
+from lab.blind.workers import Crew, spread
+from lab.files.inputs import read_case
+from model.effects.catalogue import CATALOGUE
+
+Array = NDArray[np.float64]
+Hypothesis = tuple[str, ...]
+
+MOST = 4
+"""Effects that stepwise selection adds at most."""
+PENALTIES = np.geomspace(1.0, 1e-3, 30)
+"""Shares of the penalty at which every effect is zero."""
+SWEEPS = 200
+"""Passes of block coordinate descent at one penalty."""
+
+
+def bic(problem: Problem, named: Hypothesis, found: Fit) -> float:
+    """Twice the cost, misfit and nuisances, plus ln n for each parameter of an effect."""
+    return 2 * found.cost + float(problem.parameters.mask(named).sum() * np.log(len(problem.observed)))
+
+
+def fitted(problem: Problem, named: Hypothesis, start: Array | Fit, rounds: int = 12) -> Fit:
+    """Least squares over the nuisances and the effects named, of which those have a prior ten plausible scales wide."""
+    p = problem.parameters
+    prior = p.prior(p.mask(named), 0.0)
+    wide = type(prior)(prior.mean, prior.variance * 100.0, prior.wide)
+    return fit(problem, wide, 0.0, start, rounds)
+
+
+def begun(problem: Problem, named: Hypothesis, none: Fit) -> list[Array]:
+    """Starting points: the shapes of the named effects where their declared searches begin, sizes at half a scale."""
+    p = problem.parameters
+    out = []
+    for sign in (0.5, -0.5):
+        theta = none.theta.copy()
+        for i, effect in enumerate(p.effects):
+            if effect in named:
+                theta[i] = np.clip(sign * p.sd[i], p.lower[i], p.upper[i])
+        out.append(theta)
+    return out
+
+
+def best(problem: Problem, named: Hypothesis, none: Fit, more: Sequence[Array] = ()) -> Fit:
+    """The fit of least cost from all starting points."""
+    return min((fitted(problem, named, s) for s in (*begun(problem, named, none), *more)), key=lambda f: f.cost)
+
+
+def stated(criteria: dict[Hypothesis, float]) -> dict[str, Any]:
+    """An answer with probabilities exp(-BIC / 2), shared out among what was tried."""
+    names = list(criteria)
+    value = np.array([criteria[n] for n in names])
+    weight = np.exp(-0.5 * (value - value.min()))
+    weight /= weight.sum()
+    order = np.argsort(-weight)
+    first = names[int(order[0])]
+    ranking = [{"effects": list(names[i]), "probability": float(weight[i])} for i in order[:20].tolist()]
+    return {
+        "attribute": {
+            "verdict": "effect" if first else "none", "effects": list(first), "probability": float(weight[order[0]]),
+            "ranking": ranking, "credible_set": [r["effects"] for r in ranking if r["probability"] > 0.01],
+        }
+    }  # fmt: skip
+
+
+def alone(problem: Problem) -> dict[str, Any]:
+    """Each effect by itself."""
+    none = fitted(problem, (), problem.parameters.mean)
+    criteria: dict[Hypothesis, float] = {(): bic(problem, (), none)}
+    for effect in problem.parameters.ids:
+        criteria[(effect,)] = bic(problem, (effect,), best(problem, (effect,), none))
+    return stated(criteria)
+
+
+def stepwise(problem: Problem) -> dict[str, Any]:
+    """Forward selection; the last that lowered BIC is the answer."""
+    here = fitted(problem, (), problem.parameters.mean)
+    named: Hypothesis = ()
+    criteria = {named: bic(problem, named, here)}
+    while len(named) < MOST:
+        tried = {
+            (*named, e): best(problem, (*named, e), here, [here.theta])
+            for e in problem.parameters.ids
+            if e not in named
+        }
+        found = {tuple(h): bic(problem, h, f) for h, f in tried.items()}
+        least = min(found, key=lambda h: found[h])
+        if found[least] >= criteria[named]:
+            break
+        criteria[least], here, named = found[least], tried[least], least
+    return stated({tuple(sorted(h)): value for h, value in criteria.items()})
+
+
+def sparse(problem: Problem) -> dict[str, Any]:
+    """Group lasso in the linear problem about the calibrated model."""
+    p = problem.parameters
+    none = fitted(problem, (), p.mean)
+    linear = problem.at(none.theta)
+    nuisance = linear.nuisance.whole
+    base = np.linalg.qr(np.vstack([nuisance, np.eye(nuisance.shape[1])]))[0]
+    padded = [
+        np.vstack([x, np.zeros((nuisance.shape[1], x.shape[1]))]) for x in (linear.effects, linear.observed[:, None])
+    ]
+    x, y = (v - base @ (base.T @ v) for v in padded)
+    groups = [np.flatnonzero(p.mask((e,)) & p.sizes) for e in p.ids]
+    blocks = [np.linalg.qr(x[:, g])[0] for g in groups]
+    left, signs = y[:, 0].copy(), [np.zeros(b.shape[1]) for b in blocks]
+    top = max(float(np.linalg.norm(b.T @ left)) for b in blocks)
+    criteria: dict[Hypothesis, float] = {(): float(left @ left)}
+    for share in PENALTIES:
+        for _ in range(SWEEPS):
+            moved = 0.0
+            for k, b in enumerate(blocks):
+                score_ = b.T @ left + signs[k]
+                size = float(np.linalg.norm(score_))
+                new = score_ * max(0.0, 1 - share * top / size) if size > 0 else score_
+                left -= b @ (new - signs[k])
+                moved = max(moved, float(np.abs(new - signs[k]).max(initial=0.0)))
+                signs[k] = new
+            if moved < 1e-3:
+                break
+        named = tuple(e for e, s in zip(p.ids, signs, strict=True) if s.any())
+        chosen = (
+            np.hstack([b for b, s in zip(blocks, signs, strict=True) if s.any()]) if named else np.zeros((len(y), 0))
+        )
+        rest = y[:, 0] - chosen @ np.linalg.lstsq(chosen, y[:, 0], rcond=None)[0]
+        value = float(rest @ rest) + chosen.shape[1] * float(np.log(len(problem.observed)))
+        criteria[named] = min(value, criteria.get(named, np.inf))
+    return stated(criteria)
+
+
+METHODS: dict[str, Callable[[Problem], dict[str, Any]]] = {"alone": alone, "stepwise": stepwise, "sparse": sparse}
+
+
+@one_thread
+def answer(root: Path, out: Path, name: str) -> str:
+    """The answers of all methods to one case, each in its folder."""
+    case = read_case([SetFolder(root).case(name)])
+    own, _ = states(case)
+    problem = prepare(case.robot, own, catalogue=CATALOGUE).problem
+    for method, of in METHODS.items():
+        place = out / method / f"{name}.json"
+        if place.exists():
+            continue
+        try:
+            found = of(problem)
+        except (np.linalg.LinAlgError, ValueError) as e:
+            found = {"error": repr(e)[:200]}
+            found["attribute"] = {"verdict": "failed", "effects": [], "probability": 0.0, "ranking": []}
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_text(json.dumps(found))
+    return name
+
+
+def main() -> None:
+    """Answer, open the seal, and print how many are right by mm."""
+    a = argparse.ArgumentParser(description=(__doc__ or "").partition("\n\n")[0])
+    a.add_argument("set", type=Path)
+    a.add_argument("--workers", type=int, default=2)
+    a.add_argument("--out", type=Path, default=Path("out/rivals"))
+    asked = a.parse_args()
+    folder = SetFolder(asked.set)
+    names = folder.names()
+    for _ in spread(
+        partial(answer, asked.set.resolve(), asked.out.resolve()), names, Crew(asked.workers, None), "cases"
+    ):
+        pass
+    truth = open_seal(folder)
+    kinds = sorted({str(t["stratum"]) for t in truth.values()})
+    table = Table("method", *kinds, "all", title="right by mm (95 %)")
+    results = {"diagnosis": score(asked.set)}
+    results |= {m: score(asked.set, None, asked.out / m) for m in METHODS}
+    for method, result in results.items():
+        if method in METHODS:
+            write(result, asked.set, asked.out / method)
+        judged = [w for c in result.cases if (w := weighed(truth[c.answer.case], c.answer)) is not None]
+        cells = [counted([w.right for w in judged if w.stratum == kind]) for kind in kinds]
+        table.add_row(method, *cells, counted([w.right for w in judged]))
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    main()
