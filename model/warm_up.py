@@ -15,7 +15,7 @@ import numpy as np
 
 from model.effects import history, layout, solver
 from model.rods import FINE, PAPER, Form, Rods, rods, sensitivities, solve, stations
-from model.rods.fast.jit import compiled_here
+from model.rods.fast.compiler import compiled_here
 from model.rods.solution import AT_ORIENTATION, RESULT, Solution, no_shape
 
 BUCKLING = 2.0

@@ -10,7 +10,7 @@
 Other rooms come in by the names below; the columns alone are also known to `model.effects`, which writes rows itself.
 """
 
-from model.rods.fast.jit import drop_stale_kernels
+from model.rods.fast.compiler import drop_stale_kernels
 
 drop_stale_kernels()
 

@@ -15,7 +15,7 @@ from numba.core import config
 from numba.core.codegen import get_host_cpu_features
 
 # Numba asks for the processor's features once, at the first decorator of a process, and machine code on disk is good for those
-# only. As in model/rods/fast/jit.py: else a process with both compiles one of them anew, depending on which was imported first.
+# only. As in the rod kernels: else a process with both compiles one of them anew, depending on which was imported first.
 _numba: Any = config
 if _numba.CPU_FEATURES is None and binding.get_host_cpu_features().get("avx512f", False):
     _numba.CPU_FEATURES = get_host_cpu_features() + ",-prefer-256-bit"

@@ -1,12 +1,12 @@
 """The fast method: the static Cosserat rod compiled to machine code, batches of rods side by side, with derivatives.
 
 Kernels, from the section to the batch
-    jit, instructions                  decorators; fused operations and reads that the compiler makes vectors of
+    compiler, lanes                    how kernels are compiled; numbers of rods side by side, by their names
     algebra, equations, runge_kutta    vectors; equilibrium and section laws; a step along the rod
-    lanes, passes                      a group of rods in arrays; one pass from tip to base
+    group, passes                      a group of rods; one pass from tip to base
     newton, direct, follow             the tip that brings the base to its place; cold or warm; load steps
     walk                               positions, wrenches and axial strain between base and tip
-    stage_buffer                       what a step saves for `derivatives/` to follow it
+    stages                             what a step tells of its stages, for `derivatives/` to follow it
     derivatives/                       implicit differentiation
 Python in front of them
     method, stations; batches: how arrays are handed over

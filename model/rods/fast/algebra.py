@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from model.rods.fast.instructions import fused
-from model.rods.fast.jit import inline
+from model.rods.fast.compiler import fused, inline
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
-State = tuple[float, float, float, float, float, float, float, float, float, float]
 
 
 @inline
@@ -34,6 +32,12 @@ def plus_cross(c: Vector, a: Vector, b: Vector) -> Vector:
 def add(a: Vector, b: Vector) -> Vector:
     """a + b."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+@inline
+def minus(a: Vector, b: Vector) -> Vector:
+    """a - b."""
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 @inline
@@ -81,9 +85,15 @@ def turned(q: Quaternion, a: Vector) -> Vector:
 
 
 @inline
+def conjugate(q: Quaternion) -> Quaternion:
+    """The way back."""
+    return (q[0], -q[1], -q[2], -q[3])
+
+
+@inline
 def turned_back(q: Quaternion, a: Vector) -> Vector:
     """R(q)^T a."""
-    return turned((q[0], -q[1], -q[2], -q[3]), a)
+    return turned(conjugate(q), a)
 
 
 @inline
@@ -92,20 +102,3 @@ def product(a: Quaternion, b: Quaternion) -> Quaternion:
     v, w = (a[1], a[2], a[3]), (b[1], b[2], b[3])
     x, y, z = plus_cross(along(scaled(b[0], v), a[0], w), v, w)
     return (fused(a[0], b[0], -dot(v, w)), x, y, z)
-
-
-@inline
-def plus(y: State, h: float, k: State) -> State:
-    """y + h k for the ten numbers of a rod's state."""
-    return (
-        fused(h, k[0], y[0]),
-        fused(h, k[1], y[1]),
-        fused(h, k[2], y[2]),
-        fused(h, k[3], y[3]),
-        fused(h, k[4], y[4]),
-        fused(h, k[5], y[5]),
-        fused(h, k[6], y[6]),
-        fused(h, k[7], y[7]),
-        fused(h, k[8], y[8]),
-        fused(h, k[9], y[9]),
-    )

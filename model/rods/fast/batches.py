@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from model.errors import BadCondition
 from model.rods.description import Form, Rods
-from model.rods.fast.lanes import LANES, Full
+from model.rods.fast.group import Full
+from model.rods.fast.lanes import LANES
 
 Steps = NDArray[np.int64]
 _NO_STEPS = np.zeros((0, 1), np.int64)

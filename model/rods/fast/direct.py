@@ -7,48 +7,35 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from model.rods.fast.algebra import dot, turned
-from model.rods.fast.jit import inline, kernel, routine
-from model.rods.fast.lanes import (
-    ANCHOR,
-    JACOBIAN,
-    LANES,
-    LARGEST_MOMENT,
-    LOAD_SHARE,
-    PEAK_M2,
-    PLACE,
-    PLACE_BY_TURN,
-    ROD_LENGTH,
-    TIP,
-    TURN,
+from model.rods.fast.algebra import Vector, add, dot, scaled, turned
+from model.rods.fast.compiler import inline, kernel, routine
+from model.rods.fast.group import (
+    ROD,
     Counts,
     Full,
     Group,
-    M,
-    N,
-    Q,
+    Rod,
     RowLayout,
+    Six,
     cut,
-    elements_of,
+    each_rod,
     fixed_cut,
-    gather_rod,
-    new_elements,
-    new_work,
-    quaternion_of,
-    vector_of,
-)
+    gather,
+    new_group,
+)  # fmt: skip
+from model.rods.fast.lanes import LANES, Record
 from model.rods.fast.newton import (
     NEAR,
     buckling_margin,
+    correct,
     difference_jacobian,
     expected_residual,
     first_guess,
     improve,
-    newton_turn,
     size_of,
     worst_residual,
-)
-from model.rods.fast.passes import evaluate, turn_tip, unit_quaternion
+)  # fmt: skip
+from model.rods.fast.passes import evaluate, orientation
 from model.rods.solution import (
     AT_FORCE,
     AT_LARGEST,
@@ -58,12 +45,12 @@ from model.rods.solution import (
     AT_ORIENTATION,
     AT_RESIDUAL,
     AT_TIP,
-)
+)  # fmt: skip
 
 Array = NDArray[np.float64]
 
 MEMORY, MEMORY_SPRINGS = 23, 62
-"""What a warm start needs: orientation (4), Jacobian (9), d PLACE / d TURN (9), largest moment (N m). With springs both matrices
+"""What a warm start needs: orientation (4), Jacobian (9), d seen / d change (9), largest moment (N m). With springs both matrices
 are for six unknowns (36, 18), and the position (3) comes behind the orientation."""
 
 FEW = 3
@@ -84,34 +71,43 @@ def memory_of(springs: int) -> int:
     return MEMORY_SPRINGS if springs else MEMORY
 
 
+@inline
+def put_three(out: Array, row: int, at: int, a: Vector) -> None:
+    """Three numbers of a row."""
+    out[row, at], out[row, at + 1], out[row, at + 2] = a
+
+
+@inline
+def weighed_rows(rows: list[Six], change: Six) -> Vector:
+    """Three rows of a matrix times a change."""
+    x, y, z = rows[0], rows[1], rows[2]
+    turn, shift = change.turn, change.shift
+    return add(
+        (dot(x.turn, turn), dot(y.turn, turn), dot(z.turn, turn)),
+        (dot(x.shift, shift), dot(y.shift, shift), dot(z.shift, shift)),
+    )
+
+
 @routine
-def write_result(work: Array, springs: int, out: Array, row: int, l: int) -> None:
-    """What was read at the base, with the last correction (TURN, already made) moved_by over to first order."""
-    q = quaternion_of(work, TIP, l)
-    sign = math.copysign(1.0, q[0])
-    turn = vector_of(work, TURN, l)
-    moved_by = 0.0
-    for k in range(3):
-        moved = dot(vector_of(work, PLACE_BY_TURN + 6 * k, l), turn)
-        if springs > 0:
-            moved += dot(vector_of(work, PLACE_BY_TURN + 6 * k + 3, l), vector_of(work, TURN + 3, l))
-        out[row, AT_TIP + k] = work[(PLACE + k) * LANES + l] + moved
-        moved_by += moved * moved
-    moment = turned(unit_quaternion(work, l), vector_of(work, M, l))
-    out[row, AT_ORIENTATION], out[row, AT_ORIENTATION + 1] = sign * q[0], sign * q[1]
-    out[row, AT_ORIENTATION + 2], out[row, AT_ORIENTATION + 3] = sign * q[2], sign * q[3]
-    for k in range(3):
-        out[row, AT_FORCE + k] = work[(N + k) * LANES + l]
-    out[row, AT_MOMENT], out[row, AT_MOMENT + 1], out[row, AT_MOMENT + 2] = moment
-    a, b, c, d = quaternion_of(work, Q, l)
+def write_result(rod: Rod, springs: int, out: Array, row: int) -> None:
+    """What was read at the base, with the last correction (already made) carried over to first order."""
+    change, moved = rod.change, weighed_rows(rod.seen_by, rod.change)
+    put_three(out, row, AT_TIP, add(rod.found.seen, moved))
+    w, x, y, z = rod.tip.turn
+    sign = math.copysign(1.0, w)
+    out[row, AT_ORIENTATION] = sign * w
+    put_three(out, row, AT_ORIENTATION + 1, scaled(sign, (x, y, z)))
+    put_three(out, row, AT_FORCE, rod.here.force)
+    put_three(out, row, AT_MOMENT, turned(orientation(rod.here), rod.here.m))
+    a, b, c, d = rod.here.q
     # Steps far too long can close a rod that is none; the norm of q, which nothing holds at 1, gives them away.
     closed = abs(a * a + b * b + c * c + d * d - 1.0) < MOST_DRIFT
-    # No tip moves by much more than the rod's length times the turn: a d PLACE / d TURN that says so comes from such steps too.
-    closed = closed and moved_by <= (MOST_MOVED * work[ROD_LENGTH * LANES + l] * size_of(work, TURN, springs, l)) ** 2
-    out[row, AT_RESIDUAL] = expected_residual(work, springs, l) if closed else math.inf
-    out[row, AT_MARGIN] = buckling_margin(work, springs, l)
-    out[row, AT_LARGEST] = work[LARGEST_MOMENT * LANES + l]
-    out[row, AT_LOAD] = work[LOAD_SHARE * LANES + l]
+    # No tip moves by much more than the rod's length times the turn: a d seen / d change that says so comes from such steps too.
+    closed = closed and dot(moved, moved) <= (MOST_MOVED * rod.length * size_of(change)) ** 2
+    out[row, AT_RESIDUAL] = expected_residual(rod) if closed else math.inf
+    out[row, AT_MARGIN] = buckling_margin(rod, springs)
+    out[row, AT_LARGEST] = rod.largest_moment
+    out[row, AT_LOAD] = rod.load_share
 
 
 @kernel
@@ -132,23 +128,21 @@ def solve_direct(
     """
     n, at = rods.shape[0], RowLayout(layout[0], layout[1], layout[2])
     divisions, close, warm = settings
-    work, count = new_work(), elements_of(rods, at)
-    parts, elements = np.empty(count, np.int64), new_elements(count)
+    room = new_group(rods, at, full, ROD)
     for first in range(0, n, LANES):
         own = min(LANES, n - first)
         # Side by side many are quicker than one by one: lanes without a rod then hold the last one.
-        group = Group(work, elements, full, parts, at.springs, own if own <= FEW else LANES)
-        for l in range(group.active):
-            gather_rod(rods, min(first + l, n - 1), at, group, l)
+        group = Group(room.work, room.elements, full, room.parts, at.springs, own if own <= FEW else LANES)
+        gather(rods, at, group, first)
         if warm:
-            recall(memory, first, group)
+            for l in range(group.active):
+                exchange(Rod(group.work, l), at.springs, memory, min(first + l, n - 1), False)
         else:
             cut(group, COARSE_DIVISIONS)
             first_guess(group)
             difference_jacobian(group)
             improve(group, NEAR, ROUNDS)
-            for l in range(group.active):
-                work[LARGEST_MOMENT * LANES + l] = math.sqrt(work[PEAK_M2 * LANES + l])
+            see_largest_moment(group)
         cut(group, divisions)
         fixed_cut(group, steps, first)
         evaluate(group, group.springs, 1.0)
@@ -158,49 +152,48 @@ def solve_direct(
                 break
             difference_jacobian(group)
             improve(group, close, ROUNDS)
-        newton_turn(group)
-        turn_tip(group)
+        correct(group)
         for l in range(own):
-            write_result(work, group.springs, out, first + l, l)
-        if memory.shape[0] > 0:
-            remember(group, memory, first)
+            write_result(Rod(group.work, l), at.springs, out, first + l)
+            if memory.shape[0] > 0:
+                exchange(Rod(group.work, l), at.springs, memory, first + l, True)
+
+
+@each_rod
+def see_largest_moment(rod: Rod) -> None:
+    """What the coarse solution met; it sets the fine steps."""
+    rod.largest_moment = math.sqrt(rod.here.peak)
+
+
+@routine
+def exchange(rod: Rod, springs: int, memory: Array, row: int, keep: bool) -> None:
+    """Keep the pose, Jacobians and largest moment of a rod in a row of `memory`, or start from those of an earlier solve."""
+    unknowns = 6 if springs > 0 else 3
+    at = carry(rod.tip, 1 + unknowns, memory, row, 0, keep)
+    at = carry_rows(rod.jacobian.turn, unknowns, memory, row, at, keep)
+    if springs > 0:
+        at = carry_rows(rod.jacobian.shift, unknowns, memory, row, at, keep)
+    at = carry_rows(rod.seen_by, unknowns, memory, row, at, keep)
+    if keep:
+        memory[row, at] = rod.largest_moment
+    else:
+        rod.largest_moment = memory[row, at]
 
 
 @inline
-def recall(memory: Array, first: int, group: Group) -> None:
-    """Start from the pose and the Jacobians of an earlier solve; its largest moment sets the steps."""
-    work, active = group.work, group.active
-    shift, unknowns = (3, 6) if group.springs > 0 else (0, 3)
-    jacobian, by_turn = 4 + shift, 4 + shift + unknowns * unknowns
-    for l in range(active):
-        row = min(first + l, memory.shape[0] - 1)
-        for k in range(4):
-            work[(TIP + k) * LANES + l] = memory[row, k]
-        for k in range(shift):
-            work[(ANCHOR + k) * LANES + l] = memory[row, 4 + k]
-        for c in range(unknowns):
-            for r in range(unknowns):
-                work[(JACOBIAN + 6 * r + c) * LANES + l] = memory[row, jacobian + unknowns * r + c]
-            for r in range(3):
-                work[(PLACE_BY_TURN + 6 * r + c) * LANES + l] = memory[row, by_turn + unknowns * r + c]
-        work[LARGEST_MOMENT * LANES + l] = memory[row, by_turn + 3 * unknowns]
+def carry_rows(rows: list[Six], count: int, memory: Array, row: int, at: int, keep: bool) -> int:
+    """The same of three rows of a matrix."""
+    for k in range(3):
+        at = carry(rows[k], count, memory, row, at, keep)
+    return at
 
 
 @inline
-def remember(group: Group, memory: Array, first: int) -> None:
-    """Keep what `recall` reads."""
-    work, active = group.work, min(group.active, memory.shape[0] - first)
-    shift, unknowns = (3, 6) if group.springs > 0 else (0, 3)
-    jacobian, by_turn = 4 + shift, 4 + shift + unknowns * unknowns
-    for l in range(active):
-        row = first + l
-        for k in range(4):
-            memory[row, k] = work[(TIP + k) * LANES + l]
-        for k in range(shift):
-            memory[row, 4 + k] = work[(ANCHOR + k) * LANES + l]
-        for c in range(unknowns):
-            for r in range(unknowns):
-                memory[row, jacobian + unknowns * r + c] = work[(JACOBIAN + 6 * r + c) * LANES + l]
-            for r in range(3):
-                memory[row, by_turn + unknowns * r + c] = work[(PLACE_BY_TURN + 6 * r + c) * LANES + l]
-        memory[row, by_turn + 3 * unknowns] = work[LARGEST_MOMENT * LANES + l]
+def carry(numbers: Record, count: int, memory: Array, row: int, at: int, keep: bool) -> int:
+    """Carry numbers to or from the columns of a memory from `at` on; returns the next."""
+    for k in range(count):
+        if keep:
+            memory[row, at + k] = numbers[k]
+        else:
+            numbers[k] = memory[row, at + k]
+    return at + count

@@ -29,32 +29,29 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from model.rods.fast.algebra import (
-    Quaternion,
-    State,
-    Vector,
-    add,
-    along,
-    cross,
-    dot,
-    plus_cross,
-    scaled,
-    times,
-    turned_back,
-)
-from model.rods.fast.jit import inline
-from model.rods.fast.lanes import INV_BEND, INV_STRETCH, RISES, TERMS, U_REST, V_REST, Full, terms_in, vector_of
-from model.rods.fast.stage_buffer import save_softness, save_stage
-
-Array = NDArray[np.float64]
+from model.rods.fast.algebra import Quaternion, Vector, add, along, cross, dot, plus_cross, scaled, times
+from model.rods.fast.compiler import fused, inline
+from model.rods.fast.lanes import Record, record
 
 
-class Section(NamedTuple):
-    """The section of one lane within an element, and where the terms are that not all rods have."""
+@record
+class Terms(Record):
+    """What sections of rods in full form have besides, in the order of `columns`."""
 
+    law: Vector
+    """a (m^2), b, c."""
+    rise1: Vector
+    rise2: Vector
+    rise3: Vector
+    """u*(z) = u* + z rise1 + z^2 rise2 + z^3 rise3, z = 0 at the element's base end .. 1 at its tip end, 1/m."""
+
+
+@record
+class Section(Record):
+    """An element and its section."""
+
+    length: float
+    """m."""
     inv_bend: Vector
     """1 / K_bt, 1 / (N m^2)."""
     inv_stretch: Vector
@@ -63,49 +60,50 @@ class Section(NamedTuple):
     """u*, 1/m."""
     v_rest: Vector
     """v*, 1."""
-    terms: Array | None
-    """Holds the hyperelastic and graded terms of the element; None costs nothing."""
-    at: int
-    """The element's first quantity there."""
+    load: Vector
+    """f, N/m."""
+    terms: Terms
+    """Nothing unless rods are in full form."""
+    u_rest_norm: float
+    """|u*|, 1/m."""
+    parts: float
+    """Into how many steps this rod wants the element to be cut."""
+
+
+class State(NamedTuple):
+    """The unknown functions."""
+
+    q: Quaternion
+    m: Vector
+    r: Vector
+
+
+class Soft(NamedTuple):
+    """D and e of a hyperelastic section."""
+
+    d: float
+    e: float
+
+
+class Strains(NamedTuple):
+    """What a section does that carries m and n."""
+
+    u: Vector
+    v: Vector
+    soft: Soft
 
 
 @inline
-def section_of(elements: Array, full: Full, at: int, l: int) -> Section:
-    """The section of lane l in the element that begins at quantity `at`."""
-    return Section(
-        vector_of(elements, at + INV_BEND, l),
-        vector_of(elements, at + INV_STRETCH, l),
-        vector_of(elements, at + U_REST, l),
-        vector_of(elements, at + V_REST, l),
-        terms_in(full, elements),
-        at,
-    )
-
-
-Soft = tuple[float, float]
-"""D and e of a hyperelastic section."""
+def state_along(y: State, h: float, k: State) -> State:
+    """y + h k."""
+    w, x = fused(h, k.q[0], y.q[0]), fused(h, k.q[1], y.q[1])
+    return State((w, x, fused(h, k.q[2], y.q[2]), fused(h, k.q[3], y.q[3])), along(y.m, h, k.m), along(y.r, h, k.r))
 
 
 @inline
-def slope(
-    y: State, force: Vector, section: Section, z: float, l: int, stages: Array | None, i: int, near: Soft | None
-) -> tuple[State, Soft]:
-    """dy/dt of the state (q, m, r) under the internal force N (mount frame), at the share z of an element of lane l, and how soft
-    the section is there; `near` is how soft it was at a stage close by.
-
-    Where `stages` is given, what goes on here is saved as its stage i.
-    """
-    q = (y[0], y[1], y[2], y[3])
-    m = (y[4], y[5], y[6])
-    r = (y[7], y[8], y[9])
-    n = turned_back(q, force)
-    u, v, soft = strains(m, n, section, z, l, stages, i, near)
-    if stages is not None:
-        save_stage(stages, i, l, q, (m, n), (u, v))
-    dq = turning(q, u)
-    dm = plus_cross(cross(u, m), v, n)
-    dr = plus_cross(v, u, r)
-    return (dq[0], dq[1], dq[2], dq[3], dm[0], dm[1], dm[2], dr[0], dr[1], dr[2]), soft
+def slope(y: State, n: Vector, s: Strains) -> State:
+    """dy/dt of a section that carries n."""
+    return State(turning(y.q, s.u), plus_cross(cross(s.u, y.m), s.v, n), plus_cross(s.v, s.u, y.r))
 
 
 @inline
@@ -117,103 +115,102 @@ def turning(q: Quaternion, u: Vector) -> Quaternion:
 
 
 @inline
-def strains(
-    m: Vector, n: Vector, section: Section, z: float, l: int, stages: Array | None, i: int, near: Soft | None
-) -> tuple[Vector, Vector, Soft]:
-    """u and v of a section that carries m and n (section frame), and how soft it is."""
-    u, v, soft = elastic_strains(section.terms, section, m, n, l, stages, i, near)
-    return add(u, rest_curvature(section.terms, section, z, l)), add(v, section.v_rest), soft
-
-
-@inline
-def elastic_strains(
-    terms: Array | None,
-    section: Section,
-    m: Vector,
-    n: Vector,
-    l: int,
-    stages: Array | None,
-    i: int,
-    near: Soft | None,
-) -> tuple[Vector, Vector, Soft]:
-    """u - u* and v - v*. (`terms` is an argument of its own so that the compiler sees a None.)"""
+def strains(m: Vector, n: Vector, section: Section, terms: Terms | None, z: float, near: Soft | None) -> Strains:
+    """u, v and softness of a section that carries m and n, at the share z of its element; `near` is how soft it is close by."""
     u, v = times(section.inv_bend, m), times(section.inv_stretch, n)
-    soft = (1.0, v[2])
-    if terms is not None:
-        soft = softened(u, m, v[2], section, vector_of(terms, section.at + TERMS, l), near)
-        d, strain = soft
-        if stages is not None:
-            save_softness(stages, i, l, m, n, (d, strain), (section.inv_bend, section.inv_stretch),
-                          vector_of(terms, section.at + TERMS, l))  # fmt: skip
-        u = (u[0] / d, u[1] / d, u[2])
-        v = (v[0], v[1], strain)
-    return u, v, soft
-
-
-@inline
-def rest_curvature(terms: Array | None, section: Section, z: float, l: int) -> Vector:
-    """u*(z) = u* + z rise1 + z^2 rise2 + z^3 rise3, z = 0 at the element's base end .. 1 at its tip end."""
+    soft = Soft(1.0, v[2])
     rest = section.u_rest
     if terms is not None:
-        rest = along(rest, z, vector_of(terms, section.at + RISES, l))
-        rest = along(rest, z * z, vector_of(terms, section.at + RISES + 3, l))
-        rest = along(rest, z * z * z, vector_of(terms, section.at + RISES + 6, l))
-    return rest
+        soft = softened(law_of(m, n, section, terms), near)
+        u, v = (u[0] / soft.d, u[1] / soft.d, u[2]), (v[0], v[1], soft.e)
+        rest = along(along(along(rest, z, terms.rise1), z * z, terms.rise2), z * z * z, terms.rise3)
+    return Strains(add(u, rest), add(v, section.v_rest), soft)
 
 
-@inline
-def softened(u: Vector, m: Vector, strain: float, section: Section, law: Vector, near: Soft | None) -> Soft:
-    """D and e of a hyperelastic section from its linear curvatures u and axial strain. `near` is what they are at a stage close
-    by: three rounds from there come as near as five from an unstrained section."""
-    inv_bend, inv_stretch = section.inv_bend, section.inv_stretch
-    a, b, c = law
-    energy = m[0] * u[0] + m[1] * u[1]
-    bending = a * energy * math.sqrt(inv_bend[0] * inv_bend[1])
-    coupled = 0.5 * energy * inv_stretch[2]
-    bent = Bent(bending, coupled, strain, b, c)
-    return rounds_from(near, bent)
-
-
-@inline
-def rounds_from(near: Soft | None, bent: Bent) -> Soft:
-    """Rounds from a stage close by, or from an unstrained section; written out, since loops within keep the compiler from making
-    vectors of the lanes."""
-    if near is not None:
-        return series_round(bent, series_round(bent, series_round(bent, near)))
-    y = series_round(bent, (1.0, bent.strain))
-    y = series_round(bent, y)
-    y = series_round(bent, y)
-    y = series_round(bent, y)
-    return series_round(bent, y)
-
-
-class Bent(NamedTuple):
-    """What `softened` solves for: a Q / B and Q / (2 EA) for D = 1, n3 / EA, and b, c."""
+class Law(NamedTuple):
+    """What D and e follow from: b, c, and what a load makes of the section if it were linear."""
 
     bending: float
+    """a Q / B for D = 1."""
     coupled: float
+    """Q / (2 EA) for D = 1."""
     strain: float
+    """n3 / EA."""
     b: float
     c: float
 
 
 @inline
-def series_round(s: Bent, y: tuple[float, float]) -> tuple[float, float]:
-    """A Newton round on D - 1 - g(a Q / B) - h(b e) = 0 and k(e) + b h'(b e) Q / (2 EA) - n3 / EA = 0, Q = (m . u) / D^2."""
-    d, e = y
-    be, ce = s.b * e, s.c * e
-    inverse = 1.0 / d
+def law_of(m: Vector, n: Vector, section: Section, terms: Terms) -> Law:
+    """The law of a section that carries m and n."""
+    a, b, c = terms.law
+    ix, iy, _ = section.inv_bend
+    axial = section.inv_stretch[2]
+    energy = m[0] * (ix * m[0]) + m[1] * (iy * m[1])
+    return Law(a * energy * math.sqrt(ix * iy), 0.5 * energy * axial, axial * n[2], b, c)
+
+
+@inline
+def softened(law: Law, near: Soft | None) -> Soft:
+    """D and e by Newton: three rounds from a stage close by come as near as five from an unstrained section. (Written out, since
+    loops within keep the compiler from making vectors of the lanes.)"""
+    if near is not None:
+        return newton_round(law, newton_round(law, newton_round(law, near)))
+    y = newton_round(law, Soft(1.0, law.strain))
+    return newton_round(law, newton_round(law, newton_round(law, newton_round(law, y))))
+
+
+@inline
+def newton_round(law: Law, y: Soft) -> Soft:
+    """Nearer to F1 = F2 = 0."""
+    f = balance(law, y)
+    scale = 1.0 / (f.f1_by_d * f.f2_by_e - f.f1_by_e * f.f2_by_d)
+    d = y.d - scale * (f.f2_by_e * f.f1 - f.f1_by_e * f.f2)
+    return Soft(d, y.e - scale * (f.f1_by_d * f.f2 - f.f2_by_d * f.f1))
+
+
+class Balance(NamedTuple):
+    """F1 = D - 1 - g(x) - h(b e) and F2 = k(e) + b h'(b e) Q / (2 EA) - n3 / EA, x = a Q / B, Q = (Q for D = 1) / D^2;
+    their derivatives, and pieces of these."""
+
+    f1: float
+    f2: float
+    f1_by_d: float
+    f1_by_e: float
+    f2_by_d: float
+    f2_by_e: float
+    x: float
+    steep: float
+    """g'(x)."""
+    coupled: float
+    """b Q / (2 EA)."""
+    h: float
+    rise: float
+    """h'(b e)."""
+    curl: float
+    """h''(b e)."""
+    relief: float
+    """1 / (1 - c e) below 0, else 1."""
+
+
+@inline
+def balance(law: Law, y: Soft) -> Balance:
+    """Both equations at D and e."""
+    be, ce = law.b * y.e, law.c * y.e
+    inverse = 1.0 / y.d
     w = inverse * inverse
-    x, coupled = s.bending * w, s.b * s.coupled * w
+    x, coupled = law.bending * w, law.b * law.coupled * w
     level = 1.0 / (1.0 - 2.0 * min(x, 0.0))
     loss, relief = 1.0 / (1.0 - min(be, 0.0)), 1.0 / (1.0 - min(ce, 0.0))
-    rise = loss * loss
+    rise, steep = loss * loss, level * level
     curl = 2.0 * rise * (loss if be < 0.0 else 0.0)
     further = max(ce, 0.0)
-    first = d - 1.0 - x * level - be * loss
-    second = e * (relief + further) + rise * coupled - s.strain
-    first_d, first_e = 1.0 + 2.0 * x * level * level * inverse, -s.b * rise
-    second_d = -2.0 * rise * coupled * inverse
-    second_e = relief * relief + 2.0 * further + s.b * curl * coupled
-    scale = 1.0 / (first_d * second_e - first_e * second_d)
-    return d - scale * (second_e * first - first_e * second), e - scale * (first_d * second - second_d * first)
+    return Balance(
+        y.d - 1.0 - x * level - be * loss,
+        y.e * (relief + further) + rise * coupled - law.strain,
+        1.0 + 2.0 * x * level * level * inverse,
+        -law.b * rise,
+        -2.0 * rise * coupled * inverse,
+        relief * relief + 2.0 * further + law.b * curl * coupled,
+        x, steep, coupled, be * loss, rise, curl, relief,
+    )  # fmt: skip

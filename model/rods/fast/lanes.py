@@ -1,120 +1,194 @@
-"""Rods side by side: a group of rods advances together so that the compiler turns the loops over them into vectors.
+"""Rods side by side: LANES of them advance together, so that the compiler turns the loops over them into vectors.
 
-Everything a group needs lives in flat arrays, LANES numbers for each quantity: entry `k * LANES + l` is quantity k of
-rod l. Loops run over the first `active` lanes; a group of one is a plain scalar solve. Symbols are those of `equations`.
+What kernels know of a rod are records: classes whose annotations name its numbers. Quantity k of lane l is number k * LANES + l
+of a flat array; a record is the place in it where the numbers of one lane begin, and `rod.m`, `rod.residual[2]` and
+`rod.springs[0].arm` read and write there. Nothing else in the package knows how numbers lie in memory.
 """
 
 from __future__ import annotations
 
-import math
-from typing import NamedTuple
+import operator
+from collections.abc import Callable
+from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
+from llvmlite import ir
+from numba.core import cgutils, errors, types
+from numba.core.imputils import lower_builtin, lower_getattr_generic, lower_setattr_generic
+from numba.core.typing.templates import AbstractTemplate, AttributeTemplate, infer_getattr, infer_global, signature
+from numba.extending import intrinsic, models, register_model, type_callable
 from numpy.typing import NDArray
 
-from model.rods.columns import (
-    BASE_COMPLIANCE,
-    BASE_RELIEF,
-    BASE_STIFFENING,
-    BASE_TURN,
-    BEND,
-    HEAD,
-    LENGTH,
-    LOAD,
-    REST_CURVATURE,
-    SERIES,
-    SPRING,
-    TIP_FORCE,
-)
-from model.rods.description import MOST_SPRINGS
-from model.rods.fast.algebra import Quaternion, Vector, dot
-from model.rods.fast.instructions import number_at, put_number
-from model.rods.fast.jit import allocating, inline, routine
+from model.rods.fast.compiler import allocating, inline
 
 Array = NDArray[np.float64]
-Counts = NDArray[np.int64]
-Full = int | None
-"""1 for rods in full form; None, pruned at compile time where it is an argument, for all others."""
+Made = TypeVar("Made", bound=type["Record"])
 
 LANES = 16
 """Two AVX-512 or four AVX2 vectors; with fewer the compiler unrolls the loops instead of vectorising them."""
 
-# Quantities of one element in `elements`, tip first; its length (m) comes first.
-INV_BEND, INV_STRETCH = 1, 4
-"""1 / K_bt and 1 / K_se, three each."""
-U_REST, V_REST, F_LOAD = 7, 10, 13
-"""u* (1/m), v* (1) and the load f (N/m), three each."""
-U_REST_NORM, PARTS = 16, 17
-"""|u*|, and the parts that this rod wants the element to be cut into."""
-TERMS, RISES = 18, 21
-"""Hyperelastic a, b, c (3), and the coefficients of z, z^2, z^3 of u* (9): of rods in full form, else unused."""
-ELEMENT = 30
 
-# The quantities in `work`, one array for all so that nothing has to be counted or checked for overlap on the way.
-Q, M, R, N, PEAK_M2 = 0, 4, 7, 10, 13
-"""State: orientation q (4), m, r, N (3 each), and the largest m^2 (N^2 m^2) met at the ends of steps."""
-STATE = PEAK_M2 + 1
-"""Quantities of the state, the first of `work`, saved while a station inside a step is visited."""
-TIP, ANCHOR = 14, 18
-"""Unknowns: orientation of the tip (4), and the spring anchor: where the springs take the tip to be (3, m, mount frame)."""
-RESIDUAL, PLACE = 21, 27
-"""By how much the base misses its pose: rotation (3, rad) and, with springs, position over length (3); the tip P as
-seen from the base (3, m, mount frame)."""
-RESIDUAL_BEFORE, TURN = 30, 36
-"""The residual before the last change of the unknowns (6), and that change (6: rad, lengths)."""
-JACOBIAN, PLACE_BY_TURN = 42, 78
-"""d RESIDUAL / d TURN, 6 by 6 (3 by 3 of it without springs), and d PLACE / d TURN, 3 by 6."""
-SAVED = 96
-"""TIP, ANCHOR and PLACE while unknowns are nudged (10)."""
-SAVED_PLACE = SAVED + 7
-WRENCH, BASE, COMPLIANCE, LOAD_SHARE, ROD_LENGTH = 106, 118, 122, 125, 126
-"""Follower force and moment, dead force and moment (12), base quaternion (4), compliance (3), share of all loads, L (m)."""
-LARGEST_MOMENT, THRUST = 127, 128
-"""Largest moment of the coarse solution, N m, and about the largest force, N."""
-RELIEF = 129
-"""Share of the follower loads' moment that the base's compliance does not feel."""
-STIFFENING = 130
-"""1 / rad^2, see `columns.BASE_STIFFENING`."""
-SPRINGS = 131
-WORK = SPRINGS + MOST_SPRINGS * SPRING
+class Record:
+    """The numbers of one lane from quantity `first` of a flat array on, in the order in which a subclass annotates them: floats,
+    tuples of floats, other records, or Annotated[list[one of these], how many]. Lives in compiled code only."""
+
+    size: int
+    """Quantities."""
+
+    def __init__(self, numbers: Array, lane: int, first: int = 0) -> None: ...
+    def __getitem__(self, k: int) -> float: ...  # type: ignore[empty-body]
+    def __setitem__(self, k: int, value: float) -> None: ...
 
 
-class RowLayout(NamedTuple):
-    """Where things are in a row of `Rods.values`, see `columns`."""
+class _Place(types.Type):  # type: ignore[misc]
+    """Where numbers of one lane lie: what compiled code has of a record, or of several fields of one kind."""
 
-    head: int
-    """Columns before the first element."""
-    block: int
-    """Columns of an element."""
-    springs: int
-
-
-class Group(NamedTuple):
-    """Rods side by side, and how they are cut."""
-
-    work: Array
-    """(WORK LANES) state, unknowns, residual, Jacobian, loads and supports."""
-    elements: Array
-    """(count ELEMENT LANES) sections and loads, tip first."""
-    full: Full
-    parts: Counts
-    """(count,) steps of each element."""
-    springs: int
-    active: int
-    """Lanes in use."""
+    def __init__(self, name: str, item: types.Type, each: int) -> None:
+        super().__init__(name=name)
+        self.item, self.each = item, each
+        self.fields: dict[str, tuple[int, types.Type]] = {}
 
 
-@inline
-def copy_numbers(source: Array, into: Array, count: int) -> None:
-    """The first `count` numbers. (Numba compiles half a dozen text functions into an assignment of slices, for its error.)"""
-    for i in range(count):
-        into[i] = source[i]
+@register_model(_Place)  # type: ignore[untyped-decorator]
+class _PlaceModel(models.StructModel):  # type: ignore[misc]
+    def __init__(self, manager: Any, kind: _Place) -> None:
+        super().__init__(manager, kind, [("data", types.CPointer(types.float64)), ("first", types.int64)])
 
 
-@inline
-def element_at(e: int) -> int:
-    """The first quantity of element e, counted from the tip."""
-    return e * ELEMENT
+_PLACES: dict[type, _Place] = {}
+
+
+def record(made: Made) -> Made:
+    """Make kernels understand a record."""
+    kind = _PLACES[made] = _Place(f"{made.__module__}.{made.__name__}", types.float64, 1)
+    made.size = 0
+    for name, annotation in get_type_hints(made, include_extras=True).items():
+        if name != "size":
+            size, field = _field(annotation)
+            kind.fields[name] = made.size, field
+            made.size += size
+    type_callable(made)(lambda context: lambda numbers, lane, first=types.int64: kind)
+    for given in ((types.Array, types.Integer), (types.Array, types.Integer, types.Integer)):
+        lower_builtin(made, *given)(_begin)
+    return made
+
+
+def _field(annotation: Any) -> tuple[int, types.Type]:
+    """Quantities of a field, and its type."""
+    if annotation is float:
+        return 1, types.float64
+    if get_origin(annotation) is tuple:
+        return len(get_args(annotation)), types.UniTuple(types.float64, len(get_args(annotation)))
+    if annotation in _PLACES:
+        return annotation.size, _PLACES[annotation]
+    (each,), (count,) = get_args(annotation.__origin__), annotation.__metadata__
+    size, item = _field(each)
+    return count * size, _Place(f"several {item.name}", item, size)
+
+
+class _Numbers:
+    """The numbers at a place, while code is written that reads or writes them."""
+
+    def __init__(self, context: Any, builder: Any, data: Any, first: Any) -> None:
+        self.context, self.builder, self.data, self.first = context, builder, data, first
+
+    def further(self, quantities: Any) -> _Numbers:
+        """So many quantities further on."""
+        if isinstance(quantities, int):
+            quantities = ir.Constant(ir.IntType(64), quantities)
+        step = self.builder.mul(quantities, ir.Constant(ir.IntType(64), LANES), flags=["nsw"])
+        return _Numbers(self.context, self.builder, self.data, self.builder.add(self.first, step, flags=["nsw"]))
+
+    @property
+    def address(self) -> Any:
+        return self.builder.gep(self.data, [self.first], inbounds=True)
+
+    def read(self, kind: Any) -> Any:
+        """What lies here: a number, a tuple of numbers, or a place."""
+        if isinstance(kind, _Place):
+            made = cgutils.create_struct_proxy(kind)(self.context, self.builder)
+            made.data, made.first = self.data, self.first
+            return made._getvalue()
+        if kind is types.float64:
+            return self.builder.load(self.address)
+        numbers = [self.builder.load(self.further(k).address) for k in range(kind.count)]
+        return cgutils.pack_array(self.builder, numbers)
+
+    def write(self, kind: Any, value: Any) -> None:
+        """Put a number or a tuple of numbers here."""
+        if isinstance(kind, _Place):
+            raise errors.TypingError("a record is not assigned but copied")
+        numbers = [value] if kind is types.float64 else cgutils.unpack_tuple(self.builder, value, kind.count)
+        for k, number in enumerate(numbers):
+            self.builder.store(number, self.further(k).address)
+
+
+def _numbers(context: Any, builder: Any, kind: _Place, value: Any) -> _Numbers:
+    place = cgutils.create_struct_proxy(kind)(context, builder, value=value)
+    return _Numbers(context, builder, place.data, place.first)
+
+
+def _begin(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+    """Record(numbers, lane, first)."""
+    data = context.make_array(signature.args[0])(context, builder, values[0]).data
+    place = _Numbers(context, builder, data, values[1])
+    return (place.further(values[2]) if len(values) > 2 else place).read(signature.return_type)
+
+
+@infer_getattr
+class _Attributes(AttributeTemplate):  # type: ignore[misc]
+    key = _Place
+
+    def generic_resolve(self, kind: Any, name: str) -> Any:  # type: ignore[override]
+        return kind.fields[name][1] if name in kind.fields else None
+
+
+@lower_getattr_generic(_Place)  # type: ignore[untyped-decorator]
+def _read(context: Any, builder: Any, kind: _Place, value: Any, name: str) -> Any:
+    """record.name"""
+    first, field = kind.fields[name]
+    return _numbers(context, builder, kind, value).further(first).read(field)
+
+
+@lower_setattr_generic(_Place)  # type: ignore[untyped-decorator]
+def _write(context: Any, builder: Any, signature: Any, values: Any, name: str) -> None:
+    """record.name = value"""
+    kind, field = signature.args
+    _numbers(context, builder, kind, values[0]).further(kind.fields[name][0]).write(field, values[1])
+
+
+@infer_global(operator.getitem)
+class _GetItem(AbstractTemplate):  # type: ignore[misc]
+    def generic(self, args: Any, kws: Any) -> Any:
+        fits = isinstance(args[0], _Place) and isinstance(args[1], types.Integer)
+        return signature(args[0].item, args[0], types.int64) if fits else None
+
+
+@infer_global(operator.setitem)
+class _SetItem(AbstractTemplate):  # type: ignore[misc]
+    def generic(self, args: Any, kws: Any) -> Any:
+        fits = isinstance(args[0], _Place) and isinstance(args[1], types.Integer)
+        return signature(types.void, args[0], types.int64, args[0].item) if fits else None
+
+
+@lower_builtin(operator.getitem, _Place, types.Integer)  # type: ignore[untyped-decorator]
+def _read_item(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+    """record[k]: number k, or field k of several of one kind."""
+    kind = signature.args[0]
+    return _item(context, builder, kind, values).read(kind.item)
+
+
+@lower_builtin(operator.setitem, _Place, types.Integer, types.Any)  # type: ignore[untyped-decorator]
+def _write_item(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+    """record[k] = value"""
+    kind = signature.args[0]
+    _item(context, builder, kind, values).write(kind.item, values[2])
+    return context.get_dummy_value()
+
+
+def _item(context: Any, builder: Any, kind: _Place, values: Any) -> _Numbers:
+    each = ir.Constant(ir.IntType(64), kind.each)
+    return _numbers(context, builder, kind, values[0]).further(builder.mul(values[1], each, flags=["nsw"]))
 
 
 @allocating
@@ -125,188 +199,22 @@ def new_numbers(count: int) -> Array:
     return room[begin : begin + count]
 
 
-@allocating
-def new_work() -> Array:
-    """Zeros for one group."""
-    return new_numbers(WORK * LANES)
-
-
 @inline
-def number_of(array: Array, k: int, l: int) -> float:
-    """Quantity k of lane l."""
-    return number_at(array, k * LANES + l)
+def copy(source: Record, into: Record, count: int) -> None:
+    """The first numbers of a record into another."""
+    for k in range(count):
+        into[k] = source[k]
 
 
-@inline
-def vector_of(array: Array, k: int, l: int) -> Vector:
-    """Quantities k, k + 1, k + 2 of lane l."""
-    o = k * LANES + l
-    return (number_at(array, o), number_at(array, o + LANES), number_at(array, o + 2 * LANES))
+def _copy_lanes(typing: Any, source: Any, into: Any, count: Any) -> Any:
+    def written(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        read, write = (_numbers(context, builder, signature.args[k], values[k]).address for k in (0, 1))
+        size = builder.mul(values[2], ir.Constant(ir.IntType(64), LANES))
+        cgutils.raw_memcpy(builder, write, read, size, np.dtype(float).itemsize)
+        return context.get_dummy_value()
+
+    return types.void(source, into, types.int64), written
 
 
-@inline
-def quaternion_of(array: Array, k: int, l: int) -> Quaternion:
-    """Quantities k .. k + 3 of lane l."""
-    return (number_of(array, k, l), *vector_of(array, k + 1, l))
-
-
-@inline
-def put_quaternion(into: Array, k: int, l: int, q: Quaternion) -> None:
-    """Four numbers of lane l from quantity k on."""
-    put_number(into, k * LANES + l, q[0])
-    put(into, k + 1, l, (q[1], q[2], q[3]))
-
-
-@inline
-def put(into: Array, k: int, l: int, a: Vector) -> None:
-    """Three numbers of lane l from quantity k on (written out: tuples indexed in a loop would go through memory)."""
-    o = k * LANES + l
-    put_number(into, o, a[0])
-    put_number(into, o + LANES, a[1])
-    put_number(into, o + 2 * LANES, a[2])
-
-
-@allocating
-def new_elements(count: int) -> Array:
-    """Room for so many elements."""
-    return new_numbers(count * ELEMENT * LANES)
-
-
-@inline
-def elements_of(rods: Array, at: RowLayout) -> int:
-    """Elements of a row."""
-    return (rods.shape[1] - at.head) // at.block
-
-
-@inline
-def whole_length(rods: Array, row: int, at: RowLayout) -> float:
-    """Length of a rod, m."""
-    length = 0.0
-    for o in range(at.head, rods.shape[1], at.block):
-        length += rods[row, o + LENGTH]
-    return length
-
-
-@routine
-def gather_rod(rods: Array, row: int, at: RowLayout, group: Group, l: int) -> None:
-    """Copy rod `row` into lane l: its ends, and its elements tip first."""
-    gather_ends(rods, row, at, group.work, l)
-    gather_elements(rods, row, at, group, l)
-
-
-@inline
-def gather_ends(rods: Array, row: int, at: RowLayout, work: Array, l: int) -> None:
-    """Copy what belongs to the ends of rod `row` into lane l."""
-    for k in range(12):
-        work[(WRENCH + k) * LANES + l] = rods[row, TIP_FORCE + k]
-    x, y, z = rods[row, BASE_TURN], rods[row, BASE_TURN + 1], rods[row, BASE_TURN + 2]
-    angle = math.sqrt(x * x + y * y + z * z)
-    w, half = 1.0, 0.5
-    if angle > 0.0:
-        w, half = math.cos(0.5 * angle), math.sin(0.5 * angle) / angle
-    put_quaternion(work, BASE, l, (w, half * x, half * y, half * z))
-    for k in range(3):
-        work[(COMPLIANCE + k) * LANES + l] = rods[row, BASE_COMPLIANCE + k]
-    work[RELIEF * LANES + l] = rods[row, BASE_RELIEF]
-    work[STIFFENING * LANES + l] = rods[row, BASE_STIFFENING]
-    work[LOAD_SHARE * LANES + l] = 1.0
-    whole = whole_length(rods, row, at)
-    work[ROD_LENGTH * LANES + l] = whole
-    force, moment = vector_of(work, WRENCH, l), vector_of(work, WRENCH + 3, l)
-    dead = vector_of(work, WRENCH + 6, l)
-    # A rough idea of the largest moment sizes the coarse steps: the thrust at the tip has an arm once the rod bends.
-    thrust = math.sqrt(dot(force, force))
-    work[LARGEST_MOMENT * LANES + l] = max(math.sqrt(dot(moment, moment)), 0.125 * whole * thrust)
-    thrust += math.sqrt(dot(dead, dead))
-    for o in range(at.head, rods.shape[1], at.block):
-        x, y, z = rods[row, o + LOAD], rods[row, o + LOAD + 1], rods[row, o + LOAD + 2]
-        thrust += 0.5 * rods[row, o + LENGTH] * math.sqrt(x * x + y * y + z * z)
-    work[THRUST * LANES + l] = thrust
-    for k in range(at.head - HEAD):
-        work[(SPRINGS + k) * LANES + l] = rods[row, HEAD + k]
-
-
-@inline
-def gather_elements(rods: Array, row: int, at: RowLayout, group: Group, l: int) -> None:
-    """Copy the elements of rod `row` into lane l, tip first."""
-    elements = group.elements
-    for e in range(elements_of(rods, at)):
-        o = rods.shape[1] - (e + 1) * at.block
-        p = e * ELEMENT
-        elements[p * LANES + l] = rods[row, o + LENGTH]
-        for k in range(6):
-            elements[(p + INV_BEND + k) * LANES + l] = 1.0 / rods[row, o + BEND + k]
-        for k in range(9):
-            elements[(p + U_REST + k) * LANES + l] = rods[row, o + REST_CURVATURE + k]
-        set_rest_norm(elements, p, l)
-        copy_terms(group.full, rods, row, o + SERIES, elements, p + TERMS, l)
-
-
-@inline
-def set_rest_norm(elements: Array, p: int, l: int) -> None:
-    """|u*| of the element at p."""
-    rest = vector_of(elements, p + U_REST, l)
-    elements[(p + U_REST_NORM) * LANES + l] = math.sqrt(dot(rest, rest))
-
-
-@inline
-def copy_terms(full: Full, rods: Array, row: int, o: int, elements: Array, p: int, l: int) -> None:
-    """The hyperelastic and graded terms from column o on, where rods have them."""
-    if full is not None:
-        for k in range(ELEMENT - TERMS):
-            elements[(p + k) * LANES + l] = rods[row, o + k]
-
-
-@inline
-def terms_in(full: Full, elements: Array) -> Array | None:
-    """`elements` as the place of the terms where rods have them: an array of their own would have to be checked for overlap."""
-    if full is None:
-        return None
-    return elements
-
-
-@routine
-def fixed_cut(group: Group, steps: Counts, first: int) -> None:
-    """Cut as `steps` (n, elements base to tip) says, where it has rows: the most that any rod of the group is to have."""
-    if steps.shape[0] == 0:
-        return
-    parts = group.parts
-    for e in range(parts.size):
-        most = 1
-        for l in range(group.active):
-            most = max(most, steps[min(first + l, steps.shape[0] - 1), parts.size - 1 - e])
-        parts[e] = most
-
-
-FINEST = 5.0
-"""By how much steps are refined at most."""
-
-
-@routine
-def cut(group: Group, divisions: float) -> int:
-    """Into how many steps each element (tip first) of the group is cut, into `parts`; returns their sum.
-
-    No step is longer than the rod's length over `divisions`. Where the largest moment bends an element by b radian over
-    the rod's length, and the thrust t = |N| L^2 / EI is more than 8, steps shrink as found by experiment to keep the
-    error of the tip level. The lanes share the cuts: elements that are empty in one rod are walked with steps of no
-    length.
-    """
-    work, elements, parts = group.work, group.elements, group.parts
-    total = 0
-    for e in range(parts.size):
-        p = e * ELEMENT
-        for l in range(group.active):
-            whole = work[ROD_LENGTH * LANES + l]
-            flexible = max(elements[(p + INV_BEND) * LANES + l], elements[(p + INV_BEND + 1) * LANES + l])
-            b = whole * (work[LARGEST_MOMENT * LANES + l] * flexible + elements[(p + U_REST_NORM) * LANES + l])
-            t = work[THRUST * LANES + l] * whole * whole * flexible
-            finer = 0.3 + 0.5 * b * max(1.0, t / 8.0)
-            # A pass that went astray may have met any moment, or none that is a number.
-            finer = max(1.0, finer) if finer < FINEST else FINEST
-            elements[(p + PARTS) * LANES + l] = elements[p * LANES + l] / whole * divisions * finer
-        most = 0.0
-        for l in range(group.active):
-            most = max(most, elements[(p + PARTS) * LANES + l])
-        parts[e] = int(math.ceil(most - 1e-9))
-        total += parts[e]
-    return total
+copy_lanes = cast(Callable[[Record, Record, int], None], intrinsic(_copy_lanes))
+"""The first numbers of a record into another, of all lanes; the records are those of lane 0."""

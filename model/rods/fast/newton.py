@@ -15,33 +15,11 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
-from model.rods.fast.algebra import Vector, along, dot, product, scaled
-from model.rods.fast.jit import allocating, inline, routine
-from model.rods.fast.lanes import (
-    ANCHOR,
-    BASE,
-    JACOBIAN,
-    LANES,
-    PLACE,
-    PLACE_BY_TURN,
-    RESIDUAL,
-    RESIDUAL_BEFORE,
-    SAVED,
-    SAVED_PLACE,
-    TIP,
-    TURN,
-    Group,
-    put,
-    put_quaternion,
-    quaternion_of,
-    vector_of,
-)
-from model.rods.fast.passes import evaluate, turn_tip, unit_quaternion
-
-Array = NDArray[np.float64]
+from model.rods.fast.algebra import Vector, along, conjugate, dot, minus, product, scaled, unit
+from model.rods.fast.compiler import inline, routine
+from model.rods.fast.group import FOUND, POSE, SIX, Group, Rod, Six, each_rod
+from model.rods.fast.lanes import copy, copy_lanes
+from model.rods.fast.passes import change_tip, evaluate, orientation
 
 NUDGE = 1e-4
 """Finite-difference change of an unknown (rad, lengths)."""
@@ -49,188 +27,232 @@ LONGEST_TURN = 0.7
 """A Newton step (rad, lengths) is shortened to this."""
 NEAR = 1e-3
 """Residual at which coarse passes have done their part: below their own discretisation error."""
-
 HALF_TURNED = 0.5
 """Cosine of half the angle (2.1 rad) from which a tip counts as turned far."""
+LEAST_LEFT, LEAST_LEFT_OF_TURNED = 0.01, 0.1
+"""Share of the residual that is expected at least after a step, and of rods that turn their tip far."""
 
 
 @inline
 def first_guess(group: Group) -> None:
     """Set the unknowns to what they would be without dead loads and springs."""
-    work, active = group.work, group.active
-    for l in range(active):
-        put_quaternion(work, TIP, l, quaternion_of(work, BASE, l))
+    guess_base(group)
     evaluate(group, 0, 0.0)
-    for l in range(active):
-        # A pass that starts at B and ends at R reaches B from B R^T B.
-        r = unit_quaternion(work, l)
-        b = quaternion_of(work, TIP, l)
-        put_quaternion(work, TIP, l, product(b, product((r[0], -r[1], -r[2], -r[3]), b)))
-        put(work, ANCHOR, l, vector_of(work, PLACE, l))
+    guess_tip(group)
+
+
+@each_rod
+def guess_base(rod: Rod) -> None:
+    """Turn the tip as the base is."""
+    rod.tip.turn = rod.base
+
+
+@each_rod
+def guess_tip(rod: Rod) -> None:
+    """A pass that starts at B and ends at R reaches B from B R^T B."""
+    b = rod.tip.turn
+    rod.tip.turn = product(b, product(conjugate(orientation(rod.here)), b))
+    rod.tip.place = rod.found.seen
 
 
 @routine
 def difference_jacobian(group: Group) -> None:
-    """d RESIDUAL / d TURN and d PLACE / d TURN by finite differences; leaves the pass at the unchanged tip behind."""
-    work, springs, active = group.work, group.springs, group.active
-    unknowns = 6 if springs > 0 else 3
+    """d residual / d change and d seen / d change by finite differences; leaves the pass at the unchanged tip behind."""
+    all_rods = Rod(group.work, 0)
     evaluate(group, group.springs, 1.0)
-    copy(work, TIP, SAVED, 7)
-    copy(work, PLACE, SAVED_PLACE, 3)
-    copy(work, RESIDUAL, RESIDUAL_BEFORE, 6)
-    for c in range(unknowns):
-        for k in range(6):
-            for l in range(LANES):
-                work[(TURN + k) * LANES + l] = NUDGE if k == c else 0.0
-        turn_tip(group)
+    copy_lanes(all_rods.tip, all_rods.tip_before, POSE)
+    copy_lanes(all_rods.found, all_rods.found_before, FOUND)
+    for c in range(6 if group.springs > 0 else 3):
+        nudge(group, c)
+        change_tip(group)
         evaluate(group, group.springs, 1.0)
-        for r in range(unknowns):
-            for l in range(active):
-                rise = work[(RESIDUAL + r) * LANES + l] - work[(RESIDUAL_BEFORE + r) * LANES + l]
-                work[(JACOBIAN + 6 * r + c) * LANES + l] = rise * (1.0 / NUDGE)
-        for r in range(3):
-            for l in range(active):
-                rise = work[(PLACE + r) * LANES + l] - work[(SAVED_PLACE + r) * LANES + l]
-                work[(PLACE_BY_TURN + 6 * r + c) * LANES + l] = rise * (1.0 / NUDGE)
-        copy(work, SAVED, TIP, 7)
-    copy(work, RESIDUAL_BEFORE, RESIDUAL, 6)
-    copy(work, SAVED_PLACE, PLACE, 3)
+        differ(group, c)
+        if group.springs > 0:
+            differ_shift(group, c)
+        copy_lanes(all_rods.tip_before, all_rods.tip, POSE)
+    copy_lanes(all_rods.found_before, all_rods.found, FOUND)
+
+
+@each_rod
+def nudge(rod: Rod, c: int) -> None:
+    """Change unknown c only."""
+    rod.change.turn, rod.change.shift = scaled(NUDGE, unit(c)), scaled(NUDGE, unit(c - 3))
+
+
+@each_rod
+def differ(rod: Rod, c: int) -> None:
+    """Column c of what a turn misses, and of d seen / d change."""
+    found, before = rod.found, rod.found_before
+    set_column(rod.jacobian.turn, c, scaled(1.0 / NUDGE, minus(found.residual.turn, before.residual.turn)))
+    set_column(rod.seen_by, c, scaled(1.0 / NUDGE, minus(found.seen, before.seen)))
+
+
+@each_rod
+def differ_shift(rod: Rod, c: int) -> None:
+    """Column c of what a shift misses."""
+    now, before = rod.found.residual.shift, rod.found_before.residual.shift
+    set_column(rod.jacobian.shift, c, scaled(1.0 / NUDGE, minus(now, before)))
 
 
 @inline
-def copy(work: Array, source: int, target: int, quantities: int) -> None:
-    """Quantities from `source` on into those from `target` on."""
-    for i in range(quantities * LANES):
-        work[target * LANES + i] = work[source * LANES + i]
+def set_column(rows: list[Six], c: int, column: Vector) -> None:
+    """Column c of three rows. (Vectors are written whole, at places known to the compiler: else it makes no vectors of lanes.)"""
+    for k in range(3):
+        row = rows[k]
+        if c < 3:
+            row.turn = with_entry(row.turn, c, column[k])
+        else:
+            row.shift = with_entry(row.shift, c - 3, column[k])
 
 
 @inline
-def newton_turn(group: Group) -> None:
-    """TURN = -J^-1 RESIDUAL, shortened to LONGEST_TURN."""
-    work, springs, active = group.work, group.springs, group.active
-    if springs > 0:
-        for l in range(active):
-            newton_step_6(work, l)
+def with_entry(a: Vector, k: int, x: float) -> Vector:
+    """The vector with another entry k."""
+    return (x if k == 0 else a[0], x if k == 1 else a[1], x if k == 2 else a[2])
+
+
+@inline
+def newton_step(group: Group) -> None:
+    """change = -J^-1 residual."""
+    if group.springs > 0:
+        step_by_six(group)
     else:
-        for l in range(active):
-            put(work, TURN, l, newton_step_3(jacobian_of(work, l), vector_of(work, RESIDUAL, l)))
-    for l in range(active):
-        t = vector_of(work, TURN, l)
-        size = dot(t, t)
-        if springs > 0:
-            d = vector_of(work, TURN + 3, l)
-            size += dot(d, d)
-        shorten = min(1.0, LONGEST_TURN / (math.sqrt(size) + 1e-300))
-        put(work, TURN, l, scaled(shorten, t))
-        if springs > 0:
-            put(work, TURN + 3, l, scaled(shorten, vector_of(work, TURN + 3, l)))
+        step_by_three(group)
 
 
-@inline
-def jacobian_of(work: Array, l: int) -> tuple[Vector, Vector, Vector]:
-    """The rows of the 3 by 3 Jacobian."""
-    return (vector_of(work, JACOBIAN, l), vector_of(work, JACOBIAN + 6, l), vector_of(work, JACOBIAN + 12, l))
-
-
-@inline
-def newton_step_3(jacobian: tuple[Vector, Vector, Vector], residual: Vector) -> Vector:
-    """-J^-1 residual for three unknowns."""
-    (a, b, c), (d, e, f), (g, h, i) = jacobian
-    x, y, z = residual
+@each_rod
+def step_by_three(rod: Rod) -> None:
+    """The step in three unknowns."""
+    (a, b, c), (d, e, f), (g, h, i) = turn_by_turn(rod)
+    x, y, z = rod.found.residual.turn
     ca, cb, cc = e * i - f * h, f * g - d * i, d * h - e * g
     scale = -1.0 / (a * ca + b * cb + c * cc)
-    return (
+    rod.change.turn = (
         (ca * x + (c * h - b * i) * y + (b * f - c * e) * z) * scale,
         (cb * x + (a * i - c * g) * y + (c * d - a * f) * z) * scale,
         (cc * x + (b * g - a * h) * y + (a * e - b * d) * z) * scale,
     )
 
 
-@allocating
-def newton_step_6(work: Array, l: int) -> None:
-    """TURN = -J^-1 RESIDUAL for six unknowns of one lane, by elimination with pivots."""
-    a = np.empty((6, 7))
-    for r in range(6):
-        for c in range(6):
-            a[r, c] = work[(JACOBIAN + 6 * r + c) * LANES + l]
-        a[r, 6] = -work[(RESIDUAL + r) * LANES + l]
-    for k in range(6):
+@inline
+def turn_by_turn(rod: Rod) -> tuple[Vector, Vector, Vector]:
+    """The Jacobian of three unknowns, row by row."""
+    rows = rod.jacobian.turn
+    return (rows[0].turn, rows[1].turn, rows[2].turn)
+
+
+@each_rod
+def step_by_six(rod: Rod) -> None:
+    """The step in six unknowns."""
+    eliminate(rod)
+    x, a = rod.change, rod.pivots
+    for i in range(SIX):
+        r = SIX - 1 - i
+        total = -a[SIX][r]
+        for c in range(r + 1, SIX):
+            total -= a[r][c] * x[c]
+        x[r] = total / a[r][r]
+
+
+@routine
+def eliminate(rod: Rod) -> float:
+    """Bring the Jacobian to triangular form in `pivots`, with the residual as their last row; returns the determinant."""
+    a, total = rod.pivots, 1.0
+    b = a[SIX]
+    copy(rod.found.residual, b, SIX)
+    for r in range(3):
+        copy(rod.jacobian.turn[r], a[r], SIX)
+        copy(rod.jacobian.shift[r], a[3 + r], SIX)
+    for k in range(SIX):
         top = k
-        for r in range(k + 1, 6):
-            if abs(a[r, k]) > abs(a[top, k]):
+        for r in range(k + 1, SIX):
+            if abs(a[r][k]) > abs(a[top][k]):
                 top = r
-        for c in range(k, 7):
-            a[k, c], a[top, c] = a[top, c], a[k, c]
-        for r in range(k + 1, 6):
-            factor = a[r, k] / a[k, k]
-            for c in range(k, 7):
-                a[r, c] -= factor * a[k, c]
-    for r in range(5, -1, -1):
-        for c in range(r + 1, 6):
-            a[r, 6] -= a[r, c] * a[c, 6]
-        a[r, 6] /= a[r, r]
-        work[(TURN + r) * LANES + l] = a[r, 6]
+        if top != k:
+            total = -total
+            b[k], b[top] = b[top], b[k]
+            for c in range(k, SIX):
+                a[k][c], a[top][c] = a[top][c], a[k][c]
+        total *= a[k][k]
+        for r in range(k + 1, SIX):
+            factor = a[r][k] / a[k][k]
+            b[r] -= factor * b[k]
+            for c in range(k, SIX):
+                a[r][c] -= factor * a[k][c]
+    return total
+
+
+@each_rod
+def shorten(rod: Rod) -> None:
+    """Shorten a change to LONGEST_TURN."""
+    change = rod.change
+    size = dot(change.turn, change.turn) + dot(change.shift, change.shift)
+    share = min(1.0, LONGEST_TURN / (math.sqrt(size) + 1e-300))
+    change.turn, change.shift = scaled(share, change.turn), scaled(share, change.shift)
 
 
 @inline
 def broyden(group: Group) -> None:
-    """Make the Jacobian explain the last step: J += (RESIDUAL - RESIDUAL_BEFORE - J TURN) TURN^T / |TURN|^2."""
-    work, springs, active = group.work, group.springs, group.active
-    if springs > 0:
-        for l in range(active):
-            size = 1e-30
-            for k in range(6):
-                size += work[(TURN + k) * LANES + l] ** 2
-            for r in range(6):
-                gap = work[(RESIDUAL + r) * LANES + l] - work[(RESIDUAL_BEFORE + r) * LANES + l]
-                for k in range(6):
-                    gap -= work[(JACOBIAN + 6 * r + k) * LANES + l] * work[(TURN + k) * LANES + l]
-                for k in range(6):
-                    work[(JACOBIAN + 6 * r + k) * LANES + l] += gap / size * work[(TURN + k) * LANES + l]
+    """Make the Jacobian explain the last step: J += (residual - residual_before - J change) change^T / |change|^2."""
+    if group.springs > 0:
+        learn(group)
     else:
-        for l in range(active):
-            turn = vector_of(work, TURN, l)
-            scale = 1.0 / (dot(turn, turn) + 1e-30)
-            gained = along(vector_of(work, RESIDUAL, l), -1.0, vector_of(work, RESIDUAL_BEFORE, l))
-            a, b, c = jacobian_of(work, l)
-            put(work, JACOBIAN, l, along(a, (gained[0] - dot(a, turn)) * scale, turn))
-            put(work, JACOBIAN + 6, l, along(b, (gained[1] - dot(b, turn)) * scale, turn))
-            put(work, JACOBIAN + 12, l, along(c, (gained[2] - dot(c, turn)) * scale, turn))
-            # PLACE_BY_TURN learns in the same way, so that the last correction moves the tip as the last step did.
-            moved = along(vector_of(work, PLACE, l), -1.0, vector_of(work, SAVED_PLACE, l))
-            a, b, c = (
-                vector_of(work, PLACE_BY_TURN, l),
-                vector_of(work, PLACE_BY_TURN + 6, l),
-                vector_of(work, PLACE_BY_TURN + 12, l),
-            )
-            put(work, PLACE_BY_TURN, l, along(a, (moved[0] - dot(a, turn)) * scale, turn))
-            put(work, PLACE_BY_TURN + 6, l, along(b, (moved[1] - dot(b, turn)) * scale, turn))
-            put(work, PLACE_BY_TURN + 12, l, along(c, (moved[2] - dot(c, turn)) * scale, turn))
+        learn_turn(group)
+
+
+@each_rod
+def learn(rod: Rod) -> None:
+    """In six unknowns."""
+    now, before, change = rod.found.residual, rod.found_before.residual, rod.change
+    scale = 1.0 / (dot(change.turn, change.turn) + dot(change.shift, change.shift) + 1e-30)
+    for k in range(3):
+        explain(rod.jacobian.turn[k], now.turn[k] - before.turn[k], change, scale)
+        explain(rod.jacobian.shift[k], now.shift[k] - before.shift[k], change, scale)
 
 
 @inline
-def size_of(work: Array, k: int, springs: int, l: int) -> float:
-    """Root sum of squares of RESIDUAL, RESIDUAL_BEFORE or TURN; NaN counts as infinite."""
-    turned_by = vector_of(work, k, l)
-    size = dot(turned_by, turned_by)
-    if springs > 0:
-        moved_by = vector_of(work, k + 3, l)
-        size += dot(moved_by, moved_by)
+def explain(row: Six, gained: float, change: Six, scale: float) -> None:
+    """Make a row explain what a change gained."""
+    by = (gained - (dot(row.turn, change.turn) + dot(row.shift, change.shift))) * scale
+    row.turn, row.shift = along(row.turn, by, change.turn), along(row.shift, by, change.shift)
+
+
+@each_rod
+def learn_turn(rod: Rod) -> None:
+    """In three; d seen / d change learns in the same way, so that the last correction moves the tip as the last step did."""
+    now, before, turn = rod.found, rod.found_before, rod.change.turn
+    scale = 1.0 / (dot(turn, turn) + 1e-30)
+    gained, moved = minus(now.residual.turn, before.residual.turn), minus(now.seen, before.seen)
+    for k in range(3):
+        rod.jacobian.turn[k].turn = explained(rod.jacobian.turn[k].turn, gained[k], turn, scale)
+        rod.seen_by[k].turn = explained(rod.seen_by[k].turn, moved[k], turn, scale)
+
+
+@inline
+def explained(row: Vector, gained: float, turn: Vector, scale: float) -> Vector:
+    """A row that explains what a turn gained."""
+    return along(row, (gained - dot(row, turn)) * scale, turn)
+
+
+@inline
+def size_of(six: Six) -> float:
+    """Root sum of squares; NaN counts as infinite."""
+    size = dot(six.turn, six.turn) + dot(six.shift, six.shift)
     return math.sqrt(size) if size == size else math.inf
 
 
 @inline
-def expected_residual(work: Array, springs: int, l: int) -> float:
+def expected_residual(rod: Rod) -> float:
     """What one more Newton step without a pass is expected to leave of the residual.
 
-    The last step left the share RESIDUAL / RESIDUAL_BEFORE; the next one leaves about as much, four times that to be safe.
-    PLACE_BY_TURN knows only the directions of the last steps well, so a hundredth is the least that is expected, and a tenth of
-    rods that turn their tip far: of 300,000 random robots one was 0.03 mm off that was judged as the others.
+    The last step left the share residual / residual_before; the next one leaves about as much, four times that to be safe.
+    d seen / d change knows only the directions of the last steps well, so that a least share is expected: of 300,000 random
+    robots one was 0.03 mm off whose tip had turned far and that was judged as the others.
     """
-    residual, before = size_of(work, RESIDUAL, springs, l), size_of(work, RESIDUAL_BEFORE, springs, l)
-    q, b = quaternion_of(work, TIP, l), quaternion_of(work, BASE, l)
+    residual, before = size_of(rod.found.residual), size_of(rod.found_before.residual)
+    q, b = rod.tip.turn, rod.base
     straight = abs(q[0] * b[0] + q[1] * b[1] + q[2] * b[2] + q[3] * b[3])
-    least = 0.01 if straight > HALF_TURNED else 0.1
+    least = LEAST_LEFT if straight > HALF_TURNED else LEAST_LEFT_OF_TURNED
     return residual * min(1.0, max(least, 4.0 * residual / (before + 1e-300))) if residual < math.inf else math.inf
 
 
@@ -239,67 +261,48 @@ def worst_residual(group: Group) -> float:
     """The largest expected residual in the group."""
     most = 0.0
     for l in range(group.active):
-        most = max(most, expected_residual(group.work, group.springs, l))
+        most = max(most, expected_residual(Rod(group.work, l)))
     return most
+
+
+@inline
+def correct(group: Group) -> None:
+    """A Newton step, not yet followed by a pass."""
+    newton_step(group)
+    shorten(group)
+    change_tip(group)
 
 
 @routine
 def improve(group: Group, close: float, most_rounds: int) -> int:
     """Newton steps with Broyden's updates from an evaluated point until the expected residual is below `close` in every lane
     (the step that `expected_residual` counts on is the caller's); returns the rounds used."""
-    work = group.work
-    copy(work, RESIDUAL, RESIDUAL_BEFORE, 6)
+    all_rods = Rod(group.work, 0)
+    copy_lanes(all_rods.found, all_rods.found_before, FOUND)
     for i in range(most_rounds):
         if worst_residual(group) < close:
             return i
-        newton_turn(group)
-        turn_tip(group)
-        copy(work, RESIDUAL, RESIDUAL_BEFORE, 6)
-        copy(work, PLACE, SAVED_PLACE, 3)
+        correct(group)
+        copy_lanes(all_rods.found, all_rods.found_before, FOUND)
         evaluate(group, group.springs, 1.0)
         broyden(group)
     return most_rounds
 
 
 @routine
-def buckling_margin(work: Array, springs: int, l: int) -> float:
-    """How far the solution in lane l is on the near side of buckling: 1 without dead loads, 0 or less beyond.
+def buckling_margin(rod: Rod, springs: int) -> float:
+    """How far a solution is on the near side of buckling: 1 without dead loads, 0 or less beyond.
 
     All eigenvalues of the Jacobian are 1 without dead loads; on the way to a fold or a branching point one of them goes
     through zero. Routh's conditions say whether all real parts of the 3 by 3 Jacobian are positive; its determinant
-    alone would residual a straight rod, which buckles in two planes at once. Returned is the smallest of the three
+    alone would miss a straight rod, which buckles in two planes at once. Returned is the smallest of the three
     conditions, scaled. With springs it is the determinant of the 6 by 6 Jacobian: a part of that alone may be singular
     where the rod is not.
     """
     if springs > 0:
-        return determinant_of(work, l)
-    (a, b, c), (d, e, f), (g, h, i) = jacobian_of(work, l)
+        return eliminate(rod)
+    (a, b, c), (d, e, f), (g, h, i) = turn_by_turn(rod)
     trace = a + e + i
     minors = a * e - b * d + a * i - c * g + e * i - f * h
     determinant = a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g)
     return min(trace / 3.0, determinant, (trace * minors - determinant) / 8.0)
-
-
-@allocating
-def determinant_of(work: Array, l: int) -> float:
-    """Determinant of the 6 by 6 Jacobian of lane l, by elimination with pivots."""
-    a = np.empty((6, 6))
-    for r in range(6):
-        for c in range(6):
-            a[r, c] = work[(JACOBIAN + 6 * r + c) * LANES + l]
-    total = 1.0
-    for k in range(6):
-        top = k
-        for r in range(k + 1, 6):
-            if abs(a[r, k]) > abs(a[top, k]):
-                top = r
-        if top != k:
-            total = -total
-            for c in range(k, 6):
-                a[k, c], a[top, c] = a[top, c], a[k, c]
-        total *= a[k, k]
-        for r in range(k + 1, 6):
-            factor = a[r, k] / a[k, k]
-            for c in range(k, 6):
-                a[r, c] -= factor * a[k, c]
-    return total

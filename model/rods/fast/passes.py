@@ -3,53 +3,29 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from model.rods.columns import (
-    SPRING,
-    SPRING_ARM,
-    SPRING_DIRECTION,
-    SPRING_ORIGIN,
-    SPRING_SOFTNESS,
-    SPRING_STIFFNESS,
-)
-from model.rods.fast.algebra import Quaternion, add, along, cross, dot, product, scaled, times, turned, turned_back
-from model.rods.fast.equations import section_of
-from model.rods.fast.jit import inline, routine
-from model.rods.fast.lanes import (
-    ANCHOR,
-    BASE,
-    COMPLIANCE,
-    F_LOAD,
-    LANES,
-    LOAD_SHARE,
-    PEAK_M2,
-    PLACE,
-    RELIEF,
-    RESIDUAL,
-    ROD_LENGTH,
-    SPRINGS,
-    STIFFENING,
-    TIP,
-    TURN,
-    WRENCH,
-    Group,
-    M,
-    N,
-    Q,
-    R,
-    element_at,
-    number_of,
-    put,
-    put_quaternion,
-    quaternion_of,
-    vector_of,
-)
-from model.rods.fast.runge_kutta import Step, step
-
-Array = NDArray[np.float64]
+from model.rods.fast.algebra import (
+    Quaternion,
+    Vector,
+    add,
+    along,
+    conjugate,
+    cross,
+    dot,
+    plus_cross,
+    product,
+    scaled,
+    times,
+    turned,
+    turned_back,
+)  # fmt: skip
+from model.rods.fast.compiler import inline, routine
+from model.rods.fast.equations import Section, Soft, State, Terms, slope, state_along, strains
+from model.rods.fast.group import Full, Group, Point, Rod, Spring, each_rod, section_of, terms_of
+from model.rods.fast.lanes import LANES
+from model.rods.fast.runge_kutta import step
+from model.rods.fast.stages import Stage, keep_stage, stage_of
 
 
 @routine
@@ -62,50 +38,26 @@ def evaluate(group: Group, springs: int, dead: float) -> None:
         for j in range(parts[e]):
             dz = -1.0 / parts[e]
             advance_group(group, e, 1.0 + j * dz, dz, dead)
-    read_base(group.work, group.active)
+    read_base(group)
     if springs > 0:
-        read_gap(group.work, group.active)
+        read_gap(group)
 
 
 @inline
 def start_at_tip(group: Group, springs: int, dead: float) -> None:
     """The state at the tip under the wrench there, springs included."""
-    set_tip(group.work, dead, group.active)
-    add_springs(group.work, springs, group.active)
+    set_tip(group, dead)
+    for j in range(springs):
+        add_spring(group, j)
 
 
-@inline
-def advance_group(group: Group, e: int, z: float, dz: float, dead: float) -> None:
-    """One step of all lanes within element e."""
-    if group.active == LANES:
-        for l in range(LANES):
-            advance(group, element_at(e), z, dz, l, dead, None)
-    else:
-        for l in range(group.active):
-            advance_alone(group, e, z, dz, l, dead)
-
-
-@routine
-def advance_alone(group: Group, e: int, z: float, dz: float, l: int, dead: float) -> None:
-    """`advance` compiled once by itself, for where lanes are not side by side."""
-    advance(group, element_at(e), z, dz, l, dead, None)
-
-
-@inline
-def set_tip(work: Array, dead: float, active: int) -> None:
-    """The state at the tip under the wrench there."""
-    for l in range(active):
-        q = quaternion_of(work, TIP, l)
-        share = work[LOAD_SHARE * LANES + l]
-        force = scaled(share, turned(q, vector_of(work, WRENCH, l)))
-        force = along(force, share * dead, vector_of(work, WRENCH + 6, l))
-        moment = scaled(share, vector_of(work, WRENCH + 3, l))
-        moment = along(moment, share * dead, turned_back(q, vector_of(work, WRENCH + 9, l)))
-        put_quaternion(work, Q, l, q)
-        put(work, M, l, moment)
-        put(work, R, l, (0.0, 0.0, 0.0))
-        put(work, N, l, force)
-        work[PEAK_M2 * LANES + l] = dot(moment, moment)
+@each_rod
+def set_tip(rod: Rod, dead: float) -> None:
+    """The state at the tip under the wrench there, without springs."""
+    q, share, here = rod.tip.turn, rod.load_share, rod.here
+    moment = along(scaled(share, rod.tip_moment), share * dead, turned_back(q, rod.dead_moment))
+    here.force = along(scaled(share, turned(q, rod.tip_force)), share * dead, rod.dead_force)
+    here.q, here.m, here.r, here.peak = q, moment, (0.0, 0.0, 0.0), dot(moment, moment)
 
 
 @inline
@@ -117,95 +69,148 @@ def spring_force(stretch: float, stiffness: float, softness: float) -> float:
 
 
 @inline
-def add_springs(work: Array, springs: int, active: int) -> None:
-    """Add the springs to the internal force and moment at the tip: -k (e . (p - R a) - origin) e each, at p - R a."""
-    for j in range(springs):
-        o = SPRINGS + j * SPRING
-        for l in range(active):
-            e, q = vector_of(work, o + SPRING_DIRECTION, l), quaternion_of(work, TIP, l)
-            arm = turned(q, vector_of(work, o + SPRING_ARM, l))
-            stretch = dot(e, vector_of(work, ANCHOR, l)) - dot(e, arm) - work[(o + SPRING_ORIGIN) * LANES + l]
-            stiffness, softness = work[(o + SPRING_STIFFNESS) * LANES + l], work[(o + SPRING_SOFTNESS) * LANES + l]
-            size = work[LOAD_SHARE * LANES + l] * spring_force(stretch, stiffness, softness)
-            put(work, N, l, along(vector_of(work, N, l), -size, e))
-            put(work, M, l, along(vector_of(work, M, l), size, turned_back(q, cross(arm, e))))
+def spring_stretch(rod: Rod, spring: Spring, arm: Vector) -> float:
+    """e . (p - R a) - origin of a spring whose arm R a is `arm` in the mount frame."""
+    return dot(spring.direction, rod.tip.place) - dot(spring.direction, arm) - spring.origin
+
+
+@each_rod
+def add_spring(rod: Rod, j: int) -> None:
+    """Add a spring to the internal force and moment at the tip: -k (e . (p - R a) - origin) e, at p - R a."""
+    spring, here = rod.springs[j], rod.here
+    arm = turned(rod.tip.turn, spring.arm)
+    stretch = spring_stretch(rod, spring, arm)
+    size = rod.load_share * spring_force(stretch, spring.stiffness, spring.softness)
+    here.force = along(here.force, -size, spring.direction)
+    here.m = along(here.m, size, turned_back(rod.tip.turn, cross(arm, spring.direction)))
+
+
+class Way(NamedTuple):
+    """A step of a rod along an element."""
+
+    section: Section
+    terms: Terms | None
+    h: float
+    """m along the rod."""
+    z: float
+    """Place within the element: 1 at its tip end, 0 at its base end."""
+    dz: float
+    """By how much z changes, negative."""
+    force: Vector
+    """N at the start."""
+    load: Vector
+    """N/m by which it grows on the way."""
+    stages: list[Stage] | None
+    """Where to keep what goes on, if anywhere."""
 
 
 @inline
-def advance(group: Group, at: int, z: float, dz: float, l: int, dead: float, stages: Array | None) -> None:
-    """One step of lane l within an element, from the place z by dz (a negative share of the element)."""
-    work, elements = group.work, group.elements
-    q, m, r = quaternion_of(work, Q, l), vector_of(work, M, l), vector_of(work, R, l)
-    y = (q[0], q[1], q[2], q[3], m[0], m[1], m[2], r[0], r[1], r[2])
-    force = vector_of(work, N, l)
-    h = -dz * number_of(elements, at, l)
-    section = section_of(elements, group.full, at, l)
-    load = scaled(dead * number_of(work, LOAD_SHARE, l), vector_of(elements, at + F_LOAD, l))
-    y = step(y, Step(h, z, dz, force, load), section, l, stages)
-    put_quaternion(work, Q, l, (y[0], y[1], y[2], y[3]))
-    put(work, M, l, (y[4], y[5], y[6]))
-    put(work, R, l, (y[7], y[8], y[9]))
-    put(work, N, l, along(force, h, load))
-    work[PEAK_M2 * LANES + l] = max(work[PEAK_M2 * LANES + l], y[4] * y[4] + y[5] * y[5] + y[6] * y[6])
+def rod_slope(y: State, i: int, share: float, weight: float, way: Way, near: Soft | None) -> tuple[State, Soft]:
+    """dy/dt of the rod at stage i, and how soft it is there."""
+    n = turned_back(y.q, along(way.force, share * way.h, way.load))
+    s = strains(y.m, n, way.section, way.terms, way.z + share * way.dz, near)
+    keep_stage(stage_of(way.stages, i), y, n, s, way.section, way.terms)
+    return slope(y, n, s), s.soft
 
 
 @inline
-def unit_quaternion(work: Array, l: int) -> Quaternion:
-    """The orientation in the state, freed from the drift of its norm."""
-    a, b, c, d = quaternion_of(work, Q, l)
+def advance(
+    rod: Rod, section: Section, full: Full, z: float, dz: float, dead: float, stages: list[Stage] | None, to: Point
+) -> None:
+    """One step of a rod within an element, from the place z by dz (a negative share of the element), and where it leads."""
+    here, h = rod.here, -dz * section.length
+    load = scaled(dead * rod.load_share, section.load)
+    way = Way(section, terms_of(full, section), h, z, dz, here.force, load, stages)
+    y = step(rod_slope, state_along, State(here.q, here.m, here.r), h, way)
+    to.force, to.peak = along(here.force, h, load), max(here.peak, y.m[0] * y.m[0] + y.m[1] * y.m[1] + y.m[2] * y.m[2])
+    to.q, to.m, to.r = y.q, y.m, y.r
+
+
+@inline
+def advance_group(group: Group, e: int, z: float, dz: float, dead: float) -> None:
+    """One step of all lanes within element e."""
+    if group.active == LANES:
+        for l in range(LANES):
+            rod = Rod(group.work, l)
+            advance(rod, section_of(group, e, l), group.full, z, dz, dead, None, rod.here)
+    else:
+        for l in range(group.active):
+            advance_alone(group, e, z, dz, l, dead)
+
+
+@routine
+def advance_alone(group: Group, e: int, z: float, dz: float, l: int, dead: float) -> None:
+    """`advance` compiled once by itself, for where lanes are not side by side."""
+    rod = Rod(group.work, l)
+    advance(rod, section_of(group, e, l), group.full, z, dz, dead, None, rod.here)
+
+
+@inline
+def orientation(at: Point) -> Quaternion:
+    """The orientation, freed from the drift of its norm."""
+    a, b, c, d = at.q
     size = 1.0 / math.sqrt(a * a + b * b + c * c + d * d)
     return (size * a, size * b, size * c, size * d)
 
 
 @inline
-def read_base(work: Array, active: int) -> None:
-    """By which rotation (rad, mount frame) the base misses its place, and where the tip is seen from it (m)."""
-    for l in range(active):
-        q = unit_quaternion(work, l)
-        b = quaternion_of(work, BASE, l)
-        v = times(turned(q, vector_of(work, M, l)), vector_of(work, COMPLIANCE, l))
-        e = product(q, (b[0], -b[1], -b[2], -b[3]))
-        # Four times the tangent of a quarter of the angle: the rotation vector to third order, regular up to 2 pi.
-        scale = math.copysign(4.0 / (1.0 + abs(e[0])), e[0])
-        put(work, RESIDUAL, l, (scale * e[1] - v[0], scale * e[2] - v[1], scale * e[3] - v[2]))
-        put(work, PLACE, l, turned(q, vector_of(work, R, l)))
-    for l in range(active):
-        if work[RELIEF * LANES + l] != 0.0 or work[STIFFENING * LANES + l] != 0.0:
-            relieve(work, l)
+def read_base(group: Group) -> None:
+    """By which rotation the base misses its place, and where the tip is seen from it."""
+    miss_base(group)
+    for l in range(group.active):
+        rod = Rod(group.work, l)
+        if rod.relief != 0.0 or rod.stiffening != 0.0:
+            relieve(rod)
+
+
+@each_rod
+def miss_base(rod: Rod) -> None:
+    """`read_base` where the base feels all of the moment and does not stiffen."""
+    q = orientation(rod.here)
+    v = times(turned(q, rod.here.m), rod.compliance)
+    e = product(q, conjugate(rod.base))
+    # Four times the tangent of a quarter of the angle: the rotation vector to third order, regular up to 2 pi.
+    scale = math.copysign(4.0 / (1.0 + abs(e[0])), e[0])
+    rod.found.residual.turn = (scale * e[1] - v[0], scale * e[2] - v[1], scale * e[3] - v[2])
+    rod.found.seen = turned(q, rod.here.r)
 
 
 @routine
-def relieve(work: Array, l: int) -> None:
-    """Take back the share RELIEF of what the compliance made of the moment of the follower loads about the base, and what
+def relieve(rod: Rod) -> None:
+    """Take back the share `relief` of what the compliance made of the moment of the follower loads about the base, and what
     a base that stiffens does not turn."""
-    share = work[RELIEF * LANES + l] * work[LOAD_SHARE * LANES + l]
-    q = quaternion_of(work, TIP, l)
-    force, moment = turned(q, vector_of(work, WRENCH, l)), turned(q, vector_of(work, WRENCH + 3, l))
-    follower = add(moment, cross(vector_of(work, PLACE, l), force))
-    whole = times(turned(unit_quaternion(work, l), vector_of(work, M, l)), vector_of(work, COMPLIANCE, l))
-    left = along(whole, -share, times(follower, vector_of(work, COMPLIANCE, l)))
-    yielded = (1.0 + work[STIFFENING * LANES + l] * dot(left, left)) ** (-1.0 / 3.0)
-    put(work, RESIDUAL, l, along(add(vector_of(work, RESIDUAL, l), whole), -yielded, left))
+    q = rod.tip.turn
+    follower = plus_cross(turned(q, rod.tip_moment), rod.found.seen, turned(q, rod.tip_force))
+    whole = times(turned(orientation(rod.here), rod.here.m), rod.compliance)
+    left = along(whole, -rod.relief * rod.load_share, times(follower, rod.compliance))
+    yielded = (1.0 + rod.stiffening * dot(left, left)) ** (-1.0 / 3.0)
+    rod.found.residual.turn = along(add(rod.found.residual.turn, whole), -yielded, left)
+
+
+@each_rod
+def read_gap(rod: Rod) -> None:
+    """How far the tip is from where the springs take it to be, over the rod's length."""
+    rod.found.residual.shift = scaled(1.0 / rod.length, along(rod.tip.place, -1.0, rod.found.seen))
 
 
 @inline
-def read_gap(work: Array, active: int) -> None:
-    """How far the tip is from the spring anchor, over the rod's length."""
-    for l in range(active):
-        gap = along(vector_of(work, ANCHOR, l), -1.0, vector_of(work, PLACE, l))
-        put(work, RESIDUAL + 3, l, scaled(1.0 / work[ROD_LENGTH * LANES + l], gap))
-
-
-@inline
-def turn_tip(group: Group) -> None:
-    """Turn the tips by the first three of TURN (rad, mount frame); with springs move them by the others (lengths)."""
-    work = group.work
-    for l in range(group.active):
-        x, y, z = vector_of(work, TURN, l)
-        size = 1.0 / math.sqrt(1.0 + 0.25 * (x * x + y * y + z * z))
-        half = 0.5 * size
-        put_quaternion(work, TIP, l, product((size, half * x, half * y, half * z), quaternion_of(work, TIP, l)))
+def change_tip(group: Group) -> None:
+    """Turn the tips by `change`; with springs move them, too."""
+    turn_tip(group)
     if group.springs > 0:
-        for l in range(group.active):
-            moved = along(vector_of(work, ANCHOR, l), work[ROD_LENGTH * LANES + l], vector_of(work, TURN + 3, l))
-            put(work, ANCHOR, l, moved)
+        shift_tip(group)
+
+
+@each_rod
+def turn_tip(rod: Rod) -> None:
+    """Turn the tip."""
+    x, y, z = rod.change.turn
+    size = 1.0 / math.sqrt(1.0 + 0.25 * (x * x + y * y + z * z))
+    half = 0.5 * size
+    rod.tip.turn = product((size, half * x, half * y, half * z), rod.tip.turn)
+
+
+@each_rod
+def shift_tip(rod: Rod) -> None:
+    """Shift it."""
+    rod.tip.place = along(rod.tip.place, rod.length, rod.change.shift)

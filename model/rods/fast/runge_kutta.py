@@ -1,21 +1,20 @@
-"""One step of the rod's equations: Butcher's sixth-order Runge-Kutta method with seven stages.
+"""A step by Butcher's sixth-order Runge-Kutta method with seven stages, for rods and for changes of them.
 
 y_i = y + h sum_j A_ij k_j,   k_i = slope(y_i) at the share C_i of the step,   y' = y + h sum_i B_i k_i
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
+from model.rods.fast.compiler import inline
 
-from model.rods.fast.algebra import State, Vector, along, plus
-from model.rods.fast.equations import Section, slope
-from model.rods.fast.jit import inline
+Y = TypeVar("Y")
+Here = TypeVar("Here")
+Near = TypeVar("Near")
 
-Array = NDArray[np.float64]
-
+STAGES = 7
 C2, C3, C4, C5, C6 = 1 / 3, 2 / 3, 1 / 3, 1 / 2, 1 / 2
 A21 = 1 / 3
 A32 = 2 / 3
@@ -26,42 +25,24 @@ A71, A72, A73, A74, A76 = 9 / 44, -9 / 11, 63 / 44, 18 / 11, -16 / 11
 B1, B3, B4, B5, B6, B7 = 11 / 120, 27 / 40, 27 / 40, -4 / 15, -4 / 15, 11 / 120
 
 
-class Step(NamedTuple):
-    """From where to where, towards the base."""
-
-    h: float
-    """m along the rod."""
-    z: float
-    """Place within the element: 1 at its tip end, 0 at its base end."""
-    dz: float
-    """By how much z changes, negative."""
-    force: Vector
-    """N at the start (N, mount frame)."""
-    load: Vector
-    """N/m by which it grows on the way."""
-
-
 @inline
-def step(y: State, s: Step, section: Section, l: int, stages: Array | None) -> State:
-    """The state a distance h nearer to the base. Stages are saved where there is room for them in `stages`."""
-    h, z, dz = s.h, s.z, s.dz
-    z2, z3, z5, z7 = z + C2 * dz, z + C3 * dz, z + C5 * dz, z + dz
-    f2, f3, f5, f7 = (
-        along(s.force, C2 * h, s.load),
-        along(s.force, C3 * h, s.load),
-        along(s.force, C5 * h, s.load),
-        along(s.force, h, s.load),
-    )
-    k1, near = slope(y, s.force, section, z, l, stages, 0, None)
-    k2, near = slope(plus(y, A21 * h, k1), f2, section, z2, l, stages, 1, near)
-    k3, near = slope(plus(y, A32 * h, k2), f3, section, z3, l, stages, 2, near)
-    y4 = plus(plus(plus(y, A41 * h, k1), A42 * h, k2), A43 * h, k3)
-    k4, near = slope(y4, f2, section, z2, l, stages, 3, near)
-    y5 = plus(plus(plus(plus(y, A51 * h, k1), A52 * h, k2), A53 * h, k3), A54 * h, k4)
-    k5, near = slope(y5, f5, section, z5, l, stages, 4, near)
-    y6 = plus(plus(plus(plus(y, A62 * h, k2), A63 * h, k3), A64 * h, k4), A65 * h, k5)
-    k6, near = slope(y6, f5, section, z5, l, stages, 5, near)
-    y7 = plus(plus(plus(plus(plus(y, A71 * h, k1), A72 * h, k2), A73 * h, k3), A74 * h, k4), A76 * h, k6)
-    k7, _ = slope(y7, f7, section, z7, l, stages, 6, near)
-    y = plus(plus(plus(y, B1 * h, k1), B3 * h, k3), B4 * h, k4)
-    return plus(plus(plus(y, B5 * h, k5), B6 * h, k6), B7 * h, k7)
+def step(
+    slope: Callable[[Y, int, float, float, Here, Near | None], tuple[Y, Near]],
+    along: Callable[[Y, float, Y], Y],
+    y: Y,
+    h: float,
+    here: Here,
+) -> Y:
+    """y' of `slope`(y_i, i, C_i, B_i, here, near), which also says what it found for the next stage, `near`; `along` adds."""
+    k1, near = slope(y, 0, 0.0, B1, here, None)
+    k2, near = slope(along(y, A21 * h, k1), 1, C2, 0.0, here, near)
+    k3, near = slope(along(y, A32 * h, k2), 2, C3, B3, here, near)
+    y4 = along(along(along(y, A41 * h, k1), A42 * h, k2), A43 * h, k3)
+    k4, near = slope(y4, 3, C4, B4, here, near)
+    y5 = along(along(along(along(y, A51 * h, k1), A52 * h, k2), A53 * h, k3), A54 * h, k4)
+    k5, near = slope(y5, 4, C5, B5, here, near)
+    y6 = along(along(along(along(y, A62 * h, k2), A63 * h, k3), A64 * h, k4), A65 * h, k5)
+    k6, near = slope(y6, 5, C6, B6, here, near)
+    y7 = along(along(along(along(along(y, A71 * h, k1), A72 * h, k2), A73 * h, k3), A74 * h, k4), A76 * h, k6)
+    y = along(along(along(along(along(y, B1 * h, k1), B3 * h, k3), B4 * h, k4), B5 * h, k5), B6 * h, k6)
+    return along(y, B7 * h, slope(y7, 6, 1.0, B7, here, near)[0])

@@ -2,9 +2,7 @@
 
     tangent         how a section answers to a change; columns that walk with the rod
     collect         what they collect on the way: work on every number of an element
-    column_layout   what a column holds
-    columns_walk    the columns of a group of rods, and what a direction in parameter space makes of them
-    crossings       what is kept where the walk passes a station
+    columns_walk    the columns of a group of rods past their stations, and what a direction in parameter space makes of them
     ends            what changes at the tip and at the base
     implicit        the kernel
     sensitivity     Python in front of it

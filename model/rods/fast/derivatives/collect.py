@@ -1,4 +1,4 @@
-"""What a column collects in a step: the sums T of `tangent` by the numbers of an element, and the shift p.
+"""What a column collects in a step: the sums T of `tangent` by the numbers of an element, the shift p and the mean strain.
 
 Sums are over the six stages of a step that have a weight, which is in their answers already. The sums of one kind are made in
 a loop over the lanes of their own, so that what they need fits into a processor's registers.
@@ -6,233 +6,161 @@ a loop over the lanes of their own, so that what they need fits into a processor
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Callable
+from typing import TypeVar
 
-from model.rods.columns import BEND, LENGTH, LOAD, REST_CURVATURE, REST_STRAIN, RISE, SERIES, STRETCH
 from model.rods.fast.algebra import Vector, add, along, dot, plus_times, scaled, times
-from model.rods.fast.derivatives.column_layout import (
-    ANSWER,
-    ANSWERS_AT,
-    DM_HERE,
-    DN_HERE,
-    MOVED,
-    SHIFT,
-    STRETCH_BY,
-    WORK_BY,
-    add_number,
-    add_to,
-    step_of,
-)
-from model.rods.fast.instructions import fused
-from model.rods.fast.jit import inline
-from model.rods.fast.lanes import F_LOAD, INV_BEND, INV_STRETCH, LANES, Full, number_of, vector_of
+from model.rods.fast.compiler import fused, inline
+from model.rods.fast.derivatives.tangent import NOTHING, Walk, step_of
+from model.rods.fast.group import Full
+from model.rods.fast.lanes import LANES, Array
 from model.rods.fast.runge_kutta import B1, B3, B4, B5, B6, B7, C3, C4, C5, C6
-from model.rods.fast.stage_buffer import (
-    COLUMN_AT,
-    CURVATURE,
-    ELEMENT_AT,
-    FORCE,
-    MOMENT,
-    ROWS,
-    SOFTNESS,
-    STAGE,
-    STAGES_AT,
-    STRAIN,
-)
 
-Array = NDArray[np.float64]
-Six = tuple[float, float, float, float, float, float]
-Vectors = tuple[Vector, Vector, Vector, Vector, Vector, Vector]
-"""One for each stage that has a weight."""
-
-WEIGHTS: Six = (B1, B3, B4, B5, B6, B7)
-LEFT: Six = (1.0, 1.0 - C3, 1.0 - C4, 1.0 - C5, 1.0 - C6, 0.0)
-"""Share of the step that is still to come."""
-WORK_AT = COLUMN_AT + WORK_BY
+Sums = TypeVar("Sums")
 
 
 @inline
-def of_stages(buffer: Array, at: int, stride: int, l: int) -> Vectors:
-    """Three quantities from `at` on, of each stage."""
-    return (
-        vector_of(buffer, at, l),
-        vector_of(buffer, at + 2 * stride, l),
-        vector_of(buffer, at + 3 * stride, l),
-        vector_of(buffer, at + 4 * stride, l),
-        vector_of(buffer, at + 5 * stride, l),
-        vector_of(buffer, at + 6 * stride, l),
-    )
+def over_stages(more: Callable[[Sums, Walk, int, float, float], Sums], sums: Sums, walk: Walk) -> Sums:
+    """Sums over the stages that have a weight: `more`(sums, walk, i, B_i, C_i) adds what is found at stage i."""
+    sums = more(more(sums, walk, 0, B1, 0.0), walk, 2, B3, C3)
+    sums = more(more(sums, walk, 3, B4, C4), walk, 4, B5, C5)
+    return more(more(sums, walk, 5, B6, C6), walk, 6, B7, 1.0)
 
 
 @inline
-def answers(buffer: Array, what: int, l: int) -> Vectors:
-    """What the section answered."""
-    return of_stages(buffer, ANSWERS_AT + what, ANSWER, l)
+def more_moments(
+    sums: tuple[float, Vector, Vector], walk: Walk, i: int, weight: float, share: float
+) -> tuple[float, Vector, Vector]:
+    """dm . u, dm, dm m."""
+    dm, stage = walk.answers[i].dm, walk.stages[i]
+    return sums[0] + dot(dm, stage.u), add(sums[1], dm), plus_times(sums[2], dm, stage.m)
 
 
 @inline
-def saved(buffer: Array, what: int, l: int) -> Vectors:
-    """What was saved of the rod."""
-    return of_stages(buffer, STAGES_AT + what, STAGE, l)
-
-
-@inline
-def total(a: Vectors) -> Vector:
-    """sum a."""
-    return add(add(add(a[0], a[1]), add(a[2], a[3])), add(a[4], a[5]))
-
-
-@inline
-def total_times(a: Vectors, b: Vectors) -> Vector:
-    """sum a b, entry by entry."""
-    first = plus_times(plus_times(times(a[0], b[0]), a[1], b[1]), a[2], b[2])
-    return plus_times(plus_times(plus_times(first, a[3], b[3]), a[4], b[4]), a[5], b[5])
-
-
-@inline
-def total_dot(a: Vectors, b: Vectors) -> float:
-    """sum a . b."""
-    x, y, z = total_times(a, b)
-    return x + y + z
-
-
-@inline
-def weighted(a: Vectors, w: Six) -> Vector:
-    """sum w a."""
-    first = along(along(scaled(w[0], a[0]), w[1], a[1]), w[2], a[2])
-    return along(along(along(first, w[3], a[3]), w[4], a[4]), w[5], a[5])
-
-
-@inline
-def collect_moments(full: Full, buffer: Array, z: float, dz: float, l: int) -> None:
-    """T by dm: on rest curvature and its rises, on bending stiffness (less what `collect_terms` adds), on length."""
-    share, h = step_of(buffer, dz, l)
-    dm = answers(buffer, DM_HERE, l)
-    add_number(buffer, WORK_AT + LENGTH, l, share * total_dot(dm, saved(buffer, CURVATURE, l)))
-    add_to(buffer, WORK_AT + REST_CURVATURE, l, h, total(dm))
-    bend, inverse = total_times(dm, saved(buffer, MOMENT, l)), vector_of(buffer, ELEMENT_AT + INV_BEND, l)
+def collect_moments(full: Full, walk: Walk, z: float, dz: float) -> None:
+    """T by dm: on length, rest curvature, and bending stiffness less what `collect_terms` adds."""
+    (share, h), work, inverse = step_of(walk, dz), walk.column.work, walk.section.inv_bend
+    along_it, dm, bend = over_stages(more_moments, (0.0, NOTHING, NOTHING), walk)
+    work.length += share * along_it
+    work.rest_curvature = along(work.rest_curvature, h, dm)
     if full is not None:
         bend = (0.0, 0.0, bend[2])
-        # Places of the stages, z + C dz.
-        half, third = z - C5 * share, z - C4 * share
-        places = (z, z - C3 * share, third, half, half, z - share)
-        squares = multiplied(places, places)
-        add_to(buffer, WORK_AT + RISE, l, h, weighted(dm, places))
-        add_to(buffer, WORK_AT + RISE + 3, l, h, weighted(dm, squares))
-        add_to(buffer, WORK_AT + RISE + 6, l, h, weighted(dm, multiplied(places, squares)))
-    add_to(buffer, WORK_AT + BEND, l, -h, times(times(inverse, inverse), bend))
+    work.bend = along(work.bend, -h, times(times(inverse, inverse), bend))
 
 
 @inline
-def multiplied(a: Six, b: Six) -> Six:
-    """a b, stage by stage."""
-    return (a[0] * b[0], a[1] * b[1], a[2] * b[2], a[3] * b[3], a[4] * b[4], a[5] * b[5])
+def more_forces(
+    sums: tuple[float, float, Vector, Vector], walk: Walk, i: int, weight: float, share: float
+) -> tuple[float, float, Vector, Vector]:
+    """dv3, dn . v, dn, dn n; to the last a forced column adds its force."""
+    answer, stage = walk.answers[i], walk.stages[i]
+    x, y, z = plus_times(sums[3], answer.dn, stage.n)
+    pulled = (x, y, fused(weight * walk.added, stage.n[2], z))
+    return sums[0] + answer.strain, sums[1] + dot(answer.dn, stage.v), add(sums[2], answer.dn), pulled
 
 
 @inline
-def collect_forces(full: Full, buffer: Array, dz: float, l: int) -> None:
-    """T by dn: on rest strain, on axial and shear stiffness (as `collect_moments`), on length."""
-    share, h = step_of(buffer, dz, l)
-    dn, added = answers(buffer, DN_HERE, l), number_of(buffer, COLUMN_AT + STRETCH_BY, l)
+def collect_forces(full: Full, walk: Walk, z: float, dz: float) -> None:
+    """Mean strain, and T by dn: on length, rest strain, and stretching stiffness less what `collect_terms` adds."""
+    (share, h), work, inverse = step_of(walk, dz), walk.column.work, walk.section.inv_stretch
+    strain, along_it, dn, stretch = over_stages(more_forces, (0.0, 0.0, NOTHING, NOTHING), walk)
+    walk.column.mean_strain += share * strain
     # A mean strain is no longer for the element's length, but sees directly what stretches it.
-    add_number(buffer, WORK_AT + LENGTH, l, share * total_dot(dn, saved(buffer, STRAIN, l)))
-    n, inverse = saved(buffer, FORCE, l), vector_of(buffer, ELEMENT_AT + INV_STRETCH, l)
-    x, y, z = total_times(dn, n)
-    z = fused(added, weighted(n, WEIGHTS)[2], z) if full is None else 0.0
-    add_to(buffer, WORK_AT + STRETCH, l, -h, times(times(inverse, inverse), (x, y, z)))
-    x, y, z = total(dn)
-    add_to(buffer, WORK_AT + REST_STRAIN, l, h, (x, y, z + added))
-
-
-@inline
-def shift_slope(buffer: Array, i: int, l: int) -> Vector:
-    """dp/dt at stage i, by its weight, mount frame."""
-    rows, moved = STAGES_AT + i * STAGE + ROWS, vector_of(buffer, ANSWERS_AT + i * ANSWER + MOVED, l)
-    return (
-        -dot(vector_of(buffer, rows, l), moved),
-        -dot(vector_of(buffer, rows + 3, l), moved),
-        -dot(vector_of(buffer, rows + 6, l), moved),
-    )
-
-
-@inline
-def collect_shift(buffer: Array, dz: float, l: int) -> None:
-    """p, and T by it: on the load, and with it on length."""
-    share, h = step_of(buffer, dz, l)
-    slopes = (
-        shift_slope(buffer, 0, l),
-        shift_slope(buffer, 2, l),
-        shift_slope(buffer, 3, l),
-        shift_slope(buffer, 4, l),
-        shift_slope(buffer, 5, l),
-        shift_slope(buffer, 6, l),
-    )
-    # p feeds nothing back, so that its integral over the step needs its slopes alone.
-    work_of_load = along(vector_of(buffer, COLUMN_AT + SHIFT, l), h, weighted(slopes, LEFT))
-    add_to(buffer, COLUMN_AT + SHIFT, l, h, total(slopes))
-    load = vector_of(buffer, ELEMENT_AT + F_LOAD, l)
-    add_number(buffer, WORK_AT + LENGTH, l, share * dot(work_of_load, load))
-    add_to(buffer, WORK_AT + LOAD, l, h, work_of_load)
-
-
-@inline
-def terms_of(buffer: Array, i: int, weight: float, l: int) -> tuple[Vector, Vector]:
-    """What stage i adds, without the factors of `collect_terms`: T on two bending stiffnesses and the axial one; on a, b, c."""
-    o, a = STAGES_AT + i * STAGE + SOFTNESS, ANSWERS_AT + i * ANSWER
-    dm, m = vector_of(buffer, a + DM_HERE, l), vector_of(buffer, STAGES_AT + i * STAGE + MOMENT, l)
-    dn = fused(weight, number_of(buffer, COLUMN_AT + STRETCH_BY, l), number_of(buffer, a + DN_HERE + 2, l))
-    k = vector_of(buffer, o, l)
-    _, d1, e1 = vector_of(buffer, o + 3, l)
-    d2, e2, by_total = vector_of(buffer, o + 6, l)
-    coupled, by_root, by_a = vector_of(buffer, o + 9, l)
-    by_strain, axial, by_b = vector_of(buffer, o + 12, l)
-    x = (dm[0] * k[0] + dm[1] * k[1]) * k[2]
-    first, second = dn * e1 - x * d1, dn * e2 - x * d2
-    mixed, rooted = by_total * first + coupled * second, by_root * first
-    inverse = vector_of(buffer, ELEMENT_AT + INV_BEND, l)
-    return (
-        (
-            dm[0] * m[0] * k[2] + m[0] * m[0] * mixed + rooted / inverse[0],
-            dm[1] * m[1] * k[2] + m[1] * m[1] * mixed + rooted / inverse[1],
-            axial * second,
-        ),
-        (by_a * first, by_strain * second - by_b * first, number_of(buffer, o + 15, l) * second),
-    )
-
-
-@inline
-def collect_terms(buffer: Array, dz: float, l: int) -> None:
-    """T on the hyperelastic terms, and on the stiffnesses that they have part in."""
-    _, h = step_of(buffer, dz, l)
-    stiff, series = terms_of(buffer, 0, B1, l)
-    stiff, series = both(stiff, series, terms_of(buffer, 2, B3, l))
-    stiff, series = both(stiff, series, terms_of(buffer, 3, B4, l))
-    stiff, series = both(stiff, series, terms_of(buffer, 4, B5, l))
-    stiff, series = both(stiff, series, terms_of(buffer, 5, B6, l))
-    stiff, series = both(stiff, series, terms_of(buffer, 6, B7, l))
-    x, y, _ = vector_of(buffer, ELEMENT_AT + INV_BEND, l)
-    z = number_of(buffer, ELEMENT_AT + INV_STRETCH + 2, l)
-    add_to(buffer, WORK_AT + BEND, l, -h, (x * x * stiff[0], y * y * stiff[1], 0.0))
-    add_to(buffer, WORK_AT + STRETCH, l, -h, (0.0, 0.0, z * z * stiff[2]))
-    add_to(buffer, WORK_AT + SERIES, l, h, series)
-
-
-@inline
-def both(a: Vector, b: Vector, more: tuple[Vector, Vector]) -> tuple[Vector, Vector]:
-    """Both sums with what a stage adds."""
-    return add(a, more[0]), add(b, more[1])
-
-
-@inline
-def collect(full: Full, buffer: Array, z: float, dz: float) -> None:
-    """Add what all lanes collect in the step from z by dz (shares of the element) to the buffered column."""
-    for l in range(LANES):
-        collect_moments(full, buffer, z, dz, l)
-    for l in range(LANES):
-        collect_forces(full, buffer, dz, l)
-    for l in range(LANES):
-        collect_shift(buffer, dz, l)
+    work.length += share * along_it
     if full is not None:
-        for l in range(LANES):
-            collect_terms(buffer, dz, l)
+        stretch = (stretch[0], stretch[1], 0.0)
+    work.stretch = along(work.stretch, -h, times(times(inverse, inverse), stretch))
+    work.rest_strain = along(work.rest_strain, h, (dn[0], dn[1], dn[2] + walk.added))
+
+
+@inline
+def more_shift(sums: tuple[Vector, Vector], walk: Walk, i: int, weight: float, share: float) -> tuple[Vector, Vector]:
+    """dp/dt in the mount frame, and by the share of the step that is still to come."""
+    moved, stage = scaled(-1.0, walk.answers[i].moved), walk.stages[i]
+    slope = (dot(stage.rows[0], moved), dot(stage.rows[1], moved), dot(stage.rows[2], moved))
+    return add(sums[0], slope), along(sums[1], 1.0 - share, slope)
+
+
+@inline
+def collect_shift(full: Full, walk: Walk, z: float, dz: float) -> None:
+    """p, and T by it: on the load, and with it on length."""
+    (share, h), column, load = step_of(walk, dz), walk.column, walk.section.load
+    slopes, slopes_left = over_stages(more_shift, (NOTHING, NOTHING), walk)
+    # p feeds nothing back, so that its integral over the step needs its slopes alone.
+    passed = along(column.p, h, slopes_left)
+    column.p = along(column.p, h, slopes)
+    column.work.length += share * dot(passed, load)
+    column.work.load = along(column.work.load, h, passed)
+
+
+@inline
+def more_rises(
+    sums: tuple[float, float, Vector, Vector, Vector], walk: Walk, i: int, weight: float, share: float
+) -> tuple[float, float, Vector, Vector, Vector]:
+    """z dm, z^2 dm, z^3 dm, behind z at the start of the step and by how much it shrinks."""
+    start, fall, first, second, third = sums
+    z, dm = start - share * fall, walk.answers[i].dm
+    return start, fall, along(first, z, dm), along(second, z * z, dm), along(third, z * z * z, dm)
+
+
+@inline
+def collect_rises(full: Full, walk: Walk, z: float, dz: float) -> None:
+    """T on what a rest curvature rises by."""
+    (share, h), work = step_of(walk, dz), walk.column.work
+    _, _, first, second, third = over_stages(more_rises, (z, share, NOTHING, NOTHING, NOTHING), walk)
+    work.rise1, work.rise2, work.rise3 = (
+        along(work.rise1, h, first),
+        along(work.rise2, h, second),
+        along(work.rise3, h, third),
+    )
+
+
+@inline
+def more_terms(sums: tuple[Vector, Vector], walk: Walk, i: int, weight: float, share: float) -> tuple[Vector, Vector]:
+    """Two bending stiffnesses and the axial one, without the factors of `collect_terms`; a, b, c."""
+    answer, stage = walk.answers[i], walk.stages[i]
+    s, dm, m, inverse = stage.softening, answer.dm, stage.m, walk.section.inv_bend
+    dn = fused(weight, walk.added, answer.dn[2])
+    # What F1 and F2 do to the work, by what they do to D and e.
+    x = (dm[0] * s.k[0] + dm[1] * s.k[1]) * s.k[2]
+    f1, f2 = dn * s.e_by_f1 - x * s.d_by_f1, dn * s.e_by_f2 - x * s.d_by_f2
+    mixed, rooted = s.f1_by_total * f1 + s.f2_by_total * f2, s.f1_by_root * f1
+    stiff = (
+        dm[0] * m[0] * s.k[2] + m[0] * m[0] * mixed + rooted / inverse[0],
+        dm[1] * m[1] * s.k[2] + m[1] * m[1] * mixed + rooted / inverse[1],
+        s.f2_by_axial * f2,
+    )
+    return add(sums[0], stiff), add(sums[1], (s.f1_by_a * f1, s.f2_by_b * f2 + s.f1_by_b * f1, s.f2_by_c * f2))
+
+
+@inline
+def collect_terms(full: Full, walk: Walk, z: float, dz: float) -> None:
+    """T on the hyperelastic terms, and on the stiffnesses that they have part in."""
+    h, work, (x, y, _), axial = (
+        step_of(walk, dz)[1],
+        walk.column.work,
+        walk.section.inv_bend,
+        walk.section.inv_stretch[2],
+    )
+    stiff, series = over_stages(more_terms, (NOTHING, NOTHING), walk)
+    work.bend = along(work.bend, -h, (x * x * stiff[0], y * y * stiff[1], 0.0))
+    work.stretch = along(work.stretch, -h, (0.0, 0.0, axial * axial * stiff[2]))
+    work.series = along(work.series, h, series)
+
+
+@inline
+def each(one: Callable[[Full, Walk, float, float], None], full: Full, work: Array, z: float, dz: float) -> None:
+    """For each lane."""
+    for l in range(LANES):
+        one(full, Walk(work, l), z, dz)
+
+
+@inline
+def collect(full: Full, work: Array, z: float, dz: float) -> None:
+    """Add what all lanes collect in the step from z by dz (shares of the element) to their columns."""
+    each(collect_moments, full, work, z, dz)
+    each(collect_forces, full, work, z, dz)
+    each(collect_shift, full, work, z, dz)
+    if full is not None:
+        each(collect_rises, full, work, z, dz)
+        each(collect_terms, full, work, z, dz)

@@ -1,56 +1,99 @@
-"""The columns of `tangent` for a group of rods: started at the tip, stepped with the rod, and what a direction in parameter
-space makes of them by reciprocity.
+"""The columns of `tangent` for a group of rods: started at the tip, stepped with the rods past their stations, and what a
+direction in parameter space makes of them by reciprocity.
 
-Arrays are flat, LANES numbers for each quantity, and loops run over all lanes: those without a rod hold a copy.
+Loops run over all lanes: those without a rod hold a copy.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from model.rods.columns import LENGTH, LOAD
-from model.rods.fast.algebra import Vector, add, along, cross, scaled, turned, turned_back, unit
-from model.rods.fast.derivatives.column_layout import (
-    BY_FORCE,
-    BY_MOMENT,
-    BY_TURN,
-    DM,
-    SHIFT,
-    THETA,
+from model.rods.fast.algebra import Vector, add, along, cross, minus, scaled, turned, turned_back, unit
+from model.rods.fast.compiler import inline, routine
+from model.rods.fast.derivatives.collect import collect
+from model.rods.fast.derivatives.tangent import (
+    COLUMN,
+    FORCES,
+    MOMENTS,
+    NOTHING,
+    PLACED,
+    PLAIN_WORK,
     TIP_COLUMNS,
-    WORK_BY,
-)
-from model.rods.fast.instructions import number_at, put_number
-from model.rods.fast.jit import inline, routine
-from model.rods.fast.lanes import ELEMENT, F_LOAD, LANES, TIP, Group, M, put, quaternion_of, vector_of
-from model.rods.fast.passes import unit_quaternion
+    TURNS,
+    WORK,
+    Column,
+    Walk,
+    load_column,
+    step_column,
+)  # fmt: skip
+from model.rods.fast.equations import strains
+from model.rods.fast.group import SECTION, Full, Group, Point, Rod, each_rod, section_of, terms_of
+from model.rods.fast.lanes import LANES, Record, copy, copy_lanes, record
+from model.rods.fast.passes import advance, orientation, read_base, start_at_tip
+from model.rods.fast.walk import passes
 
 Array = NDArray[np.float64]
 
-SECTION = 9
-"""Quantities of the change of a section: turn, shift and moment, mount frame."""
+
+@record
+class SectionChange(Record):
+    """What a change does to a section, mount frame."""
+
+    turn: Vector
+    shift: Vector
+    moment: Vector
+
+
+@record
+class TipChange(Record):
+    """One number for each column that starts at the tip: a change of the wrench there, or what else belongs to each."""
+
+    turn: Vector
+    moment: Vector
+    force: Vector
+
+
+@record
+class Station(Record):
+    """What was seen of the columns at a station, or at the base."""
+
+    by: Annotated[list[SectionChange], TIP_COLUMNS]
+    """What each column that starts at the tip does to the section there."""
+    place_slope: Vector
+    turn_slope: Vector
+    """What position and orientation do along the arc there: R v, R u."""
+
+
+@record
+class Done(Record):
+    """What a direction does within the rod up to a station."""
+
+    work: TipChange
+    """T of the columns that start at the tip; that of the turn with M x T_moment."""
+    force: Vector
+    """Change of N."""
+
+
+SECTION_CHANGE, TIP_CHANGE, STATION, DONE = SectionChange.size, TipChange.size, Station.size, Done.size
 
 
 class Columns(NamedTuple):
     """The columns of a group, and what was seen of them at its stations."""
 
     x: Array
-    """(elements, columns, COLUMN LANES), see `tangent`."""
-    moment: Array
-    """(3 LANES) M at the tip, N m, mount frame."""
+    """(elements, columns of `Column`)."""
+    beside: Array
+    """(columns of `Column`) where a station is passed."""
     passed: Array
-    """(stations, elements, columns, COLUMN LANES): x where a station was passed."""
+    """(stations, elements, columns of `Column`): x there."""
     walked: Array
     """(stations + 1, elements, LANES): share of each element that lies behind a station, behind the base last."""
-    sections: Array
-    """(stations + 1, TIP_COLUMNS, SECTION LANES): change of the section there by each column, at the base last."""
-    slopes: Array
-    """(stations, 6 LANES): what position and orientation do along the arc there, mount frame."""
-    saved: Array
-    """(1 + columns, COLUMN LANES): state and columns while a station is visited."""
+    stations: Array
+    """(stations + 1) of `Station`, the base last."""
 
 
 class Direction(NamedTuple):
@@ -62,43 +105,118 @@ class Direction(NamedTuple):
     """(width,): which of its numbers are not zero everywhere."""
     most: Array
     """(k, width): see `scan_directions`."""
-    work: Array
-    """(columns + 3, LANES): T of every column, and the change of N."""
+    done: Array
+    """Of `Done`."""
+    forced: Array
+    """(forced columns, LANES): T of those."""
 
 
 @routine
-def start_columns(work: Array, columns: Columns) -> None:
-    """Columns at the tip: a unit turn, moment and force about each axis of the mount frame; forced ones are empty."""
-    x, moment = columns.x, columns.moment
-    x[0, :, : WORK_BY * LANES] = 0.0
-    for l in range(LANES):
-        put(moment, 0, l, turned(quaternion_of(work, TIP, l), vector_of(work, M, l)))
-    for k in range(3):
-        turn, twist = x[0, BY_TURN + k], x[0, BY_MOMENT + k]
+def walk_columns(group: Group, columns: Columns, arcs: Array, first: int) -> None:
+    """Walk all lanes and their columns from tip to base, past the stations."""
+    x, base = columns.x, columns.stations[arcs.shape[1]]
+    start_at_tip(group, group.springs, 1.0)
+    start_columns(group, columns)
+    for e in range(len(x)):
+        # An element that no rod of the group has still tells what its length would do.
+        pieces = max(group.parts[e], 1)
         for l in range(LANES):
-            axis = turned_back(quaternion_of(work, TIP, l), unit(k))
-            put(turn, THETA, l, axis)
-            put(turn, DM, l, cross(vector_of(work, M, l), axis))
-            put(twist, DM, l, axis)
+            walk = Walk(group.work, l)
+            copy(section_of(group, e, l), walk.section, SECTION)
+        for j in range(pieces):
+            # Columns go on from where they left the element before, and collect anew.
+            start = x[e if j > 0 else max(e - 1, 0)]
+            for s in range(arcs.shape[1]):
+                if passes(group, (e, j, pieces), arcs, first, s):
+                    step_all(group, start, columns.beside, e, j, pieces)
+                    see_station(group, columns, s, e, 1.0 - j / pieces, pieces)
+            set_share(group)
+            step_all(group, start, x[e], e, j, pieces)
+            go_on(group)
+    read_base(group)
+    for l in range(LANES):
+        see_section(Rod(group.work, l).here, x[len(x) - 1], base, l)
+
+
+@each_rod
+def set_share(rod: Rod) -> None:
+    """All of the next step."""
+    rod.share = 1.0
+
+
+@each_rod
+def go_on(rod: Rod) -> None:
+    """Stand where the step led."""
+    to, here = rod.beside, rod.here
+    here.q, here.m, here.r, here.force, here.peak = to.q, to.m, to.r, to.force, to.peak
+
+
+@routine
+def start_columns(group: Group, columns: Columns) -> None:
+    """Columns at the tip: a unit turn, moment and force about each axis of the mount frame; forced ones are empty."""
+    x = columns.x[0]
+    x[:] = 0.0
+    for l in range(LANES):
+        here = Rod(group.work, l).here
+        Walk(group.work, l).tip_moment = turned(here.q, here.m)
+        for k in range(3):
+            axis = turned_back(here.q, unit(k))
+            turn = Column(x, l, (TURNS + k) * COLUMN)
+            turn.theta, turn.dm = axis, cross(here.m, axis)
+            Column(x, l, (MOMENTS + k) * COLUMN).dm = axis
+
+
+@routine
+def step_all(group: Group, start: Array, into: Array, e: int, j: int, pieces: int) -> None:
+    """Step j of `pieces` of element e of all lanes, of each the share that it says, and of all columns with them: from `start`
+    to `into`, and from where the rods stand to `beside`."""
+    work, full, z, dz = group.work, group.full, 1.0 - j / pieces, -1.0 / pieces
+    used = COLUMN - WORK + (WORK if full is not None else PLAIN_WORK)
+    for l in range(LANES):
+        walk = Walk(work, l)
+        advance(walk.rod, walk.section, full, z, dz * walk.rod.share, 1.0, walk.stages, walk.rod.beside)
+    for c in range(into.size // (COLUMN * LANES)):
+        load_column(work, start, c, used if j > 0 else PLACED, used, e)
+        for l in range(LANES):
+            step_column(full, Walk(work, l), dz)
+        collect(full, work, z, dz)
+        copy_lanes(Walk(work, 0).column, Column(into, 0, c * COLUMN), used)
+
+
+@routine
+def see_station(group: Group, columns: Columns, s: int, e: int, z: float, pieces: int) -> None:
+    """Keep what the lanes that pass station s in element e see there."""
+    x, beside, walked, passed = columns.x, columns.beside, columns.walked[s], columns.passed[s]
+    for l in range(group.active):
+        walk = Walk(group.work, l)
+        rod, share = walk.rod, walk.rod.share / pieces
+        if rod.share < 0.0:
+            continue
+        see_slopes(rod.beside, walk, group.full, z - share, Station(columns.stations[s], l))
+        see_section(rod.beside, beside, columns.stations[s], l)
+        for i in range(len(x)):
+            walked[i, l] = 1.0 if i < e else 1.0 - z + share if i == e else 0.0
+            seen = beside if i == e else x[i]
+            for k in range(l, seen.size, LANES):
+                passed[i, k] = seen[k] if i <= e else 0.0
 
 
 @inline
-def section_change(work: Array, column: Array, section: Array, l: int) -> None:
-    """Turn, shift and moment (mount frame) of a column where lane l stands."""
-    q, m = unit_quaternion(work, l), vector_of(work, M, l)
-    theta, dm = vector_of(column, THETA, l), vector_of(column, DM, l)
-    put(section, 0, l, turned(q, theta))
-    put(section, 3, l, vector_of(column, SHIFT, l))
-    put(section, 6, l, turned(q, add(dm, cross(theta, m))))
+def see_slopes(at: Point, walk: Walk, full: Full, z: float, station: Station) -> None:
+    """R v and R u at the place z of the element."""
+    q, section = orientation(at), walk.section
+    found = strains(at.m, turned_back(q, at.force), section, terms_of(full, section), z, None)
+    station.place_slope, station.turn_slope = turned(q, found.v), turned(q, found.u)
 
 
-@routine
-def section_changes(work: Array, x: Array, section: Array) -> None:
-    """`section_change` for the free columns of all lanes; `section` is (TIP_COLUMNS, SECTION LANES)."""
+@inline
+def see_section(at: Point, x: Array, stations: Array, l: int) -> None:
+    """What the columns of lane l that started at the tip do to the section at a point."""
+    q = orientation(at)
     for j in range(TIP_COLUMNS):
-        column, into = x[j], section[j]
-        for l in range(LANES):
-            section_change(work, column, into, l)
+        column, change = Column(x, l, j * COLUMN), Station(stations, l).by[j]
+        change.turn, change.shift = turned(q, column.theta), column.p
+        change.moment = turned(q, add(column.dm, cross(column.theta, at.m)))
 
 
 @routine
@@ -111,7 +229,7 @@ def scan_directions(directions: Array, rods: int, first: int, most: Array) -> No
         for k in range(count):
             row, of_row = directions[lane_row(directions, rods, first, l), k], most[k]
             for c in range(width):
-                put_number(of_row, c, max(number_at(of_row, c), abs(number_at(row, c))))
+                of_row[c] = max(of_row[c], abs(row[c]))
 
 
 @routine
@@ -134,83 +252,72 @@ def lane_row(directions: Array, rods: int, first: int, l: int) -> int:
     return min(first + l, rods - 1) if directions.shape[0] > 1 else 0
 
 
-@routine
-def collect_work(x: Array, walked: Array, group: Group, moment: Array, to: Direction, block: int) -> None:
-    """T of every column along a direction, that of the first with M x T_moment, and behind them the change of N.
+@inline
+def nine_works(x: Array, c: int, l: int) -> tuple[Vector, Vector, Vector]:
+    """T number c of the columns that start at the tip with a turn, a moment, a force."""
+    return (
+        (work_of(x, 0, c, l), work_of(x, 1, c, l), work_of(x, 2, c, l)),
+        (work_of(x, 3, c, l), work_of(x, 4, c, l), work_of(x, 5, c, l)),
+        (work_of(x, 6, c, l), work_of(x, 7, c, l), work_of(x, 8, c, l)),
+    )
 
-    `x` are the columns and `walked` (elements, LANES) the share of each element that lies behind; `moment` is M at the tip.
-    """
-    work_done, elements = to.work, group.elements
-    work_done[:] = 0.0
-    count = x.shape[1]
+
+@inline
+def work_of(x: Array, j: int, c: int, l: int) -> float:
+    """T number c of column j."""
+    return Column(x, l, j * COLUMN).work[c]
+
+
+@routine
+def collect_work(x: Array, walked: Array, group: Group, to: Direction, block: int) -> None:
+    """What a direction does within the rod; `x` are the columns and `walked` (elements, LANES) the share of each element that
+    lies behind."""
+    to.done[:], to.forced[:] = 0.0, 0.0
     for e in range(len(x)):
         o = to.some.size - (e + 1) * block
         for c in range(block):
             if not to.some[o + c]:
                 continue
-            row = to.d[o + c]
-            collected = x[e, :, (WORK_BY + c) * LANES : (WORK_BY + c + 1) * LANES]
+            by, own = to.d[o + c], x[e]
             for l in range(LANES):
-                # Written out: the compiler would unroll short loops over lanes and make no vectors of them.
-                work_done[0, l] += collected[0, l] * row[l]
-                work_done[1, l] += collected[1, l] * row[l]
-                work_done[2, l] += collected[2, l] * row[l]
-                work_done[3, l] += collected[3, l] * row[l]
-                work_done[4, l] += collected[4, l] * row[l]
-                work_done[5, l] += collected[5, l] * row[l]
-                work_done[6, l] += collected[6, l] * row[l]
-                work_done[7, l] += collected[7, l] * row[l]
-                work_done[8, l] += collected[8, l] * row[l]
-            for j in range(TIP_COLUMNS, count):
+                (turn, moved, pulled), work = nine_works(own, c, l), Done(to.done, l).work
+                work.turn = along(work.turn, by[l], turn)
+                work.moment = along(work.moment, by[l], moved)
+                work.force = along(work.force, by[l], pulled)
+            for j in range(len(to.forced)):
                 for l in range(LANES):
-                    work_done[j, l] += collected[j, l] * row[l]
-            if c == LENGTH:
-                for i in range(3):
-                    for l in range(LANES):
-                        work_done[count + i, l] += (
-                            walked[e, l] * elements[(e * ELEMENT + F_LOAD + i) * LANES + l] * row[l]
-                        )
-            if LOAD <= c < LOAD + 3:
+                    to.forced[j, l] += work_of(own, TIP_COLUMNS + j, c, l) * by[l]
+            if c == LENGTH or LOAD <= c < LOAD + 3:
                 for l in range(LANES):
-                    work_done[count + c - LOAD, l] += walked[e, l] * elements[e * ELEMENT * LANES + l] * row[l]
+                    section, done = section_of(group, e, l), Done(to.done, l)
+                    more = section.load if c == LENGTH else scaled(section.length, unit(c - LOAD))
+                    done.force = along(done.force, walked[e, l] * by[l], more)
     for l in range(LANES):
-        a, b, c2 = moment[l], moment[LANES + l], moment[2 * LANES + l]
-        work_done[0, l] += b * work_done[5, l] - c2 * work_done[4, l]
-        work_done[1, l] += c2 * work_done[3, l] - a * work_done[5, l]
-        work_done[2, l] += a * work_done[4, l] - b * work_done[3, l]
+        work = Done(to.done, l).work
+        work.turn = add(work.turn, cross(Walk(group.work, l).tip_moment, work.moment))
 
 
 @inline
-def combined(sections: Array, q: int, factors: Array, l: int) -> Vector:
-    """Quantities q, q + 1, q + 2 of the free columns, `sections` (TIP_COLUMNS, SECTION LANES), by their factors."""
-    total = scaled(factors[l], vector_of(sections[0], q, l))
-    total = along(total, factors[LANES + l], vector_of(sections[1], q, l))
-    total = along(total, factors[2 * LANES + l], vector_of(sections[2], q, l))
-    total = along(total, factors[3 * LANES + l], vector_of(sections[3], q, l))
-    total = along(total, factors[4 * LANES + l], vector_of(sections[4], q, l))
-    total = along(total, factors[5 * LANES + l], vector_of(sections[5], q, l))
-    total = along(total, factors[6 * LANES + l], vector_of(sections[6], q, l))
-    total = along(total, factors[7 * LANES + l], vector_of(sections[7], q, l))
-    return along(total, factors[8 * LANES + l], vector_of(sections[8], q, l))
+def start_within(start: TipChange, done: Done, factors: TipChange) -> None:
+    """Factors of the columns that start at the tip: what changes there, and G of `implicit`."""
+    factors.turn = minus(start.turn, done.work.moment)
+    factors.moment = add(start.moment, done.work.turn)
+    factors.force = add(start.force, done.force)
 
 
-@routine
-def combine(sections: Array, factors: Array, change: Array) -> None:
-    """`change` (SECTION) of a section by the factors of the free columns."""
-    for l in range(LANES):
-        put(change, 0, l, combined(sections, 0, factors, l))
-    for l in range(LANES):
-        put(change, 3, l, combined(sections, 3, factors, l))
-    for l in range(LANES):
-        put(change, 6, l, combined(sections, 6, factors, l))
-
-
-@routine
-def tip_factors(start: Array, work_done: Array, factors: Array) -> None:
-    """Factors of the free columns: what changes at the tip and what comes from within."""
-    force = work_done[len(work_done) - 3 :]
+@inline
+def combine(by: list[SectionChange], factors: TipChange, change: SectionChange) -> None:
+    """`change` of a section by the factors of the columns that start at the tip."""
+    change.turn, change.shift, change.moment = NOTHING, NOTHING, NOTHING
     for k in range(3):
-        for l in range(LANES):
-            factors[k * LANES + l] = start[k * LANES + l] - work_done[BY_MOMENT + k, l]
-            factors[(BY_MOMENT + k) * LANES + l] = start[(BY_MOMENT + k) * LANES + l] + work_done[k, l]
-            factors[(BY_FORCE + k) * LANES + l] = start[(BY_FORCE + k) * LANES + l] + force[k, l]
+        add_change(change, by[TURNS + k], factors.turn[k])
+        add_change(change, by[MOMENTS + k], factors.moment[k])
+        add_change(change, by[FORCES + k], factors.force[k])
+
+
+@inline
+def add_change(change: SectionChange, more: SectionChange, factor: float) -> None:
+    """Add a change."""
+    change.turn = along(change.turn, factor, more.turn)
+    change.shift = along(change.shift, factor, more.shift)
+    change.moment = along(change.moment, factor, more.moment)

@@ -4,101 +4,92 @@ Unknowns are the turn of the tip and, with springs, its shift (rad, m; mount fra
 mount frame, P the tip seen from the base and M the moment there,
     dN = phi x f + R dF + dF_dead - d(springs),   dM = phi x g + R dM_tip + dM_dead      at the tip,
     chi(base turned back by base_turn) = v / (1 + h |v|^2)^(1/3), v = K (M - relief (g + P x f))    at the base,
-chi being four times the tangent of a quarter of the angle, along its axis. A direction in parameter space is (width,
-LANES) numbers.
+chi being four times the tangent of a quarter of the angle, along its axis. A direction in parameter space is
+read as the rod itself is, by the names of its numbers.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Annotated, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from model.rods.columns import (
-    BASE_COMPLIANCE,
-    BASE_RELIEF,
-    BASE_STIFFENING,
-    BASE_TURN,
-    DEAD_FORCE,
-    DEAD_MOMENT,
-    HEAD,
-    SPRING,
-    SPRING_ARM,
-    SPRING_DIRECTION,
-    SPRING_ORIGIN,
-    SPRING_SOFTNESS,
-    SPRING_STIFFNESS,
-    TIP_FORCE,
-    TIP_MOMENT,
-)
-from model.rods.fast.algebra import Quaternion, Vector, add, along, cross, dot, product, scaled, times, turned, unit
-from model.rods.fast.jit import inline, routine
-from model.rods.fast.lanes import (
-    ANCHOR,
-    BASE,
-    COMPLIANCE,
-    LANES,
-    PLACE,
-    RELIEF,
-    SPRINGS,
-    STIFFENING,
-    TIP,
-    WRENCH,
-    M,
-    put,
-    quaternion_of,
-    vector_of,
-)
-from model.rods.fast.passes import unit_quaternion
-
-Array = NDArray[np.float64]
-
-FOLLOWER_FORCE, FOLLOWER_MOMENT, CHI_BY_TURN, TURN_BY_BASE_TURN, FELT_MOMENT = 0, 3, 6, 15, 24
-"""f, g, d chi / d turn of the base (3 by 3, by rows), d turn / d base_turn (3 by 3, by columns), M - relief (g + P x f)."""
-ENDS = 27
+from model.rods.description import MOST_SPRINGS
+from model.rods.fast.algebra import (
+    Vector,
+    add,
+    along,
+    conjugate,
+    cross,
+    dot,
+    minus,
+    plus_cross,
+    product,
+    scaled,
+    times,
+    turned,
+    unit,
+)  # fmt: skip
+from model.rods.fast.compiler import inline, routine
+from model.rods.fast.derivatives.columns_walk import SectionChange
+from model.rods.fast.derivatives.tangent import NOTHING
+from model.rods.fast.group import Rod, Spring
+from model.rods.fast.lanes import Record, record
+from model.rods.fast.passes import orientation, spring_stretch
 
 
-@inline
-def spring_tangent(stretch: float, stiffness: float, softness: float) -> Vector:
-    """Pull of a spring over its stiffness, and d pull / d stretch and / d softness of it."""
-    if softness > 0.0:
-        root = math.sqrt(stretch * stretch + softness * softness)
-        return (0.5 * (stretch + root), 0.5 * stiffness * (1.0 + stretch / root), 0.5 * stiffness * softness / root)
-    return (stretch, stiffness, 0.0)
+@record
+class Parameters(Record):
+    """A direction in parameter space: how the numbers at the ends of a rod change, in the order of `model.rods.columns`."""
+
+    tip_force: Vector
+    tip_moment: Vector
+    dead_force: Vector
+    dead_moment: Vector
+    base_turn: Vector
+    base_compliance: Vector
+    base_relief: float
+    base_stiffening: float
+    springs: Annotated[list[Spring], MOST_SPRINGS]
+
+
+@record
+class Ends(Record):
+    """A solved rod at its ends, mount frame."""
+
+    force: Vector
+    moment: Vector
+    """f and g."""
+    chi_by_turn: Annotated[list[Vector], 3]
+    """Columns of d chi / d turn of the base."""
+    turn_by_tilt: Annotated[list[Vector], 3]
+    """Columns of d turn / d base_turn."""
+    felt: Vector
+    """M - relief (g + P x f)."""
+
+
+ENDS = Ends.size
 
 
 @routine
-def linearise_ends(work: Array, ends: Array, rods: Array, row: int, l: int) -> None:
-    """Fill `ends` of a lane that was walked to the base, and its PLACE."""
-    q = quaternion_of(work, TIP, l)
-    force, moment = turned(q, vector_of(work, WRENCH, l)), turned(q, vector_of(work, WRENCH + 3, l))
-    put(ends, FOLLOWER_FORCE, l, force)
-    put(ends, FOLLOWER_MOMENT, l, moment)
-    base = unit_quaternion(work, l)
-    b = quaternion_of(work, BASE, l)
-    e = product(base, (b[0], -b[1], -b[2], -b[3]))
-    if e[0] < 0.0:
-        e = (-e[0], -e[1], -e[2], -e[3])
-    scale = 4.0 / (1.0 + e[0])
-    axis = (e[1], e[2], e[3])
+def linearise_ends(rod: Rod, ends: Ends, tilt: Vector) -> None:
+    """Fill `ends` of a rod that was walked to the base, whose base_turn is `tilt`."""
+    ends.force, ends.moment = turned(rod.tip.turn, rod.tip_force), turned(rod.tip.turn, rod.tip_moment)
+    base = orientation(rod.here)
+    w, x, y, z = product(base, conjugate(rod.base))
+    e = (-w, -x, -y, -z) if w < 0.0 else (w, x, y, z)
     for k in range(3):
-        one = unit(k)
-        # de = (0, one) e / 2
-        moved = scaled(0.5 * scale, along(cross(one, axis), e[0], one))
-        moved = along(moved, 0.125 * scale * scale * dot(one, axis), axis)
-        for r in range(3):
-            ends[(CHI_BY_TURN + 3 * r + k) * LANES + l] = moved[r]
-        put(
-            ends,
-            TURN_BY_BASE_TURN + 3 * k,
-            l,
-            turned(e, turn_rate((rods[row, BASE_TURN], rods[row, BASE_TURN + 1], rods[row, BASE_TURN + 2]), one)),
-        )
-    place = vector_of(work, PLACE, l)
-    felt = turned(base, vector_of(work, M, l))
-    carried = add(moment, cross(place, force))
-    put(ends, FELT_MOMENT, l, along(felt, -work[RELIEF * LANES + l], carried))
+        ends.chi_by_turn[k] = chi_rate(e, unit(k))
+        ends.turn_by_tilt[k] = turned(e, turn_rate(tilt, unit(k)))
+    carried = plus_cross(ends.moment, rod.found.seen, ends.force)
+    ends.felt = along(turned(base, rod.here.m), -rod.relief, carried)
+
+
+@inline
+def chi_rate(e: tuple[float, float, float, float], turn: Vector) -> Vector:
+    """By how much chi of the rotation e changes when that turns: de = (0, turn) e / 2."""
+    scale, axis = 4.0 / (1.0 + e[0]), (e[1], e[2], e[3])
+    moved = scaled(0.5 * scale, along(cross(turn, axis), e[0], turn))
+    return along(moved, 0.125 * scale * scale * dot(turn, axis), axis)
 
 
 @inline
@@ -113,77 +104,75 @@ def turn_rate(x: Vector, change: Vector) -> Vector:
     return along(found, (1.0 - math.cos(angle)) / angle, cross(a, change))
 
 
+class Pull(NamedTuple):
+    """A spring and its pull."""
+
+    arm: Vector
+    """R a, mount frame."""
+    by_stiffness: float
+    """Over its stiffness."""
+    by_stretch: float
+    by_softness: float
+
+
 @inline
-def springs_by_motion(work: Array, springs: int, turn: Vector, shift: Vector, l: int) -> tuple[Vector, Vector]:
+def pull_of(rod: Rod, spring: Spring) -> Pull:
+    """The pull of a spring."""
+    arm = turned(rod.tip.turn, spring.arm)
+    stretch, stiffness, softness = spring_stretch(rod, spring, arm), spring.stiffness, spring.softness
+    if softness > 0.0:
+        root = math.sqrt(stretch * stretch + softness * softness)
+        half = 0.5 * stiffness
+        return Pull(arm, 0.5 * (stretch + root), half * (1.0 + stretch / root), half * softness / root)
+    return Pull(arm, stretch, stiffness, 0.0)
+
+
+@inline
+def springs_by_motion(rod: Rod, springs: int, turn: Vector, shift: Vector) -> tuple[Vector, Vector]:
     """Change of the springs' force and moment at the tip when it turns and shifts."""
-    force, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    force, moment = NOTHING, NOTHING
     for j in range(springs):
-        o = SPRINGS + j * SPRING
-        e, arm, found = spring_state(work, o, l)
-        swung = cross(turn, arm)
-        pulled = scaled(found[1] * (dot(e, swung) - dot(e, shift)), e)
+        spring, e = rod.springs[j], rod.springs[j].direction
+        pull = pull_of(rod, spring)
+        swung = cross(turn, pull.arm)
+        pulled = scaled(pull.by_stretch * (dot(e, swung) - dot(e, shift)), e)
+        held = scaled(-spring.stiffness * pull.by_stiffness, e)
         force = add(force, pulled)
-        held = scaled(-work[(o + SPRING_STIFFNESS) * LANES + l] * found[0], e)
-        moment = along(moment, -1.0, add(cross(swung, held), cross(arm, pulled)))
+        moment = minus(moment, add(cross(swung, held), cross(pull.arm, pulled)))
     return force, moment
 
 
 @inline
-def springs_by_parameters(work: Array, springs: int, d: Array, l: int) -> tuple[Vector, Vector]:
-    """Change of force and moment at the tip with the springs themselves, along the direction d."""
-    force, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+def springs_by_parameters(rod: Rod, springs: int, change: list[Spring]) -> tuple[Vector, Vector]:
+    """Change of force and moment at the tip with the springs themselves."""
+    force, moment = NOTHING, NOTHING
     for j in range(springs):
-        o, c = SPRINGS + j * SPRING, HEAD + j * SPRING
-        e, arm, found = spring_state(work, o, l)
-        point = along(vector_of(work, ANCHOR, l), -1.0, arm)
-        stiffness = work[(o + SPRING_STIFFNESS) * LANES + l]
-        de, longer = (
-            vector_in(d, c + SPRING_DIRECTION, l),
-            turned(quaternion_of(work, TIP, l), vector_in(d, c + SPRING_ARM, l)),
-        )
-        grown = d[c + SPRING_STIFFNESS, l] * found[0] + d[c + SPRING_SOFTNESS, l] * found[2]
-        grown += found[1] * (dot(de, point) - dot(e, longer) - d[c + SPRING_ORIGIN, l])
-        pulled = along(scaled(-grown, e), -stiffness * found[0], de)
+        spring, d, e = rod.springs[j], change[j], rod.springs[j].direction
+        pull = pull_of(rod, spring)
+        longer, held = turned(rod.tip.turn, d.arm), -spring.stiffness * pull.by_stiffness
+        grown = d.stiffness * pull.by_stiffness + d.softness * pull.by_softness
+        grown += pull.by_stretch * (dot(d.direction, minus(rod.tip.place, pull.arm)) - dot(e, longer) - d.origin)
+        pulled = along(scaled(-grown, e), held, d.direction)
         force = add(force, pulled)
-        moment = along(moment, -1.0, add(cross(longer, scaled(-stiffness * found[0], e)), cross(arm, pulled)))
+        moment = minus(moment, add(cross(longer, scaled(held, e)), cross(pull.arm, pulled)))
     return force, moment
 
 
 @inline
-def spring_state(work: Array, o: int, l: int) -> tuple[Vector, Vector, Vector]:
-    """Direction of the spring at o, its arm in the mount frame, and what `spring_tangent` says of it."""
-    e = vector_of(work, o + SPRING_DIRECTION, l)
-    arm = turned(quaternion_of(work, TIP, l), vector_of(work, o + SPRING_ARM, l))
-    stretch = dot(e, vector_of(work, ANCHOR, l)) - dot(e, arm) - work[(o + SPRING_ORIGIN) * LANES + l]
-    found = spring_tangent(stretch, work[(o + SPRING_STIFFNESS) * LANES + l], work[(o + SPRING_SOFTNESS) * LANES + l])
-    return e, arm, found
+def tip_wrench_change(rod: Rod, springs: int, d: Parameters) -> tuple[Vector, Vector]:
+    """dN and dM at the tip along a direction, the tip held still."""
+    force, moment = springs_by_parameters(rod, springs, d.springs)
+    force = add(add(turned(rod.tip.turn, d.tip_force), d.dead_force), force)
+    return force, add(add(turned(rod.tip.turn, d.tip_moment), d.dead_moment), moment)
 
 
 @inline
-def vector_in(d: Array, c: int, l: int) -> Vector:
-    """Three numbers of a direction."""
-    return (d[c, l], d[c + 1, l], d[c + 2, l])
-
-
-@inline
-def tip_wrench_change(work: Array, springs: int, d: Array, l: int) -> tuple[Vector, Vector]:
-    """dN and dM at the tip along the direction d, the tip held still."""
-    q: Quaternion = quaternion_of(work, TIP, l)
-    force = add(turned(q, vector_in(d, TIP_FORCE, l)), vector_in(d, DEAD_FORCE, l))
-    moment = add(turned(q, vector_in(d, TIP_MOMENT, l)), vector_in(d, DEAD_MOMENT, l))
-    if springs > 0:
-        pulled = springs_by_parameters(work, springs, d, l)
-        force, moment = add(force, pulled[0]), add(moment, pulled[1])
-    return force, moment
-
-
-@inline
-def compliant_turn(work: Array, ends: Array, change: Vector, stiffer: float, l: int) -> Vector:
+def compliant_turn(rod: Rod, ends: Ends, change: Vector, stiffer: float) -> Vector:
     """By how much the base turns more when v changes, and h by `stiffer`."""
-    h = work[STIFFENING * LANES + l]
+    h = rod.stiffening
     if h == 0.0 and stiffer == 0.0:
         return change
-    v = times(vector_of(work, COMPLIANCE, l), vector_of(ends, FELT_MOMENT, l))
+    v = times(rod.compliance, ends.felt)
     size = dot(v, v)
     whole = 1.0 + h * size
     factor = whole ** (-1.0 / 3.0)
@@ -191,38 +180,23 @@ def compliant_turn(work: Array, ends: Array, change: Vector, stiffer: float, l: 
 
 
 @inline
-def base_residual_change(work: Array, ends: Array, change: Array, force: Vector, twist: Vector, l: int) -> Vector:
-    """Change of the base's residual when the section there changes by `change` (turn, shift, moment), and f and g change."""
-    turn, moment = vector_of(change, 0, l), vector_of(change, 6, l)
-    shift = scaled(-1.0, vector_of(change, 3, l))
-    relief = work[RELIEF * LANES + l]
-    follower = add(cross(shift, vector_of(ends, FOLLOWER_FORCE, l)), cross(vector_of(work, PLACE, l), force))
-    moment = along(moment, -relief, add(twist, follower))
-    v = compliant_turn(work, ends, times(vector_of(work, COMPLIANCE, l), moment), 0.0, l)
-    return (
-        dot(vector_of(ends, CHI_BY_TURN, l), turn) - v[0],
-        dot(vector_of(ends, CHI_BY_TURN + 3, l), turn) - v[1],
-        dot(vector_of(ends, CHI_BY_TURN + 6, l), turn) - v[2],
-    )
+def weighed(columns: list[Vector], by: Vector) -> Vector:
+    """Columns of a matrix, by three numbers."""
+    return along(along(scaled(by[0], columns[0]), by[1], columns[1]), by[2], columns[2])
 
 
 @inline
-def base_parameter_change(work: Array, ends: Array, d: Array, l: int) -> Vector:
-    """Change of the base's residual along the direction d with the base's own parameters."""
-    x, y, z = vector_in(d, BASE_TURN, l)
-    by_tilt = scaled(-x, vector_of(ends, TURN_BY_BASE_TURN, l))
-    by_tilt = along(
-        along(by_tilt, -y, vector_of(ends, TURN_BY_BASE_TURN + 3, l)), -z, vector_of(ends, TURN_BY_BASE_TURN + 6, l)
-    )
-    moment = vector_of(ends, FELT_MOMENT, l)
-    follower = add(
-        vector_of(ends, FOLLOWER_MOMENT, l), cross(vector_of(work, PLACE, l), vector_of(ends, FOLLOWER_FORCE, l))
-    )
-    v = times(vector_in(d, BASE_COMPLIANCE, l), moment)
-    v = along(v, -d[BASE_RELIEF, l], times(vector_of(work, COMPLIANCE, l), follower))
-    v = compliant_turn(work, ends, v, d[BASE_STIFFENING, l], l)
-    return (
-        dot(vector_of(ends, CHI_BY_TURN, l), by_tilt) - v[0],
-        dot(vector_of(ends, CHI_BY_TURN + 3, l), by_tilt) - v[1],
-        dot(vector_of(ends, CHI_BY_TURN + 6, l), by_tilt) - v[2],
-    )
+def base_residual_change(rod: Rod, ends: Ends, change: SectionChange, force: Vector, twist: Vector) -> Vector:
+    """Change of the base's residual when the section there changes, f by `force` and g by `twist`."""
+    follower = plus_cross(cross(ends.force, change.shift), rod.found.seen, force)
+    moment = along(change.moment, -rod.relief, add(twist, follower))
+    return minus(weighed(ends.chi_by_turn, change.turn), compliant_turn(rod, ends, times(rod.compliance, moment), 0.0))
+
+
+@inline
+def base_parameter_change(rod: Rod, ends: Ends, d: Parameters) -> Vector:
+    """Change of the base's residual with the base's own parameters."""
+    tilted = weighed(ends.turn_by_tilt, scaled(-1.0, d.base_turn))
+    follower = plus_cross(ends.moment, rod.found.seen, ends.force)
+    v = along(times(d.base_compliance, ends.felt), -d.base_relief, times(rod.compliance, follower))
+    return minus(weighed(ends.chi_by_turn, tilted), compliant_turn(rod, ends, v, d.base_stiffening))

@@ -83,7 +83,7 @@ class Sensitivities:
     @property
     def _stations(self) -> Array:
         found = self.values[..., implicit.OUTPUTS + self.strains :]
-        return found.reshape(*found.shape[:2], found.shape[2] // implicit.STATION, implicit.STATION)
+        return found.reshape(*found.shape[:2], found.shape[2] // implicit.OF_STATION, implicit.OF_STATION)
 
 
 def sensitivities(
@@ -111,7 +111,7 @@ def sensitivities(
     if len(solution.status) != n:
         raise BadCondition(f"solution: of {len(solution.status)} rods, must be of {n}")
     arcs = rods.arcs(arc_lengths)
-    wide = implicit.OUTPUTS + (form.elements if strain else 0) + implicit.STATION * arcs.shape[1]
+    wide = implicit.OUTPUTS + (form.elements if strain else 0) + implicit.OF_STATION * arcs.shape[1]
     fixed = steps_of(rods, method.steps)
     out = np.empty((n, given.shape[1], wide))
 

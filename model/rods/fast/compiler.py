@@ -1,4 +1,5 @@
-"""The decorators of the kernels: pieces that are inlined or called, and entry points that are cached on disk.
+"""How the kernels are compiled: pieces that are inlined or called, entry points that are cached on disk, one instruction that
+Python has no word for.
 
 Numba decides by the date of one file whether its cached machine code is still good; the kernels here are spread over
 several files, so a change in any of them drops what was compiled from all of them.
@@ -10,12 +11,13 @@ import contextlib
 import hashlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numba
 from llvmlite import binding
 from numba.core import config, types
 from numba.core.codegen import get_host_cpu_features
+from numba.extending import intrinsic
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -42,32 +44,34 @@ def _compiled(**options: Any) -> Callable[[Any], Any]:
     return made
 
 
-def _piece(counting: bool, **options: bool) -> Callable[[Any], Any]:
-    """Of a kernel; not to be called from Python, so that nothing is compiled for that.
+def _piece(function: Function, **options: bool) -> Function:
+    """A piece of a kernel, not to be called from Python, so that nothing is compiled for that. It makes no array.
 
     Pieces work on arrays that their kernel keeps: counting references to these whenever a group of arrays is handed on would
     take a tenth of the time and more.
     """
-    decorate = _compiled(no_cpython_wrapper=True, no_cfunc_wrapper=True, _nrt=counting, **options)
-    return lambda function: _once_for_all_constants(decorate(function))
+    piece = _compiled(no_cpython_wrapper=True, no_cfunc_wrapper=True, _nrt=False, **options)(function)
+    # Numba compiles a piece anew for each constant it is called with (stage 0, stage 1, ..): a third of all compiling.
+    for_types = piece.get_call_template
+    piece.get_call_template = lambda args, kws: for_types(
+        [types.unliteral(a) for a in args], {name: types.unliteral(a) for name, a in kws.items()}
+    )
+    return cast(Function, piece)
 
 
 def inline(function: Function) -> Function:
-    """A piece of a kernel: compiled into its callers. It makes no array, and hands one back to pieces and routines only."""
-    made: Function = _piece(counting=False, forceinline=True)(function)
-    return made
+    """A piece that is compiled into its callers."""
+    return _piece(function, forceinline=True)
 
 
 def routine(function: Function) -> Function:
-    """A piece that is compiled once and called: for what would be large when copied into its callers. As `inline`."""
-    made: Function = _piece(counting=False)(function)
-    return made
+    """A piece that is compiled once and called: for what would be large when copied into its callers."""
+    return _piece(function)
 
 
 def allocating(function: Function) -> Function:
-    """A routine that makes arrays, for itself or for the kernel that it hands them back to."""
-    made: Function = _piece(counting=True)(function)
-    return made
+    """A piece that makes arrays for the kernel that calls it."""
+    return cast(Function, _compiled(no_cpython_wrapper=True, no_cfunc_wrapper=True)(function))
 
 
 def kernel(function: Function) -> Function:
@@ -80,15 +84,6 @@ def kernel(function: Function) -> Function:
 def compiled_here() -> int:
     """How many times this process had to compile an entry point, because its machine code was not on disk."""
     return sum(sum(made.stats.cache_misses.values()) for made in _kernels)
-
-
-def _once_for_all_constants(piece: Any) -> Any:
-    """Numba compiles a piece anew for each constant it is called with (stage 0, stage 1, ..): a third of all compiling."""
-    for_types = piece.get_call_template
-    piece.get_call_template = lambda args, kws: for_types(
-        [types.unliteral(a) for a in args], {name: types.unliteral(a) for name, a in kws.items()}
-    )
-    return piece
 
 
 def drop_stale_kernels(folder: Path = Path(__file__).parent.parent) -> None:
@@ -106,3 +101,19 @@ def drop_stale_kernels(folder: Path = Path(__file__).parent.parent) -> None:
         for index in folder.rglob("__pycache__/*.nbi"):
             index.unlink(missing_ok=True)
         stamp.write_text(digest.hexdigest(), encoding="ascii")
+
+
+_FUSES = binding.get_host_cpu_features().get("fma", True)
+"""Whether this processor fuses; those that are not asked (all but x86) do."""
+
+
+def _fused(typing: Any, a: Any, b: Any, c: Any) -> Any:
+    def written(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        a, b, c = values
+        return builder.fma(a, b, c) if _FUSES else builder.fadd(builder.fmul(a, b), c)
+
+    return types.float64(types.float64, types.float64, types.float64), written
+
+
+fused = cast(Callable[[float, float, float], float], intrinsic(_fused))
+"""a b + c, rounded once. Said here, not left to the compiler, it has the same bits in a loop with vectors and in one without."""

@@ -1,0 +1,318 @@
+"""A group of rods in lanes: what kernels know of each, and how rows of `Rods` come in."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Annotated, Any, Concatenate, NamedTuple, ParamSpec, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.rods import columns
+from model.rods.description import MOST_SPRINGS
+from model.rods.fast.algebra import Quaternion, Vector, dot
+from model.rods.fast.compiler import allocating, inline, routine
+from model.rods.fast.equations import Section, Terms
+from model.rods.fast.lanes import LANES, Record, new_numbers, record
+
+Array = NDArray[np.float64]
+Counts = NDArray[np.int64]
+Full = int | None
+"""1 for rods in full form; None, pruned at compile time where it is an argument, for all others."""
+More = ParamSpec("More")
+
+
+@record
+class Spring(Record):
+    """A spring at the tip, in the order of `columns`."""
+
+    direction: Vector
+    stiffness: float
+    origin: float
+    softness: float
+    arm: Vector
+
+
+@record
+class Point(Record):
+    """A point that the walk has come to."""
+
+    q: Quaternion
+    m: Vector
+    r: Vector
+    """As in `equations`."""
+    force: Vector
+    """N of `equations`."""
+    peak: float
+    """The largest m^2 met so far at the ends of steps, N^2 m^2."""
+
+
+@record
+class Pose(Record):
+    """The unknowns of the tip."""
+
+    turn: Quaternion
+    """Its orientation."""
+    place: Vector
+    """With springs: where they take the tip to be (m, mount frame)."""
+
+
+@record
+class Six(Record):
+    """By how much a pose changes or is missed."""
+
+    turn: Vector
+    """Rotation, rad, mount frame."""
+    shift: Vector
+    """Place over the rod's length; nothing without springs."""
+
+
+@record
+class Found(Record):
+    """What comes of a tip."""
+
+    residual: Six
+    """By how much the base misses its pose."""
+    seen: Vector
+    """The tip as seen from the base, m, mount frame."""
+
+
+@record
+class Matrix(Record):
+    """d residual / d change, row by row."""
+
+    turn: Annotated[list[Six], 3]
+    shift: Annotated[list[Six], 3]
+
+
+@record
+class Rod(Record):
+    """A rod that is being solved."""
+
+    here: Point
+    """Where the walk stands."""
+    beside: Point
+    """A point within the step that it takes next."""
+    share: float
+    """Of that step, up to there; negative where there is none."""
+    tip: Pose
+    found: Found
+    change: Six
+    """The last change of the tip's pose."""
+    tip_before: Pose
+    found_before: Found
+    """As they were before it."""
+    jacobian: Matrix
+    """Its first three by three numbers only, without springs."""
+    seen_by: Annotated[list[Six], 3]
+    """d seen / d change."""
+    pivots: Annotated[list[Six], 7]
+    """Room for elimination."""
+    tip_force: Vector
+    tip_moment: Vector
+    dead_force: Vector
+    dead_moment: Vector
+    base: Quaternion
+    """Orientation of the unloaded base."""
+    compliance: Vector
+    relief: float
+    stiffening: float
+    """As `columns` names them."""
+    load_share: float
+    """Share of all loads that is on."""
+    length: float
+    """m."""
+    largest_moment: float
+    """Of the coarse solution, N m."""
+    thrust: float
+    """About the largest force, N."""
+    springs: Annotated[list[Spring], MOST_SPRINGS]
+
+
+# Numba takes sizes as constants of a module.
+ROD, SECTION, TERMS, SPRING = Rod.size, Section.size, Terms.size, Spring.size
+POSE, SIX, FOUND = Pose.size, Six.size, Found.size
+
+
+class RowLayout(NamedTuple):
+    """Where things are in a row of `Rods.values`, see `columns`."""
+
+    head: int
+    """Columns before the first element."""
+    block: int
+    """Columns of an element."""
+    springs: int
+
+
+class Group(NamedTuple):
+    """Rods side by side, and how they are cut."""
+
+    work: Array
+    """Of `Rod`."""
+    elements: Array
+    """(count) of `Section`, tip first."""
+    full: Full
+    parts: Counts
+    """(count,) steps of each element."""
+    springs: int
+    active: int
+    """Lanes in use."""
+
+
+def each_rod(of_one: Callable[Concatenate[Rod, More], None]) -> Callable[Concatenate[Group, More], None]:
+    """Make what is done with one rod something that is done with all of a group."""
+    one: Any = inline(of_one)
+
+    def each(group: Group, *more: Any) -> None:
+        for l in range(group.active):
+            one(Rod(group.work, l), *more)
+
+    return cast(Callable[Concatenate[Group, More], None], inline(each))
+
+
+@inline
+def section_of(group: Group, e: int, l: int) -> Section:
+    """Element e, counted from the tip, of lane l."""
+    return Section(group.elements, l, e * SECTION)
+
+
+@inline
+def terms_of(full: Full, section: Section) -> Terms | None:
+    """The terms of a section, where rods have them."""
+    if full is None:
+        return None
+    return section.terms
+
+
+@inline
+def elements_of(rods: Array, at: RowLayout) -> int:
+    """Elements of a row."""
+    return (rods.shape[1] - at.head) // at.block
+
+
+@inline
+def three(rods: Array, row: int, column: int) -> Vector:
+    """Three numbers of a row."""
+    return (rods[row, column], rods[row, column + 1], rods[row, column + 2])
+
+
+@routine
+def gather_rod(rods: Array, row: int, at: RowLayout, group: Group, l: int) -> None:
+    """Copy rod `row` into lane l: its ends, and its elements tip first."""
+    rod = Rod(group.work, l)
+    gather_ends(rods, row, rod)
+    for j in range(at.springs):
+        for k in range(SPRING):
+            rod.springs[j][k] = rods[row, columns.HEAD + SPRING * j + k]
+    whole, thrust = 0.0, math.sqrt(dot(rod.tip_force, rod.tip_force)) + math.sqrt(dot(rod.dead_force, rod.dead_force))
+    for o in range(at.head, rods.shape[1], at.block):
+        length, load = rods[row, o + columns.LENGTH], three(rods, row, o + columns.LOAD)
+        whole += length
+        thrust += 0.5 * length * math.sqrt(load[0] * load[0] + load[1] * load[1] + load[2] * load[2])
+    rod.length, rod.thrust = whole, thrust
+    # A rough idea of the largest moment sizes the coarse steps: the thrust at the tip has an arm once the rod bends.
+    arm = 0.125 * whole
+    moment = math.sqrt(dot(rod.tip_moment, rod.tip_moment))
+    rod.largest_moment = max(moment, arm * math.sqrt(dot(rod.tip_force, rod.tip_force)))
+    for e in range(elements_of(rods, at)):
+        o, section = rods.shape[1] - (e + 1) * at.block, section_of(group, e, l)
+        gather_section(rods, row, o, section)
+        gather_terms(terms_of(group.full, section), rods, row, o)
+
+
+@inline
+def gather_ends(rods: Array, row: int, rod: Rod) -> None:
+    """Copy what belongs to the ends of a rod."""
+    rod.tip_force, rod.tip_moment = three(rods, row, columns.TIP_FORCE), three(rods, row, columns.TIP_MOMENT)
+    rod.dead_force, rod.dead_moment = three(rods, row, columns.DEAD_FORCE), three(rods, row, columns.DEAD_MOMENT)
+    x, y, z = three(rods, row, columns.BASE_TURN)
+    angle = math.sqrt(x * x + y * y + z * z)
+    w, half = 1.0, 0.5
+    if angle > 0.0:
+        w, half = math.cos(0.5 * angle), math.sin(0.5 * angle) / angle
+    rod.base = (w, half * x, half * y, half * z)
+    rod.compliance = three(rods, row, columns.BASE_COMPLIANCE)
+    rod.relief, rod.stiffening = rods[row, columns.BASE_RELIEF], rods[row, columns.BASE_STIFFENING]
+    rod.load_share = 1.0
+
+
+@inline
+def gather_section(rods: Array, row: int, o: int, section: Section) -> None:
+    """Copy the element that begins at column o."""
+    section.length = rods[row, o + columns.LENGTH]
+    x, y, z = three(rods, row, o + columns.BEND)
+    section.inv_bend = (1.0 / x, 1.0 / y, 1.0 / z)
+    x, y, z = three(rods, row, o + columns.STRETCH)
+    section.inv_stretch = (1.0 / x, 1.0 / y, 1.0 / z)
+    section.u_rest, section.v_rest = (
+        three(rods, row, o + columns.REST_CURVATURE),
+        three(rods, row, o + columns.REST_STRAIN),
+    )
+    section.load = three(rods, row, o + columns.LOAD)
+    section.u_rest_norm = math.sqrt(dot(section.u_rest, section.u_rest))
+
+
+@inline
+def gather_terms(terms: Terms | None, rods: Array, row: int, o: int) -> None:
+    """Copy the hyperelastic and graded terms, where rods have them."""
+    if terms is not None:
+        for k in range(TERMS):
+            terms[k] = rods[row, o + columns.SERIES + k]
+
+
+@allocating
+def new_group(rods: Array, at: RowLayout, full: Full, size: int) -> Group:
+    """Room for a group of such rods, `size` quantities for each besides its elements; all lanes in use."""
+    count = elements_of(rods, at)
+    parts = np.empty(count, np.int64)
+    return Group(new_numbers(size * LANES), new_numbers(count * SECTION * LANES), full, parts, at.springs, LANES)
+
+
+@inline
+def gather(rods: Array, at: RowLayout, group: Group, first: int) -> None:
+    """The rods from row `first` on into the lanes in use; those without a rod hold the last one."""
+    for l in range(group.active):
+        gather_rod(rods, min(first + l, len(rods) - 1), at, group, l)
+
+
+@routine
+def fixed_cut(group: Group, steps: Counts, first: int) -> None:
+    """Cut as `steps` (n, elements base to tip) says, where it has rows: the most that any rod of the group is to have."""
+    if steps.shape[0] == 0:
+        return
+    parts = group.parts
+    for e in range(parts.size):
+        most = 1
+        for l in range(group.active):
+            most = max(most, steps[min(first + l, steps.shape[0] - 1), parts.size - 1 - e])
+        parts[e] = most
+
+
+FINEST = 5.0
+"""By how much steps are refined at most."""
+
+
+@routine
+def cut(group: Group, divisions: float) -> None:
+    """Into how many steps each element (tip first) of the group is cut.
+
+    No step is longer than the rod's length over `divisions`. Where the largest moment bends an element by b radian over
+    the rod's length, and the thrust t = |N| L^2 / EI is more than 8, steps shrink as found by experiment to keep the
+    error of the tip level. The lanes share the cuts: elements that are empty in one rod are walked with steps of no
+    length.
+    """
+    for e in range(group.parts.size):
+        for l in range(group.active):
+            rod, section = Rod(group.work, l), section_of(group, e, l)
+            flexible = max(section.inv_bend[0], section.inv_bend[1])
+            b = rod.length * (rod.largest_moment * flexible + section.u_rest_norm)
+            t = rod.thrust * rod.length * rod.length * flexible
+            finer = 0.3 + 0.5 * b * max(1.0, t / 8.0)
+            # A pass that went astray may have met any moment, or none that is a number.
+            finer = max(1.0, finer) if finer < FINEST else FINEST
+            section.parts = section.length / rod.length * divisions * finer
+        most = 0.0
+        for l in range(group.active):
+            most = max(most, section_of(group, e, l).parts)
+        group.parts[e] = int(math.ceil(most - 1e-9))
