@@ -95,6 +95,8 @@ class Unknowns(NamedTuple):
     """(unknowns, TIP_COLUMNS LANES): the state at the tip."""
     answers: Array
     """(unknowns, SECTION LANES): the change at the base."""
+    steps: Array
+    """(unknowns, unknowns LANES): the Newton step that a unit of each residual asks for; six unknowns alone."""
 
 
 class Change(NamedTuple):
@@ -145,7 +147,11 @@ def differentiate(
     )
     columns.walked[stations] = 1.0
     amount = 6 if at.springs > 0 else 3
-    unknowns = Unknowns(np.zeros((amount, TIP_COLUMNS * LANES)), np.zeros((amount, SECTION * LANES)))
+    unknowns = Unknowns(
+        np.zeros((amount, TIP_COLUMNS * LANES)),
+        np.zeros((amount, SECTION * LANES)),
+        np.zeros((amount, amount * LANES)),
+    )
     direction = Direction(
         np.zeros((width, LANES)),
         np.zeros(width, np.bool_),
@@ -209,7 +215,7 @@ def walk_columns(group: Group, columns: Columns, arcs: Array, first: int) -> Non
 
 @routine
 def differentiate_unknowns(group: Group, ends: Array, sections: Array, unknowns: Unknowns) -> None:
-    """Fill JACOBIAN and `unknowns`; `sections` are the changes at the base by the columns."""
+    """Fill `unknowns` and, for three of them, JACOBIAN; `sections` are the changes at the base by the columns."""
     work, springs = group.work, group.springs
     none = (0.0, 0.0, 0.0)
     for c in range(len(unknowns.starts)):
@@ -233,6 +239,13 @@ def differentiate_unknowns(group: Group, ends: Array, sections: Array, unknowns:
             for r in range(3 if springs > 0 else 0):
                 fixed = 1.0 if c == 3 + r else 0.0
                 work[(JACOBIAN + 6 * (3 + r) + c) * LANES + l] = change[(3 + r) * LANES + l] + fixed
+    for c in range(6 if springs > 0 else 0):
+        for i in range(6 * LANES):
+            work[RESIDUAL * LANES + i] = 1.0 if i // LANES == c else 0.0
+        for l in range(LANES):
+            newton_step_6(work, l)
+        for i in range(6 * LANES):
+            unknowns.steps[c, i] = work[TURN * LANES + i]
 
 
 @routine
@@ -257,7 +270,12 @@ def differentiate_direction(
     if group.springs > 0:
         for l in range(LANES):
             put(work, RESIDUAL + 3, l, vector_of(base, 3, l))
-            newton_step_6(work, l)
+        for i in range(6 * LANES):
+            work[TURN * LANES + i] = 0.0
+        for c in range(6):
+            for r in range(6):
+                for l in range(LANES):
+                    work[(TURN + r) * LANES + l] += unknowns.steps[c, r * LANES + l] * work[(RESIDUAL + c) * LANES + l]
     else:
         for l in range(LANES):
             put(work, TURN, l, newton_step_3(jacobian_of(work, l), vector_of(work, RESIDUAL, l)))
