@@ -68,16 +68,19 @@ class _Folds:
     def __init__(self, problem: Problem, fold: Ints) -> None:
         self._problem, self._fold = problem, fold
         self._known: tuple[Model, Array, Slope] | None = None
+        self._rests: dict[int, Problem] = {}
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without what was linearised here."""
-        return vars(self) | {"_known": None}
+        """Without what was made here."""
+        return vars(self) | {"_known": None, "_rests": {}}
 
     def left_out(self, wanted: tuple[Model, int]) -> Array:
         """Measured minus predicted for the values of one part, by a fit of a model to the others."""
         model, part = wanted
         problem, seen = self._problem, self._fold != part
-        missed = problem.observed - _predicted(problem, model, self._linearised(model), seen)
+        if part not in self._rests:
+            self._rests[part] = _rest(problem, seen)
+        missed = problem.observed - _predicted(problem, self._rests[part], model, self._linearised(model), seen)
         return np.asarray(missed[~seen])
 
     def _linearised(self, model: Model) -> tuple[Array, Slope]:
@@ -90,12 +93,19 @@ class _Folds:
         return known[1:]
 
 
-def _predicted(problem: Problem, model: Model, around: tuple[Array, Slope], seen: NDArray[np.bool_]) -> Array:
-    """What a fit to the values marked `seen` predicts (n,); prediction and derivatives `around` the model's parameters."""
-    rest = replace(
+def _rest(problem: Problem, seen: NDArray[np.bool_]) -> Problem:
+    """The problem of the values marked `seen` alone."""
+    return replace(
         problem, forward=_Part(problem.forward, seen), observed=problem.observed[seen], noise=problem.noise.take(seen),
         discrepancy=problem.discrepancy[seen], shared_basis=problem.shared_basis[seen], channel_basis=problem.channel_basis[seen],
     )  # fmt: skip
+
+
+def _predicted(
+    problem: Problem, rest: Problem, model: Model, around: tuple[Array, Slope], seen: NDArray[np.bool_]
+) -> Array:
+    """What a fit to `rest`, the values marked `seen`, predicts (n,); prediction and derivatives `around` the model's
+    parameters."""
     predicted, slope = around
     own = replace(slope, columns=slope.columns.rows(seen))
     found = refit(rest, model.prior, model.size, Fit(model.theta, predicted[seen], own, np.nan, np.nan))

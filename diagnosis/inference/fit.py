@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,7 +115,7 @@ def _search(
 
     def step(local: _Local, damping: float, trial: bool) -> tuple[Array, float] | None:
         """A point and its cost; None where it promises too little."""
-        goal = local.goal(damping)
+        goal = local.goal(damping) if damping else local.optimum
         along = local.predicted(goal)
         predicted_cost = total(goal, along)
         if 0 <= cost - predicted_cost < least_promise:
@@ -147,9 +148,9 @@ def _search(
         cost = np.inf  # a start with more in it than the hypothesis has is left whatever it costs
     damping = 0
     forward = forward.near(theta) if rounds else forward
+    local = _Local(misfit, theta, predicted, slope, scale, mean)
     for _ in range(rounds):
-        local = _Local(misfit, theta, predicted, slope, scale, mean)
-        if np.isfinite(cost) and np.max(np.abs((local.goal(0.0) - theta) / p.sd), initial=0.0) < tolerance:
+        if np.isfinite(cost) and np.max(np.abs((local.optimum - theta) / p.sd), initial=0.0) < tolerance:
             break
         tried, reached, begun, given_up = theta, np.inf, damping, False
         while damping < len(dampings):
@@ -165,20 +166,17 @@ def _search(
                 damping, given_up = begun, True
         if damping == len(dampings):
             break
-        stood = theta, predicted, slope, cost
-        gained, theta, cost = cost - reached, tried, reached
-        forward = forward.near(theta)
-        predicted, slope = linearised(theta)
-        if not np.isfinite(predicted).all():
+        forward = forward.near(tried)
+        found, derivatives = linearised(tried)
+        if not np.isfinite(found).all():
             # A trial took a state for one in equilibrium that has none.
-            theta, predicted, slope, cost = stood
             break
+        gained, theta, predicted, slope, cost = cost - reached, tried, found, derivatives, reached
+        local = _Local(misfit, theta, predicted, slope, scale, mean)
         if gained < 0.02:
             break
         damping = max(damping - 2, 0)
-    local = _Local(misfit, theta, predicted, slope, scale, mean)
-    goal = local.goal(0.0)
-    predicted_cost = total(goal, local.predicted(goal))
+    predicted_cost = total(local.optimum, local.predicted(local.optimum))
     return Fit(theta, predicted, slope, cost, max(cost - predicted_cost, 0.0))
 
 
@@ -250,6 +248,11 @@ class _Local:
     def predicted(self, theta: Array) -> Array:
         """Predicted values (n,) of the linear problem at parameters (k,)."""
         return np.asarray(self._predicted + self._slope.along(theta - self._theta))
+
+    @cached_property
+    def optimum(self) -> Array:
+        """Optimum (k,) within the bounds; what has no scale is at its mean."""
+        return self.goal(0.0)
 
     def goal(self, damping: float, bend: Array | None = None) -> Array:
         """Optimum (k,) within the bounds, kept near theta by a damping; what has no scale is at its mean.

@@ -318,10 +318,6 @@ class Problem:
         unit = np.sqrt((self.discrepancy**2).sum(axis=1))
         return float(np.sqrt(np.mean((done / np.maximum(unit, 1e-300)) ** 2)))
 
-    def misfit(self, theta: Array) -> Array:
-        """Whitened residual (n,)."""
-        return self.noise.whiten(self.observed - self.forward.predict(theta))
-
 
 def leading(columns: Array) -> Array:
     """Fewer columns (n, r) with which unit normal coefficients draw nearly the same as with these (n, c)."""

@@ -291,7 +291,7 @@ class Search:
         close: list[Array | Fit] = []
         far: list[Array] = []
         for start in (*self._begin.of(named, none.fit), *more):
-            if isinstance(start, Fit) or not self._begin.far(start, none.fit.theta):
+            if isinstance(start, Fit) or not self._begin.far(start, none.fit):
                 close.append(start)
             else:
                 far.append(start)

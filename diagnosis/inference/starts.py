@@ -64,14 +64,16 @@ class Starts:
             theta[own] = np.clip(theta[own] + p.sd[own] * step, p.lower[own], p.upper[own])
         return theta
 
-    def far(self, start: Array, none: Array) -> bool:
+    def far(self, start: Array, none: Fit) -> bool:
         """Whether parameters (k,) miss the data by much more than those of none do."""
-        return self._misfit(start) > FAR_START * self._misfit(none)
+        return self._misfit(self._problem.forward.predict(start)) > FAR_START * self._misfit(none.predicted)
 
-    def _misfit(self, theta: Array) -> float:
-        """Squared whitened residual at parameters (k,); infinite where a state has no equilibrium."""
-        residual = self._problem.misfit(theta)
-        return float(residual @ residual) if np.isfinite(residual).all() else np.inf
+    def _misfit(self, predicted: Array) -> float:
+        """Squared whitened residual of a prediction (n,); infinite where a state has no equilibrium."""
+        if not np.isfinite(predicted).all():
+            return np.inf
+        residual = self._problem.noise.whiten(self._problem.observed - predicted)
+        return float(residual @ residual)
 
     def _start_values(self, i: int) -> tuple[float, ...]:
         """Values of a named effect's parameter to begin at."""

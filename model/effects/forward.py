@@ -24,11 +24,12 @@ from model.effects.parameters import ParameterInfo, Spread, parameter_table
 from model.effects.quantities import Quantities, baseline
 from model.effects.readings import Readings, readings
 from model.effects.solver import Solved, Steps, differentiate, integration_steps, look_inside, nudged, solve
-from model.effects.spec import EffectSpec, Law, Values
+from model.effects.spec import EffectSpec, Values
 from model.effects.spine import ShearSpine, shear_spine
 from model.effects.tolerance import Source, single_sources, sources
 from model.errors import BadCondition, BadRobot
 from model.robot import Robot
+from model.rods import columns as col
 
 Array = NDArray[np.float64]
 
@@ -41,6 +42,8 @@ class _At:
     """Everything solved at one set of parameter values."""
 
     theta: Array
+    spread: Spread
+    """The same at all states; its laws are applied."""
     quantities: Quantities
     built: RodColumns
     """Rods of all states without memory."""
@@ -57,8 +60,6 @@ class _At:
     """Of one variant."""
     settled: bool
     """Whether every state without a result has no equilibrium, and was not given up."""
-    asked: frozenset[int]
-    """Sources whose laws are applied though all their sizes are zero."""
 
 
 @dataclass(frozen=True)
@@ -206,7 +207,12 @@ class ForwardModel:
         places: dict[int | str, int] = {id: rank.get(id, len(rank)) for id in self._fixed}
         places |= {i: rank.get(s.spec.id, len(rank)) for i, s in enumerate(self._table.sources)}
         # the sort is stable: tolerances stay behind effects, in their own order
-        self._order = sorted(places, key=places.__getitem__)
+        order = sorted(places, key=places.__getitem__)
+        every = [(k, self._fixed[k][0] if isinstance(k, str) else self._table.sources[k].spec.law) for k in order]
+        self._laws_of = {
+            part: [(k, do) for k, law in every if (do := getattr(law, part)) is not None]
+            for part in ("before", "path", "after")
+        }
         self._nominal = nominal_values(robot, self._table.infos)
         self.parameters: tuple[ParameterInfo, ...] = beyond(robot, self._table.infos, self._nominal)
         self._body = body_of(robot)
@@ -303,7 +309,7 @@ class ForwardModel:
         here = self._solved(self._checked(theta))
         final = here.final
         along = solve(self._layout, final.rows, np.asarray(arcs, float), final.steps, final, inside=False)
-        read = self._readings(here.quantities, along.result[None], self._table.at(here.theta))
+        read = self._readings(here.quantities, along.result[None], here.spread)
         return read.markers[0, : len(self.design)]
 
     def observe(self, columns: Columns) -> Array:
@@ -364,20 +370,18 @@ class ForwardModel:
             )
         return np.clip(values, self._low, self._high)
 
-    def _laws(self, spread: Spread, asked: frozenset[int] = frozenset()) -> Iterator[tuple[Law, Callable[[], Values]]]:
-        """Every law and what makes its values, in the order of the catalogue, the robot's own that are not varied among them;
-        those of size zero that are `asked` alone."""
-        working = self._table.working(spread) | asked
-        for known in self._order:
+    def _laws(
+        self, part: Literal["before", "path", "after"], spread: Spread
+    ) -> Iterator[tuple[Callable[[Any, Values], None], Values]]:
+        """This part of every law that is applied, with its values, in the order of the catalogue, the robot's own that are not
+        varied among them."""
+        for known, do in self._laws_of[part]:
             if isinstance(known, str):
-                law, values = self._fixed[known]
-                yield law, partial(dict, values)
-            elif self._every_law or known in working:
-                yield self._table.sources[known].spec.law, partial(self._table.values, known, spread)
+                yield do, dict(self._fixed[known][1])
+            elif self._every_law or known in spread.applied:
+                yield do, self._table.values(known, spread)
 
-    def _quantities(
-        self, spread: Spread, change: Change | None = None, asked: frozenset[int] = frozenset()
-    ) -> Quantities:
+    def _quantities(self, spread: Spread, change: Change | None = None) -> Quantities:
         """All laws before the rod."""
         q = copy.copy(self._baseline)
         if change is not None:
@@ -387,15 +391,15 @@ class ForwardModel:
             if change.spine_length.any():
                 q.spine_length = q.tabulated_length = q.spine_length + change.spine_length
                 q.area_factor = self.robot.area_factor_at(q.spine_length)[..., None] * np.ones(pressure.shape[2])
-        for law, values in self._laws(spread, asked):
-            if law.before is not None:
-                law.before(q, values())
+        for law, values in self._laws("before", spread):
+            law(q, values)
         return q
 
     def _solved(
         self, theta: Array, moving: bool = False, trial: bool = False, asked: frozenset[int] = frozenset()
     ) -> _At:
-        """`moving`: what drives memory is wanted even where nothing remembers. `trial`: see `predict`; `asked`: see `_At`."""
+        """`moving`: what drives memory is wanted even where nothing remembers. `trial`: see `predict`; `asked`: sources whose
+        laws are applied even at size zero."""
         points = self._points  # another thread may put others in its place
         same = [bool(np.array_equal(p.theta, theta)) and (trial or p.settled) for p in points]
         here = points[same.index(True)] if any(same) else self._solve(theta, trial, asked)
@@ -413,24 +417,23 @@ class ForwardModel:
     def _asked(self, here: _At, sources: frozenset[int]) -> _At:
         """The same point with laws by which it is to be differentiated: one of size zero does nothing, but says where and how it
         would act."""
-        spread = self._table.at(here.theta)
-        asked = here.asked | (sources - self._table.working(spread))
-        if asked == here.asked:
+        if sources <= here.spread.applied:
             return here
-        q = self._quantities(spread, asked=asked)
+        spread = replace(here.spread, applied=here.spread.applied | sources)
+        q = self._quantities(spread)
         built = rod_columns(q, self._shear)
         bare = replace(here.bare, rows=self._rows(built))
         rows = bare.rows[: self._moved_rows.size].copy()
         if here.remembers:
             rows[:, self._rest_columns] += by_element(self._layout, here.rest[0, self._moved_rows])
-        here = replace(here, quantities=q, built=built, bare=bare, final=replace(here.final, rows=rows), asked=asked)
+        final = replace(here.final, rows=rows)
+        here = replace(here, spread=spread, quantities=q, built=built, bare=bare, final=final)
         self._keep(here)
         return here
 
     def _solve(self, theta: Array, trial: bool, asked: frozenset[int]) -> _At:
-        spread = self._table.at(theta)
-        asked = asked - self._table.working(spread)
-        q = self._quantities(spread, asked=asked)
+        spread = self._table.at(theta, asked)
+        q = self._quantities(spread)
         built = rod_columns(q, self._shear)
         remembers = any(theta[k] for k in self._memory_sizes) or any(
             law.path is not None for law, _ in self._fixed.values()
@@ -443,16 +446,16 @@ class ForwardModel:
         driven = rest = np.zeros((1, len(self._full), DRIVES))
         if remembers:
             driven = self._drive(built, bare.result[None])
-            rest = self._memory(q, built, driven, spread, asked)
+            rest = self._memory(q, built, driven, spread)
             rows = final.rows.copy()
             rows[:, self._rest_columns] += by_element(self._layout, rest[0, self._moved_rows])
             begin = self._remembering or final
             final = solve(self._layout, rows, self._arcs, final.steps, begin, False, trial)
             # What drives memory is the rod without it: where that has no equilibrium, nothing can be said of the state.
             final.result[~bare.converged[: len(final.rows)]] = np.nan
-        read = self._readings(q, final.result[None], spread, asked)
+        read = self._readings(q, final.result[None], spread)
         settled = not trial or bool(bare.converged.all() and final.converged.all())
-        return _At(theta.copy(), q, built, bare, driven, rest, final, remembers, read, settled, asked)
+        return _At(theta.copy(), spread, q, built, bare, driven, rest, final, remembers, read, settled)
 
     def _rows(self, built: RodColumns) -> Array:
         """(m, layout.width) rods of one variant that are solved."""
@@ -466,14 +469,11 @@ class ForwardModel:
         lengths = [np.broadcast_to(long, (len(long), n)) for long in own]
         return drive([long[:, self._in_bare] for long in lengths], results, self._in_bare, n)
 
-    def _memory(
-        self, q: Quantities, built: RodColumns, driven: Array, spread: Spread, asked: frozenset[int] = frozenset()
-    ) -> Array:
+    def _memory(self, q: Quantities, built: RodColumns, driven: Array, spread: Spread) -> Array:
         """(v, full, DRIVES) rest curvature and strain of all laws with memory."""
         history = history_of(q, self._path, built, driven)
-        for law, values in self._laws(spread, asked):
-            if law.path is not None:
-                law.path(history, values())
+        for law, values in self._laws("path", spread):
+            law(history, values)
         return history.rest
 
     def _slopes(
@@ -495,7 +495,7 @@ class ForwardModel:
         out = np.empty((len(slots) + (0 if change is None else len(change.by)), *read.shape[1:]))
         for (own, varied), b, moved in zip(parts, batches, self._moved(here, batches, every), strict=True):
             if b.reads:
-                there = every(self._readings(b.quantities, here.final.result[None], b.spread, here.asked))
+                there = every(self._readings(b.quantities, here.final.result[None], b.spread))
                 moved = moved + (there - read) / b.by_row[..., None]
             out[[slots.index(k) for k in own] + [len(slots) + k for k in range(len(varied.by))]] = moved
         return out
@@ -511,14 +511,14 @@ class ForwardModel:
     def _beside(self, here: _At, step: Array, slots: tuple[int, ...], change: Change) -> _Beside:
         """Variants of `here`: one for each slot, that is a step away, and one for each change."""
         v, full = len(slots), len(self._full)
-        spread = self._table.beside(here.theta, here.theta + step, slots, len(change.by))
+        spread = self._table.beside(here.spread, here.theta + step, slots, len(change.by))
         by_row = np.empty((v + len(change.by), full))
         by_row[:v], by_row[v:] = np.append(step, 1.0)[self._table.of_row[list(slots)]], change.by[:, None]
         laws = [self._table.source_of(k).spec.law for k in slots]
         q, built = here.quantities, here.built
         moves = len(change.by) > 0 or any(law.before is not None for law in laws)
         if moves:
-            q = self._quantities(spread, change.behind(v), here.asked)
+            q = self._quantities(spread, change.behind(v))
             built = rod_columns(q, self._shear)
         changed, slope = built.changes(here.built, by_row)
         remembers = any(law.path is not None for law in laws)
@@ -533,10 +533,9 @@ class ForwardModel:
         )
         by_column = np.zeros((len(self._full), len(changed), every(here.readings).shape[-1]))
         if changed:
-            spread = self._table.at(here.theta)
 
             def read(results: Array) -> Array:
-                return every(self._readings(here.quantities, results, spread, here.asked))[:, self._moved_rows]
+                return every(self._readings(here.quantities, results, here.spread))[:, self._moved_rows]
 
             by_column[self._moved_rows] = _by_columns(here.final, changed, read)
         out = []
@@ -558,25 +557,27 @@ class ForwardModel:
                 return self._drive(here.built, results)[:, self._in_bare]
 
             by_column[self._in_bare] = np.nan_to_num(_by_columns(here.bare, changed, driven_by))
+        lengths = {element + col.LENGTH for element in self._layout.elements}
         out: list[Array | None] = []
         for b in batches:
             driven = here.driven
             if here.remembers and b.columns:
                 moved = b.change @ by_column[:, [changed.index(c) for c in b.columns]]
-                driven = self._drive(b.built, here.bare.result[None]) + b.by_row[..., None] * moved.swapaxes(0, 1)
+                if lengths.intersection(b.columns):
+                    driven = self._drive(b.built, here.bare.result[None])
+                driven = driven + b.by_row[..., None] * moved.swapaxes(0, 1)
             elif not b.remembers and not (here.remembers and b.moves):
                 out.append(None)
                 continue
-            rest = self._memory(b.quantities, b.built, driven, b.spread, here.asked)
+            rest = self._memory(b.quantities, b.built, driven, b.spread)
             out.append(((rest - here.rest) / b.by_row[..., None]).swapaxes(0, 1))
         return out
 
-    def _readings(self, q: Quantities, results: Array, spread: Spread, asked: frozenset[int] = frozenset()) -> Readings:
+    def _readings(self, q: Quantities, results: Array, spread: Spread) -> Readings:
         """What instruments read of results (v, moved, columns): all laws after the rod."""
         r = readings(q, self._shear, self._every_row(results))
-        for law, values in self._laws(spread, asked):
-            if law.after is not None:
-                law.after(r, values())
+        for law, values in self._laws("after", spread):
+            law(r, values)
         return r
 
     def _every_row(self, results: Array) -> Array:

@@ -228,10 +228,11 @@ def _lag(
 ) -> None:  # fmt: skip
     """A first-order follower of a piecewise linear drive, exactly."""
     follower, resting = np.zeros(drive.shape[2]), np.zeros(drive.shape[2])
+    all_kept, all_faded, all_settled = np.exp(-stay / time), np.exp(-ramp / time), np.exp(-hold / time)
     for v in range(drive.shape[0]):
         follower[:], resting[:] = 0.0, 0.0
         for k in range(before.size):
-            kept, faded, settled = np.exp(-stay[k] / time), np.exp(-ramp[k] / time), np.exp(-hold[k] / time)
+            kept, faded, settled = all_kept[k], all_faded[k], all_settled[k]
             for c in range(follower.size):
                 start, end = drive[v, before[k], c], drive[v, after[k], c]
                 if first[k]:
@@ -296,11 +297,14 @@ def _extremes(drive: Array, covered: Array, roll: Array, after: Order, passed: A
     cells = covered.shape[2]
     top, least = np.zeros((cells, 4)), np.zeros((cells, 4))
     now, turned = np.zeros(4), np.zeros(4)
+    cosine, sine, fading = np.cos(roll), np.sin(roll), np.exp(-rate[0] * passed)
     for v in range(drive.shape[0]):
         top[:], least[:] = 0.0, 0.0
+        if v > 0 and rate[v] != rate[v - 1]:
+            fading = np.exp(-rate[v] * passed)
         for k in range(after.size):
             row = after[k]
-            kept, c, s = np.exp(-rate[v] * passed[k]), np.cos(roll[row]), np.sin(roll[row])
+            kept, c, s = fading[k], cosine[row], sine[row]
             inside = 0.0
             for j in range(cells):
                 inside += covered[v, row, j]

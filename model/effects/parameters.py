@@ -65,15 +65,12 @@ class Spread:
 
     base: Array
     """(slots, n)."""
+    applied: frozenset[int]
+    """The sources whose laws are applied: those of which some size is not zero, and those that were asked for."""
     there: Array | None = None
-    """(slots, n): the value of a slot in its own variant."""
+    """(variants of a slot, n): the value of the slot in its own variant."""
     chosen: tuple[int, ...] = ()
     """The slot of each variant, -1 for one of no slot."""
-
-    @cached_property
-    def used(self) -> frozenset[int]:
-        """The slots that differ from zero somewhere, or have a variant."""
-        return frozenset((*np.flatnonzero(self.base.any(axis=1)).tolist(), *self.chosen))
 
     def slot(self, k: int) -> Array:
         """(v, n), or (1, n) where no variant has another value."""
@@ -81,7 +78,8 @@ class Spread:
             return self.base[k][None]
         out = np.empty((len(self.chosen), self.base.shape[1]))
         out[:] = self.base[k]
-        out[self.chosen.index(k)] = self.there[k]
+        own = self.chosen.index(k)
+        out[own] = self.there[own]
         return out
 
 
@@ -95,34 +93,25 @@ class ParameterTable:
     of_row: NDArray[np.int64]
     """(slots, n) which parameter a row takes for a slot; -1 where none exists."""
 
-    def at(self, theta: Array) -> Spread:
-        """One variant: these parameters."""
-        return Spread(self._rows(theta))
+    def at(self, theta: Array, asked: frozenset[int] = frozenset()) -> Spread:
+        """One variant: these parameters; laws of size zero change nothing and are left out, but for those `asked` for."""
+        return Spread(np.append(theta, 0.0)[self.of_row], asked.union(self._sized[theta != 0].tolist()) - {-1})
 
-    def beside(self, theta: Array, there: Array, slots: tuple[int, ...], more: int) -> Spread:
-        """One variant for each of `slots`: all at theta but the slot itself, which is at `there`; and `more` at theta."""
-        return Spread(self._rows(theta), self._rows(there), (*slots, *(-1,) * more))
-
-    def _rows(self, theta: Array) -> Array:
-        return np.append(theta, 0.0)[self.of_row]
+    def beside(self, spread: Spread, there: Array, slots: tuple[int, ...], more: int) -> Spread:
+        """One variant for each of `slots`: all as in `spread` but the slot itself, which is at `there`; and `more` as in
+        `spread`."""
+        own = np.append(there, 0.0)[self.of_row[list(slots)]]
+        return Spread(spread.base, spread.applied, own, (*slots, *(-1,) * more))
 
     def values(self, source: int, spread: Spread) -> Values:
         """The values of one source by its own parameter names, (v, n) each."""
         first = self.first_slot[source]
         return {p.name: spread.slot(first + i) for i, p in enumerate(self.sources[source].spec.parameters)}
 
-    def working(self, spread: Spread) -> frozenset[int]:
-        """The sources of which some size is not zero; the laws of all others change nothing."""
-        return frozenset(self._sized[k] for k in spread.used if k in self._sized)
-
     @cached_property
-    def _sized(self) -> dict[int, int]:
-        """Slot -> source, of the slots that are sizes."""
-        every = [
-            (i, first, s.spec.parameters)
-            for i, (first, s) in enumerate(zip(self.first_slot, self.sources, strict=True))
-        ]
-        return {first + k: i for i, first, own in every for k, p in enumerate(own) if p.role == "size"}
+    def _sized(self) -> NDArray[np.int64]:
+        """(p,) the source of each parameter that is a size, -1 for others."""
+        return np.array([self.source_index(p.slot) if p.role == "size" else -1 for p in self.infos], np.int64)
 
     def source_of(self, slot: int) -> Source:
         """The source a slot belongs to."""

@@ -55,7 +55,7 @@ def test_a_few_rounds_go_along_a_curved_valley_to_its_end() -> None:
     p = problem.parameters
 
     def residual(theta: Array) -> Array:
-        return np.concatenate([problem.misfit(theta), theta])
+        return np.concatenate([problem.noise.whiten(problem.observed - problem.forward.predict(theta)), theta])
 
     start = np.array([0.2, -2.9, 0.5])
     known = float(least_squares(residual, start).cost)

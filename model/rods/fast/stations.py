@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -56,9 +57,12 @@ def stations(rods: Rods, solution: Solution, arc_lengths: ArrayLike, method: Fas
     return Stations(states_at(rods, solution, arcs, method.divisions, steps_of(rods, method.steps)))
 
 
+_gauss = lru_cache(np.polynomial.legendre.leggauss)
+
+
 def gauss_points(rods: Rods, points: int = 8) -> tuple[Array, Array]:
     """Arc lengths (n, elements points) in m, element by element, and weights (points,), of sum 1, of Gauss's rule."""
-    places, weights = np.polynomial.legendre.leggauss(points)
+    places, weights = _gauss(points)
     length = rods.field("length")
     ends = np.cumsum(length, axis=1)
     arcs = (ends - length)[:, :, None] + length[:, :, None] * (0.5 * (1 + places))
