@@ -14,8 +14,6 @@ import tty
 from pathlib import Path
 from typing import Protocol
 
-import serial
-
 import timing
 
 MEMORY = "memory://"
@@ -117,6 +115,10 @@ class MemoryLine:
     """Two byte queues in this process."""
 
     def __init__(self, name: str) -> None:
+        import serial  # fakes on ptys do without
+
+        if __package__ not in serial.protocol_handler_packages:
+            serial.protocol_handler_packages.append(__package__)
         self.port = f"{MEMORY}{next(_NUMBERS)}/softlab-{name}"
         self._plugged = False
         self.plugs = 0
@@ -167,6 +169,3 @@ class MemoryLine:
         """See Line."""
         self.unplug()
         LINES.pop(self.port, None)
-
-
-serial.protocol_handler_packages.append(__package__)

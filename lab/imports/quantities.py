@@ -296,6 +296,20 @@ def _xyz(file: _File, point: Point, unit: str, place: str) -> Array:
     return file.places(np.column_stack(columns), f"marker {shown} ({place})")
 
 
+def _base(file: _File, wanted: Map) -> Array:
+    """(3,) m in the recorded axes: the place of the base that `columns` subtract from x, y, z as a number."""
+    out = np.zeros(3)
+    for k, axis in enumerate("xyz"):
+        column = wanted.columns.get(axis)
+        if column is not None and isinstance(column.zero, float):
+            own = units_for(axis, file.drive)
+            unit = column.unit or unit_in(
+                file.series, name_of(file.series, column.column, f"columns.{axis}"), own, f"columns.{axis}"
+            )
+            out[k] = column.zero * column.scale * factor(unit, axis, file.drive, f"columns.{axis}.unit")
+    return out
+
+
 def _place(file: _File, name: str, points: Points) -> Array:
     place = f"points.{name}"
 
@@ -307,7 +321,8 @@ def _place(file: _File, name: str, points: Points) -> Array:
 
 def _marker(file: _File, wanted: Map, values: dict[str, Array], name: str) -> Array:
     if name in wanted.points:
-        return _place(file, name, wanted.points[name])
+        place = _place(file, name, wanted.points[name])
+        return place if wanted.points[name].against else place - _base(file, wanted)
     missing = [f"{name}{a}" for a in "xyz" if f"{name}{a}" not in values]
     if missing:
         raise ConfigError(f"columns: {missing[0]} is missing beside the others of marker {name}")

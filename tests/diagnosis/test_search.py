@@ -125,7 +125,6 @@ def test_starts_far_from_the_calibration_are_left_out_where_a_search_from_elsewh
     problem.parameters.lower[IDS.index("play")] = 0.0  # a one-sided effect has a start of its own
     search = Search(problem)
     reached = search.fitted(effect).fit.theta
-    none = next(c for c in search.tried if c.named == NONE and not c.with_tolerances).fit.theta
     anew: list[np.ndarray] = []
     recalibrated = search._begin.recalibrated
 
@@ -134,7 +133,7 @@ def test_starts_far_from_the_calibration_are_left_out_where_a_search_from_elsewh
         return recalibrated(start)
 
     monkeypatch.setattr(search._begin, "recalibrated", counted)
-    monkeypatch.setattr(search._begin, "_misfit", lambda theta: 1.0 if theta is reached or theta is none else 1e6)
+    monkeypatch.setattr(search._begin, "far", lambda start, none: start is not reached)
     search._best_of_starts(effect, False, [reached])
     assert not anew
     search._best_of_starts(effect, False, [])

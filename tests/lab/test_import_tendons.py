@@ -177,6 +177,22 @@ def test_places_that_are_no_points_along_the_body_are_asked_about(
     assert code == 0 and (said in asked if said else asked == ""), asked
 
 
+def test_a_base_that_the_map_places_is_subtracted_from_tip_and_markers(tmp_path: Path) -> None:
+    own = trunk(tmp_path / "lab", "Seil_")
+    columns: dict[str, dict[str, object]] = {f"p{k}": {"column": f"Seil_{k} [N]", "unit": "N"} for k in (1, 2, 3)}
+    columns |= {a: {"column": c, "zero": z} for a, c, z in zip("xyz", TIP, (700.0, 0.0, 40.0), strict=True)}
+    values = {
+        "robot": "robot.yaml", "columns": columns, "frame": {"x": "x", "y": "z", "z": "-y"},
+        "points": {"m1": {"of": [list(MIDDLE)], "unit": "mm"}},
+    }  # fmt: skip
+    (own / "map.yaml").write_text(yaml.safe_dump(values))
+    argv = ["import", str(own / "table.csv"), "--map", str(own / "map.yaml"), "--out", str(tmp_path / "case")]
+    assert main(argv) == 0
+    (first, *_) = read_case([tmp_path / "case"]).table.rows
+    assert first.tip == pytest.approx((0.0, 0.0, 0.18), abs=1e-6)
+    assert first.markers[0] == pytest.approx((0.014, 0.0, 0.09), abs=1e-6)
+
+
 def test_tensions_ten_times_too_large_are_asked_about(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     imported(tmp_path)
     assert "times as far as a beam" not in " ".join(capsys.readouterr().err.split())

@@ -124,7 +124,7 @@ def test_a_process_that_is_lost_costs_time_only() -> None:
 def test_ctrl_c_leaves_no_process_behind(tmp_path: Path) -> None:
     program = tmp_path / "program.py"
     program.write_text(
-        "import os, sys, time\n"
+        "import os, sys, timing\n"
         "from pathlib import Path\n"
         "from lab.processes import processes\n"
         "def waits(file):\n"
