@@ -119,7 +119,8 @@ class MemoryLine:
 
         if __package__ not in serial.protocol_handler_packages:
             serial.protocol_handler_packages.append(__package__)
-        self.port = f"{MEMORY}{next(_NUMBERS)}/softlab-{name}"
+        # another process has lines of its own, and one rig must not be taken for the other
+        self.port = f"{MEMORY}{os.getpid()}-{next(_NUMBERS)}/softlab-{name}"
         self._plugged = False
         self.plugs = 0
         """How often the cable was put in: who opened it before holds a dead end."""

@@ -133,8 +133,12 @@ def whole_rig() -> Iterator[FakeRig]:
     """All fakes of a rig without effects, in a clock that jumps: started once, and used by tests that live in that clock."""
     from sim_fakes.rig import FakeRig  # with a compiler, which few of the tests need
 
-    with world(), FakeRig(speed=20.0, seed=1) as running:
-        yield running
+    kept = contextlib.ExitStack()
+    with world():
+        running = kept.enter_context(FakeRig(speed=20.0, seed=1))
+    yield running  # left meanwhile, so that tests in real time live in the computer's clock
+    with world():
+        kept.close()
 
 
 @pytest.fixture(scope="session")

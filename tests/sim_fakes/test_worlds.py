@@ -33,7 +33,7 @@ PAPER = Path(__file__).parents[2] / "examples" / "paper" / "robot.yaml"
 SPINES = np.array([0.0, 0.05, 0.10, 0.15, 0.20, 0.25, 0.30])
 PLACES = Places(0.5, 0.3, 0.4, 1.0, 0.8, (0.6, 0.64, 0.48))
 BENCH = WORLDS["bench"]
-NOT_OF_A_SWEEP = {"force_bias", "arm_compliance", "contact_offset", "tendon_friction", "tendon_slack"}
+NOT_OF_A_SWEEP = {"force_bias", "arm_compliance", "contact_offset", "tendon_friction", "tendon_slack", "pressure_lag"}
 """Effects of pushes and of robots with tendons."""
 UNDRAWN = {"rest_shape"}
 """Of the catalogue, without a form in any world."""
