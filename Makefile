@@ -24,14 +24,10 @@ demo: $(READY)
 	$(BIN)/lab demo --out demo
 
 # One thread of linear algebra a process. What several processes would compile at once is compiled before, the plain rod and the
-# virtual robot in parallel; the full rod is first needed by one process. The tests of safety have processes of their own: in one
-# that has run thousands of other tests, a guard's thread may find its recursion limit used up.
+# virtual robot in parallel; the full rod is first needed by one process.
 test: room $(READY_DEV)
 	$(if $(ROOM),,$(BIN)/python -m model.warm_up plain & beside=$$!; $(BIN)/python -c 'from sim_fakes.rig import FakeRig; FakeRig()' && wait $$beside)
-	$(PYTEST) $(if $(ROOM),tests/$(ROOM),--ignore=tests/safety)
-	$(if $(ROOM),,$(PYTEST) tests/safety)
-
-PYTEST = OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(if $(filter 1,$(shell nproc)),1,3) $(if $(LONG),,-m "not long")
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(if $(filter 1,$(shell nproc)),1,3) $(if $(LONG),,-m "not long") $(if $(ROOM),tests/$(ROOM))
 
 room:
 	@$(if $(filter-out $(ROOMS),$(ROOM)),echo "ROOM=$(ROOM): no such room; one of: $(ROOMS)" >&2; exit 2)

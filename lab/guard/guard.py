@@ -181,6 +181,8 @@ class Guard:
                 self.land(str(e), e)
                 raise
             except InstrumentError as e:
+                if e is self._cause:  # refused; an error that is its own cause cannot be told to another process
+                    raise
                 if self.landed:  # the command gave way to the landing's stop
                     raise self._refusal() from e
                 if isinstance(e, Unreachable):

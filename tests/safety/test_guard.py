@@ -210,6 +210,22 @@ def test_a_landing_that_comes_after_the_last_one_does_not_judge_closed_drivers(s
         guard.close()
 
 
+def test_a_refused_command_raises_what_landed_the_rig_and_no_error_is_its_own_cause(small: House) -> None:
+    """Libraries that pickle causes too would follow it for ever, and the guard's process would end."""
+    guard = Guard(load_rig(small.rig), RigClock(20.0))
+    guard.take_over()
+    try:
+        guard.open("pressure")
+        why = DeviceFault("force", "too much")
+        guard.land("force: too much", why)
+        for _ in range(2):
+            with pytest.raises(DeviceFault, match="too much") as caught:
+                guard.do("pressure", "set", ((20e3, 20e3, 20e3),))
+            assert caught.value is why and why.__cause__ is None
+    finally:
+        guard.close()
+
+
 @pytest.mark.real
 def test_the_guard_and_its_session_come_first_where_the_system_allows_it(rig: Rig) -> None:
     pid = rig.actuators.pid
