@@ -136,10 +136,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         which = assemble.beside(which, ORDER)
     if calibration is not None:
         concerns = (*concerns, *doubtful_area_factor(calibration.area_factor / calibration.given))
-    made = prepared.problem.parameters
-    for name, value in found.tense.items():
-        i = made.names.index(name)
-        concerns = (*concerns, beyond_tolerance(made.infos[i].source, made.infos[i].unit, value, float(made.sd[i])))
+    concerns = (*concerns, *beyond_tolerance(prepared.problem.parameters, found.tense))
     concerns = (*concerns, *_scatter_concern(prepared.noise_components.excess_scatter))
     answer = Diagnosis(
         statement=words.say(text) + (f" {detail['holdout']['statement']}" if tested is not None else ""),

@@ -12,7 +12,7 @@ With `residual=True` what the robot then still misses is learnt on top, see `dia
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -27,6 +27,7 @@ from model.robot import Robot, robot_from_dict
 from model.stated import AREA_FACTOR, Stated
 
 from .answer.attribute import calibrated
+from .answer.sentences import beyond_tolerance
 from .answer.shrink import rms
 from .data.case import CaseLike, states
 from .data.chamber_sides import ORDER, contradicted
@@ -41,7 +42,7 @@ from .inference.prepare import AREA, Prepared, prepare
 from .inference.problem import Parameters
 from .inference.reading_noise import with_vented_at_zero
 from .inference.search import Search
-from .judgement import TENSE_SD, UNDETERMINED_SHARE
+from .judgement import UNDETERMINED_SHARE
 
 Array = NDArray[np.float64]
 
@@ -158,24 +159,12 @@ def fit_effects(
             written, own.trial[main], with_vented_at_zero(own)[main], own.spine_length[main], missed[main]
         )
         written = written.model_copy(update={"residual": learnt.residual})
-    concerns = (*concerns, *_tense(p, found.fit.theta, named))
+    parameters = p.problem.parameters
+    concerns = (*concerns, *beyond_tolerance(parameters, parameters.tense(found.fit.theta)))
     return Fitted(
         written, (*found_before, *named), stated, len(own), len(np.unique(own.trial)), 1e3 * before,
         p.area_factor(baseline.theta), 1e3 * after, concerns, unseen, None if learnt is None else 1e3 * learnt.left_out,
     )  # fmt: skip
-
-
-def _tense(p: Prepared, theta: Array, named: Sequence[str]) -> Iterator[str]:
-    """About tolerances so far from robot.yaml's value that they stand for an effect."""
-    parameters = p.problem.parameters
-    for name, i in _lasting(p, ()).items():
-        away = abs(float(theta[i] - parameters.mean[i])) / float(parameters.sd[i])
-        if name != AREA_FACTOR and away > TENSE_SD:
-            effect = name.partition(".")[0]
-            yield (
-                f"{name}: {away:.0f} standard deviations from what robot.yaml says of it, far beyond a tolerance: fit it as an "
-                f"effect too (--with {','.join((*named, effect))}), or ask `lab diagnose` what else it stands for"
-            )
 
 
 def _known(effects: Sequence[str], catalogue: Mapping[str, EffectSpec]) -> tuple[str, ...]:

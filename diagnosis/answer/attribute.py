@@ -24,7 +24,7 @@ from ..inference.fit import Fit, fit
 from ..inference.posterior import Posterior, posterior, prior, with_unknown
 from ..inference.prepare import Prepared
 from ..inference.search import Search
-from ..judgement import COMPARED_DISCREPANCY, OUTSIDE_ON, REDUCIBLE_RATIO, RIVAL_PROBABILITY, STAGE_GAIN, TENSE_SD
+from ..judgement import COMPARED_DISCREPANCY, OUTSIDE_ON, REDUCIBLE_RATIO, RIVAL_PROBABILITY, STAGE_GAIN
 from .distinguishability import Distinguishability, distinguishability
 from .shrink import rms
 from .verdict import Decision, decide
@@ -58,18 +58,12 @@ class Attribution:
         return tuple(dict.fromkeys(e for e in self.stage_errors if e.gain > STAGE_GAIN))
 
     @property
-    def tense(self) -> Mapping[str, float]:
-        """Tolerances of the whole set-up that the answer moves by more than `TENSE_SD`: parameter -> by how much, in its unit;
-        those of the calibrated model too where that leaves nothing above the noise floor."""
+    def tense(self) -> Mapping[int, float]:
+        """Numbers of robot.yaml that the answer moves far beyond their tolerance (`Parameters.tense`); those of the calibrated
+        model too where that leaves nothing above the noise floor."""
         p = self.prepared.problem.parameters
-        lasting = ~p.of_effect & ~p.calibration & ~p.recurs
-        found: dict[str, float] = {}
-        for there in (self.calibrated, self.best.fit) if self._calibration_suffices else (self.best.fit,):
-            away = there.theta - p.mean
-            found |= {
-                p.names[i]: float(away[i]) for i in np.flatnonzero(lasting & (np.abs(away) > TENSE_SD * p.sd)).tolist()
-            }
-        return found
+        own = p.tense(self.best.fit.theta)
+        return {**p.tense(self.calibrated.theta), **own} if self._calibration_suffices else own
 
     @property
     def _calibration_suffices(self) -> bool:

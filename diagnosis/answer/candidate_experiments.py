@@ -18,7 +18,7 @@ from model.actuators import Words
 from model.condition import NOMINAL_VACUUM
 from model.robot import Robot
 
-from ..data.campaign import Campaign
+from ..data.campaign import Campaign, tip_masses
 
 Columns = dict[str, NDArray[np.generic]]
 
@@ -65,7 +65,7 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Experiment]:
     chambers = _inflated(s)
     count, words = len(robot.actuators.azimuths_deg), robot.actuators.words
     others = _others(chambers, count, s)
-    mass = float(np.median([robot.tip_mass if r.tip_mass is None else r.tip_mass for r in s.rows]))
+    mass = float(np.median(tip_masses(robot, s.rows)))
     default_vacuum = NOMINAL_VACUUM if robot.spine is not None else 0.0
     vacuum = float(np.median([default_vacuum if r.vacuum is None else r.vacuum for r in s.rows]))
     base: dict[str, Any] = {

@@ -6,13 +6,14 @@ words wherever it stands, and what is "not explained" leaves at least half of th
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Any
 
 from ..criticism.stage_errors import StageError
 from ..inference.posterior import UNKNOWN
+from ..inference.problem import Parameters
 from ..judgement import ABSORBED, CALIBRATION_STATED, EXPLAINS, MORE_THAN_GAP, OUTSIDE_STATED, OUTSTANDING_FLOORS
 from .headline import LEAST_STATED, percent
 from .result import Calibration, Carries, Conclusion, Locate, Ranked, Shrink, Simulator, Waterfall
@@ -194,18 +195,20 @@ def _by_calibration(f: Facts) -> str:
     return "" if closed is None else f"Calibration closes {percent(closed)} % of the reducible gap; beyond it,"
 
 
-def beyond_tolerance(source: str, unit: str, value: float, sd: float) -> str:
-    """What to say of a number of robot.yaml that the fit moves by `value`, where its tolerance is `sd`, both in `unit`."""
-    away, stated = (
-        (f"{100 * abs(value):.0f} %", f"{100 * sd:.2g} %")
-        if unit == "1"
-        else (f"{abs(value):.3g} {unit}", f"{sd:.2g} {unit}")
-    )
-    return (
-        f"{BEYOND_TOLERANCE}{source.replace('_', ' ')} [{source}], {away} {'above' if value > 0 else 'below'} robot.yaml, "
-        f"{abs(value) / sd:.1f} standard deviations of the {stated} it may be off: measure it and correct robot.yaml, or "
-        "state it less surely; until then no cause is certain"
-    )
+def beyond_tolerance(p: Parameters, moved: Mapping[int, float]) -> Iterator[str]:
+    """What to say of each number of robot.yaml that a fit moves beyond its tolerance (`Parameters.tense`)."""
+    for i, value in moved.items():
+        info, sd = p.infos[i], float(p.sd[i])
+        away, stated = (
+            (f"{100 * abs(value):.0f} %", f"{100 * sd:.2g} %")
+            if info.unit == "1"
+            else (f"{abs(value):.3g} {info.unit}", f"{sd:.2g} {info.unit}")
+        )
+        yield (
+            f"{BEYOND_TOLERANCE}{with_id(info.source, {})}, {away} {'above' if value > 0 else 'below'} robot.yaml, "
+            f"{abs(value) / sd:.1f} standard deviations of the {stated} it may be off: measure it and correct robot.yaml, or "
+            "state it less surely; until then no cause is certain"
+        )
 
 
 def _model(f: Facts) -> str:

@@ -129,13 +129,19 @@ class Campaign:
         return int(np.median(np.unique(pairs[:, 0], return_counts=True)[1]))
 
 
-def settings(robot: Robot, rows: Sequence[TrialRow]) -> States:
-    """What was done in each row; the robot's own tip mass where none is recorded. Raises `BadCondition`."""
+def tip_masses(robot: Robot, rows: Sequence[TrialRow]) -> Array:
+    """(n,) kg; the robot's own where none is recorded."""
+    return np.array([robot.tip_mass if r.tip_mass is None else r.tip_mass for r in rows])
+
+
+def settings(robot: Robot, rows: Sequence[TrialRow], vented: bool = False) -> States:
+    """What was done in each row, `vented`: without its pressures. Raises `BadCondition`."""
+    pressures = np.array([r.pressures for r in rows])
     return conditions(
         robot,
         np.clip([r.spine_length for r in rows], 0.0, None),
-        np.array([r.pressures for r in rows]),
-        np.array([robot.tip_mass if r.tip_mass is None else r.tip_mass for r in rows]),
+        np.zeros((len(rows), len(robot.actuators.azimuths_deg))) if vented else pressures,
+        tip_masses(robot, rows),
         np.radians([r.roll_deg or 0.0 for r in rows]),
         np.array([r.tip_force for r in rows]),
     )

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from model.condition import conditions
 from model.errors import ModelError
 from model.robot import Robot
 from model.rods import FINE, solve
@@ -14,6 +13,7 @@ from model.section import rods_of
 from recordings.trials import TrialRow
 
 from ..judgement import UPSIDE_DOWN_GAIN
+from .campaign import settings
 from .plausible import weight_ratio
 from .plausible_directions import ASIDE, doubtful_directions
 from .plausible_places import doubtful_places
@@ -26,60 +26,44 @@ TURNS = ((-1, 1), (-1, -1), *((axis, sign) for axis in range(3) for sign in (1, 
 
 def doubtful(robot: Robot, rows: Sequence[TrialRow], robot_name: str) -> tuple[str, ...]:
     """One message for each doubt; `robot_name`: where the robot was read."""
-    of_robot = (*doubtful_numbers(robot), *_gravity(robot, rows))
-    directions = (*_gain(robot, rows), *doubtful_directions(robot, rows))
-    return (*(f"{robot_name}: {text}" for text in of_robot), *directions, *doubtful_places(robot, rows))
-
-
-def _gain(robot: Robot, rows: Sequence[TrialRow]) -> Iterator[str]:
-    """About a tip that moves many times as far as a beam of these numbers would, or as little."""
     tips = [r for r in rows if r.protocol != "stiffness" and r.tip is not None]
     tips = [r for r in tips if np.isfinite((*r.tip, r.spine_length, *r.pressures)).all()]  # type: ignore[misc]
-    # a lighter body's weight changes the ratio below by less than a factor of two or so
-    if not tips or {len(r.pressures) for r in tips} != {len(robot.bending_directions)} or weight_ratio(robot) > 10.0:
-        return
-    found = Pressures.of(robot, tips)
-    # models are right within a factor of three
-    if found.unit != 1.0 or 1 / 5.0 < found.ratio < 5.0:
+    fits = bool(tips) and {len(r.pressures) for r in tips} == {len(robot.bending_directions)}
+    seen = Pressures.of(robot, tips) if fits else None
+    of_robot = (*doubtful_numbers(robot), *(_gravity(robot, seen) if seen else ()))
+    of_table = (*(_gain(robot, seen) if seen else ()), *doubtful_directions(robot, rows), *doubtful_places(robot, rows))
+    return (*(f"{robot_name}: {text}" for text in of_robot), *of_table)
+
+
+def _gain(robot: Robot, seen: Pressures) -> Iterator[str]:
+    """About a tip that moves many times as far as a beam of these numbers would, or as little."""
+    # a lighter body's weight changes the ratio by less than a factor of two or so, and models are right within one of three
+    if weight_ratio(robot) > 10.0 or seen.unit != 1.0 or 1 / 5.0 < seen.ratio < 5.0:
         return
     yield robot.actuators.words.say(
-        f"the tip moves {found.ratio:.2g} times as far as a beam with the numbers of robot.yaml under these pressures: check the "
+        f"the tip moves {seen.ratio:.2g} times as far as a beam with the numbers of robot.yaml under these pressures: check the "
         "unit and scale of the pressures, the moduli, radii and path_radius"
     )
 
 
-def _gravity(robot: Robot, rows: Sequence[TrialRow]) -> Iterator[str]:
+def _gravity(robot: Robot, seen: Pressures) -> Iterator[str]:
     """About a tip at rest that sags to where gravity in another direction would bring it.
 
     A wrong modulus changes how far it sags, by a factor, but not the side; along the axis nothing sags, and nothing is asked.
     """
-    tips = [
-        r
-        for r in rows
-        if r.protocol != "stiffness" and r.tip is not None and np.isfinite((*r.tip, r.spine_length, *r.pressures)).all()
-    ]
-    if robot.effects or not tips or {len(r.pressures) for r in tips} != {len(robot.bending_directions)}:
-        return
-    resting = [r for r, rests in zip(tips, Pressures.of(robot, tips).resting, strict=True) if rests][:60]
-    if not resting:
+    resting = [r for r, rests in zip(seen.rows, seen.resting, strict=True) if rests][:60]
+    if robot.effects or not resting:
         return
     try:
-        asked = conditions(
-            robot,
-            np.clip([r.spine_length for r in resting], 0.0, None),
-            np.zeros((len(resting), len(robot.bending_directions))),
-            [robot.tip_mass if r.tip_mass is None else r.tip_mass for r in resting],
-            np.radians([r.roll_deg or 0.0 for r in resting]),
-            [r.tip_force for r in resting],
-        )
+        asked = settings(robot, resting, vented=True)
         found = {turn: solve(rods_of(_turned(robot, turn), asked), FINE) for turn in TURNS}
     except ModelError:  # the states do not fit this robot, which is said elsewhere
         return
     stands = np.all([f.converged for f in found.values()], axis=0)
     if not stands.any():
         return
-    seen = np.array([r.tip for r in resting])[stands]
-    missed = {turn: float(np.sqrt(((f.tip[stands] - seen) ** 2).sum(axis=1).mean())) for turn, f in found.items()}
+    tips = np.array([r.tip for r in resting])[stands]
+    missed = {turn: float(np.sqrt(((f.tip[stands] - tips) ** 2).sum(axis=1).mean())) for turn, f in found.items()}
     given, best = missed[TURNS[0]], min(missed, key=lambda turn: missed[turn])
     if given > ASIDE * robot.length and missed[best] < UPSIDE_DOWN_GAIN * given:
         other = ", ".join(f"{g + 0.0:g}" for g in _turned(robot, best).gravity)

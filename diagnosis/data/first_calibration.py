@@ -43,7 +43,7 @@ from ..judgement import (
     FIRST_WIDEST,
     UPSIDE_DOWN_GAIN,
 )
-from .campaign import Campaign
+from .campaign import Campaign, tip_masses
 from .chamber_sides import can_name_order, exchanged, order_told, with_order
 
 Array = NDArray[np.float64]
@@ -195,8 +195,8 @@ def _loaded(robot: Robot, own: Campaign, most: float) -> bool:
 
 def _with_payload(robot: Robot, own: Campaign, mass: float) -> Campaign:
     """The states with `mass` (kg) added at the tip."""
-    hung = [robot.tip_mass if r.tip_mass is None else r.tip_mass for r in own.rows]
-    return replace(own, rows=tuple(replace(r, tip_mass=m + mass) for r, m in zip(own.rows, hung, strict=True)))
+    hung = (tip_masses(robot, own.rows) + mass).tolist()
+    return replace(own, rows=tuple(replace(r, tip_mass=m) for r, m in zip(own.rows, hung, strict=True)))
 
 
 def _counted(robot: Robot, own: Campaign) -> tuple[float, float, float]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from model.effects.parameters import ParameterInfo
 
 from ..data.noise import Noise
-from ..judgement import GEOMETRY_LAW_ERROR, LEAKAGE, LEAST_NAMED_SIZE
+from ..judgement import GEOMETRY_LAW_ERROR, LEAKAGE, LEAST_NAMED_SIZE, TENSE_SD
 from .columns import Columns
 from .linear import Linear, Prior
 
@@ -185,6 +185,12 @@ class Parameters:
         same values."""
         free = (slope * self.sd)[:, ~self.of_effect][:, self.calibrated]
         return columns - free @ np.linalg.lstsq(free, columns, rcond=None)[0] if free.size else columns
+
+    def tense(self, theta: Array) -> dict[int, float]:
+        """Tolerances of the whole set-up that lie more than `TENSE_SD` from their mean at parameters (k,), by index."""
+        away = theta - self.mean
+        far = ~self.of_effect & ~self.calibration & ~self.recurs & (np.abs(away) > TENSE_SD * self.sd)
+        return {i: float(away[i]) for i in np.flatnonzero(far).tolist()}
 
     def mask(self, chosen: tuple[str, ...]) -> NDArray[np.bool_]:
         """(p,) which of the effects' parameters belong to the chosen effects."""

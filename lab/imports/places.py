@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from model.condition import conditions
+from diagnosis.data.campaign import settings
 from model.effects import ForwardModel
 from model.errors import ModelError
 from model.robot import Robot
@@ -167,15 +167,7 @@ class Stands:
         Raises ConfigError where the model finds no equilibrium.
         """
         try:
-            asked = conditions(
-                robot,
-                np.clip([r.spine_length for r in rows], 0.0, None),
-                np.zeros((len(rows), len(robot.actuators.azimuths_deg))),
-                [robot.tip_mass if r.tip_mass is None else r.tip_mass for r in rows],
-                np.radians([r.roll_deg or 0.0 for r in rows]),
-                [r.tip_force for r in rows],
-            )
-            model = ForwardModel.of_single_states(robot).at(asked, np.array(robot.markers))
+            model = ForwardModel.of_single_states(robot).at(settings(robot, rows, vented=True), np.array(robot.markers))
             read = model.read(np.zeros(len(model.parameters)))
         except ModelError as e:
             raise ConfigError(f"straight: at rest: {e}") from e

@@ -5,14 +5,16 @@ from __future__ import annotations
 import itertools
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from diagnosis.answer.result import Absorbed, Calibration, Carries, Locate, Shrink, Simulator, Step, Waterfall
-from diagnosis.answer.sentences import Facts, statement, stiffness_sentence
+from diagnosis.answer.sentences import Facts, beyond_tolerance, statement, stiffness_sentence
 from diagnosis.answer.verdict import conclude, decide, rivals
 from diagnosis.criticism.probability_calibration import CALIBRATED
 from diagnosis.criticism.stage_errors import StageError
 from diagnosis.inference.posterior import Posterior
+from tests.diagnosis.toy import parameter, parameters
 
 WHERE = Locate(3.0, 0.5, True, {}, {}, 0.01)
 BUDGET = (Carries("base_tilt", "named", 2.5, 2.0, 3.0), Carries("contact", "present", 0.4, 0.1, 0.8))
@@ -205,3 +207,13 @@ def test_a_cause_that_leads_but_is_probably_too_small_is_not_named() -> None:
     told = statement(replace(facts(leading), decision=small, conclusion="none", budget=()))
     assert told.startswith("No cause stands out: probably no effect carries 2 noise floors (p = 0.67")
     assert "The most probable one is tilt of the base [base_tilt]." in told
+
+
+def test_a_number_of_robot_yaml_far_beyond_its_tolerance_is_stated_and_no_cause_is_certain() -> None:
+    p = parameters(parameter("contact", "contact"), parameter("youngs_modulus", sd=0.02), parameter("density", sd=0.1))
+    moved = p.tense(np.array([9.0, -0.12, 0.3]))
+    assert moved == {1: -0.12}
+    (said,) = beyond_tolerance(p, moved)
+    assert "youngs modulus [youngs_modulus], 12 % below robot.yaml, 6.0 standard deviations of the 2 %" in said
+    sure = decide(SURE, CALIBRATED, True)
+    assert conclude(sure, True, (), tense=True) == "one of several" and conclude(sure, True, ()) == "cause"
