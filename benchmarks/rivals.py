@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,7 @@ from diagnosis.inference.executor import one_thread
 from diagnosis.inference.fit import Fit, fit
 from diagnosis.inference.prepare import prepare
 from diagnosis.inference.problem import Problem
+from diagnosis.inference.starts import Starts
 from lab.blind.by_mm import weighed
 from lab.blind.folder import SetFolder, open_seal
 from lab.blind.metrics import counted
@@ -60,22 +61,10 @@ def fitted(problem: Problem, named: Hypothesis, start: Array | Fit, rounds: int 
     return fit(problem, wide, 0.0, start, rounds)
 
 
-def begun(problem: Problem, named: Hypothesis, none: Fit) -> list[Array]:
-    """Starting points: the shapes of the named effects where their declared searches begin, sizes at half a scale."""
-    p = problem.parameters
-    out = []
-    for sign in (0.5, -0.5):
-        theta = none.theta.copy()
-        for i, effect in enumerate(p.effects):
-            if effect in named:
-                theta[i] = np.clip(sign * p.sd[i], p.lower[i], p.upper[i])
-        out.append(theta)
-    return out
-
-
-def best(problem: Problem, named: Hypothesis, none: Fit, more: Sequence[Array] = ()) -> Fit:
-    """The fit of least cost from all starting points."""
-    return min((fitted(problem, named, s) for s in (*begun(problem, named, none), *more)), key=lambda f: f.cost)
+def best(problem: Problem, named: Hypothesis, here: Fit) -> Fit:
+    """The fit of least cost from another fit and from the starting points of the diagnosis."""
+    starts = [here.theta, *(s for s in Starts(problem).of(named, here) if not isinstance(s, Fit))]
+    return min((fitted(problem, named, theta) for theta in starts), key=lambda f: f.cost)
 
 
 def stated(criteria: dict[Hypothesis, float]) -> dict[str, Any]:
@@ -110,11 +99,7 @@ def stepwise(problem: Problem) -> dict[str, Any]:
     named: Hypothesis = ()
     criteria = {named: bic(problem, named, here)}
     while len(named) < MOST:
-        tried = {
-            (*named, e): best(problem, (*named, e), here, [here.theta])
-            for e in problem.parameters.ids
-            if e not in named
-        }
+        tried = {(*named, e): best(problem, (*named, e), here) for e in problem.parameters.ids if e not in named}
         found = {tuple(h): bic(problem, h, f) for h, f in tried.items()}
         least = min(found, key=lambda h: found[h])
         if found[least] >= criteria[named]:
