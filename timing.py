@@ -175,7 +175,7 @@ def sleep(duration: float) -> None:
 
 
 def wait(condition: Callable[[], bool], within: float) -> bool:
-    """Wait until the condition holds; False when it does not within so many host seconds."""
+    """Wait until the condition holds; False when it does not within `within` host seconds."""
     return host().wait(condition, now() + within)
 
 

@@ -123,6 +123,11 @@ def settings(text: str) -> Option:
     return option("--set", action="append", default=[], metavar="KEY=VALUE", help=text)
 
 
+def inputs(text: str) -> Option:
+    """Return the argument for one file or folder, or several."""
+    return option("inputs", type=Path, nargs="+", metavar="INPUT", help=text)
+
+
 JSON = option("--json", action="store_true", help="print the result as JSON")
 ANY_SIZE = option(
     "--any-size",
@@ -130,7 +135,7 @@ ANY_SIZE = option(
     help="read files that claim to unpack to more than their size allows; only if you trust them",
 )
 """Of every verb that reads recordings, whose limits of size it lifts."""
-INPUTS = option("inputs", type=Path, nargs="+", metavar="INPUT", help="recordings (.mcap) or case folders, as one")
+INPUTS = inputs("recordings (.mcap) or case folders, as one")
 ROBOT = option("--robot", type=Path, metavar="ROBOT.yaml", help="robot.yaml (default: the one in the input)")
 WORKERS = option("--workers", type=int, metavar="N", help="processor cores to use (default: all)")
 SCHEDULER = option("--scheduler", help="a Dask scheduler instead, tcp://host:port (extra `cluster`)")

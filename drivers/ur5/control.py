@@ -55,7 +55,7 @@ class _Outcome:
         self._come.set()
 
     def result(self, within: float) -> Any:
-        """Its value; raises what it raised, TimeoutError after so many s of host time."""
+        """Its value; raises what it raised, TimeoutError after `within` s of host time."""
         if not self._come.wait(within):
             raise TimeoutError
         if self._error is not None:

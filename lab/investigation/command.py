@@ -28,7 +28,20 @@ from ..files.own_effects import catalogue
 from ..files.rig_file import load_rig
 from ..files.units import UnitError, to_si
 from ..live.beside import page_where
-from ..options import ANY_SIZE, JSON, LABELS, OWN_EFFECTS, ROBOT, WORKERS, Verb, given_labels, option, rig, settings
+from ..options import (
+    ANY_SIZE,
+    JSON,
+    LABELS,
+    OWN_EFFECTS,
+    ROBOT,
+    WORKERS,
+    Verb,
+    given_labels,
+    inputs,
+    option,
+    rig,
+    settings,
+)
 from ..pages import diagnosis_report, investigation_page
 from ..processes import for_case
 from .laboratory import RigLaboratory
@@ -224,13 +237,7 @@ VERBS = (
         options=(
             JSON,
             ANY_SIZE,
-            option(
-                "inputs",
-                type=Path,
-                nargs="+",
-                metavar="INPUT",
-                help="recordings (.mcap) or a case folder of the robot on the rig",
-            ),
+            inputs("recordings (.mcap) or a case folder of the robot on the rig"),
             rig(),
             option(
                 "--budget", type=_minutes, default=60.0, metavar="60min", help="time for experiments (default 60min)"

@@ -25,7 +25,7 @@ from ..files.arviz_file import write_inference
 from ..files.config import ConfigError, load
 from ..files.crate import write_crate
 from ..files.inputs import marked_notes, same_body, without_torn
-from ..options import ANY_SIZE, JSON, OneOf, Verb, option
+from ..options import ANY_SIZE, JSON, OneOf, Verb, inputs, option
 
 DIAGNOSIS = "diagnosis.json"
 IN_A_CASE = ("map.yaml", "states.png", DIAGNOSIS, "diagnosis.html", "rig.yaml", "predicted.csv")
@@ -197,13 +197,7 @@ VERBS = (
         options=(
             JSON,
             ANY_SIZE,
-            option(
-                "inputs",
-                type=Path,
-                nargs="+",
-                metavar="INPUT",
-                help="recordings (.mcap); with --mat, --crate and --arviz also a case folder",
-            ),
+            inputs("recordings (.mcap); with --mat, --crate and --arviz also a case folder"),
             option("--out", type=Path, required=True, metavar="FOLDER", help="folder to write"),
             OneOf(
                 (

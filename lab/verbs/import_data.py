@@ -22,7 +22,7 @@ from ..imports.map_file import Map, Source, demand_units
 from ..imports.proposal import Guess, guess_text
 from ..imports.series import Series
 from ..imports.table import NOT_READ, Imported, imported
-from ..options import ANY_SIZE, JSON, Verb, option
+from ..options import ANY_SIZE, JSON, Verb, inputs, option
 
 MAP, PICTURE = "map.yaml", "states.png"
 
@@ -142,13 +142,7 @@ VERBS = (
         options=(
             JSON,
             ANY_SIZE,
-            option(
-                "inputs",
-                type=Path,
-                nargs="+",
-                metavar="INPUT",
-                help="files (CSV, MATLAB, NumPy, C3D, Parquet, MCAP) or a folder of them",
-            ),
+            inputs("files (CSV, MATLAB, NumPy, C3D, Parquet, MCAP) or a folder of them"),
             option("--map", type=Path, metavar="MAP.yaml", help="map.yaml: columns, units, frame, what a state is"),
             option(
                 "--guess", action="store_true", help="propose a map with its reasons and a picture, for you to check"

@@ -251,7 +251,7 @@ def _plausible(data: memoryview, at: int) -> bool:
         return True
     opcode, length = HEAD.unpack_from(data, at)
     if opcode == 0:
-        # so many zeros behind a record are taken for the end of what was written
+        # this many zeros behind a record are taken for the end of what was written
         return not (length or any(data[at : at + 4096]))
     return bool(length <= left or (opcode in LAYOUT and length < PLAUSIBLE))
 

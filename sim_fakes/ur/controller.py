@@ -141,7 +141,7 @@ class Controller:
 
     # -- one cycle
     def advance(self, lasted: float = math.inf) -> None:
-        """One cycle, which took so many s of host time."""
+        """One cycle that took `lasted` s of host time."""
         if self.halted:
             return
         dt = self.period * self.speed

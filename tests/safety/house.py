@@ -63,7 +63,7 @@ class House:
 
 
 def until(condition: Callable[[], bool], within: float = 30.0) -> bool:
-    """Look until the condition holds; False when it does not within so many host seconds, far more than it takes."""
+    """Look until the condition holds; False when it does not within `within` host seconds, far more than it takes."""
     deadline = timing.now() + within
     while not condition():
         if timing.now() > deadline:

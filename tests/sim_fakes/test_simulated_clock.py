@@ -41,7 +41,7 @@ def test_hours_take_no_time_and_threads_wake_in_the_order_of_their_deadlines() -
     assert time.monotonic() - began < 5.0
 
 
-def test_whoever_waits_for_something_goes_on_before_time_does() -> None:
+def test_a_thread_whose_condition_holds_goes_on_before_time_does() -> None:
     event, numbers, seen = timing.Event(), timing.Queue(), []
 
     def take() -> None:
