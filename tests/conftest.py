@@ -21,8 +21,9 @@ from sim_fakes.simulated_clock import SimulatedClock
 if TYPE_CHECKING:
     from sim_fakes.rig import FakeRig
 
-signal.signal(signal.SIGINT, signal.default_int_handler)
-"""A shell that starts the tests behind it has them ignore Ctrl-C; a program that a test starts would inherit that."""
+HANDLERS = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL, signal.SIGHUP: signal.SIG_DFL}
+"""With which each test begins. A shell that starts the tests behind it has them ignore Ctrl-C, which a program that a test starts
+would inherit; and a run that was stopped leaves signals ignored, since its program ends."""
 
 REAL, RODS, ANSWERED = "real", "rods", "one diagnosis"
 GROUPS = {
@@ -170,5 +171,7 @@ LIVE_THERE = {"whole_rig", "shared_clock", "house"}
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     names = set(getattr(item, "fixturenames", ()))
     assert not {"whole_rig", "real_rig"} <= names, f"{item.nodeid} asks for a rig of each kind"
+    for number, handler in HANDLERS.items():
+        signal.signal(number, handler)
     with world() if names & LIVE_THERE and not item.get_closest_marker("real") else contextlib.nullcontext():
         return (yield)
