@@ -47,8 +47,8 @@ from model.rods.fast.derivatives.ends import (
 )  # fmt: skip
 from model.rods.fast.derivatives.tangent import COLUMN, NOTHING, TIP_COLUMNS, WALK, Column
 from model.rods.fast.direct import put_three
-from model.rods.fast.group import Counts, Full, Group, Rod, RowLayout, elements_of, new_group, three
-from model.rods.fast.lanes import LANES, Record, new_numbers, record
+from model.rods.fast.group import SIX, Counts, Full, Group, Rod, RowLayout, Six, elements_of, new_group, three
+from model.rods.fast.lanes import LANES, Record, copy_lanes, new_numbers, record
 from model.rods.fast.newton import newton_step, set_column
 from model.rods.fast.walk import stand_at_tip
 
@@ -98,6 +98,8 @@ class Room(NamedTuple):
     """Of `Station`: what was seen at the base."""
     unknowns: Array
     """(unknowns) of `Unknown`."""
+    steps: Array
+    """(unknowns) of `Six`: the Newton step of a unit of each residual, with springs only."""
     change: Array
     """Of `Change`."""
 
@@ -121,7 +123,11 @@ def differentiate(
     whole = new_group(rods, at, full, WALK)
     columns = new_columns(size, size if strained else 0, stations)
     room = Room(
-        np.zeros(ENDS * LANES), columns.stations[stations], np.zeros((6, UNKNOWN * LANES)), np.zeros(CHANGE * LANES)
+        np.zeros(ENDS * LANES),
+        columns.stations[stations],
+        np.zeros((6, UNKNOWN * LANES)),
+        np.zeros((6, SIX * LANES)),
+        np.zeros(CHANGE * LANES),
     )
     direction = Direction(
         np.zeros((width, LANES)),
@@ -170,7 +176,7 @@ def new_columns(size: int, forced: int, stations: int) -> Columns:
 
 @routine
 def differentiate_unknowns(group: Group, room: Room) -> None:
-    """What each unknown does, and the Jacobian."""
+    """What each unknown does, the Jacobian, and the Newton steps by which all directions share its inverse."""
     for c in range(6 if group.springs > 0 else 3):
         turn, shift = unit(c), unit(c - 3)
         for l in range(LANES):
@@ -183,6 +189,12 @@ def differentiate_unknowns(group: Group, room: Room) -> None:
             set_column(rod.jacobian.turn, c, base_residual_change(rod, ends, base, force, moment))
             if group.springs > 0:
                 set_column(rod.jacobian.shift, c, add(base.shift, shift))
+    for c in range(6 if group.springs > 0 else 0):
+        for l in range(LANES):
+            residual = Rod(group.work, l).found.residual
+            residual.turn, residual.shift = unit(c), unit(c - 3)
+        newton_step(group)
+        copy_lanes(Rod(group.work, 0).change, Six(room.steps[c], 0), SIX)
 
 
 @routine
@@ -199,13 +211,30 @@ def differentiate_direction(group: Group, room: Room, direction: Direction) -> N
         residual = base_residual_change(rod, ends, change.base, turned(q, d.tip_force), turned(q, d.tip_moment))
         rod.found.residual.turn = add(residual, base_parameter_change(rod, ends, d))
         rod.found.residual.shift = change.base.shift
-    newton_step(group)
+    if group.springs > 0:
+        step_by_table(group, room)
+    else:
+        newton_step(group)
     for c in range(6 if group.springs > 0 else 3):
         for l in range(LANES):
             change, unknown, by = Change(room.change, l), Unknown(room.unknowns[c], l), Rod(group.work, l).change[c]
             add_tip_change(change.start, unknown.start, by)
             add_tip_change(change.factors, unknown.start, by)
             add_change(change.base, unknown.base, by)
+
+
+@inline
+def step_by_table(group: Group, room: Room) -> None:
+    """The Newton step in six unknowns."""
+    for l in range(LANES):
+        change = Rod(group.work, l).change
+        change.turn, change.shift = NOTHING, NOTHING
+    for c in range(6):
+        for l in range(LANES):
+            rod, step = Rod(group.work, l), Six(room.steps[c], l)
+            by = rod.found.residual[c]
+            rod.change.turn = along(rod.change.turn, by, step.turn)
+            rod.change.shift = along(rod.change.shift, by, step.shift)
 
 
 @inline
