@@ -88,40 +88,15 @@ FIRST_CONVERGED = 3e-3
 # ------------------------------------------------------------------ search: what is followed
 FIT_TOLERATED_SIZE, FIT_DISCREPANCY_SIZE = 0.1, 0.25
 """Tolerated size and discrepancy in the fits: the middle of their priors."""
-DOMINATED = 200.0
-"""Log evidence behind the best beyond which no hypothesis is refined."""
-FOLLOWED_MARGINS = ((100.0, 40.0), (1e4, 60.0), (np.inf, 150.0))
-"""Single effects: up to a predicted decrease of the cost, log evidence behind the best within which they are refined. Wider where
-a linear problem says less about the end of a search. Chosen on the practice robots."""
-FEWEST_REFINED = 2
-"""Single effects that are refined whatever the margins say."""
-REFINED_FIRST, NONE_MARGIN, PROMISE_MARGIN, TRUSTED_DECREASE = 4, 25.0, 60.0, 1e5
-"""Single effects refined before the others; where each of them beats "none" by the second number (log evidence), another one
-whose linear problem promises the third less than they reach is not refined, unless it predicts a larger decrease of the cost
-than the fourth. Chosen on the practice robots."""
-LEADING_SINGLES = 6
-"""Single effects, leading around none without and with tolerances, that are refined besides those with starts of their own."""
-CONVERGED_SINGLES, NEARLY_BEST = 4, 8.0
-"""Leading single effects, without and with tolerances, that are searched to convergence; log evidence behind the best within
-which they, and at last all hypotheses, are."""
-PARENTS, REFINED_PAIRS, REFINED_TRIPLES = 4, 5, 2
-"""Leading single effects from which pairs grow, and pairs from which triples grow; leading pairs and triples that are refined."""
-TRIPLES_GAIN = 2.0
-"""Log evidence that the best pair must gain over the best single effect for triples to be tried."""
-PRUNED = 3
-"""Times that a leading hypothesis is tried with one effect less."""
-CONVERGENCE_ROUNDS, CONVERGED_AT_ONCE = 2, 4
-"""Rounds in which leading hypotheses that were cut short are searched to convergence; hypotheses a round."""
+SEARCH_MARGIN, SEARCHED_AT_ONCE = 20.0, 4
+"""Log evidence, with that of the prior, below the best hypothesis reached within which the linear problem of another must promise
+to lie for it to be searched; hypotheses that are searched in parallel. Chosen on the practice robots."""
 UNCONVERGED = 0.5
 """Predicted decrease of the cost above which a search, or a refit to a part of the data, has not converged."""
-NEGLIGIBLE = 20.0
-"""Log evidence behind the best beyond which a hypothesis does not affect the answer."""
 ONE_SIDED_START = 0.6
 """Share of its scale at which the search for a one-sided effect begins."""
 FAR_START = 10.0
 """Times the squared residual of none above which the robot is calibrated anew at a start."""
-COSTLY = 40.0
-"""Cost above the best of several starts beyond which a point is not weighed: evidence cannot make up for it."""
 
 # ------------------------------------------------------------------ posterior and budget
 TEMPERATURE = 4.0

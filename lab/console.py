@@ -168,7 +168,7 @@ class Screen:
         self._progress.refresh()
 
     def step(self, name: str, share: float) -> None:
-        """A step whose time is not known, such as "step 3 of 9: pairs", and the share of it that is done."""
+        """A step whose time is not known, such as "step 2 of 5: hypotheses", and the share of it that is done."""
         if self._task is not None:
             self._progress.update(self._task, description=plain(f"{self._title}, {name}"), completed=share)
 

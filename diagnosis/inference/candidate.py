@@ -33,6 +33,10 @@ class Candidate:
     """The most probable point of the grid."""
     with_tolerances: bool
     """Fitted with every other effect free within its tolerance; else with all others absent."""
+    turns: int = 0
+    """Times that it was searched on; 0: weighed at a start, or where another hypothesis was fitted."""
+    ended: bool = False
+    """Whether its search has ended."""
     unknown: bool = False
     made: Linear | None = None
     """The linear problem in which it was weighed, where it is kept: it is as large as the derivatives."""
@@ -46,6 +50,11 @@ class Candidate:
         return self.fit.linear(problem) if self.made is None else self.made
 
     @property
+    def reference(self) -> Reference | None:
+        """Derivatives that it shares with others; None where it has all of its own."""
+        return None if self.fit.slope is None else self.fit.slope.reference
+
+    @property
     def laplace_log_evidence(self) -> float:
         """Log evidence of the linear problem (Laplace approximation)."""
         return self.weighed.log_evidence
@@ -56,24 +65,15 @@ class Candidate:
         return self.laplace_log_evidence - self.fit.predicted_decrease
 
 
-@dataclass(frozen=True)
-class Task:
-    """What a hypothesis is searched from."""
-
-    named: Hypothesis
-    with_tolerances: tuple[bool, ...] = ()
-    begun: Candidate | None = None
-
-
-References = dict[bool, Reference]
-"""Of searches without tolerances, and with them."""
+References = dict[str, Reference]
+"""By name."""
 
 
 def light(c: Candidate, references: References) -> Candidate:
-    """The same without the derivatives that all share."""
+    """The same without derivatives that another process has."""
     slope = c.fit.slope
-    kept = None if slope is None else next((w for w, r in references.items() if r is slope.reference), None)
-    return c if slope is None or kept is None else _with(c, replace(slope, reference=None, left=kept))
+    name = next((n for n, r in references.items() if r is c.reference), None)
+    return c if slope is None or name is None else _with(c, replace(slope, reference=None, left=name))
 
 
 def complete(c: Candidate, references: References) -> Candidate:

@@ -34,7 +34,7 @@ def one_thread(do: Callable[P, B]) -> Callable[P, B]:
 
 
 Progress = Callable[[str, float], None]
-"""Receives the step that is being done, such as "step 3 of 9: pairs", and the share of it that is done, 0..1."""
+"""Receives the step that is being done, such as "step 2 of 5: hypotheses", and the share of it that is done, 0..1."""
 
 
 def no_progress(step: str, share: float) -> None:
@@ -45,14 +45,10 @@ class DiagnosisStep(IntEnum):
     """The steps of a whole diagnosis, in order."""
 
     FIRST_LOOK = 1
-    SINGLE_EFFECTS = 2
-    PAIRS = 3
-    TRIPLES = 4
-    FEWER_EFFECTS = 5
-    CONVERGENCE = 6
-    EXPERIMENTS = 7
-    HELD_OUT_STATES = 8
-    GAP_STEP_BY_STEP = 9
+    HYPOTHESES = 2
+    EXPERIMENTS = 3
+    HELD_OUT_STATES = 4
+    GAP_STEP_BY_STEP = 5
 
     def __str__(self) -> str:
         return f"step {self.value} of {len(DiagnosisStep)}: {self.name.lower().replace('_', ' ')}"

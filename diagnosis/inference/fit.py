@@ -92,7 +92,8 @@ def fit(
         of_effect = problem.parameters.of_effect
         fresh[of_effect] &= prior.wide
         fresh[~of_effect] = False
-    return _search(problem, prior, size, start, rounds, frozen, fresh, 0.05, LEAST_PROMISE)
+    dampings = DAMPINGS if frozen is None else DAMPINGS[:6]
+    return _search(problem, prior, size, start, rounds, frozen, fresh, 0.05, LEAST_PROMISE, dampings)
 
 
 def _search(

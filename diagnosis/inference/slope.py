@@ -65,8 +65,8 @@ class Slope:
     """(n, c) in the parameters' units."""
     parameters: int
     """k."""
-    left: bool | None = None
-    """Which reference it has where it came from, see `candidate.light`."""
+    left: str | None = None
+    """Name of the reference that it has where it came from, see `candidate.light`."""
 
     @classmethod
     def of(cls, slope: Array) -> Slope:

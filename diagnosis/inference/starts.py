@@ -64,9 +64,9 @@ class Starts:
             theta[own] = np.clip(theta[own] + p.sd[own] * step, p.lower[own], p.upper[own])
         return theta
 
-    def far(self, start: Array, none: Fit) -> bool:
-        """Whether parameters (k,) miss the data by much more than those of none do."""
-        return self._misfit(self._problem.forward.predict(start)) > FAR_START * self._misfit(none.predicted)
+    def far(self, predicted: Array, none: Fit) -> bool:
+        """Whether a prediction (n,) misses the data by much more than that of none does."""
+        return self._misfit(predicted) > FAR_START * self._misfit(none.predicted)
 
     def _misfit(self, predicted: Array) -> float:
         """Squared whitened residual of a prediction (n,); infinite where a state has no equilibrium."""

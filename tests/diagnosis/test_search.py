@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.inference.candidate import Candidate, Task
 from diagnosis.inference.evidence import NONE, Hypothesis
 from diagnosis.inference.executor import Executor
 from diagnosis.inference.fit import fit
@@ -62,28 +61,31 @@ def test_threads_change_nothing_and_progress_only_rises() -> None:
     )
     assert [(c.named, c.log_evidence) for c in alone] == [(c.named, c.log_evidence) for c in shared]
     steps = [step for step, _ in told]
-    assert steps == sorted(steps) and steps[0] == "step 2 of 9: single effects"
+    assert steps == sorted(steps) and steps[0] == "step 2 of 5: hypotheses"
     assert all(0 < share <= 1 for _, share in told)
 
 
-def test_single_effects_are_searched_from_where_a_leading_triple_was_found() -> None:
+def test_progress_within_the_search_only_rises_and_ends_at_one() -> None:
+    told: list[float] = []
+    Search(
+        toy_problem(5, {"play": 1.0, "turned": -0.9}), executor=Executor(1, lambda _, share: told.append(share))
+    ).run()
+    assert told == sorted(told) and told[-1] == 1.0
+
+
+def test_a_search_that_ended_elsewhere_is_begun_again_where_a_hypothesis_next_to_it_was_found() -> None:
     search = Search(toy_problem(3, {"play": 0.8}))
     search.run()
-    single, triple = ("play",), tuple(e for e in IDS if e in ("stiffer", "play", "turned"))
-    found = search.found[single].log_evidence
-
-    def worth(c: Candidate, log_evidence: float) -> Candidate:
-        return replace(c, weighed=replace(c.weighed, log_evidence=log_evidence))
-
-    known = search._tried[single, False]
-    (three,) = search._searched_from(Task(triple, begun=known))
-    search._tried = {
-        (triple, False): worth(three, found + 50.0),
-        (single, False): worth(known, found - 50.0),  # a search that ended elsewhere
-    }
-    search._prune()
-    assert search._tried[single, False].log_evidence == pytest.approx(known.log_evidence, abs=1.0)
-    assert {len(h) for h, _ in search._tried} == {1, 2, 3}
+    single, pair = (("play",), False), ("play", "turned")
+    known = search._tried[single]
+    (around,) = search._around(known.fit, [pair], False)
+    found = search._searched_on(around)[0]
+    # A search that ended elsewhere.
+    worse = replace(known, weighed=replace(known.weighed, log_evidence=known.laplace_log_evidence - 50.0))
+    search._tried[single], search._promised[single] = worse, worse.laplace_log_evidence
+    search._add(search._next_to(found))
+    search._search()
+    assert search._tried[single].log_evidence == pytest.approx(known.log_evidence, abs=1.0)
 
 
 class _Snapping(ToyForward):
@@ -118,23 +120,21 @@ def test_a_start_without_equilibrium_is_left_for_one_nearer_to_the_baseline() ->
     assert fitted.theta[IDS.index("bent")] == pytest.approx(0.4, abs=0.1)
 
 
-def test_starts_far_from_the_calibration_are_left_out_where_a_search_from_elsewhere_ends(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_robot_is_calibrated_anew_at_a_start_far_from_the_data(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, effect = toy_problem(3, {"play": 0.8}), ("play",)
     problem.parameters.lower[IDS.index("play")] = 0.0  # a one-sided effect has a start of its own
     search = Search(problem)
-    reached = search.fitted(effect).fit.theta
+    (around,) = search._around(search._none[False].fit, [effect], False)
+    (start,) = search._at_starts(around)
     anew: list[np.ndarray] = []
-    recalibrated = search._begin.recalibrated
+    recalibrated = search._starts.recalibrated
 
-    def counted(start: np.ndarray) -> np.ndarray:
-        anew.append(start)
-        return recalibrated(start)
+    def counted(theta: np.ndarray) -> np.ndarray:
+        anew.append(theta)
+        return recalibrated(theta)
 
-    monkeypatch.setattr(search._begin, "recalibrated", counted)
-    monkeypatch.setattr(search._begin, "far", lambda start, none: start is not reached)
-    search._best_of_starts(effect, False, [reached])
-    assert not anew
-    search._best_of_starts(effect, False, [])
-    assert anew
+    monkeypatch.setattr(search._starts, "recalibrated", counted)
+    for far in (False, True):
+        monkeypatch.setattr(search._starts, "far", lambda predicted, none, far=far: far)
+        assert search._searched_on(start)[0].fit.theta[IDS.index("play")] == pytest.approx(0.8, abs=0.25)
+        assert bool(anew) == far

@@ -92,10 +92,10 @@ def test_a_step_of_unknown_length_is_named_with_the_share_that_is_done() -> None
     seen = on_terminal("""
         from lab.console import Screen
         with Screen("weighing hypotheses") as screen:
-            screen.step("step 3 of 9: pairs", 0.25)
+            screen.step("step 2 of 5: hypotheses", 0.25)
             screen._progress.refresh()
     """)
-    assert "weighing hypotheses, step 3 of 9: pairs" in seen and "25 %" in seen
+    assert "weighing hypotheses, step 2 of 5: hypotheses" in seen and "25 %" in seen
 
 
 def test_the_address_of_the_page_stays_below_the_progress(capsys: pytest.CaptureFixture[str]) -> None:
