@@ -212,20 +212,41 @@ class Search:
     # ------------------------------------------------------------------ one point
 
     def _searched_on(self, c: Candidate) -> list[Candidate]:
-        """A hypothesis searched on from a point, and, where its search has ended and it leads, the hypotheses next to it."""
+        """A hypothesis searched on from a point, and, where its search has ended and it leads, the hypotheses next to it.
+
+        What leads is searched without and with tolerances, whatever the one promises where the other was found.
+        """
+        found = self._turn(c)
+        if not found.ended or not self._leads(found):
+            return [found]
+        own, switched, *others = self._next_to(found)
+        points = [switched]
+        if len(c.named) == 1 and self._starts.needs_own(c.named):
+            none = self._none[switched.with_tolerances].fit
+            points += self._at_starts(*self._around(none, [c.named], switched.with_tolerances))
+        return [own, *map(self._turn, points), *others]
+
+    def _leads(self, c: Candidate) -> bool:
+        """Whether a searched hypothesis lies within the margin of those that are searched on."""
+        return c.log_evidence + self._log_prior(c.named) > self._best - self._margin(c)
+
+    def _turn(self, c: Candidate) -> Candidate:
+        """A hypothesis searched on from a point."""
         start: Array | Fit = c.fit
         rounds, frozen = (ROUNDS, None) if c.turns else (FIRST_ROUNDS, c.reference)
-        if not c.turns and self._starts.far(c.fit.predicted, self._none[c.with_tolerances].fit):
+        if c.turns and c.reference is not None:
+            start = c.fit.theta  # all derivatives are taken anew
+        elif not c.turns and self._starts.far(c.fit.predicted, self._none[c.with_tolerances].fit):
             # Far from where it was calibrated the robot needs another calibration and other derivatives first.
             start, rounds, frozen = self._starts.recalibrated(c.fit.theta), ROUNDS, None
         fitted = self._fit(c.named, c.with_tolerances, c.grid_point.size, start, rounds, frozen)
         found = self._weigh(c.named, fitted, c.with_tolerances, shared=frozen is not None)
         stalled = c.turns > 0 and found.log_evidence < c.log_evidence + UNCONVERGED
         found = replace(max(c, found, key=_evidence) if c.turns else found, turns=c.turns + 1)
-        leads = found.log_evidence + self._log_prior(c.named) > self._best - self._margin(found)
-        converged = found.fit.predicted_decrease <= UNCONVERGED and not (leads and frozen is not None)
-        found = replace(found, ended=stalled or converged)
-        return self._next_to(found) if found.ended and leads else [found]
+        # A leading one takes all its derivatives anew, and has the discrepancy in which it is most probable.
+        settled = not self._leads(found) or (frozen is None and found.grid_point.size == c.grid_point.size)
+        converged = found.fit.predicted_decrease <= UNCONVERGED and settled
+        return replace(found, ended=stalled or converged)
 
     def _next_to(self, c: Candidate) -> list[Candidate]:
         """A candidate and the hypotheses with one effect more, one less and one exchanged, and the same with tolerances on or
@@ -335,7 +356,7 @@ class Search:
     def _around(self, f: Fit, named: Sequence[Hypothesis], with_tolerances: bool) -> list[Candidate]:
         """Hypotheses in the linear problem of a fit that may have been made for another."""
         grid = KNOWN.part(with_tolerances)
-        found = weigh(f.linear(self.problem), grid, self.problem.parameters, named)
+        found = weigh(f.linear(self.problem), grid, self.problem.parameters, named) if named else []
         return [Candidate(h, w, f, w.peak(grid), with_tolerances) for h, w in zip(named, found, strict=True)]
 
     def _weigh(self, named: Hypothesis, fitted: Fit, with_tolerances: bool, shared: bool = False) -> Candidate:
