@@ -20,7 +20,7 @@ from model.robot import Robot, robot_from_dict
 from model.rods import FINE, solve
 from model.section import rods_of
 from recordings.trials import Table, TrialRow
-from tests.diagnosis.small_campaigns import LENGTHS, Measured, measured, quick
+from tests.diagnosis.small_campaigns import FEW, Measured, measured, quick
 from tests.diagnosis.test_case import ROBOT, states
 
 ONE = {effect: spec for effect, spec in quick().catalogue.items() if effect in ("chamber_azimuth", "pressure_offset")}
@@ -44,7 +44,7 @@ def moved(case: Measured, shift: tuple[float, float, float]) -> Measured:
 @pytest.fixture(scope="module")
 def case() -> Measured:
     """Chambers 4 deg from where they should be."""
-    return measured(2, 4, LENGTHS, chamber_azimuth__angle=np.radians(4))
+    return measured(2, 4, FEW, chamber_azimuth__angle=np.radians(4))
 
 
 def test_a_robot_near_its_data_stays_as_it_is(case: Measured) -> None:

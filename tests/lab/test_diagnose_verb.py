@@ -212,7 +212,7 @@ def test_guesses_that_nobody_has_confirmed_stand_first(tmp_path: Path, capsys: p
     assert "unconfirmed" not in capsys.readouterr().out and "not confirmed" not in page.read_text()
 
 
-@pytest.mark.usefixtures("weighed")
+@pytest.mark.usefixtures("weighed", "drawn")
 def test_a_page_of_a_small_table_is_drawn_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     page = tmp_path / "page.html"
     code, _ = ran(

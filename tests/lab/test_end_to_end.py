@@ -110,6 +110,7 @@ def test_a_case_folder_reads_back_as_the_recording_does(bending: Path, tmp_path:
     assert [r.to_json() for r in folder.table] == [r.to_json() for r in recording.table]
 
 
+@pytest.mark.usefixtures("drawn")
 def test_compare_draws_and_tabulates(bending: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert lab("compare", bending, "--out", tmp_path, "--json") == 0
     table = json.loads(capsys.readouterr().out)
