@@ -151,7 +151,7 @@ def test_an_origin_elsewhere_is_taken_off_all_positions(case: Measured) -> None:
     assert {a.name for a in first.adjusted} == {"origin of the tip's x", "origin of the tip's z"}
 
 
-@pytest.mark.parametrize("factor", [0.07, 0.2, 6.0])
+@pytest.mark.parametrize("factor", [0.07, pytest.param(0.2, marks=pytest.mark.long), 6.0])
 def test_a_modulus_of_another_unit_is_found_even_where_no_rod_stands(case: Measured, factor: float) -> None:
     first = calibrate_first(softer(ROBOT, factor), states(case)[0])
     (found,) = first.adjusted
