@@ -54,8 +54,8 @@ class States:
     hold: Array
     """(n,) s; 0 = read while ramping."""
     sitting: NDArray[np.int64]
-    """(n,) counts the times that work began anew, with the robot perhaps mounted anew: t starts again, or nothing was read for
-    longer than `PAUSE`."""
+    """(n,) number 0.. of the sitting: a new one, with the robot perhaps mounted anew, begins with a trial before which t starts
+    again or nothing was read for longer than `model.effects.design.PAUSE`."""
     progress: Array
     """(n,) part of the campaign that has passed, 0 to 1: by time where it is known throughout, else by trials."""
     spine_length: Array
