@@ -281,7 +281,7 @@ class _Misfit:
 
 
 def _missed(robot: Robot, own: Campaign, theta: Array) -> Array:
-    """(n, 3) m; a robot length where the rod has no equilibrium."""
+    """(n, 3) m, tip predicted minus measured; a robot length in each axis where the rod has no equilibrium."""
     found = solve(rods_of(_with(robot, theta), own.conditions(robot), full=True), DIRECT)
     tip = own.tip - theta[ORIGIN:] * robot.length
     return np.where(found.converged[:, None], np.nan_to_num(found.tip - tip), robot.length)

@@ -240,6 +240,8 @@ class _Carrying:
         return self._of_fit[id(fit)][1]
 
     def _products(self, fit: Fit) -> list[dict[str, Array]]:
+        """See `_squares`. What an effect does at the fit is its slope times its size, but where that exceeds `LEAST_NAMED_FLOORS`
+        noise floors the model is asked with and without the effect."""
         p = self._problem.parameters
         at = fit.theta - p.mean
         done = {} if fit.form_error is None else dict(fit.form_error.responses)

@@ -197,9 +197,7 @@ def prepare(
     smooth, shared_basis, channel_basis = _discrepancy_bases(robot, states, labels, unit, pushes)
     problem = Problem(
         MaskedForward(whole, kept),
-        replace(
-            _with_trial_scatter(made, forward.parameters, floor, pushes), least=_least(made, labels, slope[kept], known)
-        ),
+        replace(made, sd=_prior_sd(forward.parameters, floor, pushes), least=_least(made, labels, slope[kept], known)),
         observed[kept],
         noise,
         smooth,
@@ -256,17 +254,16 @@ def _least(made: Parameters, labels: Labels, slope: Array, floor: float) -> tupl
     return tuple(np.minimum(LEAST_NAMED_SIZE, LEAST_NAMED_FLOORS * floor / np.maximum(carried, TINY)).tolist())
 
 
-def _with_trial_scatter(
-    made: Parameters, infos: tuple[ParameterInfo, ...], floor: NoiseComponents, pushes: StiffnessTrials | None
-) -> Parameters:
-    """Priors of the trials' own parameters as wide as the repeats show."""
+def _prior_sd(infos: tuple[ParameterInfo, ...], floor: NoiseComponents, pushes: StiffnessTrials | None) -> Array:
+    """(k,) prior standard deviations, in each parameter's unit: of single trials' parameters what the repeats show, `floor` for
+    the robot's trials and `pushes` for stiffness trials; of all others what their effect declares."""
 
-    def own(p: ParameterInfo) -> float:
-        at_stand = pushes is not None and p.name in pushes.names
-        trial = pushes.noise_components.trial if pushes is not None and at_stand else floor.trial
-        return trial.get(p.source, p.sd)
+    def sd(p: ParameterInfo) -> float:
+        of_push = pushes is not None and p.name in pushes.names
+        components = pushes.noise_components if pushes is not None and of_push else floor
+        return components.trial.get(p.source, p.sd)
 
-    return replace(made, sd=np.array([own(p) for p in infos]))
+    return np.array([sd(p) for p in infos])
 
 
 def _discrepancy_bases(
