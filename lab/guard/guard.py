@@ -347,7 +347,10 @@ class Guard:
 
     # -- threads
     def _poll(self, name: str) -> None:
-        """Read one instrument at the rig's rate; a reading that fails is passed on as its error."""
+        """Read one instrument `poll` times a second and tell the program the sample, or the error in its place.
+
+        Another device than expected, and a line that is lost, land the rig while it is energised.
+        """
         while self.running:
             due = timing.now() + 1 / self.rig.poll
             if name in self.own.opened:
