@@ -87,9 +87,9 @@ class States:
         return replace(self, **{name: getattr(self, name)[rows] for name in _BY_STATE})
 
     @cached_property
-    def highest(self) -> Array:
+    def highest_of_trial(self) -> Array:
         """(n, chambers) Pa gauge, the highest reading of each chamber in the state's trial."""
-        return highest(self.trial, self.pressure)
+        return highest_of_trial(self.trial, self.pressure)
 
     @property
     def markers(self) -> int:
@@ -176,7 +176,7 @@ def conditions(
     return made
 
 
-def highest(trial: NDArray[np.int64], pressure: Array) -> Array:
+def highest_of_trial(trial: NDArray[np.int64], pressure: Array) -> Array:
     """(n, chambers) the largest of pressures (n, chambers) in each state's trial 0..."""
     top = np.full((int(trial.max(initial=-1)) + 1, pressure.shape[1]), -np.inf)
     np.maximum.at(top, trial, pressure)

@@ -19,7 +19,11 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Campaign:
-    """n states in the order in which they happened, those of the robot before those of stiffness trials; SI, rad."""
+    """n states as measured, in the order in which they happened, those of the robot before those of stiffness trials; SI, rad.
+
+    The model has the same as `States`: there what a row does not state has its default (here it is None in `rows`), vented
+    chambers are at 0 Pa (here: as read), and a trial in which the spine changes is several, numbered from 0.
+    """
 
     rows: tuple[TrialRow, ...]
     condition: Ints
@@ -36,10 +40,6 @@ class Campaign:
         """The states picked by a mask."""
         kept = tuple(r for r, k in zip(self.rows, rows, strict=True) if k)
         return Campaign(kept, self.condition[rows], self.kind[rows], self.pressure_gap)
-
-    def conditions(self, robot: Robot) -> States:
-        """What was done in each state; the robot's own tip mass where none is recorded. Raises `BadCondition`."""
-        return settings(robot, self.rows)
 
     @cached_property
     def pushed(self) -> NDArray[np.bool_]:
@@ -139,7 +139,7 @@ def tip_masses(robot: Robot, rows: Sequence[TrialRow]) -> Array:
 
 
 def settings(robot: Robot, rows: Sequence[TrialRow], vented: bool = False) -> States:
-    """What was done in each row, `vented`: without its pressures. Raises `BadCondition`."""
+    """What was asked of the robot in each row, a trial of its own; `vented`: without its pressures. Raises `BadCondition`."""
     pressures = np.array([r.pressures for r in rows])
     return conditions(
         robot,

@@ -43,7 +43,7 @@ from ..judgement import (
     FIRST_WIDEST,
     UPSIDE_DOWN_GAIN,
 )
-from .campaign import Campaign, tip_masses
+from .campaign import Campaign, settings, tip_masses
 from .chamber_sides import can_name_order, exchanged, order_told, with_order
 
 Array = NDArray[np.float64]
@@ -282,7 +282,7 @@ class _Misfit:
 
 def _missed(robot: Robot, own: Campaign, theta: Array) -> Array:
     """(n, 3) m, tip predicted minus measured; a robot length in each axis where the rod has no equilibrium."""
-    found = solve(rods_of(_with(robot, theta), own.conditions(robot), full=True), DIRECT)
+    found = solve(rods_of(_with(robot, theta), settings(robot, own.rows), full=True), DIRECT)
     tip = own.tip - theta[ORIGIN:] * robot.length
     return np.where(found.converged[:, None], np.nan_to_num(found.tip - tip), robot.length)
 

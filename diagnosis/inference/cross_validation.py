@@ -19,7 +19,7 @@ from .columns import Columns
 from .executor import SINGLE_THREAD, DiagnosisStep, Executor
 from .fit import Fit, fit, refit
 from .linear import Prior
-from .problem import Forward, Problem
+from .problem import MaskedForward, Problem
 from .slope import Slope
 
 Array = NDArray[np.float64]
@@ -96,7 +96,7 @@ class _Folds:
 def _rest(problem: Problem, seen: NDArray[np.bool_]) -> Problem:
     """The problem of the values marked `seen` alone."""
     return replace(
-        problem, forward=_Part(problem.forward, seen), observed=problem.observed[seen], noise=problem.noise.take(seen),
+        problem, forward=MaskedForward(problem.forward, seen), observed=problem.observed[seen], noise=problem.noise.take(seen),
         discrepancy=problem.discrepancy[seen], shared_basis=problem.shared_basis[seen], channel_basis=problem.channel_basis[seen],
     )  # fmt: skip
 
@@ -121,23 +121,3 @@ def _discrepancy(problem: Problem, rest: Problem, size: float, predicted: Array)
     missed = rest.noise.whiten(rest.observed - predicted)
     weights = np.linalg.solve(np.eye(columns.shape[1]) + columns.T @ columns, columns.T @ missed)
     return np.asarray(size * problem.discrepancy @ weights)
-
-
-class _Part:
-    """A forward model of which only some values are looked at."""
-
-    def __init__(self, forward: Forward, seen: NDArray[np.bool_]) -> None:
-        self._forward, self._seen = forward, seen
-
-    def predict(self, theta: Array, trial: bool = False) -> Array:
-        """Predicted values that are looked at."""
-        return self._forward.predict(theta, trial)[self._seen]
-
-    def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
-        """The same, and their derivatives."""
-        predicted, slope = self._forward.linearise(theta, columns)
-        return predicted[self._seen], slope[self._seen]
-
-    def near(self, theta: Array) -> _Part:
-        """The same, made quicker close to parameters (k,)."""
-        return _Part(self._forward.near(theta), self._seen)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -29,7 +29,7 @@ from ..judgement import DISCREPANCY_UNIT_RANGE, LEAST_NAMED_FLOORS, LEAST_NAMED_
 from .discrepancy import Settings, by_channel, columns, settings
 from .labels import Labels
 from .on_baseline import SHARE, OnBaseline, on_baseline
-from .problem import Forward, Parameters, Problem
+from .problem import Forward, MaskedForward, Parameters, Problem
 from .reading_noise import floor_of, noise_of, pressure_response, with_vented_at_zero
 from .stiffness_trials import StiffnessTrials, stiffness_trials
 
@@ -126,30 +126,6 @@ class Prepared:
         out = np.zeros((len(self.states), 3))
         out[:, 0] = self.deflection(values)
         return out
-
-
-class MaskedForward:
-    """A forward model of some of the values."""
-
-    def __init__(self, forward: Forward, kept: NDArray[np.bool_]) -> None:
-        self._forward, self._kept = forward, kept
-
-    def predict(self, theta: Array, trial: bool = False) -> Array:
-        """Predicted values that are kept; NaN where the rod has no equilibrium."""
-        try:
-            return self._forward.predict(theta, trial)[self._kept]
-        except np.linalg.LinAlgError:
-            # A step so far off that the rod cannot be solved counts as no equilibrium.
-            return np.full(int(self._kept.sum()), np.nan)
-
-    def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
-        """Predicted values that are kept, and their derivatives."""
-        predicted, slope = self._forward.linearise(theta, columns)
-        return predicted[self._kept], slope[self._kept]
-
-    def near(self, theta: Array) -> MaskedForward:
-        """The same, made quicker close to parameters (k,)."""
-        return MaskedForward(self._forward.near(theta), self._kept)
 
 
 def prepare(

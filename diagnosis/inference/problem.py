@@ -41,6 +41,30 @@ class Forward(Protocol):
         """The same model, made quicker close to parameters (k,)."""
 
 
+class MaskedForward:
+    """A forward model of those values alone that a mask (n,) keeps."""
+
+    def __init__(self, forward: Forward, kept: NDArray[np.bool_]) -> None:
+        self._forward, self._kept = forward, kept
+
+    def predict(self, theta: Array, trial: bool = False) -> Array:
+        """Predicted values that are kept; NaN where the rod has no equilibrium."""
+        try:
+            return self._forward.predict(theta, trial)[self._kept]
+        except np.linalg.LinAlgError:
+            # A step so far off that the rod cannot be solved counts as no equilibrium.
+            return np.full(int(self._kept.sum()), np.nan)
+
+    def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
+        """The same, and their derivatives."""
+        predicted, slope = self._forward.linearise(theta, columns)
+        return predicted[self._kept], slope[self._kept]
+
+    def near(self, theta: Array) -> MaskedForward:
+        """The same, made quicker close to parameters (k,)."""
+        return MaskedForward(self._forward.near(theta), self._kept)
+
+
 def linearise(forward: Forward, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
     """As the forward model's; where there is no derivative (next to a snap-through) it is 0."""
     predicted, slope = forward.linearise(theta, columns)

@@ -18,7 +18,7 @@ from model.condition import (
     USED,
     Flags,
     States,
-    highest,
+    highest_of_trial,
 )
 from model.errors import BadCondition
 from model.robot import Robot
@@ -52,7 +52,7 @@ def design_from_columns(robot: Robot, columns: Columns, channels: tuple[str, ...
     vacuum = _numbers(columns, "vacuum", NOMINAL_VACUUM, n)
     _within("vacuum", vacuum, 0.0, 101_325.0, "Pa below ambient")
     ids, trial = _trials(columns["trial"], spine_length)
-    used = highest(trial, pressure) > USED
+    used = highest_of_trial(trial, pressure) > USED
     spined = spine_length > 0
     observed = _channels(robot, columns, stiffness)
     if channels is not None:
