@@ -87,11 +87,7 @@ def total_gain(errors: Sequence[StageError]) -> float:
 
 
 def _gain(g: Gaussian, columns: Array) -> float:
-    """Log evidence gained by an error s X w, w ~ N(0, 1), with columns X (n, m) and its size s drawn from `STAGE_ERROR_SIZES`.
-
-    For the eigenvalues e and vectors v of X^T C^-1 X and b = v . X^T C^-1 r, a size gains sum_v (s^2 b^2 / (1 + s^2 e) - log(1 +
-    s^2 e)) / 2; C is the covariance of the residuals r.
-    """
+    """log of the mean of Z(s) over `STAGE_ERROR_SIZES`, columns C (n, m), with B diagonal: see the module's docstring."""
     columns = columns[:, (columns**2).sum(axis=0) > 1e-12]
     if not columns.shape[1]:
         return 0.0

@@ -49,7 +49,7 @@ class CrossValidation:
         self._folds = _Folds(problem, fold)
 
     def residuals(self, models: Sequence[Model], step: DiagnosisStep | None = None) -> Callable[[], list[Array]]:
-        """When asked for, measured minus predicted (n,) of each model; other processes begin at once."""
+        """Start all refits; the function that is returned waits for them and returns measured minus predicted (n,) by model."""
         wanted = [(model, part) for model in models for part in self._parts]
         left_out = self._executor.ahead(self._folds.left_out, wanted, step)
 
@@ -75,7 +75,7 @@ class _Folds:
         return vars(self) | {"_known": None, "_rests": {}}
 
     def left_out(self, wanted: tuple[Model, int]) -> Array:
-        """Measured minus predicted for the values of one part, by a fit of a model to the others."""
+        """Measured minus predicted (r,) for the values of one part, by a fit to the others; `wanted`: a model, and the part."""
         model, part = wanted
         problem, seen = self._problem, self._fold != part
         if part not in self._rests:
@@ -104,8 +104,8 @@ def _rest(problem: Problem, seen: NDArray[np.bool_]) -> Problem:
 def _predicted(
     problem: Problem, rest: Problem, model: Model, around: tuple[Array, Slope], seen: NDArray[np.bool_]
 ) -> Array:
-    """What a fit to `rest`, the values marked `seen`, predicts (n,); prediction and derivatives `around` the model's
-    parameters."""
+    """Prediction (n,) of all values by a fit to `rest`, the values marked `seen`; `around`: prediction and derivatives at the
+    model's parameters, where the fit begins."""
     predicted, slope = around
     own = replace(slope, columns=slope.columns.rows(seen))
     found = refit(rest, model.prior, model.size, Fit(model.theta, predicted[seen], own, np.nan, np.nan))

@@ -215,6 +215,7 @@ class Guard:
             self.land(str(error), error)
 
     def _energise(self) -> None:
+        """Before a command that energises: refuse it after and during a landing, and put the latch on disk before the first."""
         if self.landed:
             raise self._refusal()
         if self.landing.going:
@@ -229,6 +230,8 @@ class Guard:
         return self._cause or RigLanded(f"the guard has made the rig safe: {self.landed}")
 
     def _set_pressure(self, pressures: tuple[float, ...]) -> tuple[float, ...]:
+        """Set-points (Pa a channel) within the limits; returns those that the regulators hold. Set-points that were sent and not
+        confirmed count as possibly taken."""
         allowed = self.monitor.setpoints(pressures)
         self.monitor.setpoints_confirmed = None
         try:
