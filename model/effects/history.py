@@ -180,8 +180,7 @@ class History:
         return self.path.lag(self.drive, time)
 
     def extremes(self, rate: Array) -> Array:
-        """(v, n, DRIVES) largest plus least drive that each cell of the body has been through, mean over the cells of each part;
-        both fade at `rate` (v, 1) 1/s."""
+        """(v, n, DRIVES) largest plus least drive of each place, fading at `rate` (v, 1) 1/s."""
         q = self.quantities
         edges = np.linspace(0.0, 1.0, CELLS + 1) * np.asarray(q.length)[..., None]
         covered = np.clip((q.spine_length[..., None] - edges[..., :-1]) / np.diff(edges), 0.0, 1.0)
@@ -191,8 +190,7 @@ class History:
         return self.path.extremes(drive, covered, q.design.roll, rates)
 
     def sliding(self, drive: Array, yields: Array) -> Array:
-        """(v, n, c) mean state of elements that are stretched with a drive (v, n, c) and slide at length 1; element j begins to
-        slide after a change of the drive by `yields` (v, j)."""
+        """(v, n, c) mean state of sliding elements."""
         return self.path.sliding(drive, yields)
 
 
