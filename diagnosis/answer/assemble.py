@@ -178,19 +178,21 @@ def detail_section(
     if (simulator := simulator_section(f)) is not None:
         made["baseline"] = asdict(simulator)
     if unseen is not None:
-        made["unseen_m"] = {"before": unseen.before.tolist(), "after": unseen.after.tolist(), "how": unseen.how}
+        made["unseen_m"] = {
+            "before": unseen.before.distance.tolist(), "after": unseen.after.distance.tolist(), "how": unseen.how,
+        }  # fmt: skip
         if not p.pushes_only:
             made["states"] |= {
                 "given": p.tip(given)[~p.states.pushed].tolist(),
-                "calibrated_unseen": (p.states.tip - unseen.missed_before)[~p.states.pushed].tolist(),
-                "explained_unseen": (p.states.tip - unseen.missed_after)[~p.states.pushed].tolist(),
+                "calibrated_unseen": (p.states.tip - unseen.before.vector)[~p.states.pushed].tolist(),
+                "explained_unseen": (p.states.tip - unseen.after.vector)[~p.states.pushed].tolist(),
             }
     if p.pushes is not None:
         made["stiffness"] = _stiffness(
             p, p.pushes, {"as given": given, "calibrated": calibrated, "explained": explained}
         )
         if unseen is not None:
-            pairs = (("unseen: calibrated", unseen.pushes_before), ("unseen: explained", unseen.pushes_after))
+            pairs = (("unseen: calibrated", unseen.before.deflection), ("unseen: explained", unseen.after.deflection))
             made["stiffness"]["waterfall_mm"] |= {name: _rms_of(error) for name, error in pairs}
     if holdout is not None:
         made["holdout"] = asdict(holdout) | {"statement": holdout.statement(names)}
