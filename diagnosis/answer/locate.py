@@ -20,7 +20,7 @@ from model.robot import Robot
 from model.rods import FINE, PAPER, solve
 from model.section import rods_of
 
-from ..data.campaign import Campaign
+from ..data.campaign import Campaign, settings
 from ..data.levels import SPINE_GAP, levels
 from ..judgement import FALSE_DISCOVERY_RATE
 from .result import Cell
@@ -140,7 +140,7 @@ def numerical_error(robot: Robot, states: Campaign) -> float:
         return float("nan")
     _, first = np.unique(states.condition, return_index=True)
     try:
-        rods = rods_of(robot, states.take(np.isin(np.arange(len(states)), first)).conditions(robot), full=True)
+        rods = rods_of(robot, settings(robot, [states.rows[i] for i in np.sort(first)]), full=True)
         converged, stepped = solve(rods, FINE), solve(rods, PAPER)
     except ModelError:
         return float("nan")

@@ -11,11 +11,13 @@ from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Any
 
+from model.actuators import Words
+
 from ..criticism.stage_errors import StageError
 from ..inference.posterior import UNKNOWN
 from ..inference.problem import Parameters
 from ..judgement import ABSORBED, CALIBRATION_STATED, EXPLAINS, MORE_THAN_GAP, OUTSIDE_STATED, OUTSTANDING_FLOORS
-from .headline import LEAST_STATED, percent
+from .headline import LEAST_STATED, percent, stated
 from .result import Calibration, Carries, Conclusion, Locate, Ranked, Shrink, Simulator, Waterfall
 from .shrink import share_closed
 from .verdict import Decision, stage
@@ -176,6 +178,21 @@ def _factor(f: Facts) -> str:
         how = f"with {c.modulus:.2f} times the modulus; these data show hardly more than their ratio, that of a body {how}"
         return f" ({c.area_factor:.2f} instead of {c.given:.2f}, {how})"
     return f" ({c.area_factor:.2f} instead of {c.given:.2f}; a body {how} would look the same)"
+
+
+def stands_for(c: Calibration | None, words: Words) -> str:
+    """What a calibrated area factor may stand for, and what tells; empty where it is that of robot.yaml."""
+    if c is None or abs(c.stiffness - 1) < CALIBRATION_STATED or not c.origins:
+        return ""
+    each = [
+        f"{o.name} {100 * abs(o.factor - 1):.1f} % {'larger' if o.factor > 1 else 'smaller'} (p = {stated(o.probability)})"
+        for o in c.origins
+    ]
+    return words.say(
+        f"Area factor {c.area_factor:.2f} with {c.modulus:.2f} times the modulus: any of these numbers would do the same (p that "
+        f"it makes most of it, as uncertain as they are): {'; '.join(each)}. To tell, measure the body's stiffness without "
+        "pressures (a stiffness trial, or a mass at the tip), hold a gauge against the pressures, and measure a cut section"
+    )
 
 
 def closed_by_calibration(f: Facts) -> float | None:

@@ -185,15 +185,16 @@ def regulators(read: Array, pressure: Array) -> list[Ints]:
 
 
 def with_vented_at_zero(states: Campaign) -> Array:
-    """(n, chambers) Pa, readings with those of vented chambers set to zero.
+    """(n, chambers) Pa gauge, readings with those of vented chambers set to zero.
 
-    A chamber that is open to the room is at zero gauge; what its sensor reads there is the sensor's own error, which
-    would otherwise bend the model.
+    Vented are chambers that stay below `VENTED` throughout a trial, and all of a state whose highest is below its campaign's
+    `pressure_gap`. A chamber that is open to the room is at zero gauge; what its sensor reads there is the sensor's own error,
+    which would otherwise bend the model.
     """
     out = states.pressure.copy()
-    idle = min(VENTED, VENTED_SHARE * float(out.max()))
+    vented_below = min(VENTED, VENTED_SHARE * float(out.max()))
     for t in np.unique(states.trial):
-        own = np.flatnonzero(states.trial == t)
-        out[np.ix_(own, np.flatnonzero(out[own].max(axis=0) < idle))] = 0.0
+        own = states.trial == t
+        out[own] = np.where(out[own].max(axis=0) < vented_below, 0.0, out[own])
     out[out.max(axis=1) < states.pressure_gap] = 0.0
     return out

@@ -203,7 +203,7 @@ def change_tip(group: Group) -> None:
 
 @each_rod
 def turn_tip(rod: Rod) -> None:
-    """Turn the tip."""
+    """Turn the tip by `change.turn`: the quaternion of x is (1, x / 2) / sqrt(1 + |x|^2 / 4), to second order in |x|."""
     x, y, z = rod.change.turn
     size = 1.0 / math.sqrt(1.0 + 0.25 * (x * x + y * y + z * z))
     half = 0.5 * size
@@ -212,5 +212,5 @@ def turn_tip(rod: Rod) -> None:
 
 @each_rod
 def shift_tip(rod: Rod) -> None:
-    """Shift it."""
+    """Shift the tip by `change.shift` rod lengths."""
     rod.tip.place = along(rod.tip.place, rod.length, rod.change.shift)
