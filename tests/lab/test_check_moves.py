@@ -14,7 +14,7 @@ import yaml
 from lab.cli import main
 from lab.files.rig_file import load_rig
 from lab.rig.checked import Moved, keep, last, place
-from lab.verbs.fakes import PATIENT_SETTLE, write_rig
+from lab.verbs.fakes import write_rig
 from recordings.file.reader import Recording
 from sim_fakes.alicat import AlicatFake
 from sim_fakes.instrument import Regulators
@@ -89,7 +89,7 @@ def test_a_sound_rig_passes_and_is_remembered_as_long_as_its_file_stays(
     assert sum("the tip moved" in m.text for m in seen.values()) == 3
     assert highest(fakes) <= 5e3 * ROUNDING
     assert not isinstance(last(rig, load_rig(rig)), str)
-    settings = ("spine_lengths=[0]", "pressures=[50 kPa]", "unload=false", *PATIENT_SETTLE)
+    settings = ("spine_lengths=[0]", "pressures=[50 kPa]", "unload=false")
     run = ["run", "bending", "--rig", str(rig), "--out", str(tmp_path)]
     run += [word for setting in settings for word in ("--set", setting)]
     assert main(run) in (0, 3)
