@@ -23,8 +23,7 @@ from sim_fakes.simulated_clock import SimulatedClock
 from sim_fakes.smc_itv import STEPS, SmcItvFake
 
 Start = Callable[..., tuple[FakeRig, Path]]
-SPEED = 5.0
-"""What is measured here is a fraction of a millimetre: a busy machine must keep up."""
+SPEED = 20.0
 FRAMES = 60
 """Of the tip that are averaged: 0.06 mm of camera noise are left in a difference, and 0.1 mm are allowed for."""
 ROUNDING = 1.01

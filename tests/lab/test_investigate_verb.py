@@ -114,7 +114,7 @@ def test_a_run_that_fails_leaves_what_is_known_and_the_line_to_go_on_with(
 def test_where_nothing_is_left_to_ask_nothing_moves(
     virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    case = folder(tmp_path / "case", campaign({"chamber_ballooning.growth": -0.4}))
+    case = folder(tmp_path / "case", campaign({"chamber_ballooning.growth": -0.4}, lengths=(0.0, 0.2)))
     code, found, _ = told(
         capsys, "investigate", case, "--rig", virtual_lab.rig, "--out", tmp_path / "why", "--budget", "0 min", "--json"
     )
