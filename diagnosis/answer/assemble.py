@@ -83,6 +83,7 @@ def calibration_section(f: Attribution) -> Calibration | None:
 
 
 def _pushes(p: Prepared, missed: Array) -> locate.Pushes | None:
+    """Deflections of the stiffness trials that the model misses; None where there are none."""
     if p.pushes is None:
         return None
     own = p.states.pushed

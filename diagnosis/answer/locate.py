@@ -108,7 +108,8 @@ def _mean(values: Array, own: Mask) -> float:
 def _cell(
     value: float | str, trial: NDArray[np.int64], missed: Array, floor: float, rng: np.random.Generator
 ) -> tuple[Cell, float]:
-    """The cell, and the probability of a mean square as large when there is nothing but the floor."""
+    """The cell, its 95 % interval from trials drawn anew, and the probability of a mean square as large when there is nothing but
+    the floor. `missed` (n, axes) m, `trial` (n,), `floor` m rms."""
     squared = (missed**2).sum(axis=1)
     names, index = np.unique(trial, return_inverse=True)
     total, count = np.bincount(index, squared), np.bincount(index)

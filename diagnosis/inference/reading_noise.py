@@ -158,20 +158,25 @@ def resting(states: Campaign) -> NDArray[np.bool_]:
 
 
 def pressure_response(forward: ForwardModel, states: Campaign, made: Parameters, slope: Array) -> Array:
-    """(n, r) d(value)/d(pressure reading) of each regulator, per Pa: none where all chambers are vented."""
+    """(n, r) d(value)/d(pressure reading) of each of r regulators, per Pa; 0 where none is inflated, or no equilibrium is found,
+    whose values are left out anyway.
+
+    `slope` (n, k): derivatives of the values by the k parameters `made`, each in its unit. Where one regulator alone is inflated,
+    the offset of all pressures (Pa) moves what its reading moves, so its slope is taken; elsewhere a difference quotient.
+    """
     row, pressure = forward.observations.row, with_vented_at_zero(states)
     together = regulators(states.pressure, pressure)
-    if OFFSET not in made.names:
-        return np.zeros((len(slope), len(together)))
     inflated = np.array([pressure[:, own].max(axis=1) > 0 for own in together]).T
-    alone = inflated.sum(axis=1) == 1
-    out = np.where(inflated & alone[:, None], 1.0, 0.0)[row] * slope[:, [made.names.index(OFFSET)]]
-    several = (~alone & inflated.any(axis=1))[row]
-    if several.any():
+    out = np.zeros((len(slope), len(together)))
+    by_offset = (inflated.sum(axis=1) == 1) & (OFFSET in made.names)
+    if by_offset.any():
+        out = np.where(inflated & by_offset[:, None], 1.0, 0.0)[row] * slope[:, [made.names.index(OFFSET)]]
+    others = (~by_offset & inflated.any(axis=1))[row]
+    if others.any():
         for r, own in enumerate(together):
             change = np.zeros(pressure.shape)
             change[:, own] = PRESSURE_STEP * inflated[:, [r]]
-            out[several, r] = forward.respond(change)[several] / PRESSURE_STEP
+            out[others, r] = forward.respond(change)[others] / PRESSURE_STEP
     return np.asarray(np.nan_to_num(out))
 
 

@@ -66,7 +66,8 @@ class UnderForce:
 
     # -- the arm
     def move_to(self, *motion: Any) -> None:
-        """See Arm.move_to; while no samples flow the motion waits for them, and is checked and begun then."""
+        """See Arm.move_to (pose, speed, acceleration); while no force is measured the motion waits, and is checked and begun by
+        the first call of `moving` when samples flow again."""
         with self._turn:
             self._goal, self._waits, self._reported = motion, not self._flows(), False
             self._under_way.set()

@@ -19,7 +19,7 @@ from model.rods.fast.algebra import Vector, along, conjugate, dot, minus, produc
 from model.rods.fast.compiler import inline, routine
 from model.rods.fast.group import FOUND, POSE, SIX, Group, Rod, Six, each_rod
 from model.rods.fast.lanes import copy, copy_lanes
-from model.rods.fast.passes import change_tip, evaluate, orientation
+from model.rods.fast.passes import WHOLE, change_tip, evaluate, orientation
 
 NUDGE = 1e-4
 """Finite-difference change of an unknown (rad, lengths)."""
@@ -59,13 +59,13 @@ def guess_tip(rod: Rod) -> None:
 def difference_jacobian(group: Group) -> None:
     """d residual / d change and d seen / d change by finite differences; leaves the pass at the unchanged tip behind."""
     all_rods = Rod(group.work, 0)
-    evaluate(group, group.springs, 1.0)
+    evaluate(group, group.springs, WHOLE)
     copy_lanes(all_rods.tip, all_rods.tip_before, POSE)
     copy_lanes(all_rods.found, all_rods.found_before, FOUND)
     for c in range(6 if group.springs > 0 else 3):
         nudge(group, c)
         change_tip(group)
-        evaluate(group, group.springs, 1.0)
+        evaluate(group, group.springs, WHOLE)
         differ(group, c)
         if group.springs > 0:
             differ_shift(group, c)
@@ -284,7 +284,7 @@ def improve(group: Group, close: float, most_rounds: int) -> int:
             return i
         correct(group)
         copy_lanes(all_rods.found, all_rods.found_before, FOUND)
-        evaluate(group, group.springs, 1.0)
+        evaluate(group, group.springs, WHOLE)
         broyden(group)
     return most_rounds
 

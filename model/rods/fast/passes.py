@@ -27,6 +27,9 @@ from model.rods.fast.lanes import LANES
 from model.rods.fast.runge_kutta import step
 from model.rods.fast.stages import Stage, keep_stage, stage_of
 
+WHOLE = 1.0
+"""`dead` of a pass: the share of the dead loads that acts."""
+
 
 @routine
 def evaluate(group: Group, springs: int, dead: float) -> None:

@@ -33,7 +33,7 @@ from model.rods.fast.derivatives.tangent import (
 from model.rods.fast.equations import strains
 from model.rods.fast.group import SECTION, Full, Group, Point, Rod, each_rod, section_of, terms_of
 from model.rods.fast.lanes import LANES, Record, copy, copy_lanes, record
-from model.rods.fast.passes import advance, orientation, read_base, start_at_tip
+from model.rods.fast.passes import WHOLE, advance, orientation, read_base, start_at_tip
 from model.rods.fast.walk import passes
 
 Array = NDArray[np.float64]
@@ -119,7 +119,7 @@ def walk_columns(group: Group, columns: Columns, arcs: Array, first: int) -> Non
     from the tip, and collect T from nothing.
     """
     x, base = columns.x, columns.stations[arcs.shape[1]]
-    start_at_tip(group, group.springs, 1.0)
+    start_at_tip(group, group.springs, WHOLE)
     start_columns(group, columns)
     for e in range(len(x)):
         # An element that no rod of the group has still tells what its length would do.
