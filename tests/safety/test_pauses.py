@@ -20,7 +20,7 @@ from protocols.steering import Steering
 from recordings.file.reader import Recording
 
 BENDING = [word for setting in ("spine_lengths=[0.05]", "pressures=[60 kPa, 120 kPa]") for word in ("--set", setting)]
-STIFFNESS = ["--set", "spine_lengths=[0.1]", "--set", "steps=3", "--set", "min_samples=20"]
+STIFFNESS = [w for s in ("spine_lengths=[0.1]", "steps=3", "min_samples=20", "zero_samples=20") for w in ("--set", s)]
 
 
 def during(condition: Callable[[], bool], act: Callable[[], object]) -> threading.Thread:
