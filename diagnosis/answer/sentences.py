@@ -187,10 +187,11 @@ def stands_for(c: Calibration | None, words: Words) -> str:
     each = [
         f"{o.name} {100 * abs(o.factor - 1):.1f} % {'larger' if o.factor > 1 else 'smaller'} (p = {stated(o.probability)})"
         for o in c.origins
+        if o.probability >= LEAST_STATED or o is c.origins[0]
     ]
     return words.say(
-        f"Area factor {c.area_factor:.2f} with {c.modulus:.2f} times the modulus: any of these numbers would do the same (p that "
-        f"it makes most of it, as uncertain as they are): {'; '.join(each)}. To tell, measure the body's stiffness without "
+        f"An area factor of {c.area_factor:.2f} with {c.modulus:.2f} times the modulus may stand for another number of robot.yaml "
+        f"(p that it makes most of it, as uncertain as all are): {', '.join(each)}. To tell, measure the body's stiffness without "
         "pressures (a stiffness trial, or a mass at the tip), hold a gauge against the pressures, and measure a cut section"
     )
 
