@@ -130,10 +130,16 @@ def _verdict(f: Facts) -> str:
     found = stage(f.asking)
     if found is not None:
         return (
-            f"The cause is not in the catalogue; it lies in the {found.stage}, with an error that {found.varies} "
-            f"({_sure(f)})."
+            f"The cause is not in the catalogue ({_sure(f)}). An error in the {found.stage} that {found.varies} fits best "
+            f"(log evidence {found.gain:.1f}{_next_stage(f, found)}); a cause of another stage may do the same to these states."
         )
     return f"The cause is not in the catalogue ({_sure(f)})."
+
+
+def _next_stage(f: Facts, found: StageError) -> str:
+    """The evidence of the best error in another stage; empty where there is none."""
+    other = next((e for e in f.asking if e.stage != found.stage), None)
+    return "" if other is None else f", in the {other.stage} {other.gain:.1f}"
 
 
 def _others(f: Facts) -> str:
@@ -190,9 +196,9 @@ def stands_for(c: Calibration | None, words: Words) -> str:
         if o.probability >= LEAST_STATED or o is c.origins[0]
     ]
     return words.say(
-        f"An area factor of {c.area_factor:.2f} with {c.modulus:.2f} times the modulus may stand for another number of robot.yaml "
-        f"(p that it makes most of it, as uncertain as all are): {', '.join(each)}. To tell, measure the body's stiffness without "
-        "pressures (a stiffness trial, or a mass at the tip), hold a gauge against the pressures, and measure a cut section"
+        f"An area factor of {c.area_factor:.2f} with {c.modulus:.2f} times the modulus may stand for another number of the "
+        f"robot (p that it makes most of it, as uncertain as all are): {', '.join(each)}. To tell, measure the body's stiffness "
+        "without pressures (a stiffness trial, or a mass at the tip), hold a gauge against the pressures, and measure a section"
     )
 
 
