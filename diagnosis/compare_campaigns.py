@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from model.actuators import Chambers, Words
 from model.effects.catalogue import CATALOGUE
@@ -160,6 +161,7 @@ class _JointForward:
         self._k, self._changes = len(a.names), len(self._change)
 
     def _table(self, a: Parameters, b: Parameters) -> Parameters:
+        """Parameters of the reference, those that only the later campaign has, and the change of each effect since."""
         daily = ANOTHER_DAY.values()
         changed = [b.infos[i] for i in self._change]
         # Effects present in the reference are no change: each is free there, within its whole scale.
@@ -177,6 +179,7 @@ class _JointForward:
         )
 
     def _split(self, theta: Array) -> tuple[Array, Array]:
+        """Each campaign's own parameters, within its bounds: the later campaign's are the reference's plus the changes."""
         a, b = self._parts[0].parameters, self._parts[1].parameters
         first = theta[: self._k]
         second = np.zeros(len(b.names))
@@ -211,6 +214,8 @@ class _JointForward:
 
 
 def _joined(before: Prepared, after: Prepared) -> Problem:
+    """One problem of the values of both campaigns, reference first: each has a discrepancy of its own, the model-form error is
+    of the later one, whose changes are named."""
     forward = _JointForward(before, after)
     first, second = before.problem, after.problem
     wide = max(x.noise.pressure_response.shape[1] for x in (first, second))
@@ -221,10 +226,7 @@ def _joined(before: Prepared, after: Prepared) -> Problem:
         pressure_response=np.concatenate([_wide(x.noise.pressure_response, wide) for x in (first, second)]),
         lasting=_lasting(first.noise, second.noise),
     )
-    n, m = first.discrepancy.shape[1], second.discrepancy.shape[1]
-    smooth = np.zeros((len(first.observed) + len(second.observed), n + m))
-    smooth[: len(first.observed), :n] = first.discrepancy
-    smooth[len(first.observed) :, n:] = second.discrepancy
+    smooth = block_diag(first.discrepancy, second.discrepancy)
     later = (second.shared_basis, second.channel_basis)
     shared_basis, channel_basis = (np.vstack([np.zeros((len(first.observed), x.shape[1])), x]) for x in later)
     measured = np.concatenate([first.observed, second.observed])

@@ -193,10 +193,10 @@ def _rms(p: Prepared, missed: Array) -> float:
 
 
 def _posterior(p: Prepared, c: Candidate, left: float) -> tuple[dict[str, Stated], dict[str, Any], tuple[str, ...]]:
-    """What is known of the area factor, the effects and the tolerances of the whole set-up; robot.yaml's `posterior`; which
-    parameters of effects the data do not determine.
+    """Values and standard deviations of the parameters that are written; robot.yaml's `posterior`; names of the effects'
+    parameters that the data do not determine.
 
-    `left` (m) rms of the tip after the fit: what it has beyond what noise can leave counts as discrepancy.
+    `left` (m) rms of the tip after the fit: its excess over what noise can leave counts as discrepancy.
     """
     parameters = p.problem.parameters
     prior = c.prior(parameters)
@@ -235,7 +235,7 @@ def _beyond_noise(p: Prepared, left: float) -> float:
 
 
 def _noise(p: Prepared) -> dict[str, float]:
-    """What repeats differ by and from what; robot.yaml's `posterior.noise`."""
+    """robot.yaml's `posterior.noise`: noise floor and reading (m), pressure (Pa), each component of the trials in its unit."""
     components = p.noise_components
     return {
         "floor": _rounded(p.noise_floor),
@@ -246,7 +246,7 @@ def _noise(p: Prepared) -> dict[str, float]:
 
 
 def _lasting(p: Prepared, named: Sequence[str]) -> dict[str, int]:
-    """What is written: area factor, parameters of the named effects, tolerances of the whole set-up -> index."""
+    """Name -> index of the parameters that are written: area factor, named effects, tolerances of the whole set-up."""
     parameters = p.problem.parameters
     place = {AREA_FACTOR: parameters.names.index(AREA)}
     return place | {
@@ -257,7 +257,7 @@ def _lasting(p: Prepared, named: Sequence[str]) -> dict[str, int]:
 
 
 def _errors(c: Candidate, linear: Linear, parameters: Parameters) -> tuple[float, float]:
-    """Model-form error (share of what the named effects do) and discrepancy (in its unit), rms over what the data leave."""
+    """Model-form error (share of what the named effects do) and discrepancy (in its unit): rms over their posterior."""
     grid = replace(
         KNOWN.part(c.with_tolerances),
         form_errors=LAW_ERRORS,

@@ -77,6 +77,8 @@ def learn_residual(robot: Robot, trial: Ints, pressure: Array, length: Array, mi
 
 
 def _scales(u: Array, length: Array, trial: Ints, missed: Array, ranges: tuple[float, float]) -> list[float]:
+    """Scales of the Gaussian process at their most probable values, from several starts: amplitude (m), scales of pressure and of
+    spine length, standard deviations (m) of trials and of readings. `missed` (n, 3) m; x are logarithms over usual values."""
     size = max(_rms(missed) / np.sqrt(3), 1e-9)
     unit = np.log([size, ranges[0], ranges[1], size, size])
 

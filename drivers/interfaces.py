@@ -6,6 +6,7 @@ Conventions for every driver
 - `close()` lands safe (vented, stopped), from any state, and never raises.
 - Every public call returns within the wire time-out: a long motion is started, then watched by `read()`.
 - `t` of a sample is the clock's time (s) when the reading arrived. Wire time-outs and ages are host monotonic time.
+- A stream counts in `lost` the samples known to be missing (gaps, damaged frames).
 - A command returns what was sent, after clipping to the limits.
 - Public commands are idempotent and confirmed by read-back.
 
@@ -230,7 +231,7 @@ class Stream(Instrument, Protocol):
     """An instrument that sends by itself; each sample goes to the constructor's sink."""
 
     lost: int
-    """Samples known to be lost (gaps in stamps or counters, damaged frames)."""
+    """Samples known to be lost: gaps in stamps or counters, damaged frames."""
 
     def latest(self) -> Any:
         """The newest sample; `StaleReading` when it is older than `max_age`."""

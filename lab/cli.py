@@ -92,7 +92,8 @@ def parser(whole: Collection[str] = tuple(VERBS)) -> argparse.ArgumentParser:
     top.set_defaults(parser=parser)
     verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB", parser_class=argparse.ArgumentParser)
     for name, (_, summary) in VERBS.items():
-        p = verbs.add_parser(name, help=summary.replace("%", "%%"), description=summary)  # argparse formats the help
+        said = summary.replace("%", "%%")  # argparse formats the help
+        p = verbs.add_parser(name, help=said, description=summary, allow_abbrev=False)  # `safe --al` is not `--all`
         if name in whole:
             declared(name).add_to(p)
     return top

@@ -78,7 +78,7 @@ class Verb:
         if self.steps:
             parsers = parser.add_subparsers(dest="step", required=True, metavar="STEP")
             for step in self.steps:
-                inner = parsers.add_parser(step.name, help=step.summary)
+                inner = parsers.add_parser(step.name, help=step.summary, allow_abbrev=False)
                 for one in step.options:
                     one.add_to(inner)
 
@@ -91,8 +91,7 @@ class Verb:
         if {"-h", "--help"} & set(given):
             return ""
         for name in (word.partition("=")[0] for word in given):
-            begins = any(one.startswith(name) for one in known)  # argparse needs no more of it
-            if OPTION.fullmatch(name) and not begins:
+            if OPTION.fullmatch(name) and name not in known:
                 verb = " ".join(("lab", self.name, *(step.name for step in steps[:1])))
                 return unknown(f"{verb} {name}", "an option", name, known, f"{verb} --help lists the options")
         return ""

@@ -54,8 +54,8 @@ class States:
     hold: Array
     """(n,) s; 0 = read while ramping."""
     sitting: NDArray[np.int64]
-    """(n,) counts the times that work began anew, with the robot perhaps mounted anew: t starts again, or nothing was read for
-    longer than `PAUSE`."""
+    """(n,) number 0.. of the sitting: a new one, with the robot perhaps mounted anew, begins with a trial before which t starts
+    again or nothing was read for longer than `model.effects.design.PAUSE`."""
     progress: Array
     """(n,) part of the campaign that has passed, 0 to 1: by time where it is known throughout, else by trials."""
     spine_length: Array
@@ -87,9 +87,9 @@ class States:
         return replace(self, **{name: getattr(self, name)[rows] for name in _BY_STATE})
 
     @cached_property
-    def highest(self) -> Array:
+    def highest_of_trial(self) -> Array:
         """(n, chambers) Pa gauge, the highest reading of each chamber in the state's trial."""
-        return highest(self.trial, self.pressure)
+        return highest_of_trial(self.trial, self.pressure)
 
     @property
     def markers(self) -> int:
@@ -176,7 +176,7 @@ def conditions(
     return made
 
 
-def highest(trial: NDArray[np.int64], pressure: Array) -> Array:
+def highest_of_trial(trial: NDArray[np.int64], pressure: Array) -> Array:
     """(n, chambers) the largest of pressures (n, chambers) in each state's trial 0..."""
     top = np.full((int(trial.max(initial=-1)) + 1, pressure.shape[1]), -np.inf)
     np.maximum.at(top, trial, pressure)

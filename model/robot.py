@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 Vector3 = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 
 LengthKey = Annotated[FiniteFloat, Field(ge=0, le=5, json_schema_extra={"unit": "m"})]
-Modulus = Annotated[FiniteFloat, Field(ge=1e3, le=1e11, json_schema_extra={"unit": "Pa"})]
+Modulus = Annotated[FiniteFloat, Field(ge=1e3, le=1e12, json_schema_extra={"unit": "Pa"})]
 Factor = Annotated[FiniteFloat, Field(gt=0, le=20, json_schema_extra={"unit": "1"})]
 
 
@@ -105,18 +105,20 @@ class Robot(BaseModel):
     inner_radius: FiniteFloat = Field(ge=0, le=1, json_schema_extra={"unit": "m"})
     density: FiniteFloat = Field(ge=0, le=20_000, json_schema_extra={"unit": "kg/m^3", "uncertainty": "density"})
     youngs_modulus: FiniteFloat = Field(
-        ge=1e3, le=1e11, json_schema_extra={"unit": "Pa", "uncertainty": "youngs_modulus"}
+        ge=1e3, le=1e12, json_schema_extra={"unit": "Pa", "uncertainty": "youngs_modulus"}
     )
     """`505e3 +- 30 %` also states its uncertainty."""
-    shear_modulus: FiniteFloat = Field(ge=1e2, le=1e11, json_schema_extra={"unit": "Pa"})
+    shear_modulus: FiniteFloat = Field(ge=1e2, le=1e12, json_schema_extra={"unit": "Pa"})
     tip_mass: FiniteFloat = Field(ge=0, le=50, json_schema_extra={"unit": "kg"})
     gravity: tuple[
         Annotated[FiniteFloat, Field(ge=-30, le=30)],
         Annotated[FiniteFloat, Field(ge=-30, le=30)],
         Annotated[FiniteFloat, Field(ge=-30, le=30)],
     ] = Field(json_schema_extra={"unit": "m/s^2"})
-    bending_stiffness: Positive | None = Field(default=None, json_schema_extra={"unit": "N m^2"})
-    """EI of the body, in place of that from E and radii."""
+    bending_stiffness: Positive | None = Field(
+        default=None, json_schema_extra={"unit": "N m^2", "uncertainty": "youngs_modulus"}
+    )
+    """EI of the body, in place of that from E and radii; `+- 15 %` states the uncertainty of all stiffnesses."""
     axial_stiffness: Positive | None = Field(default=None, json_schema_extra={"unit": "N"})
     """EA of the body, likewise."""
     torsional_stiffness: Positive | None = Field(default=None, json_schema_extra={"unit": "N m^2"})

@@ -16,10 +16,10 @@ from ..inference.on_baseline import SHARE
 from ..inference.posterior import UNKNOWN
 from ..inference.prepare import AREA, MODULUS, Prepared
 from ..inference.stiffness_trials import StiffnessTrials
-from ..judgement import TIED
+from ..judgement import MATERIAL_SD, TIED
 from . import locate
 from .attribute import Attribution
-from .confounding import confounded_shares
+from .confounding import confounded_shares, origins
 from .holdout import Holdout
 from .result import STAGES, Attribute, Calibration, Data, Locate, Ranked, Simulator
 from .shapes import worst_states
@@ -74,12 +74,16 @@ def calibration_section(f: Attribution) -> Calibration | None:
     robot, states = p.described or (p.robot, p.states)
     own = ~p.states.pushed
     given = float(np.mean(robot.area_factor_at(states.spine_length[own])))
-    found = dict(zip(p.problem.parameters.names, f.calibrated.theta.tolist(), strict=True))
-    modulus = p.robot.youngs_modulus / robot.youngs_modulus * (1 + found.get(MODULUS, 0.0))
-    return Calibration(p.area_factor(f.calibrated.theta), given, modulus)
+    theta = dict(zip(p.problem.parameters.names, f.calibrated.theta.tolist(), strict=True))
+    modulus = p.robot.youngs_modulus / robot.youngs_modulus * (1 + theta.get(MODULUS, 0.0))
+    found = Calibration(p.area_factor(f.calibrated.theta), given, modulus)
+    # stiffness trials tell the modulus
+    known = 0.0 if p.states.pushed.any() else robot.uncertainty.youngs_modulus or MATERIAL_SD
+    return replace(found, origins=origins(robot, found.stiffness, known))
 
 
 def _pushes(p: Prepared, missed: Array) -> locate.Pushes | None:
+    """Deflections of the stiffness trials that the model misses; None where there are none."""
     if p.pushes is None:
         return None
     own = p.states.pushed
@@ -178,19 +182,21 @@ def detail_section(
     if (simulator := simulator_section(f)) is not None:
         made["baseline"] = asdict(simulator)
     if unseen is not None:
-        made["unseen_m"] = {"before": unseen.before.tolist(), "after": unseen.after.tolist(), "how": unseen.how}
+        made["unseen_m"] = {
+            "before": unseen.before.distance.tolist(), "after": unseen.after.distance.tolist(), "how": unseen.how,
+        }  # fmt: skip
         if not p.pushes_only:
             made["states"] |= {
                 "given": p.tip(given)[~p.states.pushed].tolist(),
-                "calibrated_unseen": (p.states.tip - unseen.missed_before)[~p.states.pushed].tolist(),
-                "explained_unseen": (p.states.tip - unseen.missed_after)[~p.states.pushed].tolist(),
+                "calibrated_unseen": (p.states.tip - unseen.before.vector)[~p.states.pushed].tolist(),
+                "explained_unseen": (p.states.tip - unseen.after.vector)[~p.states.pushed].tolist(),
             }
     if p.pushes is not None:
         made["stiffness"] = _stiffness(
             p, p.pushes, {"as given": given, "calibrated": calibrated, "explained": explained}
         )
         if unseen is not None:
-            pairs = (("unseen: calibrated", unseen.pushes_before), ("unseen: explained", unseen.pushes_after))
+            pairs = (("unseen: calibrated", unseen.before.deflection), ("unseen: explained", unseen.after.deflection))
             made["stiffness"]["waterfall_mm"] |= {name: _rms_of(error) for name, error in pairs}
     if holdout is not None:
         made["holdout"] = asdict(holdout) | {"statement": holdout.statement(names)}

@@ -96,8 +96,8 @@ def headline(
         return _start(words.say(_tied(a, catalogue, words) or f"most likely {said} {sure}."))
     if a.verdict == "unknown":
         found = stage(asking)
-        where = f": the error lies in the {found.stage} and {words.say(found.varies)}" if found else ""
-        return f"No known cause explains the gap{where} {sure}.".replace("_", " ")
+        where = f"; it may be in the {found.stage} and {words.say(found.varies)}" if found else ""
+        return f"No known cause fits {sure}{where}.".replace("_", " ")
     if by_calibration is not None:
         other = "is needed" if a.probability >= CAUSE_PROBABILITY else "stands out"
         return f"Calibration closes {percent(by_calibration)} % of the gap; no other cause {other} {sure}."

@@ -115,7 +115,7 @@ def _key(row: TrialRow) -> tuple[object, ...]:
 
 def evaluate_holdout(f: Attribution, own: Campaign) -> Holdout:
     """Predict the states `own` of another campaign with what was found; raises `BadHoldout`."""
-    before, after = (_missed(f.prepared, own, theta) for theta in (f.calibrated.theta, f.best.fit.theta))
+    before, after = (_tip_errors(f.prepared, own, theta) for theta in (f.calibrated.theta, f.best.fit.theta))
     seen = np.isfinite(before) & np.isfinite(after)
     if not seen.any():
         raise BadHoldout("the rod model has no equilibrium at any of its states: check pressures, masses and units")
@@ -130,12 +130,14 @@ def evaluate_holdout(f: Attribution, own: Campaign) -> Holdout:
     )  # fmt: skip
 
 
-def _missed(p: Prepared, own: Campaign, theta: Array) -> Array:
-    """Tip distance (n,) m between measured and predicted; NaN where the rod has no equilibrium."""
+def _tip_errors(p: Prepared, own: Campaign, theta: Array) -> Array:
+    """Tip distance (n,) m between measured and predicted at parameters (k,); NaN where the rod has no equilibrium.
+
+    Parameters that last are taken from `theta` by name; those of single trials are at 0, their prior mean.
+    """
     forward = p.forward.on(design_from_columns(p.robot, table_columns(own)))
-    known = dict(zip(p.problem.parameters.names, p.common(theta), strict=True))
-    there = np.array([known.get(i.name, 0.0) if i.lasts else 0.0 for i in forward.parameters])
-    predicted = forward.predict(there)
+    fitted = dict(zip(p.problem.parameters.names, theta, strict=True))
+    predicted = forward.predict(np.array([fitted.get(i.name, 0.0) if i.lasts else 0.0 for i in forward.parameters]))
     tip = np.full((len(own), 3), np.nan)
     for axis, name in enumerate("xyz"):
         rows = forward.observations.channel == name

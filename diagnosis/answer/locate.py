@@ -20,7 +20,7 @@ from model.robot import Robot
 from model.rods import FINE, PAPER, solve
 from model.section import rods_of
 
-from ..data.campaign import Campaign
+from ..data.campaign import Campaign, settings
 from ..data.levels import SPINE_GAP, levels
 from ..judgement import FALSE_DISCOVERY_RATE
 from .result import Cell
@@ -108,7 +108,8 @@ def _mean(values: Array, own: Mask) -> float:
 def _cell(
     value: float | str, trial: NDArray[np.int64], missed: Array, floor: float, rng: np.random.Generator
 ) -> tuple[Cell, float]:
-    """The cell, and the probability of a mean square as large when there is nothing but the floor."""
+    """The cell, its 95 % interval from trials drawn anew, and the probability of a mean square as large when there is nothing but
+    the floor. `missed` (n, axes) m, `trial` (n,), `floor` m rms."""
     squared = (missed**2).sum(axis=1)
     names, index = np.unique(trial, return_inverse=True)
     total, count = np.bincount(index, squared), np.bincount(index)
@@ -140,7 +141,7 @@ def numerical_error(robot: Robot, states: Campaign) -> float:
         return float("nan")
     _, first = np.unique(states.condition, return_index=True)
     try:
-        rods = rods_of(robot, states.take(np.isin(np.arange(len(states)), first)).conditions(robot), full=True)
+        rods = rods_of(robot, settings(robot, [states.rows[i] for i in np.sort(first)]), full=True)
         converged, stepped = solve(rods, FINE), solve(rods, PAPER)
     except ModelError:
         return float("nan")

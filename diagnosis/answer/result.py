@@ -74,6 +74,17 @@ class Locate:
 
 
 @dataclass(frozen=True)
+class Origin:
+    """A number that the area factor may stand for."""
+
+    name: str
+    factor: float
+    """By which it would have to be another to make all of it."""
+    probability: float
+    """That it makes most of it, as uncertain as the numbers are."""
+
+
+@dataclass(frozen=True)
 class Calibration:
     """The area factor that the calibrated model has, mean over the states."""
 
@@ -82,6 +93,8 @@ class Calibration:
     """That of robot.yaml."""
     modulus: float = 1.0
     """The modulus that goes with it, as a ratio to that of robot.yaml: not 1 where it was calibrated first."""
+    origins: tuple[Origin, ...] = ()
+    """Most probable first."""
 
     @property
     def stiffness(self) -> float:
@@ -382,9 +395,13 @@ def _read(d: dict[str, Any]) -> Diagnosis:
         budget=tuple(Carries(**x) for x in d.get("budget", ())),
         waterfall=_waterfall(d.get("waterfall")),
         change=_change(d.get("change")),
-        calibration=Calibration(**d["calibration"]) if d.get("calibration") else None,
+        calibration=_calibration(d.get("calibration")),
         headline=d.get("headline", ""),
     )  # fmt: skip
+
+
+def _calibration(d: dict[str, Any] | None) -> Calibration | None:
+    return None if d is None else Calibration(**{**d, "origins": tuple(Origin(**o) for o in d.get("origins", ()))})
 
 
 def _change(d: dict[str, Any] | None) -> Change | None:

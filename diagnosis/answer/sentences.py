@@ -11,11 +11,13 @@ from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Any
 
+from model.actuators import Words
+
 from ..criticism.stage_errors import StageError
 from ..inference.posterior import UNKNOWN
 from ..inference.problem import Parameters
 from ..judgement import ABSORBED, CALIBRATION_STATED, EXPLAINS, MORE_THAN_GAP, OUTSIDE_STATED, OUTSTANDING_FLOORS
-from .headline import LEAST_STATED, percent
+from .headline import LEAST_STATED, percent, stated
 from .result import Calibration, Carries, Conclusion, Locate, Ranked, Shrink, Simulator, Waterfall
 from .shrink import share_closed
 from .verdict import Decision, stage
@@ -128,10 +130,16 @@ def _verdict(f: Facts) -> str:
     found = stage(f.asking)
     if found is not None:
         return (
-            f"The cause is not in the catalogue; it lies in the {found.stage}, with an error that {found.varies} "
-            f"({_sure(f)})."
+            f"The cause is not in the catalogue ({_sure(f)}). An error in the {found.stage} that {found.varies} fits best "
+            f"(log evidence {found.gain:.1f}{_next_stage(f, found)}); a cause of another stage may do the same to these states."
         )
     return f"The cause is not in the catalogue ({_sure(f)})."
+
+
+def _next_stage(f: Facts, found: StageError) -> str:
+    """The evidence of the best error in another stage; empty where there is none."""
+    other = next((e for e in f.asking if e.stage != found.stage), None)
+    return "" if other is None else f", in the {other.stage} {other.gain:.1f}"
 
 
 def _others(f: Facts) -> str:
@@ -176,6 +184,22 @@ def _factor(f: Facts) -> str:
         how = f"with {c.modulus:.2f} times the modulus; these data show hardly more than their ratio, that of a body {how}"
         return f" ({c.area_factor:.2f} instead of {c.given:.2f}, {how})"
     return f" ({c.area_factor:.2f} instead of {c.given:.2f}; a body {how} would look the same)"
+
+
+def stands_for(c: Calibration | None, words: Words) -> str:
+    """What a calibrated area factor may stand for, and what tells; empty where it is that of robot.yaml."""
+    if c is None or abs(c.stiffness - 1) < CALIBRATION_STATED or not c.origins:
+        return ""
+    each = [
+        f"{o.name} {100 * abs(o.factor - 1):.1f} % {'larger' if o.factor > 1 else 'smaller'} (p = {stated(o.probability)})"
+        for o in c.origins
+        if o.probability >= LEAST_STATED or o is c.origins[0]
+    ]
+    return words.say(
+        f"An area factor of {c.area_factor:.2f} with {c.modulus:.2f} times the modulus may stand for another number of the "
+        f"robot (p that it makes most of it, as uncertain as all are): {', '.join(each)}. To tell, measure the body's stiffness "
+        "without pressures (a stiffness trial, or a mass at the tip), hold a gauge against the pressures, and measure a section"
+    )
 
 
 def closed_by_calibration(f: Facts) -> float | None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,19 +27,26 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
+class Missed(NamedTuple):
+    """Errors (m) of the states as one model predicts them; NaN where nothing was measured or predicted."""
+
+    distance: Array
+    """(states,) length of `vector`."""
+    vector: Array
+    """(states, 3) measured minus predicted where the gap is looked for, see `Prepared.gap`."""
+    deflection: Array
+    """(states,) magnitude, of stiffness trials; NaN elsewhere."""
+
+
 @dataclass(frozen=True)
 class HeldOutErrors:
-    """Errors (n,) m of states, each predicted without its fold."""
+    """Errors of states, each predicted by a fit without its fold."""
 
-    before: Array
-    after: Array
+    before: Missed
+    """Of the calibrated baseline."""
+    after: Missed
+    """Of the best hypothesis."""
     how: str
-    pushes_before: Array
-    """(n,) m of deflection, of stiffness trials; NaN elsewhere."""
-    pushes_after: Array
-    missed_before: Array
-    """(n, 3) m, measured minus predicted where the gap is looked for."""
-    missed_after: Array
 
 
 def baseline_model(p: Prepared, calibrated: Fit) -> Model:
@@ -71,44 +79,33 @@ class HeldOut:
         trial = np.unique(p.states.trial, return_inverse=True)[1].astype(np.int64)
         return cls(p, trial, "leave one trial out", executor) if trial.any() else None
 
-    def errors(
-        self, models: Sequence[Model], step: DiagnosisStep | None = None
-    ) -> Callable[[], list[tuple[Array, Array, Array]]]:
-        """When asked for, distances (states,) m between measured and predicted by each of the models; other processes begin at
-        once.
-
-        The first where the gap is looked for, see `Prepared.gap`; the second of stiffness trials, as deflections; the third the
-        first as vectors (states, 3).
-        """
+    def errors(self, models: Sequence[Model], step: DiagnosisStep | None = None) -> Callable[[], list[Missed]]:
+        """Start all refits; the function that is returned waits for them and returns the errors of each model."""
         p, residuals = self._p, self._parts.residuals(models, step)
 
-        def errors() -> list[tuple[Array, Array, Array]]:
-            missed = residuals()
-            gaps = [p.gap(m) for m in missed]
-            return [
-                (np.asarray(np.linalg.norm(g, axis=1)), np.abs(p.deflection(m)), g)
-                for g, m in zip(gaps, missed, strict=True)
-            ]
+        def missed(residual: Array) -> Missed:
+            vector = p.gap(residual)
+            return Missed(np.asarray(np.linalg.norm(vector, axis=1)), vector, np.abs(p.deflection(residual)))
 
-        return errors
+        return lambda: [missed(residual) for residual in residuals()]
 
 
 def shrink(
     p: Prepared, calibrated: Fit, best: Candidate, held_out: HeldOut
 ) -> Callable[[], tuple[Shrink, HeldOutErrors]]:
-    """When asked for, before and after for the named hypothesis; other processes begin at once."""
+    """Start the refits of the baseline and of the named hypothesis; the function that is returned waits for them."""
     both = held_out.errors([baseline_model(p, calibrated), candidate_model(p, best)], DiagnosisStep.HELD_OUT_STATES)
 
     def shrunk() -> tuple[Shrink, HeldOutErrors]:
-        (before, pushes_before, missed_before), (after, pushes_after, missed_after) = both()
+        of_baseline, of_best = both()
+        before, after = of_baseline.distance, of_best.distance
         seen = np.isfinite(before) & np.isfinite(after)
         share, interval = closed_with_interval(before[seen], after[seen], p.noise_floor, p.states.trial[seen])
         by = by_length(p.states.spine_length[seen], before[seen], after[seen])
         made = Shrink(
             held_out.how, 1e3 * rms(before[seen]), 1e3 * rms(after[seen]), 1e3 * p.noise_floor, share, interval, by
         )
-        errors = HeldOutErrors(before, after, held_out.how, pushes_before, pushes_after, missed_before, missed_after)
-        return made, errors
+        return made, HeldOutErrors(of_baseline, of_best, held_out.how)
 
     return shrunk
 
@@ -149,9 +146,10 @@ def closed_with_interval(
     worse, better = np.bincount(index, before**2), np.bincount(index, after**2)
     drawn = _drawn_anew(np.zeros(len(names), np.int64) if kind is None else kind[first])
     n = count[drawn].sum(axis=1)
-    top = better[drawn].sum(axis=1) / n - floor**2
-    bottom = worse[drawn].sum(axis=1) / n - floor**2
-    shares = 1 - top[bottom > 0] / bottom[bottom > 0]
+    # m^2 above the floor in each draw, as in `share_closed`
+    left = better[drawn].sum(axis=1) / n - floor**2
+    reducible = worse[drawn].sum(axis=1) / n - floor**2
+    shares = 1 - left[reducible > 0] / reducible[reducible > 0]
     if not shares.size:
         return share, None
     low, high = np.quantile(shares, [0.025, 0.975])

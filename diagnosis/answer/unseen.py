@@ -28,7 +28,7 @@ class Unseen:
 
 
 def unseen(f: Attribution, executor: Executor) -> Callable[[], Unseen]:
-    """All of it when it is asked for; other processes begin at once."""
+    """Start all refits; the function that is returned waits for them."""
     held_out = HeldOut.of(f.prepared, executor)
     if held_out is None:
         return Unseen
@@ -43,8 +43,8 @@ def unseen(f: Attribution, executor: Executor) -> Callable[[], Unseen]:
 
 
 def _rms(f: Attribution, held_out: HeldOut) -> Callable[[HeldOutErrors], dict[Hypothesis, float]]:
-    """When asked for, mm rms by which the leading hypotheses miss states that they did not see, those included that `shrink` has
-    computed; other processes begin at once."""
+    """Start the refits of the leading hypotheses that `shrink` does not make; the function that is returned waits for them and
+    returns the rms error (mm) of each leading hypothesis on states that it did not see."""
     leading = [h for h, _ in f.posterior.ranking[:4] if h != UNKNOWN]
     rest = [h for h in leading if h not in (NONE, f.best.named)]
     errors = held_out.errors(
@@ -52,8 +52,7 @@ def _rms(f: Attribution, held_out: HeldOut) -> Callable[[HeldOutErrors], dict[Hy
     )
 
     def found(unseen: HeldOutErrors) -> dict[Hypothesis, float]:
-        known = {NONE: unseen.before, f.best.named: unseen.after}
-        known |= {h: missed for h, (missed, _, _) in zip(rest, errors(), strict=True)}
-        return {h: 1e3 * float(np.sqrt(np.nanmean(known[h] ** 2))) for h in leading}
+        known = {NONE: unseen.before, f.best.named: unseen.after, **dict(zip(rest, errors(), strict=True))}
+        return {h: 1e3 * float(np.sqrt(np.nanmean(known[h].distance ** 2))) for h in leading}
 
     return found

@@ -38,20 +38,25 @@ Array = NDArray[np.float64]
 
 
 def waterfall(f: Attribution, held_out: HeldOut) -> Callable[[HeldOutErrors], Waterfall]:
-    """When asked for, from what was found and the errors that `shrink` has computed; other processes begin at once."""
+    """Start all refits; the function that is returned takes the errors that `shrink` has computed and waits for the others.
+
+    Refitted are the model with tolerances, unless `shrink` has refitted it, that model with a smooth discrepancy of each of
+    `SMOOTH_SIZES`, and a model of each subset of the named causes without tolerances.
+    """
     p, named = f.prepared, f.decision.effects
-    last, subsets = candidate_model(p, f.best if named else f.none), _subsets(named)
-    known = bool(named) or f.best.named == NONE
-    smooth = [replace(last, size=s, smooth=True) for s in SMOOTH_SIZES]
-    models = [*([] if known else [last]), *smooth, *(_only(f, s) for s in subsets)]
-    by_models, absorbed = held_out.errors(models, DiagnosisStep.GAP_STEP_BY_STEP), _absorbed(f, held_out.executor)
+    with_tolerances, subsets = candidate_model(p, f.best if named else f.none), _subsets(named)
+    refitted = bool(named) or f.best.named == NONE
+    smooth = [replace(with_tolerances, size=size, smooth=True) for size in SMOOTH_SIZES]
+    models = [*([] if refitted else [with_tolerances]), *smooth, *(_only(f, s) for s in subsets)]
+    refits, absorbed = held_out.errors(models, DiagnosisStep.GAP_STEP_BY_STEP), _absorbed(f, held_out.executor)
 
     def made(unseen: HeldOutErrors) -> Waterfall:
-        found = [errors for errors, _, _ in by_models()]
-        tolerant = unseen.after if known else found.pop(0)
-        helped = min([tolerant, *found[: len(smooth)]], key=lambda e: float(np.nanmean(e**2)))
-        by_causes = {frozenset[str](): unseen.before}
-        by_causes |= {frozenset(s): errors for s, errors in zip(subsets, found[len(smooth) :], strict=True)}
+        in_order = (missed.distance for missed in refits())
+        tolerant = unseen.after.distance if refitted else next(in_order)
+        # the size that predicts best; none where a smooth function predicts worse than no function
+        helped = min([tolerant, *(next(in_order) for _ in smooth)], key=lambda e: float(np.nanmean(e**2)))
+        by_causes = {frozenset[str](): unseen.before.distance}
+        by_causes |= {frozenset(subset): next(in_order) for subset in subsets}
         errors = _Errors(p, by_causes, tolerant, helped, _simulator_as_it_is(p))
         return _steps(p, errors, named, held_out.how, absorbed())
 
@@ -59,6 +64,7 @@ def waterfall(f: Attribution, held_out: HeldOut) -> Callable[[HeldOutErrors], Wa
 
 
 def _steps(p: Prepared, errors: _Errors, named: Hypothesis, how: str, absorbed: Absorbed | None) -> Waterfall:
+    """Each step is the rms (draws,) m before it less the rms after it; the last two steps end at the noise floor and at 0."""
     order = errors.largest_first(named)
     columns = errors.in_order(order)
     left = [errors.rms(c) for c in columns] + [np.full(errors.draws, p.noise_floor), np.zeros(errors.draws)]
@@ -97,7 +103,7 @@ def _simulator_as_it_is(p: Prepared) -> Array | None:
     own = p.simulator_as_it_is
     held_out = HeldOut.of(own, SINGLE_THREAD)
     assert held_out is not None
-    return held_out.errors([baseline_model(own, calibrated(own))])()[0][0]
+    return held_out.errors([baseline_model(own, calibrated(own))])()[0].distance
 
 
 class _Errors:
@@ -160,8 +166,8 @@ class _Errors:
 
 
 def _absorbed(f: Attribution, executor: Executor) -> Callable[[], Absorbed | None]:
-    """When asked for: one area factor, one for each spine length, and one with what is named, each pressure predicted from the
-    others."""
+    """Start the refits with one area factor and with the named causes, each pressure predicted from the others; the function
+    that is returned adds the fits with one area factor for each spine length."""
     p = f.prepared
     length = levels(p.states.spine_length, SPINE_GAP)
     pressure = levels(p.states.highest, p.states.pressure_gap)
@@ -172,14 +178,12 @@ def _absorbed(f: Attribution, executor: Executor) -> Callable[[], Absorbed | Non
     errors = HeldOut(p, pressure, how, executor).errors(models, DiagnosisStep.GAP_STEP_BY_STEP)
 
     def absorbed() -> Absorbed:
+        """rms (mm) over the states that one area factor and one for each length both predict."""
         by_length = prepare(p.robot, p.states, "per_length", {}, noise_components=p.noise_components)
-        each = HeldOut(by_length, pressure, how).errors([baseline_model(by_length, calibrated(by_length))])()[0][0]
-        one, *causes = (own for own, _, _ in errors())
-        cause = causes[0] if causes else None
-        seen = np.isfinite(one) & np.isfinite(each)
-        return Absorbed(
-            how, 1e3 * rms(one[seen]), 1e3 * rms(each[seen]),
-            None if cause is None else 1e3 * rms(cause[seen & np.isfinite(cause)]),
-        )  # fmt: skip
+        (per_length,) = HeldOut(by_length, pressure, how).errors([baseline_model(by_length, calibrated(by_length))])()
+        one, *with_causes = (missed.distance for missed in errors())
+        seen = np.isfinite(one) & np.isfinite(per_length.distance)
+        of_causes = next((1e3 * rms(own[seen & np.isfinite(own)]) for own in with_causes), None)
+        return Absorbed(how, 1e3 * rms(one[seen]), 1e3 * rms(per_length.distance[seen]), of_causes)
 
     return absorbed

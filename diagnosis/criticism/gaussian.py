@@ -46,7 +46,10 @@ class Gaussian:
 
     def distance(self, own: Ints) -> tuple[float, int]:
         """Squared Mahalanobis distance of some coefficients' posterior mean from what their prior leads to expect of it,
-        chi-square with as many degrees of freedom as are returned besides."""
+        chi-square with as many degrees of freedom as are returned besides.
+
+        `own`: columns of X. A priori the mean X^T (I + X X^T)^-1 r has the covariance I - (I + X^T X)^-1.
+        """
         mean = self._x[:, own].T @ self.residual
         value, vector = np.linalg.eigh(np.eye(own.size) - self._inverse[np.ix_(own, own)])
         informed = value > INFORMED_SHARE

@@ -87,6 +87,7 @@ def total_gain(errors: Sequence[StageError]) -> float:
 
 
 def _gain(g: Gaussian, columns: Array) -> float:
+    """log of the mean of Z(s) over `STAGE_ERROR_SIZES`, columns C (n, m), with B diagonal: see the module's docstring."""
     columns = columns[:, (columns**2).sum(axis=0) > 1e-12]
     if not columns.shape[1]:
         return 0.0

@@ -19,7 +19,11 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Campaign:
-    """n states in the order in which they happened, those of the robot before those of stiffness trials; SI, rad."""
+    """n states as measured, in the order in which they happened, those of the robot before those of stiffness trials; SI, rad.
+
+    The model has the same as `States`: there what a row does not state has its default (here it is None in `rows`), vented
+    chambers are at 0 Pa (here: as read), and a trial in which the spine changes is several, numbered from 0.
+    """
 
     rows: tuple[TrialRow, ...]
     condition: Ints
@@ -36,10 +40,6 @@ class Campaign:
         """The states picked by a mask."""
         kept = tuple(r for r, k in zip(self.rows, rows, strict=True) if k)
         return Campaign(kept, self.condition[rows], self.kind[rows], self.pressure_gap)
-
-    def conditions(self, robot: Robot) -> States:
-        """What was done in each state; the robot's own tip mass where none is recorded. Raises `BadCondition`."""
-        return settings(robot, self.rows)
 
     @cached_property
     def pushed(self) -> NDArray[np.bool_]:
@@ -102,17 +102,21 @@ class Campaign:
         return np.array([r.repeat for r in self.rows], np.int64)
 
     @cached_property
+    def inflated(self) -> NDArray[np.bool_]:
+        """(n, chambers) chambers above half the state's highest pressure, and above `pressure_gap`."""
+        out: NDArray[np.bool_] = (self.pressure > 0.5 * self.highest[:, None]) & (self.pressure > self.pressure_gap)
+        return out
+
+    @cached_property
     def chambers(self) -> tuple[tuple[int, ...], ...]:
-        """Numbers of the chambers inflated in each state; at rest those of the next state of its trial, else of the last."""
-        inflated = (self.pressure > 0.5 * self.pressure.max(axis=1, keepdims=True)) & (
-            self.pressure > self.pressure_gap
-        )
-        out = inflated.copy()
+        """Numbers, from 1, of the chambers inflated in each state; at rest those of the next state of its trial, else of the
+        last."""
+        out = self.inflated.copy()
         for trial in np.unique(self.trial):
             own = np.flatnonzero(self.trial == trial)
-            used = own[inflated[own].any(axis=1)]
+            used = own[self.inflated[own].any(axis=1)]
             if used.size:
-                out[own] = inflated[used[np.minimum(np.searchsorted(used, own), used.size - 1)]]
+                out[own] = self.inflated[used[np.minimum(np.searchsorted(used, own), used.size - 1)]]
         return tuple(tuple(int(c) + 1 for c in np.flatnonzero(row)) for row in out)
 
     @property
@@ -123,7 +127,7 @@ class Campaign:
 
     @property
     def repeats(self) -> int:
-        """Trials in which a state was read, in the middle over all states in which the gap is looked for."""
+        """Number of trials in which a condition was read, median over the conditions in which the gap is looked for."""
         # A state read twice in one trial is not repeated: what differs from trial to trial is not in it.
         pairs = np.unique(np.column_stack([self.condition, self.trial])[self.main], axis=0)
         return int(np.median(np.unique(pairs[:, 0], return_counts=True)[1]))
@@ -135,7 +139,7 @@ def tip_masses(robot: Robot, rows: Sequence[TrialRow]) -> Array:
 
 
 def settings(robot: Robot, rows: Sequence[TrialRow], vented: bool = False) -> States:
-    """What was done in each row, `vented`: without its pressures. Raises `BadCondition`."""
+    """What was asked of the robot in each row, a trial of its own; `vented`: without its pressures. Raises `BadCondition`."""
     pressures = np.array([r.pressures for r in rows])
     return conditions(
         robot,

@@ -18,7 +18,7 @@ from recordings.trials import Table, TrialRow
 from ..errors import BadCase
 from . import plausible, pushes
 from .campaign import Campaign
-from .levels import SPINE_GAP, VACUUM_GAP, by_frequency, levels, pressure_gap
+from .levels import FORCE_GAP, MASS_GAP, RATE_GAP, ROLL_GAP, SPINE_GAP, VACUUM_GAP, by_frequency, levels, pressure_gap
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -81,12 +81,13 @@ def _arrays(of_robot: list[TrialRow], of_trials: list[TrialRow]) -> Campaign:
 
 
 def _behind(first: Ints, second: Ints) -> Ints:
-    """Numbers, and behind them others that are counted on from there."""
+    """Numbers (n,), then the numbers (m,) of others, raised so that none occurs in both."""
     return np.concatenate([first, second + first.max(initial=-1) + 1])
 
 
 def _conditions(s: Campaign) -> Ints:
-    """Number of each state's condition."""
+    """(n,) number of each state's condition: spine length, highest pressure, branch, kind and hold; and the pressure of each
+    chamber, where chambers of equal highest pressure were set to different ones."""
     if not len(s):
         return np.zeros(0, np.int64)
     level = levels(s.highest, s.pressure_gap)
@@ -104,51 +105,56 @@ def _conditions(s: Campaign) -> Ints:
 
 
 def _kinds(s: Campaign) -> Ints:
-    """Number of each state's kind of experiment: protocol, chambers inflated, tip mass, roll, vacuum, rate and hold."""
+    """(n,) number of each state's kind of experiment, 0 the most frequent: protocol, chambers inflated in its sweep, tip mass,
+    roll, force at the tip, vacuum, and the rate of a trial that was read while ramping. What a row does not state counts as 0."""
     rows = s.rows
     if not rows:
         return np.zeros(0, np.int64)
-    inflated = (s.pressure > 0.5 * s.pressure.max(axis=1, keepdims=True)) & (s.pressure > s.pressure_gap)
-    on_the_fly = np.array([r.hold is not None and r.hold <= 0 for r in rows])
+    while_ramping = np.array([r.hold is not None and r.hold <= 0 for r in rows])
     rate = np.array([abs(r.rate or 0.0) for r in rows])
-    speed = np.zeros(len(rows))
+    inflated, ramp = s.inflated.copy(), np.zeros(len(rows))
     for t in np.unique(s.trial):
         # A sweep is of one kind: near zero pressure no chamber stands out, and at its ends it stands still.
         own = s.trial == t
         inflated[own] = _sweeps(inflated[own], s.highest[own], s.pressure_gap)
-        speed[own] = rate[own].max() if on_the_fly[own].any() else 0.0
+        ramp[own] = rate[own].max() if while_ramping[own].any() else 0.0
     return by_frequency(
         np.unique([r.protocol for r in rows], return_inverse=True)[1],
         np.unique(inflated, axis=0, return_inverse=True)[1].reshape(-1),
-        levels(np.array([r.tip_mass or 0.0 for r in rows]), 2e-3),
-        levels(np.array([r.roll_deg or 0.0 for r in rows]), 1.0),
-        *(levels(pull, 0.02) for pull in np.array([r.tip_force for r in rows]).T),  # N
+        levels(np.array([r.tip_mass or 0.0 for r in rows]), MASS_GAP),
+        levels(np.array([r.roll_deg or 0.0 for r in rows]), ROLL_GAP),
+        *(levels(along_axis, FORCE_GAP) for along_axis in np.array([r.tip_force for r in rows]).T),
         _vacuums(np.array([r.vacuum or 0.0 for r in rows]), s.spine_length),
-        levels(speed, 1e3),  # Pa/s
+        levels(ramp, RATE_GAP),
     )
 
 
 def _sweeps(inflated: NDArray[np.bool_], highest: Array, gap: float) -> NDArray[np.bool_]:
-    """(m, chambers) those of the sweep that each state of a trial belongs to: the trial's, unless others altogether are inflated;
-    near zero pressure those of the next state with pressure, or of the last."""
+    """(m, chambers) chambers of the sweep that each of the m states of a trial belongs to.
+
+    They are those of the state of highest pressure, unless a state has none of these inflated; near zero pressure those of the
+    next state with pressure, or of the last. `highest` (m,) and `gap` in Pa.
+    """
     top = inflated[np.argmax(highest)]
     out = np.where((inflated & top).any(axis=1, keepdims=True), top, inflated)
-    # below, the readings do not show which chambers are inflated
+    # closer to zero, the readings do not show which chambers are inflated
     with_pressure = np.flatnonzero(highest > 3.0 * gap)
     if not with_pressure.size:
         return np.broadcast_to(top, out.shape)
-    belongs = with_pressure[np.minimum(np.searchsorted(with_pressure, np.arange(len(out))), with_pressure.size - 1)]
-    made: NDArray[np.bool_] = out[belongs]
-    return made
+    following = np.searchsorted(with_pressure, np.arange(len(out)))
+    of_sweep: NDArray[np.bool_] = out[with_pressure[np.minimum(following, with_pressure.size - 1)]]
+    return of_sweep
 
 
 def _vacuums(vacuum: Array, spine: Array) -> Ints:
-    """Number of each row's vacuum, from the strongest on, among rows of its spine length: a leak takes more from a longer one,
-    and a weaker vacuum at one length may read like a stronger one at another."""
+    """(n,) number of each row's level of vacuum (n,) Pa, 0 for the strongest, counted among rows of the same spine length (n,) m.
+
+    A leak takes more from a longer spine, so a weak vacuum at one length may read like a strong one at another.
+    """
     out = np.zeros(len(vacuum), np.int64)
     length = levels(spine, SPINE_GAP)
-    for one in np.unique(length):
-        own = length == one
+    for k in np.unique(length):
+        own = length == k
         out[own] = levels(-vacuum[own], VACUUM_GAP)
     return out
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
+from model.effects import ForwardModel
 from model.errors import ModelError
 from model.robot import Robot
 from model.rods import FINE, solve
@@ -20,8 +22,14 @@ from .plausible_places import doubtful_places
 from .plausible_pressures import Pressures
 from .plausible_robot import doubtful_numbers
 
+Array = NDArray[np.float64]
+
 TURNS = ((-1, 1), (-1, -1), *((axis, sign) for axis in range(3) for sign in (1, -1)))
 """Directions of gravity that are tried: as it is, reversed, along each axis of the base."""
+AREAS = (1.0, 0.7, 1.4, 0.5, 2.0)
+"""Factors on the area factor with which each direction may fit."""
+MOST = 60
+"""States that are compared."""
 
 
 def doubtful(robot: Robot, rows: Sequence[TrialRow], robot_name: str) -> tuple[str, ...]:
@@ -51,7 +59,7 @@ def _gravity(robot: Robot, seen: Pressures) -> Iterator[str]:
 
     A wrong modulus changes how far it sags, by a factor, but not the side; along the axis nothing sags, and nothing is asked.
     """
-    resting = [r for r, rests in zip(seen.rows, seen.resting, strict=True) if rests][:60]
+    resting = [r for r, rests in zip(seen.rows, seen.resting, strict=True) if rests][:MOST]
     if robot.effects or not resting:
         return
     try:
@@ -66,12 +74,61 @@ def _gravity(robot: Robot, seen: Pressures) -> Iterator[str]:
     missed = {turn: float(np.sqrt(((f.tip[stands] - tips) ** 2).sum(axis=1).mean())) for turn, f in found.items()}
     given, best = missed[TURNS[0]], min(missed, key=lambda turn: missed[turn])
     if given > ASIDE * robot.length and missed[best] < UPSIDE_DOWN_GAIN * given:
-        other = ", ".join(f"{g + 0.0:g}" for g in _turned(robot, best).gravity)
         yield (
-            f"gravity [{', '.join(f'{g:g}' for g in robot.gravity)}] m/s^2: at rest the tip is {1e3 * given:.3g} mm from where "
-            f"the model has it, and {1e3 * missed[best]:.3g} mm with [{other}]: does gravity point down in the base frame, and "
-            "is the frame the right way round?"
+            f"gravity {_listed(robot)} m/s^2: at rest the tip is {1e3 * given:.3g} mm from where "
+            f"the model has it, and {1e3 * missed[best]:.3g} mm with {_listed(_turned(robot, best))}: does gravity point down in "
+            "the base frame, and is the frame the right way round?"
         )
+
+
+def doubtful_gravity(robot: Robot, rows: Sequence[TrialRow]) -> Iterator[str]:
+    """About rows, with a tip, that are to be moved to where the model stands at rest, which hides a wrong direction of gravity.
+
+    Compared is what no shift changes: how far the tip moves from rest, and where tip and markers stand to each other at rest.
+    """
+    seen = Pressures.of(
+        robot, [rows[i] for i in np.unique(np.linspace(0, len(rows) - 1, min(MOST, len(rows))).astype(int))]
+    )
+    read = np.array([[r.tip, *r.markers[: len(robot.markers)]] for r in seen.rows], np.float64)
+    known = np.asarray(np.isfinite(read).all(axis=(1, 2)))
+    if not (known & seen.resting).any() or read.shape[1] != 1 + len(robot.markers):
+        return
+    area = float(np.mean(robot.area_factor_at([r.spine_length for r in seen.rows])))
+    missed: dict[tuple[int, int], float] = {}
+    for turn in TURNS:
+        there = _turned(robot, turn)
+        try:
+            missed[turn] = min(_missed(there.with_area_factor(area * f), seen, read, known) for f in AREAS)
+        except ModelError:  # the states do not fit this robot, which is said elsewhere
+            return
+        if missed[TURNS[0]] < ASIDE * robot.length:
+            return
+    best = min(missed, key=lambda turn: missed[turn])
+    if missed[best] < UPSIDE_DOWN_GAIN * missed[TURNS[0]]:
+        yield (
+            f"gravity {_listed(robot)} m/s^2 of robot.yaml: the tip moves, and the points stand, {1e3 * missed[TURNS[0]]:.3g} mm "
+            f"from where the model has them, and {1e3 * missed[best]:.3g} mm with {_listed(_turned(robot, best))}: does gravity "
+            "point down in the base frame? Correct it before `straight: at rest` moves the readings to where that model stands"
+        )
+
+
+def _missed(robot: Robot, seen: Pressures, read: Array, known: NDArray[np.bool_]) -> float:
+    """m (rms) between model and the points (n, 1 + k, 3) m, the tip and markers, against those at rest; infinite where it does
+    not stand."""
+    model = ForwardModel.of_single_states(robot).at(settings(robot, seen.rows), np.array(robot.markers))
+    found = model.read(np.zeros(len(model.parameters)))
+    points = np.concatenate([found.tip[0][:, None], found.markers[0]], axis=1)
+    stood = known & np.isfinite(points).all(axis=(1, 2))
+    if not (stood & seen.resting).any():
+        return np.inf
+    rest, model_rest = (p[stood & seen.resting].mean(axis=0) for p in (read, points))
+    moved = (read - rest)[stood, 0] - (points - model_rest)[stood, 0]
+    shape = (rest - rest.mean(axis=0)) - (model_rest - model_rest.mean(axis=0))
+    return float(np.sqrt((moved**2).sum(axis=1).mean() + (shape**2).sum(axis=1).mean()))
+
+
+def _listed(robot: Robot) -> str:
+    return f"[{', '.join(f'{g + 0.0:g}' for g in robot.gravity)}]"
 
 
 def _turned(robot: Robot, turn: tuple[int, int]) -> Robot:

@@ -43,7 +43,7 @@ from ..judgement import (
     FIRST_WIDEST,
     UPSIDE_DOWN_GAIN,
 )
-from .campaign import Campaign, tip_masses
+from .campaign import Campaign, settings, tip_masses
 from .chamber_sides import can_name_order, exchanged, order_told, with_order
 
 Array = NDArray[np.float64]
@@ -200,7 +200,7 @@ def _with_payload(robot: Robot, own: Campaign, mass: float) -> Campaign:
 
 
 def _counted(robot: Robot, own: Campaign) -> tuple[float, float, float]:
-    """Azimuth, 1, and sense of counting the chambers with which the robot as it is comes nearest."""
+    """Azimuth (rad), 1 (sense of gravity) and sense of counting of the chambers, 1 or -1, with which the robot is nearest."""
     ways = [(turn, counting) for counting in (1.0, -1.0) for turn in QUARTERS]
     missed = [_rms(_sensed(robot, 1.0, counting), own, _begin(turn)) for turn, counting in ways]
     turn, counting = ways[int(np.argmin(missed))]
@@ -214,8 +214,8 @@ def _begin(turn: float) -> Array:
 
 
 def _standing(robot: Robot, own: Campaign, turn: float) -> Array:
-    """Where to begin: moduli and area factors a few times larger where that comes nearer, since rods that do not stand show no
-    way."""
+    """(8,) the start of a fit: modulus, and perhaps area factor, several times larger where that is nearer to the data; rods that
+    do not stand have no derivative to follow."""
     begins = [_begin(turn)]
     for factor, area in itertools.product(STIFFER, (False, True)):
         begins.append(_begin(turn))
@@ -245,14 +245,14 @@ def _fitted(robot: Robot, own: Campaign, most: Array, begin: Array) -> Array | N
 
 
 class _Misfit:
-    """What is left by a robot with these numbers, and its derivatives by forward differences of those that move the rod."""
+    """Residuals of a robot with numbers theta (8,), and their derivatives: forward differences by those that move the rod."""
 
     def __init__(self, robot: Robot, own: Campaign) -> None:
         self._robot, self._own = robot, own
         self._last: tuple[Array, Array] = (np.full(len(NAMES), np.nan), np.zeros(0))
 
     def residual(self, theta: Array) -> Array:
-        """(3 n + 7,) distances in units of `FIRST_LOSS_SCALE`, and parameters in their prior's."""
+        """(3 n + 7,) tip errors over s, and all parameters but the first over their prior's width w."""
         return np.concatenate([self._missed(theta).ravel() / self._unit, theta[1:] / FIRST_SD[1:]])
 
     def slope(self, theta: Array) -> Array:
@@ -281,8 +281,8 @@ class _Misfit:
 
 
 def _missed(robot: Robot, own: Campaign, theta: Array) -> Array:
-    """(n, 3) m; a robot length where the rod has no equilibrium."""
-    found = solve(rods_of(_with(robot, theta), own.conditions(robot), full=True), DIRECT)
+    """(n, 3) m, tip predicted minus measured; a robot length in each axis where the rod has no equilibrium."""
+    found = solve(rods_of(_with(robot, theta), settings(robot, own.rows), full=True), DIRECT)
     tip = own.tip - theta[ORIGIN:] * robot.length
     return np.where(found.converged[:, None], np.nan_to_num(found.tip - tip), robot.length)
 
@@ -312,7 +312,8 @@ def _told(
     at_bound = np.abs(theta) > FIRST_AT_BOUND * FIRST_WIDEST
     out = []
     if senses[0] < 0:
-        out.append(Adjusted("gravity z", robot.gravity[2], made.gravity[2], "m/s^2", False))
+        k = int(np.argmax(np.abs(robot.gravity)))
+        out.append(Adjusted(f"gravity {'xyz'[k]}", robot.gravity[k], made.gravity[k], "m/s^2", False))
     if senses[1] < 0:
         second = min(1, len(made.actuators.azimuths_deg) - 1)
         given, now = robot.actuators.azimuths_deg[second], made.actuators.azimuths_deg[second]

@@ -111,6 +111,7 @@ class Noise:
         return Noise(self.state[kept], self.sd[kept], self.pressure_response[kept], lasting)
 
     def _applied(self, values: Array, matrix: Callable[[_Blocks], Array]) -> Array:
+        """Values (n, ..), those of each block multiplied by its `matrix`."""
         columns = values.reshape(len(values), -1)
         out = np.empty(columns.shape)
         for b in self._blocks:

@@ -7,8 +7,6 @@ that does not bring what it promised is damped and taken anew.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
@@ -27,23 +25,20 @@ LEAST, HELD = 0.1, 0.1
 
 
 def estimate_noise(data: Repeated, default: NoiseComponents) -> NoiseComponents:
-    """Maximum a posteriori; `default` holds the centre of the priors and is returned where nothing was repeated."""
+    """Components at the maximum of their posterior density.
+
+    `default` is the centre of their priors: it is returned where nothing was repeated, and components that no difference
+    between repeats depends on stay there.
+    """
     contrast = contrasts(data.condition)
     if not len(contrast):
         return default
     loss = Loss(data, contrast, default)
-    # Components that no contrast depends on stay at their defaults.
-    x = lowest(loss)
-    sds = x[: loss.sds]
-    return replace(
-        loss.components(x),
-        contrasts=len(contrast),
-        excess_scatter=float(np.exp(max(sds[len(default.channel)], *sds[len(default.channel) + 2 :], -np.inf))),
-    )
+    return loss.components(lowest(loss))
 
 
 def lowest(loss: Loss) -> Array:
-    """Where the loss is least within its bounds, from the centre of the priors on."""
+    """The point (x,) of least loss within its bounds, searched from 0, the centre of the priors."""
     x = np.zeros(len(loss.centre))
     here, rest, damping = loss(x), np.zeros((len(x), len(x))), 0.0
     for _ in range(STEPS):
@@ -62,7 +57,8 @@ def lowest(loss: Loss) -> Array:
 
 
 def _learnt(rest: Array, change: Array, step: Array) -> Array:
-    """The symmetric matrix of rank one more that turns the step into the change of slope that average information leaves."""
+    """Symmetric rank-one update: rest + m m^T / (m . step) with m = change - rest step, so that the updated rest times the step
+    is the change of slope that average information leaves; `rest` as it is where m is nearly across the step."""
     missed = change - rest @ step
     along = float(missed @ step)
     if abs(along) <= 1e-8 * float(np.linalg.norm(missed) * np.linalg.norm(step)):
@@ -71,7 +67,11 @@ def _learnt(rest: Array, change: Array, step: Array) -> Array:
 
 
 def _step(here: Point, curve: Array, damping: float, low: Array, high: Array) -> tuple[Array, float]:
-    """The step within bounds, and how much lower the quadratic is there."""
+    """The step (x,) to the minimum within bounds of slope . s + s . H s / 2, and how much lower that is there.
+
+    H is `curve` with its eigenvalues relative to the average information A (curve v = e A v, v^T A v = 1) raised to LEAST, and
+    `damping` added: H = sum_v (max(e, LEAST) + damping) (A v) (A v)^T.
+    """
     size, way = eigh(curve, here.curve)
     way = here.curve @ way
     curve = (way * (np.maximum(size, LEAST) + damping)) @ way.T

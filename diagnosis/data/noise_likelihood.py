@@ -59,9 +59,14 @@ class Point:
 
 
 class Loss:
-    """Minus the log posterior of the components: logarithms of standard deviations (of each kind of channel,
-    the pressure, rest, each component of the trials), logits of what lasts (of each kind and the pressure), logarithm of the
-    memory; each relative to the centre of its prior."""
+    """Minus the log posterior of the components at a point x, each number of which counts from the centre of its prior.
+
+    x[:g]              logarithm of the standard deviation of each of g kinds of channel
+    x[g], x[g + 1]     of the pressure reading, and of the factor `rest`
+    x[g + 2 : sds]     of each component of the trials
+    x[sds : -1]        logit of the share that lasts, of each kind and of the pressure reading
+    x[-1]              logarithm of the memory
+    """
 
     def __init__(self, data: Repeated, contrast: Array, default: NoiseComponents) -> None:
         self._kinds, self._names = list(default.channel), list(data.scatter)
@@ -87,6 +92,7 @@ class Loss:
         ]  # fmt: skip
         self.low, self.high = np.array(bounds).T
         k, c = len(contrast), data.residual.shape[1]
+        self._count = k
         self._member = np.array([self._kinds.index(kind) for kind in data.group])
         order, parts = _together(contrast, data.block)
         contrast = contrast[order]
@@ -97,7 +103,7 @@ class Loss:
         self._parts = [_Part(data, contrast[own], columns[own.start * c : own.stop * c]) for own in parts]
 
     def components(self, x: Array) -> NoiseComponents:
-        """What a point stands for."""
+        """The components at a point."""
         g, at = len(self._kinds), self.centre + x
         sd, share = np.exp(at[: self.sds]), self._lasts / (1 + np.exp(-at[self.sds : -1]))
         return NoiseComponents(
@@ -105,12 +111,19 @@ class Loss:
             pressure=float(sd[g]),
             trial=dict(zip(self._names, sd[g + 2 :].tolist(), strict=True)),
             rest=float(sd[g + 1]),
-            contrasts=0,
+            contrasts=self._count,
+            excess_scatter=float(np.exp(max([x[g], *x[g + 2 : self.sds]]))),
             lasting=dict(zip([*self._kinds, PRESSURE], share.tolist(), strict=True)) if self._lasts else {},
             memory=float(np.exp(at[-1])),
         )
 
     def __call__(self, x: Array) -> Point:
+        """The loss at a point, by Woodbury's identity: C^-1 = B^-1 - B^-1 U K^-1 U^T B^-1, K = 1 + U^T B^-1 U, of which each part
+        has its own B and its own columns of U.
+
+        `inner` is K, `pulled` U^T B^-1 v, `weight` K^-1 of that, `remainders` a = C^-1 v; `along` U^T a, `spread` the diagonal of
+        U^T C^-1 U; `moved` (dC a) of each parameter, whose products are the average information.
+        """
         found, g = self.components(x), len(self._kinds)
         kinds = [_Kind(found.channel[k], found.lasting.get(k, 0.0)) for k in self._kinds]
         channels = [kinds[m] for m in self._member]

@@ -88,7 +88,7 @@ class Part:
 
     rows: NDArray[np.intp]
     unit: Array
-    """(r,) what makes lengths (m) of them."""
+    """(r,) m for one unit of each value: 1 for tips, 1 / stiffness for forces."""
     floor: float
     """m, their noise floor."""
     states: int
@@ -108,7 +108,7 @@ def parts(prepared: Prepared) -> tuple[Part, ...]:
 
 
 def after_calibration(problem: Problem, where: Sequence[Part], slope: Array, columns: Array) -> list[Array]:
-    """For tips and for forces: what calibration leaves (r, c) in m of columns (n, c), where the model has the slope (n, k)."""
+    """d - N (N^T N)^-1 N^T d (r, c) in m, for tips and for forces: d columns (n, c), N those of calibration in `slope` (n, k)."""
     return [
         problem.parameters.beyond_calibration(columns[part.rows] * unit, slope[part.rows] * unit)
         for part in where
@@ -202,7 +202,7 @@ def _answer(b: Budget) -> Hypothesis:
 
 
 def _named(floors: Array, effects: Sequence[str], hypothesis: Hypothesis) -> Hypothesis:
-    """What is named when the effects carry so many noise floors (e,)."""
+    """The effects that a draw names, by the rule above, of what they carry (e,) in noise floors and its hypothesis."""
     largest = int(floors.argmax())
     if floors[largest] < (LEAST_NAMED_FLOORS if effects[largest] in hypothesis else OUTSTANDING_FLOORS):
         return NONE
@@ -211,14 +211,14 @@ def _named(floors: Array, effects: Sequence[str], hypothesis: Hypothesis) -> Hyp
 
 
 class _Carrying:
-    """What effects carry around the fits of one problem."""
+    """c_e of all effects of one problem, with d_e linear in the effect's parameters about a fit."""
 
     def __init__(self, problem: Problem, where: Sequence[Part]) -> None:
         self._problem, self._parts = problem, where
         self._of_fit: dict[int, tuple[Fit, list[dict[str, Array]]]] = {}
 
     def of(self, fit: Fit, size: Array) -> tuple[Array, Array]:
-        """m, and noise floors (d, e), at sizes (d, p) in units of the effects' scales."""
+        """c_e (d, e) in m and in noise floors, at draws of the parameters `size` (d, p) in units of the effects' scales."""
         p = self._problem.parameters
         at = (fit.theta[p.of_effect] - p.mean[p.of_effect]) / p.scale
         by_part = []
@@ -233,13 +233,15 @@ class _Carrying:
         return by_part[0], np.max(floors, axis=0)
 
     def _squares(self, fit: Fit) -> list[dict[str, Array]]:
-        """For tips and for forces: effect -> products (m + 1, m + 1), mean over the states, of its parameters' columns and of
-        what it does at the fit, after calibration."""
+        """For tips and for forces: effect -> M (m + 1, m + 1) in m^2, with which c_e^2 = x^T M x for x = (change of its m
+        parameters since the fit, 1): mean products of its columns, and of d_e at the fit, after calibration."""
         if id(fit) not in self._of_fit:
             self._of_fit[id(fit)] = (fit, self._products(fit))
         return self._of_fit[id(fit)][1]
 
     def _products(self, fit: Fit) -> list[dict[str, Array]]:
+        """See `_squares`. What an effect does at the fit is its slope times its size, but where that exceeds `LEAST_NAMED_FLOORS`
+        noise floors the model is asked with and without the effect."""
         p = self._problem.parameters
         at = fit.theta - p.mean
         done = {} if fit.form_error is None else dict(fit.form_error.responses)

@@ -19,7 +19,7 @@ from .columns import Columns
 from .executor import SINGLE_THREAD, DiagnosisStep, Executor
 from .fit import Fit, fit, refit
 from .linear import Prior
-from .problem import Forward, Problem
+from .problem import MaskedForward, Problem
 from .slope import Slope
 
 Array = NDArray[np.float64]
@@ -49,7 +49,7 @@ class CrossValidation:
         self._folds = _Folds(problem, fold)
 
     def residuals(self, models: Sequence[Model], step: DiagnosisStep | None = None) -> Callable[[], list[Array]]:
-        """When asked for, measured minus predicted (n,) of each model; other processes begin at once."""
+        """Start all refits; the function that is returned waits for them and returns measured minus predicted (n,) by model."""
         wanted = [(model, part) for model in models for part in self._parts]
         left_out = self._executor.ahead(self._folds.left_out, wanted, step)
 
@@ -75,7 +75,7 @@ class _Folds:
         return vars(self) | {"_known": None, "_rests": {}}
 
     def left_out(self, wanted: tuple[Model, int]) -> Array:
-        """Measured minus predicted for the values of one part, by a fit of a model to the others."""
+        """Measured minus predicted (r,) for the values of one part, by a fit to the others; `wanted`: a model, and the part."""
         model, part = wanted
         problem, seen = self._problem, self._fold != part
         if part not in self._rests:
@@ -96,7 +96,7 @@ class _Folds:
 def _rest(problem: Problem, seen: NDArray[np.bool_]) -> Problem:
     """The problem of the values marked `seen` alone."""
     return replace(
-        problem, forward=_Part(problem.forward, seen), observed=problem.observed[seen], noise=problem.noise.take(seen),
+        problem, forward=MaskedForward(problem.forward, seen), observed=problem.observed[seen], noise=problem.noise.take(seen),
         discrepancy=problem.discrepancy[seen], shared_basis=problem.shared_basis[seen], channel_basis=problem.channel_basis[seen],
     )  # fmt: skip
 
@@ -104,8 +104,8 @@ def _rest(problem: Problem, seen: NDArray[np.bool_]) -> Problem:
 def _predicted(
     problem: Problem, rest: Problem, model: Model, around: tuple[Array, Slope], seen: NDArray[np.bool_]
 ) -> Array:
-    """What a fit to `rest`, the values marked `seen`, predicts (n,); prediction and derivatives `around` the model's
-    parameters."""
+    """Prediction (n,) of all values by a fit to `rest`, the values marked `seen`; `around`: prediction and derivatives at the
+    model's parameters, where the fit begins."""
     predicted, slope = around
     own = replace(slope, columns=slope.columns.rows(seen))
     found = refit(rest, model.prior, model.size, Fit(model.theta, predicted[seen], own, np.nan, np.nan))
@@ -121,23 +121,3 @@ def _discrepancy(problem: Problem, rest: Problem, size: float, predicted: Array)
     missed = rest.noise.whiten(rest.observed - predicted)
     weights = np.linalg.solve(np.eye(columns.shape[1]) + columns.T @ columns, columns.T @ missed)
     return np.asarray(size * problem.discrepancy @ weights)
-
-
-class _Part:
-    """A forward model of which only some values are looked at."""
-
-    def __init__(self, forward: Forward, seen: NDArray[np.bool_]) -> None:
-        self._forward, self._seen = forward, seen
-
-    def predict(self, theta: Array, trial: bool = False) -> Array:
-        """Predicted values that are looked at."""
-        return self._forward.predict(theta, trial)[self._seen]
-
-    def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
-        """The same, and their derivatives."""
-        predicted, slope = self._forward.linearise(theta, columns)
-        return predicted[self._seen], slope[self._seen]
-
-    def near(self, theta: Array) -> _Part:
-        """The same, made quicker close to parameters (k,)."""
-        return _Part(self._forward.near(theta), self._seen)

@@ -97,7 +97,8 @@ class Executor:
     def ahead(
         self, do: Callable[[A], B], items: Sequence[A], step: DiagnosisStep | None = None
     ) -> Callable[[], list[B]]:
-        """The same when it is asked for; other processes begin at once."""
+        """Start `map` in other processes; the function that is returned waits for the results, or computes them here: call it
+        once."""
         there = None if self.remote_map is None else self.remote_map(do, items)
 
         def results() -> list[B]:

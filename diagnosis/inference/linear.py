@@ -22,7 +22,7 @@ from .columns import Columns
 Array = NDArray[np.float64]
 
 ROUNDING = (0.0, 1e-14, 1e-12, 1e-10, 1e-8)
-"""By what shares of itself the diagonal of a matrix is raised until it can be factorised."""
+"""Shares of itself by which the diagonal of a matrix is raised until it can be factorised."""
 
 
 @dataclass(frozen=True)
@@ -109,8 +109,8 @@ class Linear:
 
 
 def _integrated_out(gram: Array, across: Array) -> tuple[Array, float]:
-    """L^-1 across (r, c) and log det L, where L L^T = 1 + gram (r, r), which is overwritten: what columns with standard normal
-    coefficients take up."""
+    """L^-1 across (r, c) and log det L, where L L^T = 1 + gram (r, r), which is overwritten. Of gram = X^T X and across = X^T Y,
+    (1 + X X^T)^-1 takes (L^-1 across)^T (L^-1 across) off Y^T Y, and log det L is half log det (1 + X X^T)."""
     if not len(gram):
         return across, 0.0
     gram[np.diag_indices_from(gram)] += 1.0
@@ -122,8 +122,8 @@ def _integrated_out(gram: Array, across: Array) -> tuple[Array, float]:
 def _factor(matrix: Array) -> Array:
     """Lower Cholesky factor of a positive definite matrix.
 
-    Columns that are huge and nearly the same (a robot about to buckle) leave of it what rounding leaves; then its diagonal is
-    raised by as little as helps.
+    Rounding can make it indefinite where columns are huge and nearly parallel (a robot about to buckle); then its diagonal is
+    raised by the smallest share in `ROUNDING` that helps.
     """
     for share in ROUNDING:
         try:

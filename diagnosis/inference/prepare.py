@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -29,7 +29,7 @@ from ..judgement import DISCREPANCY_UNIT_RANGE, LEAST_NAMED_FLOORS, LEAST_NAMED_
 from .discrepancy import Settings, by_channel, columns, settings
 from .labels import Labels
 from .on_baseline import SHARE, OnBaseline, on_baseline
-from .problem import Forward, Parameters, Problem
+from .problem import Forward, MaskedForward, Parameters, Problem
 from .reading_noise import floor_of, noise_of, pressure_response, with_vented_at_zero
 from .stiffness_trials import StiffnessTrials, stiffness_trials
 
@@ -128,30 +128,6 @@ class Prepared:
         return out
 
 
-class MaskedForward:
-    """A forward model of some of the values."""
-
-    def __init__(self, forward: Forward, kept: NDArray[np.bool_]) -> None:
-        self._forward, self._kept = forward, kept
-
-    def predict(self, theta: Array, trial: bool = False) -> Array:
-        """Predicted values that are kept; NaN where the rod has no equilibrium."""
-        try:
-            return self._forward.predict(theta, trial)[self._kept]
-        except np.linalg.LinAlgError:
-            # A step so far off that the rod cannot be solved counts as no equilibrium.
-            return np.full(int(self._kept.sum()), np.nan)
-
-    def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
-        """Predicted values that are kept, and their derivatives."""
-        predicted, slope = self._forward.linearise(theta, columns)
-        return predicted[self._kept], slope[self._kept]
-
-    def near(self, theta: Array) -> MaskedForward:
-        """The same, made quicker close to parameters (k,)."""
-        return MaskedForward(self._forward.near(theta), self._kept)
-
-
 def prepare(
     robot: Robot,
     states: Campaign,
@@ -197,9 +173,7 @@ def prepare(
     smooth, shared_basis, channel_basis = _discrepancy_bases(robot, states, labels, unit, pushes)
     problem = Problem(
         MaskedForward(whole, kept),
-        replace(
-            _with_trial_scatter(made, forward.parameters, floor, pushes), least=_least(made, labels, slope[kept], known)
-        ),
+        replace(made, sd=_prior_sd(forward.parameters, floor, pushes), least=_least(made, labels, slope[kept], known)),
         observed[kept],
         noise,
         smooth,
@@ -256,17 +230,16 @@ def _least(made: Parameters, labels: Labels, slope: Array, floor: float) -> tupl
     return tuple(np.minimum(LEAST_NAMED_SIZE, LEAST_NAMED_FLOORS * floor / np.maximum(carried, TINY)).tolist())
 
 
-def _with_trial_scatter(
-    made: Parameters, infos: tuple[ParameterInfo, ...], floor: NoiseComponents, pushes: StiffnessTrials | None
-) -> Parameters:
-    """Priors of the trials' own parameters as wide as the repeats show."""
+def _prior_sd(infos: tuple[ParameterInfo, ...], floor: NoiseComponents, pushes: StiffnessTrials | None) -> Array:
+    """(k,) prior standard deviations, in each parameter's unit: of single trials' parameters what the repeats show, `floor` for
+    the robot's trials and `pushes` for stiffness trials; of all others what their effect declares."""
 
-    def own(p: ParameterInfo) -> float:
-        at_stand = pushes is not None and p.name in pushes.names
-        trial = pushes.noise_components.trial if pushes is not None and at_stand else floor.trial
-        return trial.get(p.source, p.sd)
+    def sd(p: ParameterInfo) -> float:
+        of_push = pushes is not None and p.name in pushes.names
+        components = pushes.noise_components if pushes is not None and of_push else floor
+        return components.trial.get(p.source, p.sd)
 
-    return replace(made, sd=np.array([own(p) for p in infos]))
+    return np.array([sd(p) for p in infos])
 
 
 def _discrepancy_bases(

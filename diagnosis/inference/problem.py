@@ -41,6 +41,30 @@ class Forward(Protocol):
         """The same model, made quicker close to parameters (k,)."""
 
 
+class MaskedForward:
+    """A forward model of those values alone that a mask (n,) keeps."""
+
+    def __init__(self, forward: Forward, kept: NDArray[np.bool_]) -> None:
+        self._forward, self._kept = forward, kept
+
+    def predict(self, theta: Array, trial: bool = False) -> Array:
+        """Predicted values that are kept; NaN where the rod has no equilibrium."""
+        try:
+            return self._forward.predict(theta, trial)[self._kept]
+        except np.linalg.LinAlgError:
+            # A step so far off that the rod cannot be solved counts as no equilibrium.
+            return np.full(int(self._kept.sum()), np.nan)
+
+    def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
+        """The same, and their derivatives."""
+        predicted, slope = self._forward.linearise(theta, columns)
+        return predicted[self._kept], slope[self._kept]
+
+    def near(self, theta: Array) -> MaskedForward:
+        """The same, made quicker close to parameters (k,)."""
+        return MaskedForward(self._forward.near(theta), self._kept)
+
+
 def linearise(forward: Forward, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
     """As the forward model's; where there is no derivative (next to a snap-through) it is 0."""
     predicted, slope = forward.linearise(theta, columns)
@@ -281,7 +305,7 @@ class Problem:
         )
 
     def form_error(self, theta: Array, predicted: Array, named: tuple[str, ...], shared: bool = False) -> FormError:
-        """Of the laws of effects at parameters (k,), where the values are predicted so."""
+        """Model-form error of the laws of `named` effects at parameters (k,), where the model predicts `predicted` (n,)."""
         done = {effect: self.response(theta, predicted, effect) for effect in named}
         return FormError(named, {e: d for e, d in done.items() if np.isfinite(d).all() and d.any()}, shared)
 
@@ -309,18 +333,18 @@ class Problem:
         return leading(np.hstack(together)) if together else np.zeros((len(white), 0))
 
     def response(self, theta: Array, predicted: Array, effect: str) -> Array:
-        """What an effect does to the values (n,) at parameters (k,), where they are predicted so; NaN where there is no
-        equilibrium without it."""
+        """Contribution of an effect to the values (n,): `predicted` at parameters (k,) less the prediction without it; NaN where
+        there is no equilibrium without it."""
         without = theta.copy()
         without[[i for i, e in enumerate(self.parameters.effects) if e == effect]] = 0.0
         return np.asarray(predicted - self.forward.predict(without))
 
     def form_error_of(self, done: Array) -> Array:
-        """Columns (n, r) of the model-form error of an effect that does so much to the values (n,)."""
+        """Columns (n, r), whitened, of the model-form error of an effect that contributes `done` (n,) to the values."""
         return leading(self.noise.whiten(done[:, None] * self._independent_basis))
 
     def _typical(self, done: Array) -> float:
-        """What an effect does, rms over all values, in units of a discrepancy of size 1."""
+        """rms over all values of an effect's contribution `done` (n,), each in units of a discrepancy of size 1."""
         unit = np.sqrt((self.discrepancy**2).sum(axis=1))
         return float(np.sqrt(np.mean((done / np.maximum(unit, 1e-300)) ** 2)))
 

@@ -158,20 +158,25 @@ def resting(states: Campaign) -> NDArray[np.bool_]:
 
 
 def pressure_response(forward: ForwardModel, states: Campaign, made: Parameters, slope: Array) -> Array:
-    """(n, r) d(value)/d(pressure reading) of each regulator, per Pa: none where all chambers are vented."""
+    """(n, r) d(value)/d(pressure reading) of each of r regulators, per Pa; 0 where none is inflated, or no equilibrium is found,
+    whose values are left out anyway.
+
+    `slope` (n, k): derivatives of the values by the k parameters `made`, each in its unit. Where one regulator alone is inflated,
+    the offset of all pressures (Pa) moves what its reading moves, so its slope is taken; elsewhere a difference quotient.
+    """
     row, pressure = forward.observations.row, with_vented_at_zero(states)
     together = regulators(states.pressure, pressure)
-    if OFFSET not in made.names:
-        return np.zeros((len(slope), len(together)))
     inflated = np.array([pressure[:, own].max(axis=1) > 0 for own in together]).T
-    alone = inflated.sum(axis=1) == 1
-    out = np.where(inflated & alone[:, None], 1.0, 0.0)[row] * slope[:, [made.names.index(OFFSET)]]
-    several = (~alone & inflated.any(axis=1))[row]
-    if several.any():
+    out = np.zeros((len(slope), len(together)))
+    by_offset = (inflated.sum(axis=1) == 1) & (OFFSET in made.names)
+    if by_offset.any():
+        out = np.where(inflated & by_offset[:, None], 1.0, 0.0)[row] * slope[:, [made.names.index(OFFSET)]]
+    others = (~by_offset & inflated.any(axis=1))[row]
+    if others.any():
         for r, own in enumerate(together):
             change = np.zeros(pressure.shape)
             change[:, own] = PRESSURE_STEP * inflated[:, [r]]
-            out[several, r] = forward.respond(change)[several] / PRESSURE_STEP
+            out[others, r] = forward.respond(change)[others] / PRESSURE_STEP
     return np.asarray(np.nan_to_num(out))
 
 
@@ -185,15 +190,16 @@ def regulators(read: Array, pressure: Array) -> list[Ints]:
 
 
 def with_vented_at_zero(states: Campaign) -> Array:
-    """(n, chambers) Pa, readings with those of vented chambers set to zero.
+    """(n, chambers) Pa gauge, readings with those of vented chambers set to zero.
 
-    A chamber that is open to the room is at zero gauge; what its sensor reads there is the sensor's own error, which
-    would otherwise bend the model.
+    Vented are chambers that stay below `VENTED` throughout a trial, and all of a state whose highest is below its campaign's
+    `pressure_gap`. A chamber that is open to the room is at zero gauge; what its sensor reads there is the sensor's own error,
+    which would otherwise bend the model.
     """
     out = states.pressure.copy()
-    idle = min(VENTED, VENTED_SHARE * float(out.max()))
+    vented_below = min(VENTED, VENTED_SHARE * float(out.max()))
     for t in np.unique(states.trial):
-        own = np.flatnonzero(states.trial == t)
-        out[np.ix_(own, np.flatnonzero(out[own].max(axis=0) < idle))] = 0.0
+        own = states.trial == t
+        out[own] = np.where(out[own].max(axis=0) < vented_below, 0.0, out[own])
     out[out.max(axis=1) < states.pressure_gap] = 0.0
     return out

@@ -167,11 +167,10 @@ def _leaves(annotation: object) -> list[object]:
 def _convert_model(raw: dict[Any, Any], model: type[BaseModel], loc: Loc, problems: dict[Loc, Any]) -> dict[Any, Any]:
     out = dict(raw)
     beside_numbers: dict[str, float | None] = {}
-    for key, value in raw.items():
-        field = model.model_fields.get(key) if isinstance(key, str) else None
-        if field is None:
+    for key, field in model.model_fields.items():
+        if key not in raw:
             continue
-        value, beside = _number_and_spread(value, field)
+        value, beside = _number_and_spread(raw[key], field)
         if beside is not None:
             beside_numbers[_uncertain(field)] = _spread(value, beside, field, model, (*loc, key), problems)
         out[key] = _convert(value, field, (*loc, key), problems)

@@ -259,7 +259,8 @@ def _owner(address: str) -> Owner | None:
 
 
 def _ask(address: str, question: dict[str, str], within: float) -> tuple[dict[str, Any], int, str] | None:
-    """The answer with process and user of who gave it; None when nobody is there. An owner that stands still says {}."""
+    """The answer with process and user of who gave it, `within` so many host seconds; None when nobody is there. An owner that
+    stands still says {}."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
         connection.settimeout(within)
         try:
@@ -275,6 +276,7 @@ def _ask(address: str, question: dict[str, str], within: float) -> tuple[dict[st
 
 
 def _line(connection: socket.socket) -> bytes:
+    """Up to the end of the line, of the connection, or of what is read of a hostile one."""
     data = b""
     while not data.endswith(b"\n") and len(data) < LONGEST and (more := timing.recv(connection, 4096)):
         data += more

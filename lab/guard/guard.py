@@ -215,6 +215,7 @@ class Guard:
             self.land(str(error), error)
 
     def _energise(self) -> None:
+        """Before a command that energises: refuse it after and during a landing, and put the latch on disk before the first."""
         if self.landed:
             raise self._refusal()
         if self.landing.going:
@@ -229,6 +230,8 @@ class Guard:
         return self._cause or RigLanded(f"the guard has made the rig safe: {self.landed}")
 
     def _set_pressure(self, pressures: tuple[float, ...]) -> tuple[float, ...]:
+        """Set-points (Pa a channel) within the limits; returns those that the regulators hold. Set-points that were sent and not
+        confirmed count as possibly taken."""
         allowed = self.monitor.setpoints(pressures)
         self.monitor.setpoints_confirmed = None
         try:
@@ -347,7 +350,10 @@ class Guard:
 
     # -- threads
     def _poll(self, name: str) -> None:
-        """Read one instrument at the rig's rate; a reading that fails is passed on as its error."""
+        """Read one instrument `poll` times a second and tell the program the sample, or the error in its place.
+
+        Another device than expected, and a line that is lost, land the rig while it is energised.
+        """
         while self.running:
             due = timing.now() + 1 / self.rig.poll
             if name in self.own.opened:

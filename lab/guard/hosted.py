@@ -95,6 +95,8 @@ class Hosted:
             timing.Thread(target=self._ping, args=(line,), name=f"ping-{self.name}", daemon=True).start()
 
     def _ask(self, method: str, args: tuple[Any, ...], within: float) -> Any:
+        """Call a method in the driver's process; one that does not return `within` host seconds, or still waits for an earlier
+        call, costs the process its life. Raises what the method raises, NotReady and NoReply."""
         if not self._lock.acquire(timeout=within):
             raise self._give_up(f"{method}: an earlier call has not returned; its process was killed")
         try:
@@ -179,6 +181,7 @@ def serve(given: list[int]) -> int:
 
 
 def _serve(line: Connection) -> None:
+    """Answer calls until the line is closed; stop the arm when it is silent for SILENT_AFTER host seconds, and at the end."""
     name, driver_name, config, speed, start = timing.receive(line)
     driver = make(name, driver_name, drivers()[driver_name].config.model_validate_json(config), RigClock(speed, start))
     stopped = True

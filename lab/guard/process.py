@@ -79,6 +79,7 @@ class ProgramWatch(timing.Thread):
             self._pulse.close()
 
     def _listen(self) -> None:
+        """Land when the program ends or, while energised, gives no sign of life for `safe.heartbeat` seconds; send beats back."""
         guard, heard, beat_back = self._guard, self._awake.now, 0.0
         while not guard.gone:  # to the last: an arm takes its time to disconnect
             timing.readable([self._pulse.pipe], LOOK)
@@ -99,6 +100,7 @@ class ProgramWatch(timing.Thread):
                 guard.tell(Event("beat"))
 
     def _heard(self, kind: bytes, value: float) -> None:
+        """Act on one record of the pulse; kinds and units of values as in `pulse`."""
         guard = self._guard
         if kind == SIGNAL:
             guard.land(f"stopped by {signal.Signals(int(value)).name}")

@@ -48,11 +48,15 @@ class UnderForce:
         self._begin, self._log, self._fail = begin, tell, fail
         self._arrivals: deque[float] = deque(maxlen=FLOW)
         self._turn = timing.Lock()
+        """Held by a call to the arm's motion."""
         self._goal: Call | None = None
+        """The motion under way, its arguments of move_to; None at rest."""
         self._waits = self._reported = False
+        """Whether that motion stands still until samples flow; whether that was logged."""
         self._stood = 0.0
         """Host seconds that motions stood still for, less those they moved for."""
         self._under_way = timing.Event()
+        """Set while there is a motion."""
         self._finished = False
         timing.Thread(target=self._watch, name="under-force", daemon=True).start()
 
@@ -62,7 +66,8 @@ class UnderForce:
 
     # -- the arm
     def move_to(self, *motion: Any) -> None:
-        """See Arm.move_to; while no samples flow the motion waits for them, and is checked and begun then."""
+        """See Arm.move_to (pose, speed, acceleration); while no force is measured the motion waits, and is checked and begun by
+        the first call of `moving` when samples flow again."""
         with self._turn:
             self._goal, self._waits, self._reported = motion, not self._flows(), False
             self._under_way.set()
@@ -164,13 +169,17 @@ class UnderForce:
             self._stood = self._stood + past if self._waits else max(0.0, self._stood - past)
 
     def _hold(self, last: bool) -> bool:
-        """Stop the arm where it is; False when that failed. The last try's failure is the guard's to deal with."""
-        mine = self._turn.acquire(timeout=STOP_WAITS)
+        """Stop the arm unless its motion has ended or a sample has come by now; False when the arm refuses, which the last try
+        reports to the guard (`fail`).
+
+        A call to the arm that takes longer than STOP_WAITS is not waited for: the stop goes ahead of it, without the lock.
+        """
+        locked = self._turn.acquire(timeout=STOP_WAITS)
         try:
             late = self._age()
             if self._goal is None or late <= self._limits.max_age_in_motion:
                 return True
-            self._waits = True
+            self._waits = True  # before the stop: `moving` must not take the arm's standing still for its arrival
             try:
                 self._arm.stop()
             except InstrumentError as e:
@@ -181,7 +190,7 @@ class UnderForce:
             self._say(late)
             return True
         finally:
-            if mine:
+            if locked:
                 self._turn.release()
 
     def _say(self, late: float) -> None:

@@ -19,7 +19,7 @@ from ..files.config import ConfigError, check
 from ..files.config import Source as Proposed
 from ..files.units import KINDS
 from .columns import is_missing
-from .guess_tip import guess_angles, guess_quaternion, guess_tip, proposed_pressures
+from .guess_tip import changes_throughout, guess_angles, guess_quaternion, guess_tip, proposed_pressures
 from .headings import (
     ELECTRIC,
     WORDS_OF_BRANCH,
@@ -219,7 +219,7 @@ def _others(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot)
         if column in (None, "trial", "repeat") or f"columns.{column}" in g.reasons or words:
             ignored.append(h.name)
             continue
-        if column == "roll_deg" and _varies(series.numbers[h.name]):
+        if column == "roll_deg" and changes_throughout(series.numbers[h.name]):
             g.doubts.append(
                 f"{h.name!r} changes from row to row: it is not how the body is mounted (roll_deg) and is not used"
             )
@@ -254,12 +254,6 @@ def _others(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot)
         g.doubts.append("constants.spine_length: no column names the spine of robot.yaml: was it 0 mm in all rows?")
     if ignored:
         g.doubts.append(f"not used: {', '.join(ignored[:20])}")
-
-
-def _varies(values: Array) -> bool:
-    """Whether an angle (deg) changes between most rows rather than now and then."""
-    steps = np.abs(np.diff(values[np.isfinite(values)]))
-    return bool(len(steps) and (steps > 0).mean() > 0.5)
 
 
 def _branches(series: Series, name: str) -> dict[str, str] | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -24,6 +25,7 @@ from .reading import at_rest, unit_in, unseen
 from .series import Series
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 ORDERS_IN_WORDS = (
     "small letters turn about fixed axes (extrinsic, as in SciPy), capitals about axes that turn with the body (intrinsic); "
@@ -97,20 +99,25 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
             g.say("points.tip.unit", unit, why)
     else:
         for axis, column in zip("xyz", tips[0].columns, strict=True):
-            g.say(f"columns.{axis}", {"column": column, "unit": said[column] or unit}, why)
-    _frame(g, series, between * KINDS["m"][unit], rest, robot, rests)
+            its = f"the file says {said[column]} of {column!r}" if said[column] else why
+            g.say(f"columns.{axis}", {"column": column, "unit": said[column] or unit}, its)
     others = [t for t in found if t not in tips and t not in bases]
-    if others and len(others) == len(robot.markers):
-        moved = [_spread(_xyz(series, t, rest, common) - base) for t in others]
-        for k, t in enumerate((others[i] for i in np.argsort(moved)), 1):
-            g.say(f"points.m{k}.of", [list(t.columns)], "in the order in which they move, least next to the base")
-            if bases:
-                g.say(f"points.m{k}.against", [list(b.columns) for b in bases], "as the tip")
-            if not _said(series, t.columns[0]):
-                g.say(f"points.m{k}.unit", unit, "as the tip")
-        if len(others) > 1:
-            g.doubts.append(f"points.m1 ..: {len(others)} places for the markers of robot.yaml: check which is which")
-    elif others:
+    along = {t: _xyz(series, t, rest, common) - base for t in others} if len(others) == len(robot.markers) else {}
+    along = dict(sorted(along.items(), key=lambda place: _spread(place[1])))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # a marker that is never seen at rest
+        resting = [np.nanmean(m[rest], axis=0) * KINDS["m"][unit] for m in (between, *along.values())]
+    pushed = _Pushed(_push(g, series, headings, robot), _mass_at_rest(series, rest))
+    _frame(g, between * KINDS["m"][unit], resting, robot, rests, pushed)
+    for k, t in enumerate(along, 1):
+        g.say(f"points.m{k}.of", [list(t.columns)], "in the order in which they move, least next to the base")
+        if bases:
+            g.say(f"points.m{k}.against", [list(b.columns) for b in bases], "as the tip")
+        if not _said(series, t.columns[0]):
+            g.say(f"points.m{k}.unit", unit, "as the tip")
+    if len(along) > 1:
+        g.doubts.append(f"points.m1 ..: {len(along)} places for the markers of robot.yaml: check which is which")
+    elif others and not along:
         g.doubts.append(
             f"not used: {', '.join('/'.join(t.columns) for t in others)}; markers along the body go under points.m1 .."
         )
@@ -184,25 +191,39 @@ def _length_unit(g: Guess, said: str, t: Triple, rest: Array, length: float) -> 
     return best, why
 
 
-def _frame(g: Guess, series: Series, tip: Array, rest: NDArray[np.bool_], robot: Robot, rests: bool) -> None:
-    """z along the axis on which the resting tip is far from its base; x and y as the chambers bend, right-handed. `tip`: m.
+@dataclass(frozen=True)
+class _Pushed:
+    """What acts on the tip."""
 
-    Where markers stand elsewhere, all three axes as the chambers bend. `rests`: whether the rows `rest` are of a robot at rest.
+    aside: Complex
+    """(n,) where chambers push or tendons pull it, x + iy of the base; NaN where unknown."""
+    mass_at_rest: float | None
+    """kg that hang there at rest, where the file says so."""
+
+
+def _frame(g: Guess, tip: Array, resting: Sequence[Array], robot: Robot, rests: bool, pushed: _Pushed) -> None:
+    """z along the axis on which the resting tip, or a marker nearer to the base, is far from its base; x and y as the actuators
+    bend, right-handed.
+
+    Where markers stand elsewhere, all three axes as the actuators bend. `tip`: (n, 3) m, `resting`: (3,) m of the tip and of
+    markers, from the base on, in the rows at rest; `rests`: whether a robot rests in them.
     """
-    at_rest = np.nanmean(tip[rest], axis=0)
-    along = int(np.argmax(np.abs(at_rest)))
+    at_rest = resting[0]
     away = float(np.linalg.norm(at_rest))
-    aside = float(np.linalg.norm(np.delete(at_rest, along)))
-    sag, chord = _under_its_weight(robot, _mass_at_rest(series, rest))
+    aside = _aside(at_rest)
+    sag, chord = _under_its_weight(robot, pushed.mass_at_rest)
     # the sag that robot.yaml's weight and stiffness give may be half as large again
     elsewhere = rests and (abs(away - chord) > 0.02 * robot.length or aside > 0.05 * robot.length + 1.5 * sag)
-    # a tip that rests farther off the longest axis does not tell which way the robot hangs
-    told = aside <= 0.5 * robot.length
-    lies = "-" * bool(at_rest[along] < 0) + "xyz"[along]
+    # the body sags least at its base; one that rests farther off the longest axis does not tell which way it points
+    first, arc = (resting[1], robot.markers[0]) if len(resting) > 1 else (at_rest, robot.length)
+    if not abs(np.linalg.norm(first) / arc - 1) < 0.25:  # the base is elsewhere
+        first, arc = at_rest, robot.length
+    told = _aside(first) <= 0.5 * arc
+    lies = _axis(first)
     frames = [
         Frame(x=x, y=y, z=z) for z in ([lies] if told else ["z", "-z", "x", "-x", "y", "-y"]) for x, y in _turned(z)
     ]
-    agreement = [_agreement(g, series, tip - at_rest, frame, robot) for frame in frames]
+    agreement = [_agreement(pushed.aside, tip - at_rest, frame) for frame in frames]
     best = int(np.argmax(agreement))
     found = frames[best]
     bends = f"the tip bends {_sense(robot)} ({agreement[best]:.2f} of 1)"
@@ -210,7 +231,8 @@ def _frame(g: Guess, series: Series, tip: Array, rest: NDArray[np.bool_], robot:
     if agreement[best] < 0.9:
         g.doubts.append(
             f"frame.x, frame.y: with the base's x along the file's {found.x} and its y along the file's {found.y} {bends}: "
-            "the best turn about the base's z, but not forced by these data"
+            "the best turn about the base's z, but not forced by these data; if base and cameras stand as for an earlier table, "
+            "take the frame of its map"
         )
     if not told:
         others = [x for x, frame in zip(agreement, frames, strict=True) if frame.z != found.z]
@@ -219,7 +241,7 @@ def _frame(g: Guess, series: Series, tip: Array, rest: NDArray[np.bool_], robot:
             f"file's {found.z}, as the actuators bend it ({agreement[best]:.2f} of 1, with another axis up to {max(others):.2f})"
         )
     if (found.x, found.y, found.z) != ("x", "y", "z"):
-        lies = "the tip rests along" if told else "the tip bends across"
+        lies = "the resting body begins along" if told else "the tip bends across"
         why = f"{AXES_OF_BASE}: {lies} the file's {found.z}, the base's z; with these x and y {bends}"
         g.say("frame", {"x": found.x, "y": found.y, "z": found.z}, why)
     if elsewhere:
@@ -232,6 +254,17 @@ def _frame(g: Guess, series: Series, tip: Array, rest: NDArray[np.bool_], robot:
             f"straight: {text}; `at rest` moves the readings there, which hides what moves the tip at rest: to see it, measure "
             "where the base is among the cameras' axes and write that as `zero` of columns x, y, z"
         )
+
+
+def _axis(place: Array) -> str:
+    """The axis of the file on which a place is farthest from the base, with its sign."""
+    along = int(np.argmax(np.abs(place)))
+    return "-" * bool(place[along] < 0) + "xyz"[along]
+
+
+def _aside(place: Array) -> float:
+    """m off that axis."""
+    return float(np.linalg.norm(np.delete(place, int(np.argmax(np.abs(place))))))
 
 
 def _mass_at_rest(series: Series, rest: NDArray[np.bool_]) -> float | None:
@@ -265,19 +298,38 @@ def _turned(z: str) -> list[tuple[str, str]]:
     return [(one, two), (two, f"-{one}"), (f"-{one}", f"-{two}"), (f"-{two}", one)]
 
 
-def _agreement(g: Guess, series: Series, moved: Array, frame: Frame, robot: Robot) -> float:
-    """Cosine between where the tip moves across and where chambers push or tendons pull it, over all rows."""
+def _push(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot) -> Complex:
+    """(n,) where chambers push or tendons pull the tip, x + iy of the base, turned as the body is mounted; NaN where unknown."""
     towards = robot.bending_directions
     pressure = proposed_pressures(g, series, robot)
     if pressure.shape[1] != len(towards):
-        return 0.0
-    pressure = pressure - np.nanmin(pressure, axis=0)  # columns hold a number each
-    pushed = pressure @ np.column_stack([towards.real, towards.imag])
-    across = (moved @ frame.matrix.T)[:, :2]
-    seen = np.isfinite(pushed).all(axis=1) & np.isfinite(across).all(axis=1)
-    pushed, across = pushed[seen], across[seen]
-    size = float(np.linalg.norm(pushed) * np.linalg.norm(across))
-    return float((pushed * across).sum() / size) if size > 0 else 0.0
+        return np.full(len(series), np.nan + 0j)
+    push: Complex = (pressure - np.nanmin(pressure, axis=0)) @ towards  # columns hold a number each
+    return push * np.exp(1j * np.radians(_roll(series, headings)))
+
+
+def _roll(series: Series, headings: Sequence[Heading]) -> Array:
+    """(n,) deg by which the body was turned in its mount, where a heading says so and the angle stays for some rows; else 0."""
+    for h in headings:
+        values = series.numbers[h.name]
+        if own_column(h) == "roll_deg" and not changes_throughout(values):
+            unit = h.unit if h.unit in KINDS["deg"] else series.unit_of(h.name, KINDS["deg"])
+            return np.nan_to_num(values) * KINDS["deg"].get(unit, 1.0)
+    return np.zeros(len(series))
+
+
+def changes_throughout(angle: Array) -> bool:
+    """Whether an angle changes between most rows rather than now and then."""
+    steps = np.abs(np.diff(angle[np.isfinite(angle)]))
+    return bool(len(steps) and (steps > 0).mean() > 0.5)
+
+
+def _agreement(push: Complex, moved: Array, frame: Frame) -> float:
+    """Cosine between where the tip moves across and where it is pushed, over all rows."""
+    across = (moved @ frame.matrix.T)[:, :2] @ np.array([1.0, 1.0j])
+    seen = np.isfinite(push) & np.isfinite(across)
+    size = float(np.linalg.norm(push[seen]) * np.linalg.norm(across[seen]))
+    return float((push[seen] * across[seen].conj()).real.sum() / size) if size > 0 else 0.0
 
 
 def guess_quaternion(g: Guess, series: Series, found: Sequence[tuple[str, str, str, str]], tip: Sequence[str]) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from diagnosis.data.doubtful import doubtful_gravity
 from diagnosis.data.levels import SPINE_GAP, levels, pressure_gap
 from model.actuators import Words
 from model.robot import Robot
@@ -188,6 +189,8 @@ def imported(
         group += max(numbers) + 1
         start = float(np.nanmax(q.t))
         read_files.append((series, q, tuple(own)))
+    if wanted.straight == "at rest":
+        notes += doubtful_gravity(robot, [s.row for s in states])
     if wanted.straight in ("first state", "at rest"):
         states = _mounted(states, robot, wanted.straight, wanted.sensor)
     elif any(wanted.sensor) and wanted.straight == "as recorded":

@@ -14,7 +14,15 @@ import numpy as np
 from diagnosis.answer.candidate_experiments import to_apply
 from diagnosis.answer.headline import for_people, percent, stated
 from diagnosis.answer.result import Diagnosis
-from diagnosis.answer.sentences import BEYOND_TOLERANCE, closed_alone, disorder, hypothesis_name, plain_name, with_id
+from diagnosis.answer.sentences import (
+    BEYOND_TOLERANCE,
+    closed_alone,
+    disorder,
+    hypothesis_name,
+    plain_name,
+    stands_for,
+    with_id,
+)
 from diagnosis.data.first_calibration import CALIBRATED_FIRST
 from diagnosis.inference.posterior import UNKNOWN
 from diagnosis.judgement import RIVAL_WORTH_SEPARATING
@@ -229,6 +237,8 @@ def _steps(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
         for x in w.steps
     ]
     s.table(("step", "takes, mm rms", "95 %", "leaves, mm rms"), rows)
+    if origins := stands_for(d.calibration, d.words):
+        s.text(f"{origins}.")
     if w.absorbed is not None:
         a = w.absorbed
         cause = "" if a.cause_mm is None else f"; one area factor and what is named leave {a.cause_mm:.2f} mm"

@@ -213,6 +213,7 @@ class Actuators:
         return going
 
     def _end(self, lives_on: bool = False) -> None:
+        """Close the lines to the guard and wait for its end, unless it lives on to land what is not confirmed safe."""
         self.pulse.close()
         self._commands.close()
         if lives_on:

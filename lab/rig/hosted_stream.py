@@ -88,7 +88,8 @@ class HostedArmState:
             line.close()
 
     def latest(self) -> ArmSample:
-        """The newest sample. Raises NotReady before `open`, StaleReading when too old, BadReply when it cannot be true."""
+        """The newest sample. Raises NotReady before `open`, StaleReading when it is older than `max_age` or the stream has ended,
+        BadReply when it cannot be true."""
         newest = self._newest
         if self._line is None or newest is None:
             raise NotReady(self.name, "not open; call open() first")

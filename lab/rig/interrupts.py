@@ -49,6 +49,7 @@ class Interrupts:
         self._pressed = max(self._pressed, 1)
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        """Count Ctrl-C once, SIGTERM and SIGHUP twice; at two tell the guard, and interrupt a wait for a person."""
         self._pressed += 1 if number == signal.SIGINT else 2
         if self._pressed >= 2 and not self.now:
             self.now = True

@@ -56,6 +56,8 @@ RATE = 100.0
 """Samples of each stream in a rig second."""
 AT_DESK = "; at the desk set-points are reached at once, and the tip hangs straight"
 ZERO: Vector6 = (0.0,) * 6
+SPECIMEN_STIFFNESS = 300.0
+"""N/m of the stand's specimen: a push is felt in its first steps, and far below any limit in its last."""
 
 
 @dataclass(frozen=True)
@@ -299,15 +301,19 @@ class Arm(Instrument):
     """See Arm of the interfaces."""
 
     def move_to(self, pose: Sequence[float], speed: float, acceleration: float) -> None:
-        """The pose is reached at once; beyond the specimen's axis it pushes back."""
+        """Reach the pose (m; rotation vector, rad; arm's base frame) at once.
+
+        Where the tool is past the stand's origin along the unit vector d of the push, by a depth h (m), the force sensor shows
+        -k h d in the tool's frame.
+        """
         x, y, z, *turn = map(float, pose)
         self.desk.arm_state.show(tcp_pose=(x, y, z, *turn))
         stand = self.desk.stand
         if stand is not None:
+            direction, tool = np.array(stand.push), rotation_from_vector(turn)
             depth = sum((a - o) * d for a, o, d in zip((x, y, z), stand.origin, stand.push, strict=True))
-            # N/m: touched in the first steps, and far below any limit in the last
-            pushed = -300.0 * max(0.0, depth) * np.array(stand.push) @ rotation_from_vector(turn)
-            self.desk.force.show(raw=(*pushed.tolist(), 0.0, 0.0, 0.0))
+            force = -SPECIMEN_STIFFNESS * max(0.0, depth) * direction @ tool
+            self.desk.force.show(raw=(*force.tolist(), 0.0, 0.0, 0.0))
 
     def moving(self) -> bool:
         """It has arrived."""

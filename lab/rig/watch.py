@@ -72,7 +72,8 @@ class Shown:
 
 
 class Watch:
-    """Looks at the instruments that the experiment needs."""
+    """Looks at the instruments that the experiment needs: polled ones by the age of their newest reading in `vital`, `streams`
+    (name -> driver) by their newest sample. `stop_now` is True once a person wants everything to stop at once."""
 
     def __init__(
         self,
@@ -85,28 +86,34 @@ class Watch:
         self._actuators, self._vital, self._streams, self._limits = actuators, vital, streams, limits
         self._stop_now = stop_now
         self._needed: tuple[str, ...] = ()
+        """Names of the instruments that are watched."""
         self._hidden_since = math.inf
+        """Host time since which the cameras have not seen the tip; inf while they see it."""
         self._late: dict[str, tuple[float, float]] = {}
-        """Host seconds for which a stream was late, less those for which it was not; when that was counted."""
+        """Of each stream, host seconds for which it was late, less those for which it was not; host time of that count."""
         self._excused: dict[str, float] = {}
-        """When the first command since a polled instrument was last heard ended: no reading comes while it works. Later commands
-        excuse nothing, lest an instrument that takes commands need never be read."""
+        """Of each polled instrument, host time at which the first command since its newest reading ended: it cannot be read while
+        it works. Later commands excuse nothing, or an instrument that takes commands would never have to be read."""
         self._values: dict[str, Shown] = {}
-        """What a stream showed last."""
+        """What each stream showed last."""
         self._began = timing.now()
+        """Host time from which silences count."""
         self._looked = self._began, actuators.pulse.awake.now
+        """Host time, and seconds awake, at the last look."""
         self.stood = 0.0
         """Host seconds for which this program has stood still until now."""
         self._repeatable = False
+        """Whether what is being done can be begun again."""
         self._standstill: StoodStill | None = None
+        """Raised by the next look: a standstill that makes it necessary to begin again."""
 
     def over(self, needed: Sequence[str]) -> None:
-        """Watch these instruments from now on."""
+        """Watch these instruments, instead of those before."""
         self._needed = (*needed, "arm_state") if "arm" in needed else tuple(needed)
         self.forget()
 
     def forget(self) -> None:
-        """What was wrong before is over: start anew."""
+        """Count silences, lateness and repeated values from now on."""
         self._excuse()
         self._values.clear()
         self._vital.repeats.forget()
@@ -179,6 +186,7 @@ class Watch:
             return False
 
     def _polled(self, name: str, now: float) -> None:
+        """Raise what is wrong with a polled instrument: its fault, a gauge that repeats itself, no reading for `max_age`."""
         error = self._vital.errors.get(name)
         if isinstance(error, DeviceFault):
             raise error
@@ -197,6 +205,8 @@ class Watch:
             )
 
     def _stream(self, name: str, now: float, strict: bool) -> None:
+        """Raise what is wrong with a stream: Suspended for a tip hidden longer than `max_hidden` (`strict`: at all) and an open
+        cell, StaleReading or BadReply once lateness exceeds GRACE, DeviceFault at once."""
         try:
             sample = self._streams[name].latest()
         except (StaleReading, DeviceFault, BadReply) as e:
@@ -219,7 +229,8 @@ class Watch:
                 )
 
     def _lateness(self, name: str, now: float, late: bool) -> float:
-        """Host seconds of lateness until now; a stream that drips is late most of the time, though never for long."""
+        """Host seconds for which a stream was late, less those for which it was not, never below 0. A stream that drips is late
+        most of the time, though never for long."""
         before, at = self._late.get(name, (0.0, now))
         took = min(now - at, OWN_SLEEP)  # of a command that took long nothing is known but its end
         count = before + took if late else max(0.0, before - took)
@@ -227,6 +238,7 @@ class Watch:
         return count
 
     def _excuse(self) -> None:
+        """Forget lateness, commands and hiding that were counted up to here."""
         self._late.clear()
         self._excused.clear()
         self._hidden_since = math.inf

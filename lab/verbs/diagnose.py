@@ -15,7 +15,7 @@ from rich.table import Table as Sheet
 from diagnosis.answer.candidate_experiments import columns, to_apply
 from diagnosis.answer.headline import LEAST_STATED, sized, stated
 from diagnosis.answer.result import Diagnosis, Proposal, Ranked
-from diagnosis.answer.sentences import disorder
+from diagnosis.answer.sentences import disorder, stands_for
 from diagnosis.compare_campaigns import compare_campaigns
 from diagnosis.data.baseline import Baseline
 from diagnosis.diagnose import Options
@@ -243,6 +243,8 @@ def show(d: Diagnosis, protocols: Path | None = None) -> None:
     out.print(ranked(d.attribute.ranking, d.words))
     if why := disorder(d.attribute.ranking):
         out.print(why)
+    if origins := stands_for(d.calibration, d.words):
+        out.print(f"{origins}.")
     if not d.next_experiment:
         out.print(f"What to do next: {nothing_next(d)}")
         return

@@ -23,7 +23,7 @@ Complex = NDArray[np.complex128]
 ZERO = np.zeros((1, 1))
 
 FAR_AWAY = 1e4
-"""m to where a spring is fixed that pulls with the same force wherever the tip is, to 1 in 10^4."""
+"""m from the base to the origin of a spring that pulls with the same force wherever the tip is, to 1 in 10^4."""
 
 
 class RodColumns:
@@ -101,6 +101,7 @@ def rod_columns(q: Quantities, shear: ShearSpine) -> RodColumns:
 
 
 def _sections(q: Quantities, shear: ShearSpine, out: RodColumns) -> None:
+    """Length, stiffnesses and hyperelastic terms of every element: inner ones hold the spine, outer ones lie beyond its end."""
     ratio = q.robot.shear_modulus / q.robot.youngs_modulus
     spine = np.clip(q.spine_length, 0.0, q.length)
     edges = q.body.edges / q.robot.length
@@ -215,6 +216,7 @@ def _wrench(push: Array, around: Complex, area: Array, path_radius: float) -> tu
 
 
 def _loads(q: Quantities, out: RodColumns) -> None:
+    """Dead loads, and the four springs at the tip: two of the tether, the obstacle and the payload."""
     gravity = np.array(q.robot.gravity)
     for k in range(3):
         out[col.DEAD_FORCE + k] = q.design.tip_mass * gravity[k] + q.design.force[:, k] + q.tip_force[..., k]
@@ -225,7 +227,17 @@ def _loads(q: Quantities, out: RodColumns) -> None:
         spring = at.SPRINGS + j * at.SPRING_WIDTH
         out[spring + j] = 1.0
         out[spring + col.SPRING_STIFFNESS] = q.tether
+    _obstacle(q, out)
     _payload(q, out)
+
+
+def _obstacle(q: Quantities, out: RodColumns) -> None:
+    """A plane that pushes on the body at arc length b = `plane_lever` before the tip: a one-sided spring with an arm.
+
+    The arm a (m, tip frame) leads from that point to the tip. Near the tip, which carries the moment M (x, y) and the thrust F,
+    the body's axis obeys y'' = k + F y / EI with the curvature k = M / EI, so that, with b stretched by 1 + F / EA,
+        a_side = b^2 (1/2 + x/24 + x^2/720) (1 - |k b|^2 / 12),  x = F b^2 / EI,     a_axis = b (1 - |k b|^2 / 6).
+    """
     wall = at.SPRINGS + 2 * at.SPRING_WIDTH
     c, s = np.cos(q.plane_turn), np.sin(q.plane_turn)
     out[wall] = c * q.plane_direction[0] - s * q.plane_direction[1]
@@ -234,33 +246,38 @@ def _loads(q: Quantities, out: RodColumns) -> None:
     out[wall + col.SPRING_ORIGIN] = q.plane_distance
     # m: skin and mounting give a little
     out[wall + col.SPRING_SOFTNESS] = 2e-3
-    # Back along the body from the tip, which the chambers stretch and bend: y'' = k + F y / EI, k = M / EI.
     last = q.layout.elements[-1]
-    bent = [out[col.TIP_MOMENT + k] / out[last + col.BEND] for k in range(2)]
-    push = out[col.TIP_FORCE + 2]
-    back = q.plane_lever * (1 + push / out[last + col.STRETCH + 2])
-    turned = (bent[0] ** 2 + bent[1] ** 2) * back**2
-    x = push / out[last + col.BEND] * back**2
-    side = back**2 * (1 / 2 + x / 24 + x**2 / 720) * (1 - turned / 12)
-    out[wall + col.SPRING_ARM] = -side * bent[1]
-    out[wall + col.SPRING_ARM + 1] = side * bent[0]
-    out[wall + col.SPRING_ARM + 2] = back * (1 - turned / 6)
+    curvature = [out[col.TIP_MOMENT + k] / out[last + col.BEND] for k in range(2)]
+    thrust = out[col.TIP_FORCE + 2]
+    b = q.plane_lever * (1 + thrust / out[last + col.STRETCH + 2])
+    turned = (curvature[0] ** 2 + curvature[1] ** 2) * b**2
+    x = thrust / out[last + col.BEND] * b**2
+    by_curvature = b**2 * (1 / 2 + x / 24 + x**2 / 720) * (1 - turned / 12)
+    out[wall + col.SPRING_ARM] = -by_curvature * curvature[1]
+    out[wall + col.SPRING_ARM + 1] = by_curvature * curvature[0]
+    out[wall + col.SPRING_ARM + 2] = b * (1 - turned / 6)
 
 
 def _payload(q: Quantities, out: RodColumns) -> None:
-    """Weight at a point beside the tip that turns with it: a soft spring to a point far below, through an arm."""
+    """Weight m g of `payload` at `payload_place` (m, tip frame), whose moment about the tip turns with the tip.
+
+    Dead forces have no arm, springs have: one of stiffness m g / FAR_AWAY whose origin lies FAR_AWAY (m) down from the base pulls
+    with -k (e . p - FAR_AWAY) e, which is m g e for e along gravity, wherever its point p is.
+    """
     spring = at.SPRINGS + 3 * at.SPRING_WIDTH
     gravity = np.array(q.robot.gravity)
-    size = float(np.linalg.norm(gravity))
-    down = gravity / size if size > 0 else np.array([0.0, 0.0, 1.0])
+    g = float(np.linalg.norm(gravity))
+    down = gravity / g if g > 0 else np.array([0.0, 0.0, 1.0])
     for k in range(3):
         out[spring + k] = down[k]
+        # from the point that is pulled to the tip
         out[spring + col.SPRING_ARM + k] = -q.payload_place[..., k]
-    out[spring + col.SPRING_STIFFNESS] = q.payload * size / FAR_AWAY
+    out[spring + col.SPRING_STIFFNESS] = q.payload * g / FAR_AWAY
     out[spring + col.SPRING_ORIGIN] = FAR_AWAY
 
 
 def _boundary(q: Quantities, out: RodColumns) -> None:
+    """The base, and rest curvature that is linear along the arc: u*(s) = u* (1 + growth (2 s / L - 1))."""
     for k in range(3):
         out[col.BASE_TURN + k] = q.base_turn[..., k]
     out[col.BASE_COMPLIANCE] = q.base_compliance
@@ -270,7 +287,6 @@ def _boundary(q: Quantities, out: RodColumns) -> None:
     for element in q.layout.elements:
         long = out[element + col.LENGTH]
         for k in range(3):
-            # Linear along the arc: 1 at mid-length, 1 + growth at the tip.
             start = 1 + q.rest_growth * (2 * bottom / q.length - 1)
             out.add(element + col.REST_CURVATURE + k, q.rest_curvature[..., k] * start)
             out.add(element + col.RISE + k, q.rest_curvature[..., k] * q.rest_growth * 2 * long / q.length)

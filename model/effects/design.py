@@ -18,7 +18,7 @@ from model.condition import (
     USED,
     Flags,
     States,
-    highest,
+    highest_of_trial,
 )
 from model.errors import BadCondition
 from model.robot import Robot
@@ -29,6 +29,8 @@ Columns = Mapping[str, NDArray[np.generic]]
 TURN = ("rx", "ry", "rz")
 """Orientation channels: rotation vector (rad, base frame) from the baseline's orientation to the tip's."""
 QUATERNION = ("qw", "qx", "qy", "qz")
+PAUSE = 3600.0
+"""s without a reading after which a robot may have been mounted anew."""
 
 
 def design_from_columns(robot: Robot, columns: Columns, channels: tuple[str, ...] | None = None) -> States:
@@ -50,7 +52,7 @@ def design_from_columns(robot: Robot, columns: Columns, channels: tuple[str, ...
     vacuum = _numbers(columns, "vacuum", NOMINAL_VACUUM, n)
     _within("vacuum", vacuum, 0.0, 101_325.0, "Pa below ambient")
     ids, trial = _trials(columns["trial"], spine_length)
-    used = highest(trial, pressure) > USED
+    used = highest_of_trial(trial, pressure) > USED
     spined = spine_length > 0
     observed = _channels(robot, columns, stiffness)
     if channels is not None:
@@ -84,30 +86,33 @@ def design_from_columns(robot: Robot, columns: Columns, channels: tuple[str, ...
 
 
 def _sittings(t: Array, trial: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(n,) from times (n,) s; all 0 where they are not known, or count from the beginning of each trial."""
+    """Number (n,) of each state's sitting, see `States.sitting`, from times t (n,) s and trials 0.. (n,).
+
+    All states are of sitting 0 where times are not known or start again with each trial: then they show no sitting.
+    """
+    one_sitting = np.zeros(len(t), np.int64)
     numbers = np.unique(trial)
-    spans = np.array([(t[trial == k][0], t[trial == k][-1]) for k in numbers])
-    if len(numbers) < 2 or not np.isfinite(spans).all():
-        return np.zeros(len(t), np.int64)
-    between = spans[1:, 0] - spans[:-1, 1]
-    # where most trials begin at an earlier t than the one before ended, t counts from the beginning of each trial
-    if np.mean(between < 0) > 0.5:
-        return np.zeros(len(t), np.int64)
-    # after an hour without a reading, a robot may have been mounted anew
-    count = np.concatenate([[0], np.cumsum((between < 0) | (between > 3600.0))])
-    return np.asarray(count[np.searchsorted(numbers, trial)], np.int64)
+    begins, ends = np.array([(t[trial == k][0], t[trial == k][-1]) for k in numbers]).T
+    if len(numbers) < 2 or not np.isfinite([begins, ends]).all():
+        return one_sitting
+    pause = begins[1:] - ends[:-1]
+    starts_with_each_trial = np.mean(pause < 0) > 0.5
+    if starts_with_each_trial:
+        return one_sitting
+    of_trial = np.concatenate([[0], np.cumsum((pause < 0) | (pause > PAUSE))])
+    return np.asarray(of_trial[np.searchsorted(numbers, trial)], np.int64)
 
 
 def _progress(t: Array, trial: NDArray[np.int64], own: Flags) -> Array:
-    """(n,) from times (n,) s, where they are known and no trial begins before the one before it; else from trials (n,).
+    """Part 0..1 (n,) of the campaign that has passed at each of the states marked `own`, those of the robot; 0 at all others.
 
-    Of the states marked `own`, those of the robot; 0 at all others.
+    By time t (n,) s where all are known and each trial begins after the one before it, else by the number of the trial.
     """
     out = np.zeros(len(t))
     if own.any():
-        first = np.array([t[own & (trial == k)][0] for k in np.unique(trial[own])])
-        known = np.isfinite(t[own]).all() and bool((np.diff(first) > 0).all())
-        passed = t[own] if known else trial[own].astype(float)
+        begins = np.array([t[own & (trial == k)][0] for k in np.unique(trial[own])])
+        usable = np.isfinite(t[own]).all() and bool((np.diff(begins) > 0).all())
+        passed = t[own] if usable else trial[own].astype(float)
         out[own] = (passed - passed.min()) / max(float(np.ptp(passed)), 1e-9)
     return out
 

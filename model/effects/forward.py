@@ -432,6 +432,8 @@ class ForwardModel:
         return here
 
     def _solve(self, theta: Array, trial: bool, asked: frozenset[int]) -> _At:
+        """Everything at parameters (p,): the rods without memory (`bare`), and, where a law remembers, the rest shapes that it
+        makes of their history and the rods with these (`final`)."""
         spread = self._table.at(theta, asked)
         q = self._quantities(spread)
         built = rod_columns(q, self._shear)

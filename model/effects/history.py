@@ -27,14 +27,16 @@ Array = NDArray[np.float64]
 Order = NDArray[np.int64]
 
 CELLS = 12
-"""Along the body, for what it remembers from one spine length to the next."""
+"""Cells of equal length along the body: the silicone of each remembers its own shapes, whether the spine is in it or not."""
 SHORTEST = 1e-4
 """m; a part shorter than this has no curvature to speak of."""
 
 DRIVES = 8
 """Curvature x, y, z (1/m) and axial strain of the part with spine, then of the part beyond it."""
-
 OF_PART = DRIVES // 2
+
+USUAL_PAUSE = 300.0
+"""s between trials whose times are not known."""
 
 
 def rest_columns(layout: at.Layout) -> list[int]:
@@ -98,11 +100,15 @@ class Path:
         return out
 
     def extremes(self, drive: Array, covered: Array, roll: Array, rate: Array) -> Array:
-        """Largest plus least value (v, n, DRIVES) that each cell of the body has come to, by parts; fading at `rate` (v,) 1/s.
-        `covered` (v, n, CELLS) are the shares of the cells that are of the inner part, `roll` (n,) rad that of the body."""
+        """m = max + min (v, n, DRIVES) of what each cell of the body has been through, mean over the cells of each part.
+
+        In a cell, max(t) = max(max(t - dt) exp(-rate dt), drive(t)), from 0, and min likewise: m is 0 after equal bends to both
+        sides, and the largest bend after bends to one side. `drive` (v, n, DRIVES); `covered` (v, n, CELLS) share 0..1 of
+        each cell that the spine is in; `roll` (n,) rad by which the body was turned, as its cells remember in its own frame;
+        `rate` (v,) 1/s.
+        """
         out = np.zeros(drive.shape)
-        # s between trials whose times are not known
-        pause = np.where(np.isfinite(self.stay), self.stay, 300.0)
+        pause = np.where(np.isfinite(self.stay), self.stay, USUAL_PAUSE)
         _extremes(drive, covered, roll, self.after, pause + self.ramp + self.hold, rate, out)
         return out
 
@@ -174,7 +180,7 @@ class History:
         return self.path.lag(self.drive, time)
 
     def extremes(self, rate: Array) -> Array:
-        """(v, n, DRIVES) largest plus least value of each place of the body up to here; they fade at `rate` (v, 1) 1/s."""
+        """(v, n, DRIVES) largest plus least drive of each place, fading at `rate` (v, 1) 1/s."""
         q = self.quantities
         edges = np.linspace(0.0, 1.0, CELLS + 1) * np.asarray(q.length)[..., None]
         covered = np.clip((q.spine_length[..., None] - edges[..., :-1]) / np.diff(edges), 0.0, 1.0)
@@ -184,7 +190,7 @@ class History:
         return self.path.extremes(drive, covered, q.design.roll, rates)
 
     def sliding(self, drive: Array, yields: Array) -> Array:
-        """See Path."""
+        """(v, n, c) mean state of sliding elements."""
         return self.path.sliding(drive, yields)
 
 
@@ -226,7 +232,8 @@ def _lag(
     drive: Array, before: Order, after: Order, first: NDArray[np.bool_], stay: Array, ramp: Array, hold: Array,
     time: float, out: Array,
 ) -> None:  # fmt: skip
-    """A first-order follower of a piecewise linear drive, exactly."""
+    """Exact solution of x' = (drive - x) / time for a drive that stays, ramps linearly and holds in each step; `out` is
+    drive - x. Between trials the lag is kept and fades; it is measured from the drive at rest."""
     follower, resting = np.zeros(drive.shape[2]), np.zeros(drive.shape[2])
     all_kept, all_faded, all_settled = np.exp(-stay / time), np.exp(-ramp / time), np.exp(-hold / time)
     for v in range(drive.shape[0]):
@@ -249,7 +256,8 @@ def _lag(
 
 @numba.njit(cache=True)
 def _slide(drive: Array, before: Order, after: Order, first: NDArray[np.bool_], yields: Array, out: Array) -> None:
-    """Jenkins elements with a radial return, all of the same strength."""
+    """Jenkins elements j of equal weight: state += change of drive / yields[j], shortened to length 1 where it is longer (radial
+    return); `out` is their mean."""
     count, wide = yields.shape[1], drive.shape[2]
     state = np.zeros((count, wide))
     for v in range(drive.shape[0]):
@@ -293,7 +301,7 @@ def _hold(
 
 @numba.njit(cache=True)
 def _extremes(drive: Array, covered: Array, roll: Array, after: Order, passed: Array, rate: Array, out: Array) -> None:
-    """Extremes of each cell's curvature and strain, in the body's own frame; a part gets the mean over its cells."""
+    """See `Path.extremes`; `passed` (k,) s since the step before, the state `after[k]` included."""
     cells = covered.shape[2]
     top, least = np.zeros((cells, 4)), np.zeros((cells, 4))
     now, turned = np.zeros(4), np.zeros(4)

@@ -79,10 +79,10 @@ def nominal_values(robot: Robot, infos: Iterable[ParameterInfo]) -> Array:
 
 
 def beyond(robot: Robot, infos: tuple[ParameterInfo, ...], nominal: Array) -> tuple[ParameterInfo, ...]:
-    """The table of parameters that count from what robot.yaml states: bounds move with it.
+    """Parameters theta - `nominal` (p,), which count from what robot.yaml states: bounds and starts move by that.
 
-    An effect that the robot has may be larger or smaller than stated, and where it has a size its shapes move the robot by
-    themselves: all its parameters are then sizes, which are absent at zero.
+    An effect that the robot has may be larger or smaller than stated, so it has both signs; and as it has a size, a change of its
+    shapes moves the robot too: all its parameters are sizes, which do nothing at zero.
     """
     present = {i.source for i, value in zip(infos, nominal, strict=True) if value and i.role == "size"}
     return tuple(

@@ -65,7 +65,7 @@ def shear_spine(spine: Spine) -> ShearSpine:
 
 
 def moduli(q: Quantities, shear: ShearSpine) -> tuple[Array, Array, Array]:
-    """Young's modulus in the body, modulus G (Pa) in the body, and apparent Young's modulus of the bare spine, (v, n)."""
+    """Of the spine, (v, n) Pa: Young's modulus E and shear modulus G within the body, apparent E of the bare spine; 0 without."""
     spine = q.robot.spine
     if spine is None:
         nothing = np.zeros((1, 1))
@@ -81,18 +81,21 @@ def moduli(q: Quantities, shear: ShearSpine) -> tuple[Array, Array, Array]:
 
 
 def _blend(q: Quantities, table: Array, other: Array) -> Array:
-    """Mean of power `shear_mix` - 1 with weight `shear_blend` on the other modulus."""
-    if not q.shear_blend.any():
+    """Power mean (v, n) of two moduli, Pa: ((1 - w) table^p + w other^p)^(1/p), w = `shear_blend`, p = `shear_mix` - 1.
+
+    p = -1 puts compliances in series, p = 1 stiffnesses in parallel; p = 0, the geometric mean, is taken as p = 1e-4.
+    """
+    w, p = q.shear_blend, q.shear_mix - 1
+    if not w.any():
         return table
-    power = q.shear_mix - 1
-    # a mean of this power is as good as the geometric one
-    power = np.where(np.abs(power) < 1e-4, 1e-4, power)
-    out: Array = table * (1 + q.shear_blend * ((other / table) ** power - 1)) ** (1 / power)
+    p = np.where(np.abs(p) < 1e-4, 1e-4, p)
+    # divided by the table's modulus, so that at w = 0 the table comes out to the last bit
+    out: Array = table * (1 + w * ((other / table) ** p - 1)) ** (1 / p)
     return out
 
 
 def jamming(q: Quantities) -> Array:
-    """Factor on the spine's moduli by the vacuum that reaches the granules; 1 at the nominal one."""
+    """Factor (v, n) on the spine's moduli: (vacuum that reaches the granules / nominal)^`jamming_exponent`."""
     share = (q.design.vacuum - q.vacuum_loss) / q.design.nominal_vacuum
     # Granules without vacuum still pack under the sleeve's tension: they count as 0.02 of the nominal vacuum. Far above, this
     # is the share itself; it levels off there instead of becoming negative.

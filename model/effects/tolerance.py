@@ -160,7 +160,8 @@ JAMMING = _tolerance("jamming", "structure", Law(before=_jamming), Parameter("ex
 
 
 def _as_stated(source: Source, uncertainty: Mapping[str, float]) -> Source:
-    """A tolerance with the standard deviation that is stated of it; a relative one never reaches minus the whole."""
+    """A tolerance with the standard deviation that is stated of it, by source, for each of its parameters, in their unit; a
+    relative one never reaches minus the whole."""
     sd = uncertainty.get(source.spec.id)
     if sd is None:
         return source

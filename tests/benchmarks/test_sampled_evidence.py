@@ -16,7 +16,7 @@ from diagnosis.judgement import LEAST_NAMED_SIZE
 from model.effects.parameters import ParameterInfo
 from tests.diagnosis.toy import toy_problem
 
-POINTS = 120
+POINTS = 90
 
 
 def toy(truth: dict[str, float]) -> Problem:

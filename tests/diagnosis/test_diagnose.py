@@ -44,20 +44,13 @@ def test_the_json_holds_the_contract_and_reads_back(catalogue: Catalogue) -> Non
     assert set(d["locate"]["by"]) == set(FACTORS) and set(d["locate"]["stage"]) == set(STAGES)
     assert {"gap_rmse_mm", "noise_floor_mm", "significant", "numerical_error_mm"} <= set(d["locate"])
     wanted = {
-        "verdict",
-        "effects",
-        "probability",
-        "credible_set",
-        "ranking",
-        "cannot_tell_apart",
-        "stage_errors",
-        "conclusion",
+        "verdict", "effects", "probability", "credible_set", "ranking", "cannot_tell_apart", "stage_errors", "conclusion",
         "rivals",
-    }
+    }  # fmt: skip
     assert set(d["attribute"]) == wanted
-    assert {"effects", "probability", "log_evidence", "heldout_rmse_mm", "parameters"} == set(
-        d["attribute"]["ranking"][0]
-    )
+    ranked = d["attribute"]["ranking"][0]
+    assert {"effects", "probability", "log_evidence", "heldout_rmse_mm", "parameters"} == set(ranked)
+    assert all(set(v) == {"value", "sd", "unit", "determined"} for v in ranked["parameters"].values())
     assert {"how", "before_mm", "after_mm", "floor_mm", "share_closed", "ci95", "by_spine_length"} == set(d["shrink"])
     assert all({"do", "separates", "expected_bits", "cost_min"} <= set(p) for p in d["next_experiment"])
     assert sum(r["probability"] for r in d["attribute"]["ranking"]) <= 1 + 1e-9

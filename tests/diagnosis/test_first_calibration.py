@@ -20,7 +20,7 @@ from model.robot import Robot, robot_from_dict
 from model.rods import FINE, solve
 from model.section import rods_of
 from recordings.trials import Table, TrialRow
-from tests.diagnosis.small_campaigns import LENGTHS, Measured, measured, quick
+from tests.diagnosis.small_campaigns import FEW, Measured, measured, quick
 from tests.diagnosis.test_case import ROBOT, states
 
 ONE = {effect: spec for effect, spec in quick().catalogue.items() if effect in ("chamber_azimuth", "pressure_offset")}
@@ -44,7 +44,7 @@ def moved(case: Measured, shift: tuple[float, float, float]) -> Measured:
 @pytest.fixture(scope="module")
 def case() -> Measured:
     """Chambers 4 deg from where they should be."""
-    return measured(2, 4, LENGTHS, chamber_azimuth__angle=np.radians(4))
+    return measured(2, 4, FEW, chamber_azimuth__angle=np.radians(4))
 
 
 def test_a_robot_near_its_data_stays_as_it_is(case: Measured) -> None:
@@ -151,7 +151,7 @@ def test_an_origin_elsewhere_is_taken_off_all_positions(case: Measured) -> None:
     assert {a.name for a in first.adjusted} == {"origin of the tip's x", "origin of the tip's z"}
 
 
-@pytest.mark.parametrize("factor", [0.07, 0.2, 6.0])
+@pytest.mark.parametrize("factor", [0.07, pytest.param(0.2, marks=pytest.mark.long), 6.0])
 def test_a_modulus_of_another_unit_is_found_even_where_no_rod_stands(case: Measured, factor: float) -> None:
     first = calibrate_first(softer(ROBOT, factor), states(case)[0])
     (found,) = first.adjusted

@@ -66,8 +66,8 @@ def test_a_large_effect_is_told_and_one_that_carries_little_is_not(design: Plann
     found = power(design, tuple(EFFECTS), each=20, clutter=(0.0,))
     of = {e.effect: e for e in found.effects}
     assert set(of) | set(found.unseen) == set(EFFECTS)
-    assert of["chamber_azimuth"].carries > 1.0 and (of["chamber_azimuth"].right["large"] or 0) >= 0.8
-    assert of["self_weight"].carries < 1.0
+    assert of["chamber_azimuth"].carries > 0.9 and (of["chamber_azimuth"].right["large"] or 0) >= 0.8
+    assert of["self_weight"].carries < 0.6, of["self_weight"]
     sums = {e.effect: np.mean([v for v in e.right.values() if v is not None]) for e in found.effects}
     assert sums["self_weight"] < sums["chamber_azimuth"]
     assert found.right95[0] <= found.right <= found.right95[1] and abs(found.right - found.stated) < 0.25

@@ -13,11 +13,16 @@ from diagnosis.data.case import lacking, states
 from diagnosis.diagnose import Options, diagnose
 from diagnosis.errors import BadCase
 from diagnosis.inference.prepare import prepare
+from model.effects import CATALOGUE
 from recordings.trials import TrialRow
 from sim_fakes.virtual_robot import Condition, RobotTruth, VirtualRobot, walk
 from tests.diagnosis.test_case import ROBOT, case, sweep
 
 LENGTHS = (0.05, 0.10, 0.15, 0.20, 0.25, 0.30)
+RIVALS = {
+    e: CATALOGUE[e]
+    for e in ("force_bias", "arm_compliance", "contact_offset", "spine_shear", "spine_slip", "area_moment")
+}
 FORCE, ZERO = 0.01, 0.02
 """N, white noise of a reading and scatter of the sensor's zero."""
 
@@ -57,7 +62,8 @@ def answer(effect: str = "", size: float = 0.0, seed: int = 1, body: bool = Fals
 
 @cache
 def _answer(effect: str, size: float, seed: int, body: bool) -> Diagnosis:
-    return diagnose(case(list(pushes(effect, size, seed, body=body))))
+    wanted = Options(experiments=False, catalogue=RIVALS) if effect else Options()
+    return diagnose(case(list(pushes(effect, size, seed, body=body))), wanted)
 
 
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.long)])

@@ -8,12 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from diagnosis.answer.confounding import origins
 from diagnosis.answer.result import Absorbed, Calibration, Carries, Locate, Shrink, Simulator, Step, Waterfall
-from diagnosis.answer.sentences import Facts, beyond_tolerance, statement, stiffness_sentence
+from diagnosis.answer.sentences import Facts, beyond_tolerance, stands_for, statement, stiffness_sentence
 from diagnosis.answer.verdict import conclude, decide, rivals
 from diagnosis.criticism.probability_calibration import CALIBRATED
 from diagnosis.criticism.stage_errors import StageError
 from diagnosis.inference.posterior import Posterior
+from lab.files.config import load
+from lab.files.example import paper_robot
+from model.robot import Robot
 from tests.diagnosis.toy import parameter, parameters
 
 WHERE = Locate(3.0, 0.5, True, {}, {}, 0.01)
@@ -75,7 +79,7 @@ OUTSIDE, NONE = weighed(unknown=0.6, base_tilt=0.3, none=0.1), weighed(none=0.8,
         (facts(OPEN), "one of several", "do not exclude weight [weight]."),
         (facts(ALONE), "one of several", "do not exclude that no effect carries enough."),
         (facts(STRANGE), "one of several", "do not exclude a cause outside the catalogue."),
-        (facts(OUTSIDE), "stage", "in the material, with an error that varies with time (p = 0.60; bench)"),
+        (facts(OUTSIDE), "stage", "An error in the material that varies with time fits best (log evidence 20.0"),
         (facts(OUTSIDE, asking=BOTH), "outside", "The cause is not in the catalogue (p = 0.60; bench)."),
         (facts(OUTSIDE, asking=()), "outside", "The cause is not in the catalogue (p = 0.60; bench)."),
         (facts(NONE), "none", "No cause: no effect accounts for enough"),
@@ -106,6 +110,21 @@ def test_what_calibration_changed_is_part_of_the_statement() -> None:
     assert kept.startswith("No gap: ") and "instead of" not in kept
     small = statement(replace(found, calibration=Calibration(2.34, 1.5), waterfall=replace(gap, given_mm=0.63)))
     assert small.startswith("No gap: ") and "a body 36 % softer" in small
+
+
+def test_a_calibrated_area_factor_stands_for_the_number_that_is_least_certain() -> None:
+    robot = load(paper_robot(), Robot)
+    found = origins(robot, 1 / 0.88, 0.1)
+    assert (
+        found[0].name == "youngs_modulus" and found[0].factor == pytest.approx(1 / 0.88) and found[0].probability > 0.8
+    )
+    sure = {o.name: o for o in origins(robot, 1 / 0.88, 1e-3)}
+    radius = sure["chambers.radius"]
+    assert radius.factor == pytest.approx(0.88**0.5) and radius.probability > sure["youngs_modulus"].probability
+    assert "youngs_modulus" not in {o.name for o in origins(robot, 1 / 0.88, 0.0)}
+    told = stands_for(Calibration(0.88, 1.0, origins=found), robot.actuators.words)
+    assert told.startswith("An area factor of 0.88") and "youngs_modulus 13.6 % larger (p = 0.87)" in told
+    assert stands_for(Calibration(1.0, 1.0, origins=found), robot.actuators.words) == ""
 
 
 def test_what_tolerances_close_is_not_said_of_the_cause() -> None:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import IO, Any
+
 import pytest
+from matplotlib.figure import Figure
 from virtual_lab import VirtualLab
 
 from lab.verbs.fakes import PATIENT, write_rig
@@ -32,3 +35,20 @@ def _unlocked(request: pytest.FixtureRequest) -> None:
         if name in request.fixturenames:
             lab: VirtualLab = request.getfixturevalue(name)
             lab.rig.with_suffix(".latch").unlink(missing_ok=True)
+
+
+@pytest.fixture
+def drawn() -> None:
+    """Asked for by tests that look at pictures, or at what a picture does with names from outside."""
+
+
+@pytest.fixture(autouse=True)
+def _undrawn(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Other tests get empty pictures: most of the time of an import goes into the place of each letter of its picture."""
+    if "drawn" not in request.fixturenames:
+        monkeypatch.setattr(Figure, "savefig", empty)
+
+
+def empty(figure: Figure, file: IO[bytes], format: str, **_: Any) -> None:
+    """A picture of nothing in place of the figure's."""
+    Figure(figsize=(1, 1)).canvas.print_figure(file, format=format)

@@ -69,8 +69,10 @@ class Terminal:
         self.master = -1
 
     def end(self) -> int:
-        """Its exit code, once it has ended."""
-        return self.program.wait(WITHIN)
+        """Its exit code, once it has ended; AssertionError with what it showed when it does not."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            return self.program.wait(WITHIN)
+        raise AssertionError(self.shown[-3000:])
 
     def __enter__(self) -> Terminal:
         return self

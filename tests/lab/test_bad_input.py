@@ -20,7 +20,6 @@ from lab.files.rig_file import load_rig
 from lab.guard import door, last_used
 from lab.guard.latch import Latch
 from lab.rig import operator
-from lab.verbs.fakes import PATIENT_SETTLE
 
 Change = Callable[[dict[str, Any]], None]
 
@@ -169,7 +168,7 @@ def test_a_file_that_is_no_recording_says_so(
 def test_a_recording_cut_in_half_tells_what_is_readable(
     virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    short = ("spine_lengths=[0.0]", "pressures=[50 kPa]", "unload=false", *PATIENT_SETTLE)
+    short = ("spine_lengths=[0.0]", "pressures=[50 kPa]", "unload=false")
     settings = [word for setting in short for word in ("--set", setting)]
     assert main(["run", "bending", "--rig", str(virtual_lab.rig), *settings, "--out", str(tmp_path)]) in (0, 3)
     (file,) = tmp_path.glob("*.mcap")

@@ -319,6 +319,7 @@ def test_a_failing_diagnosis_is_an_answer_and_a_wrong_one(small_set: Path) -> No
     assert found.verdict == "failed" and "no idea" in found.error
 
 
+@pytest.mark.usefixtures("drawn")
 def test_a_set_is_scored_once_all_cases_are_answered_and_then_closed(small_set: Path, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="have no answer"):
         score(small_set)

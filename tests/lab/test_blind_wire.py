@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import pytest
 
 from lab.console import Screen
 from lab.rig.assembly import Rig
-from lab.verbs.fakes import PATIENT, write_rig
+from lab.verbs.fakes import write_rig
 from lab.verbs.run import connect, execute, job
 from recordings.campaign.replay import table_of
 from recordings.file.reader import Recording
@@ -29,15 +27,9 @@ SETTINGS = (
     "zero_state=true", "reading=sweep", f"rate={RATE}", "settle.average=3.0", f"settle.band={BAND}",
 )  # fmt: skip
 SPEED = 10.0
-"""Rig seconds a host second, on processors that are shared."""
+"""Rig seconds a host second."""
 CAMERA = 0.3e-3
 """m, noise of a camera frame of the fakes, one sigma."""
-STALLED = 0.8e-3
-"""m that the tip scatters within a reading when camera and regulators have lost each other, beyond noise and ramp."""
-LATE = 3.0
-"""s by which readings on the fly may be apart from what the ramp says."""
-
-pytestmark = pytest.mark.timeout(600)
 
 
 @pytest.fixture(scope="module")
@@ -45,29 +37,13 @@ def wired(shared_clock: SimulatedClock, tmp_path_factory: pytest.TempPathFactory
     """The rows that a recording of the bending protocol holds."""
     folder = tmp_path_factory.mktemp("wire")
     with FakeRig(speed=SPEED, seed=21, truth=TRUTH, effects=SEALED) as fakes:
-        write_rig(fakes, folder / "rig.yaml", PATIENT)
+        write_rig(fakes, folder / "rig.yaml")
         asked = job("bending", folder / "rig.yaml", list(SETTINGS))
         with Rig(asked.rig) as rig:
             connect(rig, asked.experiment.needs, quiet=True)
             outcome = execute(rig, asked, folder, Screen("wire", SPEED, quiet=True))
     assert outcome.error is None
-    table = table_of(Recording.open(outcome.file))
-    if late := too_slow(table):
-        pytest.skip(f"this machine is busy with something else: {late}")
-    return table
-
-
-def too_slow(table: Table) -> str:
-    """Why what was read says nothing of the robot, where the machine could not keep the rig's pace; empty where it did."""
-    scatter = max(row.sd.get(axis, 0.0) for row in table for axis in "xyz")
-    if scatter > STALLED:
-        return f"the tip scattered {scatter * 1e3:.1f} mm within a reading"
-    for before, row in itertools.pairwise(table):
-        if before.hold == row.hold == 0 and before.branch == row.branch:
-            ramp = abs(max(row.pressures) - max(before.pressures)) / RATE
-            if abs(row.t - before.t - ramp) > LATE:
-                return f"step {row.step}: {row.t - before.t:.1f} s after the last reading, not {ramp:.1f} s"
-    return ""
+    return table_of(Recording.open(outcome.file))
 
 
 def driven(effects: dict[str, float], seed: int) -> list[Reading]:
@@ -91,7 +67,6 @@ def test_rows_are_those_that_the_protocol_states(wired: Table) -> None:
     }
     assert {"qw", "vacuum", "sd_x", "p9"} <= set(wired.columns)
     assert np.abs(wired["p1"] - [p for p, _ in STATES]).max() < 2e3
-    # a busy computer takes longer over a state, never much less
     assert np.all(np.diff(wired["t"]) > 0.2 * np.diff([r.t for r in driven(SEALED, 0)]))
 
 

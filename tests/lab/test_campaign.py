@@ -16,13 +16,11 @@ from lab.campaign.design import campaign_of
 from lab.campaign.planned import planned_table
 from lab.cli import main
 from lab.files.inputs import read_case
-from lab.verbs.fakes import PATIENT_SETTLE
 from recordings.campaign.labels import labels_of
 from recordings.campaign.shelf import runs
 from recordings.file.reader import Recording
 
-SETTLE = dict(s.removeprefix("settle.").split("=") for s in PATIENT_SETTLE)
-SHORT = {"pressures": ["60 kPa", "100 kPa"], "settle": SETTLE}
+SHORT = {"pressures": ["60 kPa", "100 kPa"]}
 EVERY_WAY = {
     "campaign": "ways", "seed": 2, "blocks": 1, "warm_up": {"cycles": 0}, "stop": {"max_failed": 10},
     "protocols": [
@@ -31,7 +29,7 @@ EVERY_WAY = {
         {"protocol": "bending", "parameters": {**SHORT, "spine_lengths": [0.0], "reading": "hold", "hold_times": [4.0, 12.0],
                                                "unload": False, "zero_state": False}},
         {"protocol": "bending", "parameters": {**SHORT, "spine_lengths": [0.0], "reading": "sweep", "repeats": 2,
-                                               "rate": "2 kPa/s", "settle": {**SETTLE, "average": "12 s"}}},
+                                               "rate": "2 kPa/s", "settle": {"average": "12 s"}}},
         {"protocol": "elongation", "parameters": {**SHORT, "spine_lengths": [0.0], "tip_mass": "80 g"}},
     ],
 }  # fmt: skip

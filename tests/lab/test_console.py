@@ -25,6 +25,8 @@ from lab.plain import plain
 from lab.verbs import fakes, recorded
 from lab.verbs.check import _table
 
+pytestmark = pytest.mark.usefixtures("drawn")
+
 HOSTILE = "[/red] [bold]x[/] \x1b[2J\r\x07\0\u202e <script>alert(1)</script> :smile: \ud800 {{ 1 }}"
 SHOWN = "[/red] [bold]x[/] \\x1b[2J\\r\\x07\\x00\\u202e <script>alert(1)</script> :smile: \\ud800 {{ 1 }}"
 

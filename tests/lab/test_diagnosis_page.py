@@ -25,6 +25,8 @@ from lab.pages.diagnosis_report import gap_numbers, names, write
 from lab.pages.glossary import TERMS
 from lab.pages.report import Report
 
+pytestmark = pytest.mark.usefixtures("drawn")
+
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 QUIET = (
     "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--no-first-run", "--disable-sync",

@@ -10,6 +10,8 @@ import pytest
 from lab.cli import main
 from model.effects import CATALOGUE
 
+pytestmark = pytest.mark.usefixtures("drawn")
+
 OWN = """
 from model.effects import EffectSpec, Law, Parameter
 

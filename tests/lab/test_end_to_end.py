@@ -16,12 +16,9 @@ from lab.calibration import calibrate
 from lab.cli import main
 from lab.files.inputs import read_case
 from lab.rig.assembly import Rig
-from lab.verbs.fakes import PATIENT_PAUSES, PATIENT_SETTLE
 from sim_fakes.virtual_robot.truth import TABLE_II
 
-LATE = [word for setting in PATIENT_SETTLE[1:] for word in ("--set", setting)]
-"""Streams of a busy computer may be late; what counts as rest stays as it is."""
-SHORT = ["--set", "spine_lengths=[0.0, 10 cm]", "--set", "pressures=[100 kPa, 200 kPa]", *LATE]
+SHORT = ["--set", "spine_lengths=[0.0, 10 cm]", "--set", "pressures=[100 kPa, 200 kPa]"]
 
 
 def lab(*arguments: object) -> int:
@@ -110,6 +107,7 @@ def test_a_case_folder_reads_back_as_the_recording_does(bending: Path, tmp_path:
     assert [r.to_json() for r in folder.table] == [r.to_json() for r in recording.table]
 
 
+@pytest.mark.usefixtures("drawn")
 def test_compare_draws_and_tabulates(bending: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert lab("compare", bending, "--out", tmp_path, "--json") == 0
     table = json.loads(capsys.readouterr().out)
@@ -155,7 +153,6 @@ def test_a_sweep_is_read_on_the_fly(virtual_lab: VirtualLab, tmp_path: Path) -> 
         "rate=2 kPa/s",
         "--set",
         "settle.average=10",  # half a second of the host's
-        *(word for pause in PATIENT_PAUSES for word in ("--set", pause)),
     ]
     assert lab("run", "bending", "--rig", virtual_lab.rig, *settings, "--out", tmp_path) in (0, 3)
     rows = read_case([recorded(tmp_path)]).table

@@ -251,8 +251,7 @@ def test_who_takes_nothing_costs_nobody_else_a_message(tmp_path: Path, monkeypat
 
 
 def until_wanted(foxglove: Foxglove) -> None:
-    while not foxglove.wanted:
-        timing.sleep(0.01)
+    assert timing.wait(lambda: bool(foxglove.wanted), 60)
 
 
 def _id(looks: Viewer) -> int:

@@ -86,6 +86,26 @@ def test_a_map_of_tensions_is_guessed_and_the_tip_goes_to_where_they_pull(
     assert "does not go to where the tensions pull it" in " ".join(capsys.readouterr().err.split())
 
 
+def test_a_frame_is_guessed_of_a_body_that_is_turned_in_its_mount(tmp_path: Path) -> None:
+    """Of one experiment in which all states are."""
+    lab = trunk(tmp_path / "lab", "Seil_")
+    head, *rows = (lab / "table.csv").read_text().splitlines()
+    (at,) = (head.split(";").index(f"Spitze_{a} [mm]") for a in "x")
+    turned = []
+    for row in rows:
+        cells = row.split(";")
+        x, z = (float(cells[at + k].replace(",", ".")) for k in (0, 2))
+        # a quarter about the base's z, which the file has as -y: x goes to z, z to -x
+        for k, v in ((0, 700 - (z - 40)), (2, 40 + (x - 700))):
+            cells[at + k] = f"{v:.3f}".replace(".", ",")
+        turned.append(";".join([*cells, "90"]))
+    (lab / "table.csv").write_text("\n".join([f"{head};roll_deg", *turned]) + "\n")
+    table, robot = str(lab / "table.csv"), str(lab / "robot.yaml")
+    assert main(["import", table, "--guess", "--robot", robot, "--out", str(tmp_path / "map")]) == 0
+    proposed = yaml.safe_load((tmp_path / "map/map.yaml").read_text())
+    assert proposed["frame"] == {"x": "x", "y": "z", "z": "-y"}
+
+
 def test_a_robot_with_tendons_takes_no_column_of_pressures_for_one(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -139,6 +159,37 @@ def test_a_robot_at_rest_is_put_where_the_model_stands_under_its_weight(
     assert main(["import", table, "--map", str(proposed), "--out", str(tmp_path / "case")]) == 0
     tips = [r.tip for r in read_case([tmp_path / "case"]).table.rows if max(r.pressures) == 0 and r.step == 1]
     assert np.mean(np.array(tips), axis=0) == pytest.approx(sag, abs=1e-6)
+
+
+@pytest.mark.parametrize("gravity", [(0.0, 0.0, -9.81), (9.81, 0.0, 0.0), (0.0, -9.81, 0.0)])
+def test_another_gravity_than_that_of_readings_put_at_rest_is_asked_about(
+    gravity: tuple[float, float, float], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A soft robot that hangs, whose readings `straight: at rest` moves to where the model stands."""
+    own = trunk(tmp_path / "lab", "Seil_")
+    soft = (
+        ROBOT.replace("length: 180 mm", "length: 260 mm").replace("[90 mm]", "[130 mm]").replace("320 kPa", "220 kPa")
+    )
+    hangs, stated = soft.replace("107 kPa", "73 kPa"), f"gravity: {list(gravity)}"
+    (own / "robot.yaml").write_text(hangs)
+    robot = lab.load_robot(own / "robot.yaml")
+    tensions = np.array([np.eye(3)[k] * pull for k in range(3) for pull in (0.0, 0.4, 0.8, 1.2, 0.0)])
+    tips = [1e3 * Predictor(robot)(row * robot.actuators.words.pascal).tip[0] + (30, -20, 5) for row in tensions]
+    lines = [
+        "p1,p2,p3,x,y,z",
+        *(",".join(f"{v:.4f}" for v in (*p, *tip)) for p, tip in zip(tensions, tips, strict=True)),
+    ]
+    (own / "rest.csv").write_text("\n".join(lines) + "\n")
+    columns = {f"p{k}": {"column": f"p{k}", "unit": "N"} for k in (1, 2, 3)} | {
+        a: {"column": a, "unit": "mm"} for a in "xyz"
+    }
+    (own / "map.yaml").write_text(yaml.safe_dump({"robot": "robot.yaml", "columns": columns, "straight": "at rest"}))
+    for text, asked in ((hangs, False), (hangs.replace("gravity: [0, 0, 9.81]", stated), True)):
+        (own / "robot.yaml").write_text(text.replace("markers: [130 mm]\n", ""))
+        out = str(tmp_path / f"case{asked}")
+        assert main(["import", str(own / "rest.csv"), "--map", str(own / "map.yaml"), "--out", out]) == 0
+        said = " ".join(capsys.readouterr().err.split())
+        assert ("mm with [0, 0, 9.81]: does gravity point down" in said) is asked, said
 
 
 TIP, MIDDLE = (tuple(f"{m}_{a} [mm]" for a in "xyz") for m in ("Spitze", "Mitte"))

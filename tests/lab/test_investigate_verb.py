@@ -18,7 +18,6 @@ from diagnosis.judgement import CERTAIN
 from lab.cli import main
 from lab.files.inputs import read_case
 from lab.pages import investigation_page
-from lab.verbs.fakes import PATIENT_SETTLE
 from lab.verbs.run import Outcome
 from model.robot import load_robot
 from protocols.errors import NotReached
@@ -27,7 +26,7 @@ from recordings.file.reader import Recording
 from recordings.trials import Table
 from tests.diagnosis.small_campaigns import SOME
 
-PATIENTLY = [w for s in (*PATIENT_SETTLE, "settle.average=16") for w in ("--set", s)] + ["--without", "rate"]
+LONGER = ["--set", "settle.average=16", "--without", "rate"]
 """At twenty times real speed few samples fall into a window, and none into that of a fast ramp."""
 WEIGHED = ("chamber_ballooning", "pressure_offset", "base_tilt")
 
@@ -58,7 +57,7 @@ def test_an_experiment_is_foretold_done_and_added(
     file, place = little(tmp_path / "case"), tmp_path / "why"
     code, found, said = told(
         capsys, "investigate", file, "--rig", virtual_lab.rig, "--out", place, "--experiments", 1, "--no-hands", "--operator",
-        "Ada", *PATIENTLY, "--json",
+        "Ada", *LONGER, "--json",
     )  # fmt: skip
     assert code in (0, 3), said
     assert found == {**json.loads((place / "investigation.json").read_text()), **found}
@@ -98,7 +97,7 @@ def test_a_run_that_fails_leaves_what_is_known_and_the_line_to_go_on_with(
 
     monkeypatch.setattr("lab.investigation.laboratory.execute", fails)
     file, why = little(tmp_path / "case"), tmp_path / "why"
-    words = ["investigate", file, "--rig", virtual_lab.rig, "--out", why, "--no-hands", "--watch", *PATIENTLY]
+    words = ["investigate", file, "--rig", virtual_lab.rig, "--out", why, "--no-hands", "--watch", *LONGER]
     assert main([*map(str, words)]) == 1
     out, err = capsys.readouterr()
     (line,) = [line for line in out.splitlines() if line.startswith("go on with: lab investigate ")]
@@ -115,7 +114,7 @@ def test_a_run_that_fails_leaves_what_is_known_and_the_line_to_go_on_with(
 def test_where_nothing_is_left_to_ask_nothing_moves(
     virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    case = folder(tmp_path / "case", campaign({"chamber_ballooning.growth": -0.4}))
+    case = folder(tmp_path / "case", campaign({"chamber_ballooning.growth": -0.4}, lengths=(0.0, 0.2)))
     code, found, _ = told(
         capsys, "investigate", case, "--rig", virtual_lab.rig, "--out", tmp_path / "why", "--budget", "0 min", "--json"
     )

@@ -57,10 +57,7 @@ def asked(file: Path) -> list[tuple[str, str, str, bool]]:
 
 
 def wait(holds: Callable[[], bool]) -> None:
-    deadline = timing.now() + WITHIN
-    while not holds():
-        assert timing.now() < deadline
-        timing.sleep(0.02)
+    assert timing.wait(holds, WITHIN)
 
 
 def test_a_run_is_paused_noted_in_and_goes_on_with_every_state_there_once(

@@ -29,6 +29,8 @@ from model.robot import Robot
 from recordings.table_file import write_csv
 from recordings.trials import Table, TrialRow
 
+pytestmark = pytest.mark.usefixtures("drawn")
+
 ROBOT = Path(__file__).parents[2] / "examples/three_chambers/robot.yaml"
 GROUPS = ((1,), (2,), (3,), (2, 3))
 PRESSURES = (0.0, 35e3, 70e3)

@@ -14,6 +14,8 @@ from lab.paper.moduli import modulus_forms
 from lab.verbs.paper import PaperReport, bending_states, main, reproduce
 from model.robot import load_robot
 
+pytestmark = pytest.mark.usefixtures("drawn")
+
 ROBOT = load_robot(paper_robot())
 
 

@@ -83,10 +83,7 @@ class Meets:
 
     def read(self, _: int) -> tuple[int, int]:
         (self.marks / str(os.getpid())).touch()
-        deadline = timing.now() + 120
-        while len(list(self.marks.iterdir())) < self.count:
-            assert timing.now() < deadline
-            timing.sleep(0.01)
+        assert timing.wait(lambda: len(list(self.marks.iterdir())) >= self.count, 120)
         return os.getpid(), Meets.reads
 
 
@@ -103,10 +100,7 @@ def test_what_is_begun_ahead_is_done_elsewhere_while_this_process_does_something
     two: Processes, tmp_path: Path
 ) -> None:
     ahead = Executor(remote_map=two.in_order).ahead(Meets(tmp_path, 2).read, [0, 1])
-    deadline = timing.now() + 120
-    while len(list(tmp_path.iterdir())) < 2:
-        assert timing.now() < deadline
-        timing.sleep(0.01)
+    assert timing.wait(lambda: len(list(tmp_path.iterdir())) >= 2, 120)
     where = {pid for pid, _ in ahead()}
     assert len(where) == 2 and os.getpid() not in where
 
@@ -141,10 +135,7 @@ def test_ctrl_c_leaves_no_process_behind(tmp_path: Path) -> None:
         stderr=subprocess.PIPE,
         start_new_session=True,
     )
-    deadline = timing.now() + 120
-    while not all(m.exists() and m.read_text() for m in marks):
-        assert timing.now() < deadline and running.poll() is None
-        timing.sleep(0.05)
+    assert timing.wait(lambda: all(m.exists() and m.read_text() for m in marks), 120) and running.poll() is None
     os.killpg(running.pid, signal.SIGINT)
     _, said = running.communicate(timeout=60)
     assert b"KeyboardInterrupt" in said and running.returncode != 0

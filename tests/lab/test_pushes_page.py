@@ -7,11 +7,14 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pytest
 from diagnosed_case import ROBOT, folder
 
 from lab.cli import main
 from model.effects import ForwardModel, design_from_columns
 from recordings.trials import Cell, TrialRow
+
+pytestmark = pytest.mark.usefixtures("drawn")
 
 LENGTHS, STEPS, REPEATS = (0.05, 0.15, 0.3), 4, 3
 BIAS, NOISE = 0.15, 0.01

@@ -108,10 +108,7 @@ def test_a_closed_terminal_ends_a_run_as_a_signal_to_end_does(
         terminal.until("Enter when ready")
         if not asked:
             terminal.press("\n")
-            deadline = timing.now() + 120
-            while not any(READ in path.read_text() for path in tmp_path.glob("*.journal")):
-                assert timing.now() < deadline, terminal.shown
-                timing.sleep(0.02)
+            assert timing.wait(lambda: journal_says(READ, tmp_path), 120), terminal.shown
         terminal.hang_up()
         assert terminal.end() == 1
     (file,) = tmp_path.glob("*.mcap")

@@ -18,6 +18,7 @@ from lab.files.inputs import Case, read_case
 from lab.pages.diagnosis_report import write
 from lab.verbs.diagnose import show
 from model.effects import CATALOGUE
+from tests.diagnosis.small_campaigns import SOME
 
 LENGTHS = ((0.0, 0.1, 0.2), (0.0, 0.2), (0.0, 0.15, 0.3))
 PRESSURES = (0.0, 80e3, 160e3, 240e3)
@@ -39,9 +40,11 @@ def drawn(seed: int) -> dict[str, float]:
 
 
 def answer(seed: int, place: Path) -> tuple[Diagnosis, Case]:
-    rows = campaign(drawn(seed), seed, 2 + seed % 2, LENGTHS[seed % len(LENGTHS)], PRESSURES)
+    effects = drawn(seed)
+    rows = campaign(effects, seed, 2 + seed % 2, LENGTHS[seed % len(LENGTHS)], PRESSURES)
     case = read_case([folder(place / "case", rows)])
-    return diagnose(case, Options()), case
+    few = SOME | {name: CATALOGUE[name] for name in (parameter.partition(".")[0] for parameter in effects)}
+    return diagnose(case, Options(catalogue=few if seed in FEW else CATALOGUE)), case
 
 
 def in_json(text: str) -> Numbers:

@@ -6,11 +6,14 @@ from pathlib import Path
 
 import matplotlib.image
 import numpy as np
+import pytest
 
 from lab.pages.figures import apart, in_a_row
 from lab.pages.sensors_figure import numbers, quantities, sensors
 from model.actuators import Chambers
 from recordings.trials import Table, TrialRow
+
+pytestmark = pytest.mark.usefixtures("drawn")
 
 
 def table() -> Table:

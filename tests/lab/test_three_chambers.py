@@ -12,7 +12,7 @@ import yaml
 
 from lab.cli import main
 from lab.files.config import load
-from lab.verbs.fakes import PATIENT, PATIENT_SETTLE, played, write_rig
+from lab.verbs.fakes import played, write_rig
 from model.condition import conditions
 from model.robot import Robot
 from model.rods import FINE, solve
@@ -24,16 +24,14 @@ from sim_fakes.simulated_clock import SimulatedClock
 from sim_fakes.virtual_robot import Condition, VirtualRobot, walk
 
 ROBOT = Path(__file__).parents[2] / "examples/three_chambers/robot.yaml"
-SWEEP = ("pressures=[30 kPa, 60 kPa]", "repeats=2", "settle.min_samples=3", *PATIENT_SETTLE)
+SWEEP = ("pressures=[30 kPa, 60 kPa]", "repeats=2", "settle.min_samples=3")
 
 
 @pytest.fixture(scope="module")
 def rig(shared_clock: SimulatedClock, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     path = tmp_path_factory.mktemp("three") / "rig.yaml"
     with FakeRig(speed=20.0, seed=7, truth=played(load(ROBOT, Robot)), spine="") as fakes:
-        present = fakes.rig_file()["instruments"]
-        changes = {**PATIENT, "instruments": {k: v for k, v in PATIENT["instruments"].items() if k in present}}
-        write_rig(fakes, path, changes, ROBOT)
+        write_rig(fakes, path, {}, ROBOT)
         yield path
 
 

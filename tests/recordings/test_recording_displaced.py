@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 import shutil
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from synthetic_run import Run
 
+import timing
 from recordings.campaign.journal import Journal, read
 from recordings.campaign.resumed import metadata
 from recordings.errors import WriteFailed
@@ -25,10 +25,7 @@ WITHIN = 60.0
 
 
 def until(condition: Callable[[], object]) -> None:
-    deadline = time.monotonic() + WITHIN
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    assert timing.wait(lambda: bool(condition()), WITHIN)
 
 
 def begun(folder: Path, rescue: Path) -> tuple[Recorder, Journal]:

@@ -11,7 +11,6 @@ from test_pauses import BENDING, during, lab
 
 from lab.cli import main
 from lab.files.units import KINDS
-from lab.verbs.fakes import PATIENT
 from recordings.campaign.replay import compare, table_of
 from recordings.file.reader import Recording
 
@@ -20,7 +19,7 @@ from recordings.file.reader import Recording
 def test_bodies_exchanged_in_mid_sweep_hold_the_run_up(
     house: House, tmp_path: Path, pair: tuple[str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    house.change(without=("arm", "force"), safe=PATIENT["safe"])
+    house.change(without=("arm", "force"))
     fakes, plant, cameras = house.fakes, house.fakes.plant, house.fakes.mocap
     assert cameras is not None
     fakes.on_confirm = lambda trouble: fakes.switch.end()

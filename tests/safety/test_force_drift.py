@@ -13,7 +13,6 @@ from test_pauses import STIFFNESS, during, lab
 
 import timing
 from lab.files.inputs import read_case
-from lab.verbs.fakes import PATIENT
 from recordings.campaign.replay import compare, replay, table_of
 from recordings.file.reader import Recording
 from recordings.table_file import read_csv, write_csv
@@ -74,7 +73,7 @@ def slope(table: Table) -> float:
 def test_a_constant_drift_is_removed_and_stands_in_the_row(
     house: House, tmp_path: Path, rate: float, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    house.change(without=("mocap",), safe=PATIENT["safe"])
+    house.change(without=("mocap",))
     with drifting(house, lambda t: rate * t):
         assert lab(house, tmp_path, "stiffness", *STIFFNESS, "--set", "steps=6") in (0, 3), "".join(capsys.readouterr())
     table = one(tmp_path)
@@ -96,7 +95,7 @@ KINDS: dict[str, Callable[[float], float]] = {
 def test_a_zero_that_moves_in_another_way_marks_the_trial(
     house: House, tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    house.change(without=("mocap",), safe=PATIENT["safe"])
+    house.change(without=("mocap",))
     plant, begun = house.fakes.plant, []
     during(lambda: abs(plant.probe_force).max() > 1.0, lambda: begun.append(timing.now()))
     with drifting(house, lambda t: KINDS[kind](timing.now() - begun[0]) if begun else 0.0):
@@ -108,7 +107,7 @@ def test_a_zero_that_moves_in_another_way_marks_the_trial(
 
 
 def test_without_drift_nothing_is_marked(house: House, tmp_path: Path) -> None:
-    house.change(without=("mocap",), safe=PATIENT["safe"])
+    house.change(without=("mocap",))
     assert lab(house, tmp_path, "stiffness", *STIFFNESS) in (0, 3)
     table = one(tmp_path)
     assert not table.doubtful and np.all(np.abs(table["force_drift"]) < 0.1)

@@ -15,17 +15,12 @@ from lab.cli import main
 from lab.console import Screen
 from lab.files.inputs import read_case
 from lab.rig.assembly import Rig
-from lab.verbs.fakes import PATIENT, PATIENT_SETTLE
 from lab.verbs.run import connect, execute, job
 from protocols.steering import Steering
 from recordings.file.reader import Recording
 
-BENDING = [
-    word
-    for setting in ("spine_lengths=[0.05]", "pressures=[60 kPa, 120 kPa]", *PATIENT_SETTLE)
-    for word in ("--set", setting)
-]
-STIFFNESS = ["--set", "spine_lengths=[0.1]", "--set", "steps=3", "--set", "min_samples=20"]
+BENDING = [word for setting in ("spine_lengths=[0.05]", "pressures=[60 kPa, 120 kPa]") for word in ("--set", setting)]
+STIFFNESS = [w for s in ("spine_lengths=[0.1]", "steps=3", "min_samples=20", "zero_samples=20") for w in ("--set", s)]
 
 
 def during(condition: Callable[[], bool], act: Callable[[], object]) -> threading.Thread:
@@ -48,7 +43,7 @@ def lab(house: House, folder: Path, protocol: str, *settings: str) -> int:
 def test_a_bending_sweep_goes_on_without_losing_or_doubling_a_point(
     house: House, tmp_path: Path, accident: str, word: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    house.change(without=("arm", "force"), limits={"max_hidden": 0.5}, safe=PATIENT["safe"])
+    house.change(without=("arm", "force"), limits={"max_hidden": 0.5})
     vented: list[float] = []
 
     def repair(trouble: str) -> None:
@@ -78,7 +73,7 @@ STOPS = {"safeguard_stop": "safeguard stop", "emergency_stop": "emergency stop"}
 def test_a_stiffness_trial_goes_on_after_the_arms_own_safety_system_held_it(
     house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str], stop: str
 ) -> None:
-    house.change(without=("mocap",), safe=PATIENT["safe"])
+    house.change(without=("mocap",))
     ur, plant = house.fakes.ur, house.fakes.plant
     assert ur is not None
     ur.backdoor("forget")
@@ -102,7 +97,7 @@ def test_a_stiffness_trial_goes_on_after_the_arms_own_safety_system_held_it(
 def test_what_is_not_put_right_ends_the_run_with_its_cause(
     house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    house.change(without=("arm", "force"), limits={"max_hidden": 0.5, "resume_within": 1.0}, safe=PATIENT["safe"])
+    house.change(without=("arm", "force"), limits={"max_hidden": 0.5, "resume_within": 1.0})
     plant = house.fakes.plant
     during(lambda: float(plant.regulator.max()) > 50e3, lambda: house.fakes.accidents.begin("marker_lost"))
     assert lab(house, tmp_path, "bending", *BENDING) == 1
@@ -114,7 +109,7 @@ def test_what_is_not_put_right_ends_the_run_with_its_cause(
 def test_in_a_pause_that_a_person_asked_for_every_instrument_must_go_on_measuring(
     house: House, tmp_path: Path, silent: bool
 ) -> None:
-    house.change(without=("arm", "force"), safe=PATIENT["safe"])
+    house.change(without=("arm", "force"))
     settings = [word for word in BENDING if word != "--set"]
     steering, plant = Steering(), house.fakes.plant
     during(lambda: float(plant.regulator.max()) > 50e3, lambda: steering.ask("pause", "test"))

@@ -14,14 +14,13 @@ from drivers.interfaces import PressureSample
 from lab.files.rig_file import load_rig
 from lab.guard.messages import Event
 from lab.rig.actuators import Actuators
-from lab.verbs.fakes import PATIENT
 from timing import RigClock
 
 
 @pytest.mark.parametrize("failure", ["burst", "stuck"])
 def test_a_channel_that_fails_in_a_sweep_of_the_others_is_told_in_time(house: House, failure: str) -> None:
     """Channel 1 bursts where it is held, or its regulator's reading stands still while it is ramped as well."""
-    house.change(without=("arm", "force", "mocap"), safe=PATIENT["safe"])
+    house.change(without=("arm", "force", "mocap"))
     rig = load_rig(house.rig)
     heard: list[Any] = []
     others: list[float] = []

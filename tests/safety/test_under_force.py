@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 from house import House, until
 from test_pauses import STIFFNESS, during, lab
 
@@ -17,7 +16,6 @@ import timing
 from drivers.errors import DeviceFault, StaleReading
 from lab.files.rig_file import load_rig
 from lab.rig.assembly import Rig
-from lab.verbs.fakes import PATIENT
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
 
@@ -27,20 +25,10 @@ FAR, SLOW, STILL = 0.28, 6e-3, 1e-3
 
 @pytest.fixture
 def rig(house: House) -> Iterator[Rig]:
-    patient(house)
+    house.change(without=("mocap",))
     with Rig(load_rig(house.rig)) as opened:
         assert opened.open_all(lambda name, outcome: None) == []
         yield opened
-
-
-def patient(house: House) -> None:
-    """On a busy computer the arm's watchdog and the heartbeat must not come before what is tested."""
-    arm = yaml.safe_load(house.rig.read_text())["instruments"]["arm"]
-    house.change(
-        without=("mocap",),
-        safe=PATIENT["safe"],
-        instruments={"arm": {**arm, "watchdog_frequency": 2.0, "timeout": 3.0}},
-    )
 
 
 def sensor(house: House) -> Any:
@@ -114,7 +102,7 @@ def test_a_drip_never_sets_the_arm_going_again_and_ends_the_motion(house: House,
 def test_a_stiffness_run_whose_sensor_drips_ends_with_its_stale_reading(
     house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    patient(house)
+    house.change(without=("mocap",))
     plant, force = house.fakes.plant, sensor(house)
     moved: list[float] = []
 

@@ -72,7 +72,7 @@ def _pressure_deadband(q: Quantities, v: Values) -> None:
     soft = DEADBAND_SOFTNESS * band
     p = q.pressure
     taken = slack(p, band)
-    kept = np.maximum(q.design.highest - band, 0.0)
+    kept = np.maximum(q.design.highest_of_trial - band, 0.0)
     late = p - _above(p - kept, soft) + _above(-kept, soft)
     share = np.where(q.design.unload[:, None], v["play"][..., None], 0.0)
     q.pressure = np.where((p > 0) & (band != 0), taken + share * (late - taken), p)

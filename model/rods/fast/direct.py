@@ -35,7 +35,7 @@ from model.rods.fast.newton import (
     size_of,
     worst_residual,
 )  # fmt: skip
-from model.rods.fast.passes import evaluate, orientation
+from model.rods.fast.passes import WHOLE, evaluate, orientation
 from model.rods.solution import (
     AT_FORCE,
     AT_LARGEST,
@@ -145,7 +145,7 @@ def solve_direct(
             see_largest_moment(group)
         cut(group, divisions)
         fixed_cut(group, steps, first)
-        evaluate(group, group.springs, 1.0)
+        evaluate(group, group.springs, WHOLE)
         improve(group, close, ROUNDS)
         for _ in range(RENEWALS):
             if worst_residual(group) < close:

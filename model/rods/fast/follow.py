@@ -25,7 +25,7 @@ from model.rods.fast.newton import (
     first_guess,
     improve,
 )
-from model.rods.fast.passes import evaluate
+from model.rods.fast.passes import WHOLE, evaluate
 from model.rods.solution import AT_LARGEST
 
 Array = NDArray[np.float64]
@@ -77,7 +77,7 @@ def follow_load(
             tries += 1
             copy(rod, saved, ROD)
             rod.load_share = min(1.0, share + step)
-            evaluate(group, group.springs, 1.0)
+            evaluate(group, group.springs, WHOLE)
             rounds = improve(group, close, ROUNDS)
             if expected_residual(rod) < close and turned_by(rod, saved) < FARTHEST:
                 difference_jacobian(group)
@@ -89,7 +89,7 @@ def follow_load(
             copy(saved, rod, ROD)
             step *= 0.5
         rod.load_share = share
-        evaluate(group, group.springs, 1.0)
+        evaluate(group, group.springs, WHOLE)
         correct(group)
         write_result(rod, group.springs, out, row)
         reached[i] = FOLLOWED if share >= 1.0 else LOST

@@ -1,6 +1,6 @@
-"""Which pose of the tip brings the base to its place, by Newton and Broyden.
+"""Find the tip pose whose base satisfies the boundary condition, by Newton's method with Broyden's updates.
 
-The tip is turned in the mount frame and the residual, by how much the base misses its pose, is measured there too.
+The tip is turned in the mount frame, where the residual, by how much the base misses its pose, is measured too.
 Without dead loads the whole rod then turns as one, the Jacobian is the identity and the first step exact; dead loads bend
 it away from there.
 That makes three equations in three unknowns. Springs at the tip depend on where it is: its position joins as three
@@ -19,7 +19,7 @@ from model.rods.fast.algebra import Vector, along, conjugate, dot, minus, produc
 from model.rods.fast.compiler import inline, routine
 from model.rods.fast.group import FOUND, POSE, SIX, Group, Rod, Six, each_rod
 from model.rods.fast.lanes import copy, copy_lanes
-from model.rods.fast.passes import change_tip, evaluate, orientation
+from model.rods.fast.passes import WHOLE, change_tip, evaluate, orientation
 
 NUDGE = 1e-4
 """Finite-difference change of an unknown (rad, lengths)."""
@@ -30,7 +30,7 @@ NEAR = 1e-3
 HALF_TURNED = 0.5
 """Cosine of half the angle (2.1 rad) from which a tip counts as turned far."""
 LEAST_LEFT, LEAST_LEFT_OF_TURNED = 0.01, 0.1
-"""Share of the residual that is expected at least after a step, and of rods that turn their tip far."""
+"""Least share of the residual that a step is expected to leave, and the same for a tip that is turned far."""
 
 
 @inline
@@ -59,13 +59,13 @@ def guess_tip(rod: Rod) -> None:
 def difference_jacobian(group: Group) -> None:
     """d residual / d change and d seen / d change by finite differences; leaves the pass at the unchanged tip behind."""
     all_rods = Rod(group.work, 0)
-    evaluate(group, group.springs, 1.0)
+    evaluate(group, group.springs, WHOLE)
     copy_lanes(all_rods.tip, all_rods.tip_before, POSE)
     copy_lanes(all_rods.found, all_rods.found_before, FOUND)
     for c in range(6 if group.springs > 0 else 3):
         nudge(group, c)
         change_tip(group)
-        evaluate(group, group.springs, 1.0)
+        evaluate(group, group.springs, WHOLE)
         differ(group, c)
         if group.springs > 0:
             differ_shift(group, c)
@@ -81,7 +81,7 @@ def nudge(rod: Rod, c: int) -> None:
 
 @each_rod
 def differ(rod: Rod, c: int) -> None:
-    """Column c of what a turn misses, and of d seen / d change."""
+    """Column c of d residual.turn / d change and of d seen / d change."""
     found, before = rod.found, rod.found_before
     set_column(rod.jacobian.turn, c, scaled(1.0 / NUDGE, minus(found.residual.turn, before.residual.turn)))
     set_column(rod.seen_by, c, scaled(1.0 / NUDGE, minus(found.seen, before.seen)))
@@ -89,7 +89,7 @@ def differ(rod: Rod, c: int) -> None:
 
 @each_rod
 def differ_shift(rod: Rod, c: int) -> None:
-    """Column c of what a shift misses."""
+    """Column c of d residual.shift / d change."""
     now, before = rod.found.residual.shift, rod.found_before.residual.shift
     set_column(rod.jacobian.shift, c, scaled(1.0 / NUDGE, minus(now, before)))
 
@@ -122,7 +122,7 @@ def newton_step(group: Group) -> None:
 
 @each_rod
 def step_by_three(rod: Rod) -> None:
-    """The step in three unknowns."""
+    """change.turn = -J^-1 residual.turn with the inverse of a 3 by 3 matrix by its cofactors."""
     (a, b, c), (d, e, f), (g, h, i) = turn_by_turn(rod)
     x, y, z = rod.found.residual.turn
     ca, cb, cc = e * i - f * h, f * g - d * i, d * h - e * g
@@ -143,7 +143,7 @@ def turn_by_turn(rod: Rod) -> tuple[Vector, Vector, Vector]:
 
 @each_rod
 def step_by_six(rod: Rod) -> None:
-    """The step in six unknowns."""
+    """change = -J^-1 residual by back substitution in `pivots`."""
     eliminate(rod)
     x, a = rod.change, rod.pivots
     for i in range(SIX):
@@ -195,42 +195,43 @@ def shorten(rod: Rod) -> None:
 def broyden(group: Group) -> None:
     """Make the Jacobian explain the last step: J += (residual - residual_before - J change) change^T / |change|^2."""
     if group.springs > 0:
-        learn(group)
+        broyden_six(group)
     else:
-        learn_turn(group)
+        broyden_three(group)
 
 
 @each_rod
-def learn(rod: Rod) -> None:
-    """In six unknowns."""
+def broyden_six(rod: Rod) -> None:
+    """`broyden` in turn and shift, of all six rows of J."""
     now, before, change = rod.found.residual, rod.found_before.residual, rod.change
     scale = 1.0 / (dot(change.turn, change.turn) + dot(change.shift, change.shift) + 1e-30)
     for k in range(3):
-        explain(rod.jacobian.turn[k], now.turn[k] - before.turn[k], change, scale)
-        explain(rod.jacobian.shift[k], now.shift[k] - before.shift[k], change, scale)
+        update_row(rod.jacobian.turn[k], now.turn[k] - before.turn[k], change, scale)
+        update_row(rod.jacobian.shift[k], now.shift[k] - before.shift[k], change, scale)
 
 
 @inline
-def explain(row: Six, gained: float, change: Six, scale: float) -> None:
-    """Make a row explain what a change gained."""
+def update_row(row: Six, gained: float, change: Six, scale: float) -> None:
+    """row += (gained - row . change) scale change, `gained` what a change made of that row's number, `scale` 1 / |change|^2."""
     by = (gained - (dot(row.turn, change.turn) + dot(row.shift, change.shift))) * scale
     row.turn, row.shift = along(row.turn, by, change.turn), along(row.shift, by, change.shift)
 
 
 @each_rod
-def learn_turn(rod: Rod) -> None:
-    """In three; d seen / d change learns in the same way, so that the last correction moves the tip as the last step did."""
+def broyden_three(rod: Rod) -> None:
+    """`broyden` in the turn alone (rad), of three rows of J; and S = d seen / d change (m) alike, S += (d seen - S turn) turn^T /
+    |turn|^2, so that the correction that no pass follows moves the tip as the last step did."""
     now, before, turn = rod.found, rod.found_before, rod.change.turn
     scale = 1.0 / (dot(turn, turn) + 1e-30)
     gained, moved = minus(now.residual.turn, before.residual.turn), minus(now.seen, before.seen)
     for k in range(3):
-        rod.jacobian.turn[k].turn = explained(rod.jacobian.turn[k].turn, gained[k], turn, scale)
-        rod.seen_by[k].turn = explained(rod.seen_by[k].turn, moved[k], turn, scale)
+        rod.jacobian.turn[k].turn = updated_row(rod.jacobian.turn[k].turn, gained[k], turn, scale)
+        rod.seen_by[k].turn = updated_row(rod.seen_by[k].turn, moved[k], turn, scale)
 
 
 @inline
-def explained(row: Vector, gained: float, turn: Vector, scale: float) -> Vector:
-    """A row that explains what a turn gained."""
+def updated_row(row: Vector, gained: float, turn: Vector, scale: float) -> Vector:
+    """`update_row` for a turn alone, as a new row."""
     return along(row, (gained - dot(row, turn)) * scale, turn)
 
 
@@ -243,11 +244,10 @@ def size_of(six: Six) -> float:
 
 @inline
 def expected_residual(rod: Rod) -> float:
-    """What one more Newton step without a pass is expected to leave of the residual.
+    """Residual expected after one more Newton step, r min(1, max(least, 4 r / r_before)) for the residual r; inf where it is NaN.
 
-    The last step left the share residual / residual_before; the next one leaves about as much, four times that to be safe.
-    d seen / d change knows only the directions of the last steps well, so that a least share is expected: of 300,000 random
-    robots one was 0.03 mm off whose tip had turned far and that was judged as the others.
+    The last step left the share r / r_before; the next one leaves about as much, and 4 is a margin. d seen / d change is accurate
+    only in the directions of the last steps, so a least share is expected, a larger one of tips that have turned far.
     """
     residual, before = size_of(rod.found.residual), size_of(rod.found_before.residual)
     q, b = rod.tip.turn, rod.base
@@ -284,7 +284,7 @@ def improve(group: Group, close: float, most_rounds: int) -> int:
             return i
         correct(group)
         copy_lanes(all_rods.found, all_rods.found_before, FOUND)
-        evaluate(group, group.springs, 1.0)
+        evaluate(group, group.springs, WHOLE)
         broyden(group)
     return most_rounds
 

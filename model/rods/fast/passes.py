@@ -27,6 +27,9 @@ from model.rods.fast.lanes import LANES
 from model.rods.fast.runge_kutta import step
 from model.rods.fast.stages import Stage, keep_stage, stage_of
 
+WHOLE = 1.0
+"""`dead` of a pass: the share of the dead loads that acts."""
+
 
 @routine
 def evaluate(group: Group, springs: int, dead: float) -> None:
@@ -203,7 +206,7 @@ def change_tip(group: Group) -> None:
 
 @each_rod
 def turn_tip(rod: Rod) -> None:
-    """Turn the tip."""
+    """Turn the tip by `change.turn`: the quaternion of x is (1, x / 2) / sqrt(1 + |x|^2 / 4), to second order in |x|."""
     x, y, z = rod.change.turn
     size = 1.0 / math.sqrt(1.0 + 0.25 * (x * x + y * y + z * z))
     half = 0.5 * size
@@ -212,5 +215,5 @@ def turn_tip(rod: Rod) -> None:
 
 @each_rod
 def shift_tip(rod: Rod) -> None:
-    """Shift it."""
+    """Shift the tip by `change.shift` rod lengths."""
     rod.tip.place = along(rod.tip.place, rod.length, rod.change.shift)

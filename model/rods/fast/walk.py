@@ -26,7 +26,7 @@ from model.rods.fast.group import (
     terms_of,
 )  # fmt: skip
 from model.rods.fast.lanes import LANES
-from model.rods.fast.passes import advance, advance_group, orientation, start_at_tip
+from model.rods.fast.passes import WHOLE, advance, advance_group, orientation, start_at_tip
 from model.rods.solution import AT_LARGEST, AT_ORIENTATION, AT_TIP, Solution
 
 Array = NDArray[np.float64]
@@ -69,18 +69,22 @@ def walk(
     arcs: Array,
     out: Array,
 ) -> None:
-    """Fill `out` (n, k, WIDTH) at arcs (n, k); `grid` are divisions and fixed steps (n or 0 rows)."""
+    """Fill `out` (n, k, WIDTH), columns `AT_*`, at k arcs (n, k) m from the base of each rod, under its whole dead load.
+
+    From the tip to the base, element by element, z from 1 at the tip's end of each to 0. `grid` are divisions and fixed steps (n
+    rows, or none), which replace those that follow from the divisions.
+    """
     at = RowLayout(layout[0], layout[1], layout[2])
     group = new_group(rods, at, full, ROD)
     for first in range(0, rods.shape[0], LANES):
         stand_at_tip(rods, at, group, solved, grid, first)
-        start_at_tip(group, group.springs, 1.0)
+        start_at_tip(group, group.springs, WHOLE)
         for e in range(group.parts.size):
             pieces = max(group.parts[e], 1)
             for j in range(pieces):
                 for s in range(arcs.shape[1]):
                     visit_station(group, (e, j, pieces), arcs, first, s, solved, out)
-                advance_group(group, e, 1.0 - j / pieces, -1.0 / pieces, 1.0)
+                advance_group(group, e, 1.0 - j / pieces, -1.0 / pieces, WHOLE)
 
 
 @routine
@@ -114,7 +118,7 @@ def visit_station(
         return
     for l in range(LANES):
         rod = Rod(group.work, l)
-        advance(rod, section_of(group, e, l), group.full, z, dz * rod.share, 1.0, None, rod.beside)
+        advance(rod, section_of(group, e, l), group.full, z, dz * rod.share, WHOLE, None, rod.beside)
     for l in range(min(LANES, last + 1 - first)):
         rod = Rod(group.work, l)
         if rod.share >= 0.0:

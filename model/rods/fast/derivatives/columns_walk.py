@@ -33,7 +33,7 @@ from model.rods.fast.derivatives.tangent import (
 from model.rods.fast.equations import strains
 from model.rods.fast.group import SECTION, Full, Group, Point, Rod, each_rod, section_of, terms_of
 from model.rods.fast.lanes import LANES, Record, copy, copy_lanes, record
-from model.rods.fast.passes import advance, orientation, read_base, start_at_tip
+from model.rods.fast.passes import WHOLE, advance, orientation, read_base, start_at_tip
 from model.rods.fast.walk import passes
 
 Array = NDArray[np.float64]
@@ -91,7 +91,7 @@ class Columns(NamedTuple):
     passed: Array
     """(stations, elements, columns of `Column`): x there."""
     walked: Array
-    """(stations + 1, elements, LANES): share of each element that lies behind a station, behind the base last."""
+    """(stations + 1, elements, LANES): share of each element between the tip and a station; the base last."""
     stations: Array
     """(stations + 1) of `Station`, the base last."""
 
@@ -113,9 +113,13 @@ class Direction(NamedTuple):
 
 @routine
 def walk_columns(group: Group, columns: Columns, arcs: Array, first: int) -> None:
-    """Walk all lanes and their columns from tip to base, past the stations."""
+    """Walk all lanes and their columns from tip to base, and keep what is seen at the stations `arcs` (n, s), m from the base.
+
+    Lane 0 is the rod of row `first`. Element e, tip first, leaves its columns in x[e]: they start from x[e - 1], the first ones
+    from the tip, and collect T from nothing.
+    """
     x, base = columns.x, columns.stations[arcs.shape[1]]
-    start_at_tip(group, group.springs, 1.0)
+    start_at_tip(group, group.springs, WHOLE)
     start_columns(group, columns)
     for e in range(len(x)):
         # An element that no rod of the group has still tells what its length would do.
@@ -124,7 +128,6 @@ def walk_columns(group: Group, columns: Columns, arcs: Array, first: int) -> Non
             walk = Walk(group.work, l)
             copy(section_of(group, e, l), walk.section, SECTION)
         for j in range(pieces):
-            # Columns go on from where they left the element before, and collect anew.
             start = x[e if j > 0 else max(e - 1, 0)]
             for s in range(arcs.shape[1]):
                 if passes(group, (e, j, pieces), arcs, first, s):
@@ -140,13 +143,13 @@ def walk_columns(group: Group, columns: Columns, arcs: Array, first: int) -> Non
 
 @each_rod
 def set_share(rod: Rod) -> None:
-    """All of the next step."""
+    """Let the next step be taken in full: `passes` has left each rod the share at which it meets a station."""
     rod.share = 1.0
 
 
 @each_rod
 def go_on(rod: Rod) -> None:
-    """Stand where the step led."""
+    """Move the rod to the end of the step, where `step_all` has put `beside`."""
     to, here = rod.beside, rod.here
     here.q, here.m, here.r, here.force, here.peak = to.q, to.m, to.r, to.force, to.peak
 
@@ -168,8 +171,10 @@ def start_columns(group: Group, columns: Columns) -> None:
 
 @routine
 def step_all(group: Group, start: Array, into: Array, e: int, j: int, pieces: int) -> None:
-    """Step j of `pieces` of element e of all lanes, of each the share that it says, and of all columns with them: from `start`
-    to `into`, and from where the rods stand to `beside`."""
+    """Step j of `pieces` through element e, of each lane the share `rod.share` of it.
+
+    Rods go from `here` to `beside`, columns from `start` to `into`.
+    """
     work, full, z, dz = group.work, group.full, 1.0 - j / pieces, -1.0 / pieces
     used = COLUMN - WORK + (WORK if full is not None else PLAIN_WORK)
     for l in range(LANES):
@@ -317,7 +322,7 @@ def combine(by: list[SectionChange], factors: TipChange, change: SectionChange) 
 
 @inline
 def add_change(change: SectionChange, more: SectionChange, factor: float) -> None:
-    """Add a change."""
+    """change += factor more."""
     change.turn = along(change.turn, factor, more.turn)
     change.shift = along(change.shift, factor, more.shift)
     change.moment = along(change.moment, factor, more.moment)

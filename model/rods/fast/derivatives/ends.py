@@ -72,7 +72,7 @@ ENDS = Ends.size
 
 @routine
 def linearise_ends(rod: Rod, ends: Ends, tilt: Vector) -> None:
-    """Fill `ends` of a rod that was walked to the base, whose base_turn is `tilt`."""
+    """Fill `ends` of a rod that was walked to the base, whose base_turn is `tilt` (rad)."""
     ends.force, ends.moment = turned(rod.tip.turn, rod.tip_force), turned(rod.tip.turn, rod.tip_moment)
     base = orientation(rod.here)
     w, x, y, z = product(base, conjugate(rod.base))
@@ -94,7 +94,10 @@ def chi_rate(e: tuple[float, float, float, float], turn: Vector) -> Vector:
 
 @inline
 def turn_rate(x: Vector, change: Vector) -> Vector:
-    """By which turn (rad, from the left) the rotation of the vector x changes with x."""
+    """J c, J the left Jacobian of rotations: by which turn (rad) from the left R(x) changes when x (rad) changes by c.
+
+    With x = t a: J c = (sin t / t) c + (1 - sin t / t) (a . c) a + ((1 - cos t) / t) a x c.
+    """
     angle = math.sqrt(dot(x, x))
     if angle < 1e-4:
         return along(change, 0.5, cross(x, change))
@@ -105,19 +108,20 @@ def turn_rate(x: Vector, change: Vector) -> Vector:
 
 
 class Pull(NamedTuple):
-    """A spring and its pull."""
+    """Derivatives of the pull (N) of a spring, see `spring_force`."""
 
     arm: Vector
-    """R a, mount frame."""
+    """R a, m, mount frame."""
     by_stiffness: float
-    """Over its stiffness."""
+    """m; times the stiffness this is the pull itself."""
     by_stretch: float
     by_softness: float
+    """N/m each."""
 
 
 @inline
 def pull_of(rod: Rod, spring: Spring) -> Pull:
-    """The pull of a spring."""
+    """Derivatives of the pull of a spring."""
     arm = turned(rod.tip.turn, spring.arm)
     stretch, stiffness, softness = spring_stretch(rod, spring, arm), spring.stiffness, spring.softness
     if softness > 0.0:
@@ -129,7 +133,7 @@ def pull_of(rod: Rod, spring: Spring) -> Pull:
 
 @inline
 def springs_by_motion(rod: Rod, springs: int, turn: Vector, shift: Vector) -> tuple[Vector, Vector]:
-    """Change of the springs' force and moment at the tip when it turns and shifts."""
+    """Change of the springs' force (N) and moment (N m) at the tip, mount frame, when it turns (rad) and shifts (m)."""
     force, moment = NOTHING, NOTHING
     for j in range(springs):
         spring, e = rod.springs[j], rod.springs[j].direction
@@ -144,7 +148,7 @@ def springs_by_motion(rod: Rod, springs: int, turn: Vector, shift: Vector) -> tu
 
 @inline
 def springs_by_parameters(rod: Rod, springs: int, change: list[Spring]) -> tuple[Vector, Vector]:
-    """Change of force and moment at the tip with the springs themselves."""
+    """The same when the numbers of the springs change by those of `change`, the tip held still."""
     force, moment = NOTHING, NOTHING
     for j in range(springs):
         spring, d, e = rod.springs[j], change[j], rod.springs[j].direction
@@ -167,27 +171,30 @@ def tip_wrench_change(rod: Rod, springs: int, d: Parameters) -> tuple[Vector, Ve
 
 
 @inline
-def compliant_turn(rod: Rod, ends: Ends, change: Vector, stiffer: float) -> Vector:
-    """By how much the base turns more when v changes, and h by `stiffer`."""
+def compliant_turn(rod: Rod, ends: Ends, dv: Vector, dh: float) -> Vector:
+    """Change dw (rad) of the turn w = f v that the base gives way by, v = K felt, when v changes by dv (rad), h by dh (1/rad^2).
+
+    dw = f dv - f / (3 b) (2 h v . dv + |v|^2 dh) v,   f = b^(-1/3),   b = 1 + h |v|^2.
+    """
     h = rod.stiffening
-    if h == 0.0 and stiffer == 0.0:
-        return change
+    if h == 0.0 and dh == 0.0:
+        return dv
     v = times(rod.compliance, ends.felt)
-    size = dot(v, v)
-    whole = 1.0 + h * size
-    factor = whole ** (-1.0 / 3.0)
-    return along(scaled(factor, change), -factor / (3.0 * whole) * (2.0 * h * dot(v, change) + stiffer * size), v)
+    squared = dot(v, v)
+    b = 1.0 + h * squared
+    f = b ** (-1.0 / 3.0)
+    return along(scaled(f, dv), -f / (3.0 * b) * (2.0 * h * dot(v, dv) + dh * squared), v)
 
 
 @inline
 def weighed(columns: list[Vector], by: Vector) -> Vector:
-    """Columns of a matrix, by three numbers."""
+    """A matrix, of which these are the columns, times a vector."""
     return along(along(scaled(by[0], columns[0]), by[1], columns[1]), by[2], columns[2])
 
 
 @inline
 def base_residual_change(rod: Rod, ends: Ends, change: SectionChange, force: Vector, twist: Vector) -> Vector:
-    """Change of the base's residual when the section there changes, f by `force` and g by `twist`."""
+    """Change (rad) of the base's residual chi - w when the section there changes, f by `force` (N) and g by `twist` (N m)."""
     follower = plus_cross(cross(ends.force, change.shift), rod.found.seen, force)
     moment = along(change.moment, -rod.relief, add(twist, follower))
     return minus(weighed(ends.chi_by_turn, change.turn), compliant_turn(rod, ends, times(rod.compliance, moment), 0.0))
@@ -195,7 +202,7 @@ def base_residual_change(rod: Rod, ends: Ends, change: SectionChange, force: Vec
 
 @inline
 def base_parameter_change(rod: Rod, ends: Ends, d: Parameters) -> Vector:
-    """Change of the base's residual with the base's own parameters."""
+    """Change (rad) of the base's residual with the base's own parameters: its turn, compliance, relief and stiffening."""
     tilted = weighed(ends.turn_by_tilt, scaled(-1.0, d.base_turn))
     follower = plus_cross(ends.moment, rod.found.seen, ends.force)
     v = along(times(d.base_compliance, ends.felt), -d.base_relief, times(rod.compliance, follower))

@@ -161,14 +161,15 @@ def differentiate(
 
 @allocating
 def new_columns(size: int, forced: int, stations: int) -> Columns:
-    """Room for the columns of rods of `size` elements, as many of which are forced."""
-    each = (TIP_COLUMNS + forced) * COLUMN * LANES
+    """Room for the columns of rods of `size` elements: nine that start at the tip, and one for each of `forced` mean strains.
+    `walked` is 1 at the base, which comes after the stations: all of every element lies between it and the tip."""
+    numbers = (TIP_COLUMNS + forced) * COLUMN * LANES
     walked = np.zeros((stations + 1, size, LANES))
     walked[stations] = 1.0
     return Columns(
-        new_numbers(size * each).reshape((size, each)),
-        new_numbers(each),
-        np.zeros((stations, size, each)),
+        new_numbers(size * numbers).reshape((size, numbers)),
+        new_numbers(numbers),
+        np.zeros((stations, size, numbers)),
         walked,
         np.zeros((stations + 1, STATION * LANES)),
     )
@@ -176,7 +177,10 @@ def new_columns(size: int, forced: int, stations: int) -> Columns:
 
 @routine
 def differentiate_unknowns(group: Group, room: Room) -> None:
-    """What each unknown does, the Jacobian, and the Newton steps by which all directions share its inverse."""
+    """What a unit of each unknown does to tip and base, with the loads that turn with the tip; its residuals are the Jacobian.
+
+    With springs, also the Newton step of a unit of each residual, by which all directions share the inverse.
+    """
     for c in range(6 if group.springs > 0 else 3):
         turn, shift = unit(c), unit(c - 3)
         for l in range(LANES):
@@ -199,7 +203,7 @@ def differentiate_unknowns(group: Group, room: Room) -> None:
 
 @routine
 def differentiate_direction(group: Group, room: Room, direction: Direction) -> None:
-    """What a direction does, the base held in its place."""
+    """What a direction does: with the tip's pose held first; then the unknowns take back by how much the base would move."""
     for l in range(LANES):
         rod, change, d = Rod(group.work, l), Change(room.change, l), Parameters(direction.d, l)
         force, moment = tip_wrench_change(rod, group.springs, d)
@@ -247,7 +251,7 @@ def see_change(station: Station, change: Change, done: Done, to: SectionChange) 
 
 @inline
 def add_tip_change(change: TipChange, more: TipChange, factor: float) -> None:
-    """Add a change."""
+    """change += factor more."""
     change.turn = along(change.turn, factor, more.turn)
     change.moment = along(change.moment, factor, more.moment)
     change.force = along(change.force, factor, more.force)
