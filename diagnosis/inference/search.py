@@ -71,6 +71,7 @@ class Search:
         self._tried: dict[Key, Candidate] = {}
         self._queue: list[Candidate] = []
         self._promised: dict[Key, float] = {}
+        self._searched: set[Key] = set()
         self._none: dict[bool, Candidate] = {}
         self._best = -np.inf
         calibrated = self._fit(NONE, False, FIT_DISCREPANCY_SIZE, problem.parameters.mean, 4)
@@ -178,13 +179,15 @@ class Search:
             if known is None or (c.turns > 0, c.log_evidence) > (known.turns > 0, known.log_evidence):
                 self._tried[key] = c
             self._promised[key] = max(promised, c.laplace_log_evidence)
+            if c.turns:
+                self._searched.add(key)
             if not c.ended and (c.turns or c.laplace_log_evidence > promised + TEMPERATURE):
                 self._queue.append(c)
 
     def _most_promising(self) -> list[Candidate]:
         """Take the points that are searched on next from the queue, and drop those that promise too little: less than others
         have reached, by the margin, or than another search of the same hypothesis."""
-        searched = {key: c for key, c in self._tried.items() if c.turns}
+        searched = {key: self._tried[key] for key in self._searched}
         self._best = max(c.log_evidence + self._log_prior(c.named) for c in searched.values())
 
         def promise(c: Candidate) -> float:
@@ -220,6 +223,8 @@ class Search:
         if not found.ended or not self._leads(found):
             return [found]
         own, switched, *others = self._next_to(found)
+        if (c.named, switched.with_tolerances) in self._searched:
+            return [own, switched, *others]
         points = [switched]
         if len(c.named) == 1 and self._starts.needs_own(c.named):
             none = self._none[switched.with_tolerances].fit
