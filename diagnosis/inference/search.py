@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +58,14 @@ FIRST_ROUNDS, ROUNDS, LAST_ROUNDS = 2, 4, 30
 derivatives; most steps of a hypothesis that is searched by itself."""
 
 
+class Standing(NamedTuple):
+    """How far a search has come: goes with each candidate to other processes, which have the search as it began."""
+
+    best: float = -np.inf
+    """Log evidence, with that of the prior, of the best hypothesis reached."""
+    searched: frozenset[Key] = frozenset()
+
+
 def _evidence(c: Candidate) -> float:
     return c.log_evidence
 
@@ -71,9 +79,8 @@ class Search:
         self._tried: dict[Key, Candidate] = {}
         self._queue: list[Candidate] = []
         self._promised: dict[Key, float] = {}
-        self._searched: set[Key] = set()
         self._none: dict[bool, Candidate] = {}
-        self._best = -np.inf
+        self._standing = Standing()
         calibrated = self._fit(NONE, False, FIT_DISCREPANCY_SIZE, problem.parameters.mean, 4)
         self._begin_at(self._with_all_derivatives(calibrated), False)
         executor.first_look(first_look(self._singles(False), AMONG_AT_ONCE))
@@ -179,16 +186,15 @@ class Search:
             if known is None or (c.turns > 0, c.log_evidence) > (known.turns > 0, known.log_evidence):
                 self._tried[key] = c
             self._promised[key] = max(promised, c.laplace_log_evidence)
-            if c.turns:
-                self._searched.add(key)
             if not c.ended and (c.turns or c.laplace_log_evidence > promised + TEMPERATURE):
                 self._queue.append(c)
 
     def _most_promising(self) -> list[Candidate]:
         """Take the points that are searched on next from the queue, and drop those that promise too little: less than others
         have reached, by the margin, or than another search of the same hypothesis."""
-        searched = {key: self._tried[key] for key in self._searched}
-        self._best = max(c.log_evidence + self._log_prior(c.named) for c in searched.values())
+        searched = {key: c for key, c in self._tried.items() if c.turns}
+        best = max(c.log_evidence + self._log_prior(c.named) for c in searched.values())
+        self._standing = Standing(best, frozenset(searched))
 
         def promise(c: Candidate) -> float:
             return c.laplace_log_evidence + self._log_prior(c.named)
@@ -196,7 +202,7 @@ class Search:
         def worth_it(c: Candidate) -> bool:
             known = searched.get((c.named, c.with_tolerances))
             first = known is None or known is c or c.laplace_log_evidence > known.log_evidence + UNCONVERGED
-            return first and promise(c) > self._best - self._margin(c)
+            return first and promise(c) > best - self._margin(c)
 
         self._queue = sorted(filter(worth_it, self._queue), key=promise, reverse=True)
         first = {(c.named, c.with_tolerances): c for c in reversed(self._queue)}
@@ -209,7 +215,7 @@ class Search:
         """What is far behind is kept without derivatives: of a large campaign they take most memory."""
         waiting = {id(c) for c in self._queue}
         for key, c in self._tried.items():
-            if c.log_evidence + self._log_prior(c.named) < self._best - SEARCH_MARGIN and id(c) not in waiting:
+            if c.log_evidence + self._log_prior(c.named) < self._standing.best - SEARCH_MARGIN and id(c) not in waiting:
                 self._tried[key] = without_derivatives(c)
 
     # ------------------------------------------------------------------ one point
@@ -223,7 +229,7 @@ class Search:
         if not found.ended or not self._leads(found):
             return [found]
         own, switched, *others = self._next_to(found)
-        if (c.named, switched.with_tolerances) in self._searched:
+        if (c.named, switched.with_tolerances) in self._standing.searched:
             return [own, switched, *others]
         points = [switched]
         if len(c.named) == 1 and self._starts.needs_own(c.named):
@@ -233,7 +239,7 @@ class Search:
 
     def _leads(self, c: Candidate) -> bool:
         """Whether a searched hypothesis lies within the margin of those that are searched on."""
-        return c.log_evidence + self._log_prior(c.named) > self._best - self._margin(c)
+        return c.log_evidence + self._log_prior(c.named) > self._standing.best - self._margin(c)
 
     def _turn(self, c: Candidate) -> Candidate:
         """A hypothesis searched on from a point."""
@@ -320,13 +326,14 @@ class Search:
     ) -> list[list[Candidate]]:
         """`do`, a method of this search, for every candidate, here or elsewhere."""
         begun = list(begun)
-        sent = [(do.__name__, light(c, self._references(None))) for c in begun]
+        sent = [(do.__name__, light(c, self._references(None)), self._standing) for c in begun]
         found = self._executor.map(self._done, sent, step)
         return [[complete(c, self._references(b)) for c in own] for b, own in zip(begun, found, strict=True)]
 
-    def _done(self, sent: tuple[str, Candidate]) -> list[Candidate]:
-        begun = complete(sent[1], self._references(None))
-        return [light(c, self._references(begun)) for c in getattr(self, sent[0])(begun)]
+    def _done(self, sent: tuple[str, Candidate, Standing]) -> list[Candidate]:
+        name, given, self._standing = sent
+        begun = complete(given, self._references(None))
+        return [light(c, self._references(begun)) for c in getattr(self, name)(begun)]
 
     def _references(self, begun: Candidate | None) -> References:
         """Derivatives that this process and another one have: those of none, and of what a candidate was begun at."""
