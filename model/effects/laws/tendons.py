@@ -23,8 +23,8 @@ def _tendon_friction(h: History, v: Values) -> None:
     """Euler and Eytelwein with sticking: each tension stays what it is as long as friction can hold it there.
 
     Without weight and stretch a body that tendons bend has a' = k T / T0 and T = T0 exp(-mu a), so that T = T0 / (1 + mu a0), a0
-    its angle without friction: the lower limit here, T0 / (1 - mu a0) the upper one. Beyond the spine the curvature changes
-    linearly to that of the tendons' moment alone at the tip, as forces at the tip make it. Along each part the
+    its angle without friction: the lower limit here, T0 / (1 - mu a0) the upper one. Beyond the spine the curvature changes to
+    that of the tendons' moment alone at the tip, as the weights of body and tip share in making it. Along each part the
     tension that bends it is the line nearest to those at PLACES, so that the tip's place and turn are as theirs.
     """
     q = h.quantities
@@ -36,7 +36,10 @@ def _tendon_friction(h: History, v: Values) -> None:
     at_tip = np.stack(_moment(q, pulls), axis=-1) / h.bend_stiffness[..., OUTER, None]
     inner, outer = (h.drive[..., None, k : k + 2] for k in (0, OF_PART))
     along = (np.arange(PLACES) + 0.5) / PLACES
-    outer = outer + (outer - at_tip[..., None, :]) * (1 - 2 * along)[:, None]
+    # kg; where nothing weighs, it is a force at the tip
+    body, tip = q.density * q.body.mean_weight_area * parts[..., OUTER, 0], q.design.tip_mass + q.payload + 1e-9
+    sag = (body[..., None] / 2 * (1 - along) ** 2 + tip[..., None] * (1 - along)) / (body / 6 + tip / 2)[..., None]
+    outer = at_tip[..., None, :] + (outer - at_tip[..., None, :]) * sag[..., None]
     each = (
         np.stack(np.broadcast_arrays(*(np.linalg.norm(k, axis=-1) for k in (inner, outer))), axis=-2) * parts / PLACES
     )
