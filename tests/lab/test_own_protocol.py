@@ -78,7 +78,7 @@ def test_a_mistake_in_the_defaults_for_a_robot_is_told_with_its_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "robot.yaml").write_text(paper_robot().read_text())
-    (tmp_path / "rig.yaml").write_text("robot: robot.yaml\ninstruments: {}\n")
+    (tmp_path / "rig.yaml").write_text("name: bench\nrobot: robot.yaml\ninstruments: {}\n")
     own = tmp_path / "own.py"
     text = CREEP.with_name("staircase.py").read_text()
     defaults = '    @classmethod\n    def defaults_for(cls, robot):\n        return {"chambers": robot.azimuths}\n'
