@@ -12,6 +12,7 @@ from itertools import combinations
 from typing import Any
 
 from model.actuators import Words
+from model.robot import Robot
 
 from ..criticism.stage_errors import StageError
 from ..inference.posterior import UNKNOWN
@@ -130,10 +131,16 @@ def _verdict(f: Facts) -> str:
     found = stage(f.asking)
     if found is not None:
         return (
-            f"The cause is not in the catalogue; it lies in the {found.stage}, with an error that {found.varies} "
-            f"({_sure(f)})."
+            f"The cause is not in the catalogue ({_sure(f)}). An error in the {found.stage} that {found.varies} fits best "
+            f"(log evidence {found.gain:.1f}{_next_stage(f, found)}); a cause of another stage may do the same to these states."
         )
     return f"The cause is not in the catalogue ({_sure(f)})."
+
+
+def _next_stage(f: Facts, found: StageError) -> str:
+    """The evidence of the best error in another stage; empty where there is none."""
+    other = next((e for e in f.asking if e.stage != found.stage), None)
+    return "" if other is None else f", in the {other.stage} {other.gain:.1f}"
 
 
 def _others(f: Facts) -> str:
@@ -155,7 +162,8 @@ def _gap(f: Facts) -> str:
         missed = f"{f.where.gap_rmse_mm:.{digits}f} mm rms (in-sample)"
         return f"Calibrated {_calibrated(f)} {_model(f)} misses {what} by {missed}; {floor}."
     calibrated = f.waterfall.steps[0].left_mm
-    vain = ", no less: no area factor makes up for what is wrong" if calibrated >= f.waterfall.given_mm else ""
+    wrong = f.conclusion != "noise" and calibrated >= f.waterfall.given_mm
+    vain = ", no less: no area factor makes up for what is wrong" if wrong else ""
     return (
         f"Uncalibrated, {_model(f)} misses {what} by {f.waterfall.given_mm:.{digits}f} mm rms, calibrated with one area factor"
         f"{_factor(f)} by {calibrated:.{digits}f} mm on states that the fit did not see{vain}; {floor}."
@@ -190,9 +198,9 @@ def stands_for(c: Calibration | None, words: Words) -> str:
         if o.probability >= LEAST_STATED or o is c.origins[0]
     ]
     return words.say(
-        f"An area factor of {c.area_factor:.2f} with {c.modulus:.2f} times the modulus may stand for another number of robot.yaml "
-        f"(p that it makes most of it, as uncertain as all are): {', '.join(each)}. To tell, measure the body's stiffness without "
-        "pressures (a stiffness trial, or a mass at the tip), hold a gauge against the pressures, and measure a cut section"
+        f"An area factor of {c.area_factor:.2f} with {c.modulus:.2f} times the modulus may stand for another number of the "
+        f"robot (p that it makes most of it, as uncertain as all are): {', '.join(each)}. To tell, measure the body's stiffness "
+        "without pressures (a stiffness trial, or a mass at the tip), hold a gauge against the pressures, and measure a section"
     )
 
 
@@ -213,8 +221,9 @@ def _by_calibration(f: Facts) -> str:
     return "" if closed is None else f"Calibration closes {percent(closed)} % of the reducible gap; beyond it,"
 
 
-def beyond_tolerance(p: Parameters, moved: Mapping[int, float]) -> Iterator[str]:
+def beyond_tolerance(p: Parameters, moved: Mapping[int, float], robot: Robot) -> Iterator[str]:
     """What to say of each number of robot.yaml that a fit moves beyond its tolerance (`Parameters.tense`)."""
+    by_stiffness = robot.bending_stiffness is not None
     for i, value in moved.items():
         info, sd = p.infos[i], float(p.sd[i])
         away, stated = (
@@ -222,8 +231,9 @@ def beyond_tolerance(p: Parameters, moved: Mapping[int, float]) -> Iterator[str]
             if info.unit == "1"
             else (f"{abs(value):.3g} {info.unit}", f"{sd:.2g} {info.unit}")
         )
+        key = "bending_stiffness" if info.source == "youngs_modulus" and by_stiffness else info.source
         yield (
-            f"{BEYOND_TOLERANCE}{with_id(info.source, {})}, {away} {'above' if value > 0 else 'below'} robot.yaml, "
+            f"{BEYOND_TOLERANCE}{with_id(key, {})}, {away} {'above' if value > 0 else 'below'} robot.yaml, "
             f"{abs(value) / sd:.1f} standard deviations of the {stated} it may be off: measure it and correct robot.yaml, or "
             "state it less surely; until then no cause is certain"
         )

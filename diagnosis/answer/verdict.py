@@ -20,7 +20,7 @@ from ..criticism.probability_calibration import ProbabilityCalibration
 from ..criticism.stage_errors import StageError
 from ..inference.evidence import NONE
 from ..inference.posterior import UNKNOWN, Posterior
-from ..judgement import CAUSE_PROBABILITY, NAMED_PROBABILITY, STAGE_SHARE
+from ..judgement import CAUSE_PROBABILITY, NAMED_PROBABILITY, STAGE_SHARE, TEMPERATURE
 from .result import Conclusion, Verdict
 
 
@@ -88,6 +88,6 @@ def stage(asking: Sequence[StageError]) -> StageError | None:
     """The stage that asks for an error of its own, with what the error goes with most; None where none stands out."""
     if not asking:
         return None
-    gains = np.exp(np.array([e.gain for e in asking]) - max(e.gain for e in asking))
+    gains = np.exp((np.array([e.gain for e in asking]) - max(e.gain for e in asking)) / TEMPERATURE)
     own = np.array([e.stage == asking[0].stage for e in asking])
     return asking[0] if gains[own].sum() >= STAGE_SHARE * gains.sum() else None

@@ -312,7 +312,8 @@ def _told(
     at_bound = np.abs(theta) > FIRST_AT_BOUND * FIRST_WIDEST
     out = []
     if senses[0] < 0:
-        out.append(Adjusted("gravity z", robot.gravity[2], made.gravity[2], "m/s^2", False))
+        k = int(np.argmax(np.abs(robot.gravity)))
+        out.append(Adjusted(f"gravity {'xyz'[k]}", robot.gravity[k], made.gravity[k], "m/s^2", False))
     if senses[1] < 0:
         second = min(1, len(made.actuators.azimuths_deg) - 1)
         given, now = robot.actuators.azimuths_deg[second], made.actuators.azimuths_deg[second]

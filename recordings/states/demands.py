@@ -99,18 +99,24 @@ def too_far(places: NDArray[np.float64], bodies: Bodies) -> str:
     return said
 
 
+LATEST = 0.5
+"""s; a frame that comes later than this after it was taken is no reason for a jump: the cameras' clock may have been set."""
+
+
 def jumped(samples: NDArray[np.void]) -> str:
     """Which body has been at another place since it jumped there, for people; empty where none is.
 
-    `samples`: tracked ones of /tip, oldest first. What jumped and came back does not count.
+    `samples`: tracked ones of /tip, oldest first. What jumped and came back does not count. Between two frames as much time
+    passed as their arrivals or the cameras' stamps say, whichever is more: a busy computer or network hands over several at once.
     """
     places = places_of(samples)
     for body in range(places.shape[1]):
         seen = np.isfinite(places[:, body]).all(axis=1)
-        at, t = places[seen, body], samples["t"][seen]
+        at, t, stamp = places[seen, body], samples["t"][seen], samples["device_time"][seen]
         if len(at) < 2:
             continue
         steps, lasted = np.diff(at, axis=0), np.diff(t)
+        lasted = np.clip(np.nan_to_num(np.diff(stamp)), lasted, lasted + LATEST)
         # m/s: a robot of 40 cm that swings freely with its whole deflection at 2 Hz reaches less
         sudden = np.linalg.norm(steps, axis=1) > 3.0 * lasted + SLACK
         away = float(np.linalg.norm(steps[sudden].sum(axis=0)))

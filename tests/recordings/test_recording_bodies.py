@@ -16,7 +16,7 @@ from recordings.errors import BadMessage, Misplaced
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
 from recordings.states.concluding import conclude
-from recordings.states.demands import Bodies, elsewhere
+from recordings.states.demands import Bodies, elsewhere, jumped
 from recordings.states.rules import State, Window
 
 ARCS = (0.4, 0.1, 0.2, 0.3)
@@ -142,3 +142,12 @@ def test_states_at_rest_are_compared_body_by_body(tmp_path: Path) -> None:
     assert "marker" in elsewhere(row, moved) and "100 mm" in elsewhere(row, moved)
     assert not elsewhere(row, replace(row, tip=tuple(np.add(row.tip, (0.008, 0, 0)))))
     assert not elsewhere(row, replace(row, markers=((math.nan,) * 3, *row.markers[1:])))
+
+
+@pytest.mark.parametrize(("stamped", "says"), [(0.1, ""), (0.0002, "the tip jumped by 90 mm")])
+def test_frames_that_a_busy_computer_hands_over_together_are_no_jump(stamped: float, says: str) -> None:
+    """Moving at 0.9 m/s; what counts is when they were taken."""
+    samples = np.zeros(3, [("t", "f8"), ("device_time", "f8"), ("position", "f8", 3), ("markers", "f8", (0, 3))])
+    samples["t"], samples["device_time"] = [1.0, 1.2, 1.2002], [0.9, 1.0, 1.0 + stamped]
+    samples["position"][:, 0] = [0.0, 0.09, 0.18]
+    assert jumped(samples).startswith(says) and bool(jumped(samples)) is bool(says)
