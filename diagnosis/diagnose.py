@@ -136,7 +136,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         which = assemble.beside(which, ORDER)
     if calibration is not None:
         concerns = (*concerns, *doubtful_area_factor(calibration.area_factor / calibration.given))
-    concerns = (*concerns, *beyond_tolerance(prepared.problem.parameters, found.tense))
+    concerns = (*concerns, *beyond_tolerance(prepared.problem.parameters, found.tense, first.robot))
     concerns = (*concerns, *_scatter_concern(prepared.noise_components.excess_scatter))
     answer = Diagnosis(
         statement=words.say(text) + (f" {detail['holdout']['statement']}" if tested is not None else ""),
@@ -150,7 +150,15 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         budget=budget,
         waterfall=held_out.waterfall,
         calibration=calibration,
-        headline=headline(which, wanted.catalogue, found.asking, facts.missing, closed_by_calibration(facts), words),
+        headline=headline(
+            which,
+            wanted.catalogue,
+            found.asking,
+            facts.missing,
+            closed_by_calibration(facts),
+            words,
+            None if held_out.shrink is None else held_out.shrink.share_closed,
+        ),
     )
     return Examined(answer, rivals, first)
 

@@ -160,7 +160,7 @@ def fit_effects(
         )
         written = written.model_copy(update={"residual": learnt.residual})
     parameters = p.problem.parameters
-    concerns = (*concerns, *beyond_tolerance(parameters, parameters.tense(found.fit.theta)))
+    concerns = (*concerns, *beyond_tolerance(parameters, parameters.tense(found.fit.theta), robot))
     return Fitted(
         written, (*found_before, *named), stated, len(own), len(np.unique(own.trial)), 1e3 * before,
         p.area_factor(baseline.theta), 1e3 * after, concerns, unseen, None if learnt is None else 1e3 * learnt.left_out,

@@ -72,7 +72,7 @@ def unlike(planned: Sequence[Mapping[str, Any]], read: Sequence[TrialRow]) -> st
 
 
 def _state(row: Mapping[str, Any]) -> str:
-    pressures = [f"{p / 1e3:.4g}" for name, p in row.items() if re.fullmatch(r"p\d+", name)]
+    pressures = [f"{round(p / 1e3, 6) + 0.0:.4g}" for name, p in row.items() if re.fullmatch(r"p\d+", name)]
     return (
         f"trial {row['trial']}, repeat {row['repeat']}, {row['branch']}, spine {row['spine_length'] * 100:.3g} cm, "
         f"{', '.join(pressures) + ' kPa' if row['hold'] else 'while ramping'}"

@@ -80,11 +80,12 @@ def headline(
     missing: Sequence[str] = (),
     by_calibration: float | None = None,
     words: Words = Chambers.words,
+    closed: float | None = None,
 ) -> str:
     """The conclusion in at most 20 words, those of the robot's actuators.
 
     `missing` is what the table lacks, `by_calibration` the share of the reducible gap that calibration closes where that is
-    most of it.
+    most of it, `closed` the share that what is named closes on unseen states; None where that is unknown.
     """
     sure = f"(p = {a.probability:.2f})"
     if a.conclusion == "too little data":
@@ -93,6 +94,10 @@ def headline(
         said = _says_all(a.effects, _sizes(a, a.effects), catalogue, words)
         if a.conclusion != "one of several":
             return _start(words.say(f"{said} {sure}."))
+        if closed is not None and closed <= 0:
+            return _start(
+                words.say(f"unclear: nothing closes the gap; nearest is {_name_all(a.effects, catalogue)} {sure}.")
+            )
         return _start(words.say(_tied(a, catalogue, words) or f"most likely {said} {sure}."))
     if a.verdict == "unknown":
         found = stage(asking)

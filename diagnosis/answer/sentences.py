@@ -12,6 +12,7 @@ from itertools import combinations
 from typing import Any
 
 from model.actuators import Words
+from model.robot import Robot
 
 from ..criticism.stage_errors import StageError
 from ..inference.posterior import UNKNOWN
@@ -161,7 +162,8 @@ def _gap(f: Facts) -> str:
         missed = f"{f.where.gap_rmse_mm:.{digits}f} mm rms (in-sample)"
         return f"Calibrated {_calibrated(f)} {_model(f)} misses {what} by {missed}; {floor}."
     calibrated = f.waterfall.steps[0].left_mm
-    vain = ", no less: no area factor makes up for what is wrong" if calibrated >= f.waterfall.given_mm else ""
+    wrong = f.conclusion != "noise" and calibrated >= f.waterfall.given_mm
+    vain = ", no less: no area factor makes up for what is wrong" if wrong else ""
     return (
         f"Uncalibrated, {_model(f)} misses {what} by {f.waterfall.given_mm:.{digits}f} mm rms, calibrated with one area factor"
         f"{_factor(f)} by {calibrated:.{digits}f} mm on states that the fit did not see{vain}; {floor}."
@@ -219,8 +221,9 @@ def _by_calibration(f: Facts) -> str:
     return "" if closed is None else f"Calibration closes {percent(closed)} % of the reducible gap; beyond it,"
 
 
-def beyond_tolerance(p: Parameters, moved: Mapping[int, float]) -> Iterator[str]:
+def beyond_tolerance(p: Parameters, moved: Mapping[int, float], robot: Robot) -> Iterator[str]:
     """What to say of each number of robot.yaml that a fit moves beyond its tolerance (`Parameters.tense`)."""
+    by_stiffness = robot.bending_stiffness is not None
     for i, value in moved.items():
         info, sd = p.infos[i], float(p.sd[i])
         away, stated = (
@@ -228,8 +231,9 @@ def beyond_tolerance(p: Parameters, moved: Mapping[int, float]) -> Iterator[str]
             if info.unit == "1"
             else (f"{abs(value):.3g} {info.unit}", f"{sd:.2g} {info.unit}")
         )
+        key = "bending_stiffness" if info.source == "youngs_modulus" and by_stiffness else info.source
         yield (
-            f"{BEYOND_TOLERANCE}{with_id(info.source, {})}, {away} {'above' if value > 0 else 'below'} robot.yaml, "
+            f"{BEYOND_TOLERANCE}{with_id(key, {})}, {away} {'above' if value > 0 else 'below'} robot.yaml, "
             f"{abs(value) / sd:.1f} standard deviations of the {stated} it may be off: measure it and correct robot.yaml, or "
             "state it less surely; until then no cause is certain"
         )

@@ -28,6 +28,8 @@ TURNS = ((-1, 1), (-1, -1), *((axis, sign) for axis in range(3) for sign in (1, 
 """Directions of gravity that are tried: as it is, reversed, along each axis of the base."""
 AREAS = (1.0, 0.7, 1.4, 0.5, 2.0)
 """Factors on the area factor with which each direction may fit."""
+FAR = 0.25
+"""Robot lengths from where the model stands at rest beyond which a tip is asked about."""
 MOST = 60
 """States that are compared."""
 
@@ -78,6 +80,11 @@ def _gravity(robot: Robot, seen: Pressures) -> Iterator[str]:
             f"gravity {_listed(robot)} m/s^2: at rest the tip is {1e3 * given:.3g} mm from where "
             f"the model has it, and {1e3 * missed[best]:.3g} mm with {_listed(_turned(robot, best))}: does gravity point down in "
             "the base frame, and is the frame the right way round?"
+        )
+    elif given > FAR * robot.length:
+        yield (
+            f"at rest the tip is {1e3 * given:.3g} mm from where the model has it, with any gravity: check which marker is the "
+            "tip, where the base is among the cameras' axes, tip_mass, moduli and density"
         )
 
 

@@ -16,7 +16,7 @@ WORDS = {
     "repeat": "repeat repeats repetition rep reps wiederholung wdh durchlauf durchgang répétition repetición ripetizione",
     "branch": "branch direction phase richtung",
     "spine_length": "spine spinelength growth grown insertion",
-    "tip_mass": "mass weight payload masse gewicht",
+    "tip_mass": "mass weight payload masse gewicht spitzenmasse endmasse zusatzmasse tipmass",
     "roll_deg": "roll",
     "vacuum": "vacuum vakuum",
     "force": "force kraft",

@@ -181,7 +181,11 @@ def explained(d: Diagnosis) -> str:
 def small(d: Diagnosis) -> str:
     """Identifiers of what is named, to type into commands, and what the probability rests on."""
     named = f"Identifier: {' + '.join(d.attribute.effects)}. " if d.attribute.effects else ""
-    return f"{named}Probability p: {d.detail['calibrated_on']}. Gap: error of the {d.locate.of}."
+    present = ", ".join(
+        f"{names(d)[c.effect]} {c.mm:.2f} mm" for c in d.budget if c.role == "present" and c.effect in names(d)
+    )
+    beside = f"Also present: {present}. " if present else ""
+    return f"{beside}{named}Probability p: {d.detail['calibrated_on']}. Gap: error of the {d.locate.of}."
 
 
 def _first_step(d: Diagnosis, protocols: Path | None) -> tuple[str, str]:

@@ -218,7 +218,7 @@ def _write_states(p: Proposal, path: Path, robot: Robot) -> Path:
     names = ["trial", "repeat", "protocol", "branch", "hold", "tip_mass", "roll_deg"]
     names += ["spine_length", "vacuum"] if robot.spine is not None else []
     shown = {name: table[name] for name in names}
-    shown[f"rate [{words.unit}/s]"] = np.asarray(table["rate"], float) / words.pascal
+    shown[f"rate [{words.unit}/s]"] = np.where(table["branch"] == "unload", -1, 1) * table["rate"] / words.pascal
     shown |= {f"p{c} [{words.unit}]": np.asarray(table[f"p{c}"], float) / words.pascal for c in range(1, count + 1)}
     lines = [
         ",".join(shown),

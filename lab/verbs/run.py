@@ -11,6 +11,7 @@ import shlex
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -117,7 +118,7 @@ def protocol_plan(
     name = table.get("protocol", protocol)
     experiment = _experiment(name, own, source.name)
     values, lines = _by_new_names({k: v for k, v in table.items() if k != "protocol"}, source, experiment)
-    values = {**experiment.parameters.defaults_for(known), **values}
+    values = {**_defaults(experiment, known), **values}
     parameters = check(Source(source.name, values, lines), experiment.parameters)
     plan = _planned(experiment, parameters)
     if not plan.seconds <= LONGEST_PLAN:  # nor is it when it is not a number
@@ -176,16 +177,27 @@ def _experiment(name: object, own: Experiment | None, where: str) -> Experiment:
     return known.usable[name]
 
 
-def _planned(experiment: Experiment, parameters: Parameters) -> Plan:
-    """The plan; a mistake there of a protocol that is not the project's own is reported as its own. The plan of a file has
-    the file's name, whatever it says: the file may be a copy."""
-    file = file_of(experiment)
+@contextmanager
+def _by_protocol(file: str | Path | None) -> Iterator[None]:
+    """A mistake in the file of a protocol that is not the project's own is reported as its own."""
     try:
-        found = experiment.plan(parameters)
+        yield
     except Exception as error:
         if file is None:
             raise
         raise BadProtocol(told_at(error, file)) from error
+
+
+def _defaults(experiment: Experiment, known: RobotFacts) -> dict[str, Any]:
+    with _by_protocol(file_of(experiment)):
+        return experiment.parameters.defaults_for(known)
+
+
+def _planned(experiment: Experiment, parameters: Parameters) -> Plan:
+    """The plan. That of a file has the file's name, whatever it says: the file may be a copy."""
+    file = file_of(experiment)
+    with _by_protocol(file):
+        found = experiment.plan(parameters)
     if not isinstance(found, Plan):
         raise BadProtocol(f"{experiment.source or experiment.name}: plan returned {found!r:.80}, not a Plan")
     if experiment.source is not None:
@@ -303,7 +315,7 @@ def keys(protocol: str, rig_path: Path | None, as_json: bool) -> int:
     defaults: dict[str, Any] = {}
     if rig_path is not None:
         rig = load_rig(rig_path)
-        defaults = experiment.parameters.defaults_for(_known(rig, rig.body))
+        defaults = _defaults(experiment, _known(rig, rig.body))
     found = protocol_keys(experiment.parameters, defaults)
     if as_json:
         answer({"protocol": experiment.name, "keys": [asdict(key) for key in found]})

@@ -52,7 +52,7 @@ class _At:
     driven: Array
     """(1, full, DRIVES) what drives memory."""
     rest: Array
-    """(1, full, DRIVES) what memory adds."""
+    """(1, full, columns) what memory adds to `rest_columns`."""
     final: Solved
     """With memory, without the rest states."""
     remembers: bool
@@ -217,7 +217,7 @@ class ForwardModel:
         self.parameters: tuple[ParameterInfo, ...] = beyond(robot, self._table.infos, self._nominal)
         self._body = body_of(robot)
         self._layout = at.layout_of(self._body, robot.spine is not None)
-        self._rest_columns = rest_columns(self._layout)
+        self._rest_columns = rest_columns(robot, self._layout)
         direction = obstacle_direction(robot)
         self._direction = np.array([1.0, 0.0]) if direction is None else direction
         self._shear = shear_spine(robot.spine) if robot.spine is not None else ShearSpine(1.0, 1.0, 1.0)
@@ -425,7 +425,7 @@ class ForwardModel:
         bare = replace(here.bare, rows=self._rows(built))
         rows = bare.rows[: self._moved_rows.size].copy()
         if here.remembers:
-            rows[:, self._rest_columns] += by_element(self._layout, here.rest[0, self._moved_rows])
+            rows[:, self._rest_columns] += here.rest[0, self._moved_rows]
         final = replace(here.final, rows=rows)
         here = replace(here, spread=spread, quantities=q, built=built, bare=bare, final=final)
         self._keep(here)
@@ -445,12 +445,12 @@ class ForwardModel:
         steps = integration_steps(self._layout, rods) if self._steps is None else self._steps
         bare = solve(self._layout, rods, self._arcs, steps, self._start, remembers, trial, alone and not remembers)
         final = bare.take(slice(0, self._moved_rows.size))
-        driven = rest = np.zeros((1, len(self._full), DRIVES))
+        driven, rest = (np.zeros((1, len(self._full), k)) for k in (DRIVES, len(self._rest_columns)))
         if remembers:
             driven = self._drive(built, bare.result[None])
             rest = self._memory(q, built, driven, spread)
             rows = final.rows.copy()
-            rows[:, self._rest_columns] += by_element(self._layout, rest[0, self._moved_rows])
+            rows[:, self._rest_columns] += rest[0, self._moved_rows]
             begin = self._remembering or final
             final = solve(self._layout, rows, self._arcs, final.steps, begin, False, trial)
             # What drives memory is the rod without it: where that has no equilibrium, nothing can be said of the state.
@@ -472,11 +472,11 @@ class ForwardModel:
         return drive([long[:, self._in_bare] for long in lengths], results, self._in_bare, n)
 
     def _memory(self, q: Quantities, built: RodColumns, driven: Array, spread: Spread) -> Array:
-        """(v, full, DRIVES) rest curvature and strain of all laws with memory."""
+        """(v, full, columns) what all laws with memory add to `rest_columns`."""
         history = history_of(q, self._path, built, driven)
         for law, values in self._laws("path", spread):
             law(history, values)
-        return history.rest
+        return by_element(history, built)
 
     def _slopes(
         self, here: _At, slots: tuple[int, ...], every: Callable[[Readings], Array], change: Change | None = None
@@ -545,12 +545,12 @@ class ForwardModel:
             moved = b.change @ by_column[:, [changed.index(c) for c in b.columns]]
             if rest is not None:
                 remembered = by_column[:, [changed.index(c) for c in self._rest_columns]]
-                moved = moved + by_element(self._layout, rest) @ remembered
+                moved = moved + rest @ remembered
             out.append(moved.swapaxes(0, 1))
         return out
 
     def _rests(self, here: _At, batches: Sequence[_Beside]) -> list[Array | None]:
-        """(full, v, DRIVES) of each batch: derivatives of what memory adds, in the parameters' units; None where it stays."""
+        """(full, v, columns) of each batch: derivatives of what memory adds, in the parameters' units; None where it stays."""
         changed = sorted({c for b in batches for c in b.columns})
         by_column = np.zeros((len(self._full), len(changed), DRIVES))
         if here.remembers and changed:

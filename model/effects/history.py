@@ -20,6 +20,7 @@ from model.effects import layout as at
 from model.effects.compose import RodColumns, silicone_share
 from model.effects.quantities import Quantities
 from model.effects.rotations import CONJUGATE, rotation_vector
+from model.robot import Robot
 from model.rods import columns as col
 from model.rotation import multiply
 
@@ -39,17 +40,11 @@ USUAL_PAUSE = 300.0
 """s between trials whose times are not known."""
 
 
-def rest_columns(layout: at.Layout) -> list[int]:
-    """Columns of a rod to which memory adds, element by element in the order of the drive of a part."""
+def rest_columns(robot: Robot, layout: at.Layout) -> list[int]:
+    """Columns of a rod to which memory adds, element by element: the drive of a part, with tendons the rise of curvature too."""
     each = (*range(col.REST_CURVATURE, col.REST_CURVATURE + 3), col.REST_STRAIN + 2)
-    return [element + column for element in layout.elements for column in each]
-
-
-def by_element(layout: at.Layout, rest: Array) -> Array:
-    """What memory adds to `rest_columns` (.., columns), from what it adds to the parts (.., DRIVES), as much all along each."""
-    parts = rest.reshape(*rest.shape[:-1], 2, OF_PART)
-    out: Array = parts[..., list(layout.parts), :].reshape(*rest.shape[:-1], len(layout.parts) * OF_PART)
-    return out
+    rises = (col.RISE, col.RISE + 1) if robot.tendons is not None else ()
+    return [element + column for element in layout.elements for column in (*each, *rises)]
 
 
 @dataclass(frozen=True)
@@ -87,17 +82,18 @@ class Path:
         _slide(drive, self.before, self.after, self.first, yields, out)
         return out
 
-    def held(self, pulls: Array, give: Array, weight: Array) -> Array:
-        """(v, n, parts, tendons) mean, by `weight` (v, n, parts, places), of what each place keeps of pulls (v, n, tendons).
+    def held(self, pulls: Array, give: Array) -> tuple[Array, Array]:
+        """Mean and rise (v, n, parts, tendons) of the line along each part nearest to what places keep of pulls (v, n, tendons).
 
-        It keeps what it had as long as that is between pull / (1 + give) and pull / (1 - give), `give` (v, n, parts, places).
+        Each, the middle of one of equal pieces of the part, keeps what it had as long as that is between pull / (1 + give) and
+        pull / (1 - give), `give` (v, n, parts, places).
         """
-        shape = np.broadcast_shapes(pulls.shape[:2], give.shape[:2], weight.shape[:2])
-        share = weight / weight.sum(axis=-1, keepdims=True)
-        pulls, give, share = (_spread(x, *shape, *x.shape[2:]) for x in (pulls, give, share))
-        out = np.repeat(pulls[:, :, None, :], give.shape[2], axis=2)
-        _hold(pulls, give, share, self.before, self.after, self.first, out)
-        return out
+        shape = np.broadcast_shapes(pulls.shape[:2], give.shape[:2])
+        pulls, give = (_spread(x, *shape, *x.shape[2:]) for x in (pulls, give))
+        mean = np.repeat(pulls[:, :, None, :], give.shape[2], axis=2)
+        rise = np.zeros(mean.shape)
+        _hold(pulls, give, self.before, self.after, self.first, mean, rise)
+        return mean, rise
 
     def extremes(self, drive: Array, covered: Array, roll: Array, rate: Array) -> Array:
         """m = max + min (v, n, DRIVES) of what each cell of the body has been through, mean over the cells of each part.
@@ -163,20 +159,22 @@ class History:
     drive: Array
     """(v, n, DRIVES) of the rods without memory, section frame."""
     bend_stiffness: Array
-    """(v, n, 2) N m^2 of the two parts."""
+    """(v, n, 2) N m^2 of both parts."""
     axial_stiffness: Array
-    """(v, n, 2) N of the two parts."""
+    """(v, n, 2) N of both parts."""
     silicone: Array
-    """(v, n, DRIVES) share of each part's stiffness that is the silicone's."""
+    """(v, n, DRIVES) silicone's share of each part's stiffness."""
     rest: Array
     """(v, n, DRIVES) added to rest curvatures and strains."""
+    rise: Array
+    """(v, n, 2, 2) its curvatures' rise along each part."""  # 1/m, x and y, about the means in `rest`; with tendons alone
 
     def add(self, amount: Array) -> None:
         """Add to `rest`, broadcasting over variants."""
         self.rest = self.rest + amount
 
     def lag(self, time: float) -> Array:
-        """(v, n, DRIVES) drive minus what follows it with a relaxation time (s)."""
+        """(v, n, DRIVES) drive minus what follows it with relaxation time (s)."""
         return self.path.lag(self.drive, time)
 
     def extremes(self, rate: Array) -> Array:
@@ -204,7 +202,25 @@ def history_of(q: Quantities, path: Path, rods: RodColumns, driven: Array) -> Hi
     silicone = np.ones((len(bend), n, DRIVES))
     held = silicone_share(q, q.body.mean_area, q.body.mean_second, rods.mean(at.INNER, col.BEND))
     silicone[..., :OF_PART] = held[..., None]
-    return History(q, path, driven, bend, stretch, silicone, np.zeros((1, n, DRIVES)))
+    return History(q, path, driven, bend, stretch, silicone, np.zeros((1, n, DRIVES)), np.zeros((1, n, 2, 2)))
+
+
+def by_element(history: History, rods: RodColumns) -> Array:
+    """(v, n, columns) what it adds to `rest_columns` of rods: each element has its stretch of the line along its part."""
+    added: list[Array] = []
+    ends = [np.zeros((1, 1)), np.zeros((1, 1))]
+    for element, part in zip(rods.layout.elements, rods.layout.parts, strict=True):
+        own = list(np.moveaxis(history.rest[..., OF_PART * part : OF_PART * (part + 1)], -1, 0))
+        if history.quantities.robot.tendons is None:
+            added += own
+            continue
+        long, start = rods.length(part), ends[part]
+        ends[part] = start + rods[element + col.LENGTH]
+        first, last = (np.where(long > 0, x / np.where(long > 0, long, 1.0), 0.0) for x in (start, ends[part]))
+        rises = list(np.moveaxis(history.rise[:, :, part], -1, 0))
+        added += [mean + rise * (first - 0.5) for mean, rise in zip(own[:2], rises, strict=True)] + own[2:]
+        added += [rise * (last - first) for rise in rises]
+    return np.stack(np.broadcast_arrays(*added), axis=-1)
 
 
 def drive(lengths: Sequence[Array], results: Array, places: Order, states: int) -> Array:
@@ -277,11 +293,13 @@ def _slide(drive: Array, before: Order, after: Order, first: NDArray[np.bool_], 
 
 @numba.njit(cache=True)
 def _hold(
-    pulls: Array, give: Array, share: Array, before: Order, after: Order, first: NDArray[np.bool_], out: Array
+    pulls: Array, give: Array, before: Order, after: Order, first: NDArray[np.bool_], means: Array, rises: Array
 ) -> None:
     """Clipped between its limits step by step; a trial begins with what it is pulled by at rest."""
     parts, places, count = give.shape[2], give.shape[3], pulls.shape[2]
     kept = np.zeros((parts, places, count))
+    # sum of the squares of 1 - places, 3 - places .. places - 1, by which least squares find a line
+    squares = places * (places**2 - 1) / 3
     for v in range(pulls.shape[0]):
         for k in range(before.size):
             if first[k]:
@@ -289,14 +307,16 @@ def _hold(
             row = after[k]
             for part in range(parts):
                 for i in range(count):
-                    pull, mean = pulls[v, row, i], 0.0
+                    pull, mean, rise = pulls[v, row, i], 0.0, 0.0
                     for j in range(places):
                         own = max(kept[part, j, i], pull / (1.0 + give[v, row, part, j]))
                         if give[v, row, part, j] < 1.0:
                             own = min(own, pull / (1.0 - give[v, row, part, j]))
                         kept[part, j, i] = own
-                        mean += share[v, row, part, j] * own
-                    out[v, row, part, i] = mean
+                        mean += own / places
+                        rise += (2 * j + 1 - places) * own
+                    means[v, row, part, i] = mean
+                    rises[v, row, part, i] = rise * 2 * places / squares
 
 
 @numba.njit(cache=True)

@@ -106,8 +106,8 @@ LATEST = 0.5
 def jumped(samples: NDArray[np.void]) -> str:
     """Which body has been at another place since it jumped there, for people; empty where none is.
 
-    `samples`: tracked ones of /tip, oldest first. What jumped and came back does not count. Between two frames as much time passed
-    as their arrivals or the cameras' stamps say, whichever is more: a busy computer or network hands over several at once.
+    `samples`: tracked ones of /tip, oldest first. What jumped and came back does not count. Between two frames as much time
+    passed as their arrivals or the cameras' stamps say, whichever is more: a busy computer or network hands over several at once.
     """
     places = places_of(samples)
     for body in range(places.shape[1]):

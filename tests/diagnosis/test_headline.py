@@ -54,6 +54,8 @@ def test_every_effect_of_the_catalogue_fits_and_needs_no_identifier(effect: str,
 def test_two_causes_and_the_other_conclusions_fit_too() -> None:
     two = headline(attribute("effect", "one of several", {}, "tendon_friction", "chamber_gain"), CATALOGUE)
     assert len(two.split()) <= 20 and two.endswith("and 1 more (p = 0.96).")
+    vain = headline(attribute("effect", "one of several", {}, "tether", p=0.77), CATALOGUE, closed=0.0)
+    assert vain.startswith("Unclear: nothing closes the gap; nearest is") and vain.endswith("(p = 0.77).")
     asking = (StageError("material", "spine_length", 20.0),)
     unknown = headline(attribute("unknown", "stage", p=0.6), CATALOGUE, asking)
     assert unknown == ("No known cause fits (p = 0.60); it may be in the material and varies with spine length.")

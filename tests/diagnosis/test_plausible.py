@@ -250,3 +250,11 @@ def test_a_body_that_sags_upwards_is_asked_about(factor: float) -> None:
             said.startswith(f"robot.yaml: gravity [{stated}] m/s^2: at rest the tip is")
             and "with [-9.81, 0, 0]" in said
         )
+
+
+def test_a_resting_tip_far_from_where_the_model_stands_is_asked_about() -> None:
+    rows = sweep(ROBOT, spines=(0.0,), levels=(0.0, 10e3, 20e3))
+    nearer = [replace(r, tip=tuple(0.7 * x for x in r.tip or ())) for r in rows]
+    assert doubtful(ROBOT, rows, "robot.yaml") == ()
+    said = " ".join(doubtful(ROBOT, nearer, "robot.yaml"))
+    assert "at rest the tip is" in said and "check which marker is the tip" in said

@@ -105,6 +105,8 @@ def test_what_calibration_changed_is_part_of_the_statement() -> None:
     assert "with one area factor (0.88 instead of 1.00; a body 14 % stiffer would look the same) by 0.60 mm" in text
     assert "no less" not in text
     worse = statement(replace(found, waterfall=replace(gap, given_mm=0.59)))
+    assert "no less" not in worse
+    worse = statement(replace(found, waterfall=replace(gap, given_mm=0.59), conclusion="none"))
     assert "by 0.60 mm on states that the fit did not see, no less: no area factor makes up" in worse
     kept = statement(replace(found, calibration=Calibration(1.003, 1.0)))
     assert kept.startswith("No gap: ") and "instead of" not in kept
@@ -232,7 +234,10 @@ def test_a_number_of_robot_yaml_far_beyond_its_tolerance_is_stated_and_no_cause_
     p = parameters(parameter("contact", "contact"), parameter("youngs_modulus", sd=0.02), parameter("density", sd=0.1))
     moved = p.tense(np.array([9.0, -0.12, 0.3]))
     assert moved == {1: -0.12}
-    (said,) = beyond_tolerance(p, moved)
+    robot = load(paper_robot(), Robot)
+    (said,) = beyond_tolerance(p, moved, robot)
+    stiff = robot.model_copy(update={"bending_stiffness": 0.1})
+    assert "bending stiffness [bending_stiffness], 12 % below" in next(beyond_tolerance(p, moved, stiff))
     assert "youngs modulus [youngs_modulus], 12 % below robot.yaml, 6.0 standard deviations of the 2 %" in said
     sure = decide(SURE, CALIBRATED, True)
     assert conclude(sure, True, (), tense=True) == "one of several" and conclude(sure, True, ()) == "cause"

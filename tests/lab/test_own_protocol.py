@@ -9,6 +9,7 @@ import pytest
 from virtual_lab import VirtualLab
 
 from lab.cli import main
+from lab.files.example import paper_robot
 from recordings.campaign.replay import table_of
 from recordings.file.reader import Recording
 
@@ -71,3 +72,17 @@ def test_a_mistake_in_run_ends_safe_and_is_told_with_its_line(
     assert f"{own}:{line}: run: AttributeError: 'Staircase' object has no attribute 'stepp'" in told.err
     (file,) = tmp_path.glob("own-*.mcap")
     assert Recording.open(file).outcome == "failed" and "safe state confirmed" in Recording.open(file).log[-1].text
+
+
+def test_a_mistake_in_the_defaults_for_a_robot_is_told_with_its_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "robot.yaml").write_text(paper_robot().read_text())
+    (tmp_path / "rig.yaml").write_text("name: bench\nrobot: robot.yaml\ninstruments: {}\n")
+    own = tmp_path / "own.py"
+    text = CREEP.with_name("staircase.py").read_text()
+    defaults = '    @classmethod\n    def defaults_for(cls, robot):\n        return {"chambers": robot.azimuths}\n'
+    own.write_text(text.replace("class Staircase(Parameters):\n", f"class Staircase(Parameters):\n{defaults}\n"))
+    assert main(["plan", str(own), "--rig", str(tmp_path / "rig.yaml")]) == 2
+    told = capsys.readouterr().err
+    assert f"{own}:" in told and "'RobotFacts' object has no attribute 'azimuths'" in told and "Traceback" not in told

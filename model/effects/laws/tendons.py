@@ -23,9 +23,9 @@ def _tendon_friction(h: History, v: Values) -> None:
     """Euler and Eytelwein with sticking: each tension stays what it is as long as friction can hold it there.
 
     Without weight and stretch a body that tendons bend has a' = k T / T0 and T = T0 exp(-mu a), so that T = T0 / (1 + mu a0), a0
-    its angle without friction: the lower limit here, T0 / (1 - mu a0) the upper one. Beyond the spine the curvature changes
-    linearly to that of the tendons' moment alone at the tip, as forces at the tip make it. Each part is bent by the mean
-    tension along it, weighted by the lever L - s with which a curvature at s moves the tip.
+    its angle without friction: the lower limit here, T0 / (1 - mu a0) the upper one. Beyond the spine the curvature changes to
+    that of the tendons' moment alone at the tip, as the weights of body and tip share in making it. Along each part the
+    tension that bends it is the line nearest to those at PLACES, so that the tip's place and turn are as theirs.
     """
     q = h.quantities
     if q.robot.tendons is None:
@@ -36,22 +36,28 @@ def _tendon_friction(h: History, v: Values) -> None:
     at_tip = np.stack(_moment(q, pulls), axis=-1) / h.bend_stiffness[..., OUTER, None]
     inner, outer = (h.drive[..., None, k : k + 2] for k in (0, OF_PART))
     along = (np.arange(PLACES) + 0.5) / PLACES
-    outer = outer + (outer - at_tip[..., None, :]) * (1 - 2 * along)[:, None]
+    # kg; where nothing weighs, it is a force at the tip
+    body, tip = q.density * q.body.mean_weight_area * parts[..., OUTER, 0], q.design.tip_mass + q.payload + 1e-9
+    sag = (body[..., None] / 2 * (1 - along) ** 2 + tip[..., None] * (1 - along)) / (body / 6 + tip / 2)[..., None]
+    outer = at_tip[..., None, :] + (outer - at_tip[..., None, :]) * sag[..., None]
     each = (
         np.stack(np.broadcast_arrays(*(np.linalg.norm(k, axis=-1) for k in (inner, outer))), axis=-2) * parts / PLACES
     )
     angle = np.cumsum(each, axis=-1) - each / 2
     angle[..., OUTER, :] += each[..., INNER, :].sum(axis=-1, keepdims=True)
-    lever = q.length[..., None, None] - parts * along
-    lever[..., OUTER, :] -= parts[..., INNER, :]
-    lost = h.path.held(pulls, v["coefficient"][..., None, None] * angle, lever) - pulls[..., None, :]
+    kept, rise = h.path.held(pulls, v["coefficient"][..., None, None] * angle)
+    lost = kept - pulls[..., None, :]
     changes: list[Array] = []
+    rises: list[Array] = []
     for part in (INNER, OUTER):
         own = lost[..., part, :]
-        mx, my = _moment(q, own)
         bend, axial = h.bend_stiffness[..., part], h.axial_stiffness[..., part]
-        changes += [mx / bend, my / bend, np.zeros((1, 1)), own @ q.body.mean_chamber_area / axial]
+        changes += [m / bend for m in _moment(q, own)]
+        changes += [np.zeros((1, 1)), own @ q.body.mean_chamber_area / axial]
+        rises += [m / bend for m in _moment(q, rise[..., part, :])]
     h.add(np.stack(np.broadcast_arrays(*changes), axis=-1))
+    along_parts = np.stack(np.broadcast_arrays(*rises), axis=-1)
+    h.rise = h.rise + along_parts.reshape(*along_parts.shape[:-1], 2, 2)
 
 
 def _moment(q: Quantities, pulls: Array) -> tuple[Array, Array]:
@@ -85,8 +91,8 @@ SPECS = (
         label="friction of the tendons",
         says="friction takes {} of the tendons' tension per radian of bend",
         stage="actuation",
-        equation="T(s) stays as it is between T0 / (1 + mu a(s)) and T0 / (1 - mu a(s)), a the angle of the bend between the "
-        "base and s without friction",
+        equation="T(s) stays as it is between T0 / (1 + mu a(s)) and T0 / (1 - mu a(s)), a the frictionless bend up "
+        "to s",
         parameters=(Parameter("coefficient", "1", 0.3, 0.0, 2.0, sign="positive"),),
         law=Law(path=_tendon_friction),
         citation="Euler and Eytelwein's belt; Jung et al., ICRA 2011, on tendons of continuum robots",

@@ -210,6 +210,7 @@ def remembered(robot: Robot, columns: Any, inner: Any, outer: Any, rate: float) 
     h = History(
         unchanged(robot, design), loading_path(design, firsts), drive,
         np.ones((1, n, 2)), np.ones((1, n, 2)), np.ones((1, n, DRIVES)), np.zeros((1, n, DRIVES)),
+        np.zeros((1, n, 2, 2)),
     )  # fmt: skip
     return h.extremes(np.full((1, 1), rate))[0]
 

@@ -33,7 +33,9 @@ def history(robot: Robot, columns: Any, driven: Any, path: Path | None = None) -
     quantities = unchanged(robot, design)
     one = np.ones((1, n, 2))
     silicone, rest = np.ones((1, n, DRIVES)), np.zeros((1, n, DRIVES))
-    return History(quantities, path or loading_path(design, rest_of), drive, one, one, silicone, rest)
+    return History(
+        quantities, path or loading_path(design, rest_of), drive, one, one, silicone, rest, np.zeros((1, n, 2, 2))
+    )
 
 
 def test_between_readings_the_drive_stays_ramps_and_stays(
