@@ -23,7 +23,7 @@ from .answer.headline import headline
 from .answer.holdout import evaluate_holdout, unseen_states
 from .answer.result import Diagnosis
 from .answer.rivals import Rivals
-from .answer.sentences import Facts, beyond_tolerance, closed_by_calibration, statement, stiffness_sentence
+from .answer.sentences import Facts, as_stiff, beyond_tolerance, closed_by_calibration, statement, stiffness_sentence
 from .answer.unseen import Unseen, unseen
 from .data.baseline import Baseline
 from .data.case import CaseLike, lacking, states
@@ -158,6 +158,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
             closed_by_calibration(facts),
             words,
             None if held_out.shrink is None else held_out.shrink.share_closed,
+            as_stiff(calibration) if calibration is not None else "",
         ),
     )
     return Examined(answer, rivals, first)

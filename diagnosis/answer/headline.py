@@ -81,11 +81,13 @@ def headline(
     by_calibration: float | None = None,
     words: Words = Chambers.words,
     closed: float | None = None,
+    as_stiff: str = "",
 ) -> str:
     """The conclusion in at most 20 words, those of the robot's actuators.
 
     `missing` is what the table lacks, `by_calibration` the share of the reducible gap that calibration closes where that is
-    most of it, `closed` the share that what is named closes on unseen states; None where that is unknown.
+    most of it and `as_stiff` what a body that looks the same is, `closed` the share that what is named closes on unseen states;
+    None where that is unknown.
     """
     sure = f"(p = {a.probability:.2f})"
     if a.conclusion == "too little data":
@@ -105,7 +107,8 @@ def headline(
         return f"No known cause fits {sure}{where}.".replace("_", " ")
     if by_calibration is not None:
         other = "is needed" if a.probability >= CAUSE_PROBABILITY else "stands out"
-        return f"Calibration closes {percent(by_calibration)} % of the gap; no other cause {other} {sure}."
+        same = f" (a body {as_stiff})" if as_stiff else ""
+        return f"Calibration closes {percent(by_calibration)} % of the gap{same}; no other cause {other} {sure}."
     if a.conclusion == "noise":
         return f"No gap: model and robot agree down to the noise floor {sure}."
     return f"No cause: no known effect accounts for enough of the gap {sure}."

@@ -17,7 +17,15 @@ from model.robot import Robot
 from ..criticism.stage_errors import StageError
 from ..inference.posterior import UNKNOWN
 from ..inference.problem import Parameters
-from ..judgement import ABSORBED, CALIBRATION_STATED, EXPLAINS, MORE_THAN_GAP, OUTSIDE_STATED, OUTSTANDING_FLOORS
+from ..judgement import (
+    ABSORBED,
+    CALIBRATION_STATED,
+    EXPLAINS,
+    MORE_THAN_GAP,
+    OUTSIDE_STATED,
+    OUTSTANDING_FLOORS,
+    REDUCIBLE_RATIO,
+)
 from .headline import LEAST_STATED, percent, stated
 from .result import Calibration, Carries, Conclusion, Locate, Ranked, Shrink, Simulator, Waterfall
 from .shrink import share_closed
@@ -179,13 +187,18 @@ def _factor(f: Facts) -> str:
     c = f.calibration
     if c is None or max(abs(c.stiffness - 1), abs(c.modulus - 1)) < CALIBRATION_STATED:
         return ""
-    how = f"{100 * abs(c.stiffness - 1):.0f} % {'stiffer' if c.stiffness > 1 else 'softer'}"
-    if c.stiffness > 2:
-        how = f"{c.stiffness:.1f} times as stiff"
+    how = as_stiff(c)
     if abs(c.modulus - 1) >= CALIBRATION_STATED:
         how = f"with {c.modulus:.2f} times the modulus; these data show hardly more than their ratio, that of a body {how}"
         return f" ({c.area_factor:.2f} instead of {c.given:.2f}, {how})"
     return f" ({c.area_factor:.2f} instead of {c.given:.2f}; a body {how} would look the same)"
+
+
+def as_stiff(c: Calibration) -> str:
+    """What a body that looks the same is, against that of robot.yaml."""
+    if c.stiffness > 2:
+        return f"{c.stiffness:.1f} times as stiff"
+    return f"{100 * abs(c.stiffness - 1):.0f} % {'stiffer' if c.stiffness > 1 else 'softer'}"
 
 
 def stands_for(c: Calibration | None, words: Words) -> str:
@@ -207,9 +220,9 @@ def stands_for(c: Calibration | None, words: Words) -> str:
 def closed_by_calibration(f: Facts) -> float | None:
     """Share of the reducible gap that calibration closes, where it changed the area factor and that is most; None otherwise."""
     w = f.waterfall
-    if f.calibration is None or w is None or not _factor(f):
-        return None
     floor = f.where.noise_floor_mm
+    if f.calibration is None or w is None or not _factor(f) or w.given_mm < REDUCIBLE_RATIO * floor:
+        return None
     reducible = w.given_mm**2 - floor**2
     closed = 1 - (w.steps[0].left_mm ** 2 - floor**2) / reducible if reducible > 0 else 0.0
     return closed if closed > EXPLAINS else None

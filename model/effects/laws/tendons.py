@@ -23,9 +23,9 @@ def _tendon_friction(h: History, v: Values) -> None:
     """Euler and Eytelwein with sticking: each tension stays what it is as long as friction can hold it there.
 
     Without weight and stretch a body that tendons bend has a' = k T / T0 and T = T0 exp(-mu a), so that T = T0 / (1 + mu a0), a0
-    its angle without friction: the lower limit here, T0 / (1 - mu a0) the upper one. Beyond the spine the curvature changes to
-    that of the tendons' moment alone at the tip, as the weights of body and tip share in making it. Along each part the
-    tension that bends it is the line nearest to those at PLACES, so that the tip's place and turn are as theirs.
+    its angle without friction: the lower limit here, T0 / (1 - mu a0) the upper one. Beyond the spine weights change the
+    curvature from that of the tendons' moment alone, at the tip. Along each part the tension that bends it is the line nearest to
+    those at PLACES, so that the tip's place and turn are as theirs.
     """
     q = h.quantities
     if q.robot.tendons is None:
@@ -36,10 +36,7 @@ def _tendon_friction(h: History, v: Values) -> None:
     at_tip = np.stack(_moment(q, pulls), axis=-1) / h.bend_stiffness[..., OUTER, None]
     inner, outer = (h.drive[..., None, k : k + 2] for k in (0, OF_PART))
     along = (np.arange(PLACES) + 0.5) / PLACES
-    # kg; where nothing weighs, it is a force at the tip
-    body, tip = q.density * q.body.mean_weight_area * parts[..., OUTER, 0], q.design.tip_mass + q.payload + 1e-9
-    sag = (body[..., None] / 2 * (1 - along) ** 2 + tip[..., None] * (1 - along)) / (body / 6 + tip / 2)[..., None]
-    outer = at_tip[..., None, :] + (outer - at_tip[..., None, :]) * sag[..., None]
+    outer = at_tip[..., None, :] + _by_weight(h, at_tip, outer[..., 0, :], parts[..., OUTER, 0], along)
     each = (
         np.stack(np.broadcast_arrays(*(np.linalg.norm(k, axis=-1) for k in (inner, outer))), axis=-2) * parts / PLACES
     )
@@ -58,6 +55,25 @@ def _tendon_friction(h: History, v: Values) -> None:
     h.add(np.stack(np.broadcast_arrays(*changes), axis=-1))
     along_parts = np.stack(np.broadcast_arrays(*rises), axis=-1)
     h.rise = h.rise + along_parts.reshape(*along_parts.shape[:-1], 2, 2)
+
+
+def _by_weight(h: History, at_tip: Array, mean: Array, length: Array, along: Array) -> Array:
+    """(v, n, places, 2) 1/m by which weights bend the part beyond the spine at shares `along` of its `length`: its `mean` is
+    (v, n, 2) there and `at_tip` what tendons make.
+
+    With mass m of the part and M at the tip, x from 0 to 1, weight across the axis bends it in proportion to
+    m (1 - x)^2 / 2 + M (1 - x), weight along the axis, as far as the part is bent evenly, to
+    m (1 - x)^2 (1 + 2 x) / 6 + M (1 - x^2) / 2. The first is what straight bodies show; the rest is taken for the second.
+    """
+    q = h.quantities
+    body, tip = q.density * q.body.mean_weight_area * length, q.design.tip_mass + q.payload + 1e-9
+    x, y, _ = q.robot.gravity
+    per_moment = (length / h.bend_stiffness[..., OUTER])[..., None] * np.array([-y, x])
+    across = body[..., None] * (1 - along) ** 2 / 2 + tip[..., None] * (1 - along)
+    rest = mean - at_tip - per_moment * (body / 6 + tip / 2)[..., None]
+    shape = body[..., None] * (1 - along) ** 2 * (1 + 2 * along) / 6 + tip[..., None] * (1 - along**2) / 2
+    shape = shape / (body / 12 + tip / 3)[..., None]
+    return np.asarray(per_moment[..., None, :] * across[..., None] + rest[..., None, :] * shape[..., None])
 
 
 def _moment(q: Quantities, pulls: Array) -> tuple[Array, Array]:
