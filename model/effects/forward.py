@@ -308,7 +308,9 @@ class ForwardModel:
         """
         here = self._solved(self._checked(theta))
         final = here.final
-        along = solve(self._layout, final.rows, np.asarray(arcs, float), final.steps, final, inside=False)
+        # single states are solved in a form from which no other solve can go on
+        begin = final if final.solution.memory.size else None
+        along = solve(self._layout, final.rows, np.asarray(arcs, float), final.steps, begin, inside=False)
         read = self._readings(here.quantities, along.result[None], here.spread)
         return read.markers[0, : len(self.design)]
 

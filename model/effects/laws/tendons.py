@@ -63,16 +63,20 @@ def _by_weight(h: History, at_tip: Array, mean: Array, length: Array, along: Arr
 
     With mass m of the part and M at the tip, x from 0 to 1, weight across the axis bends it in proportion to
     m (1 - x)^2 / 2 + M (1 - x), weight along the axis, as far as the part is bent evenly, to
-    m (1 - x)^2 (1 + 2 x) / 6 + M (1 - x^2) / 2. The first is what straight bodies show; the rest is taken for the second.
+    m (1 - x)^2 (1 + 2 x) / 6 + M (1 - x^2) / 2. The first is what straight bodies show; the rest is shared as gravity's
+    components are.
     """
     q = h.quantities
     body, tip = q.density * q.body.mean_weight_area * length, q.design.tip_mass + q.payload + 1e-9
-    x, y, _ = q.robot.gravity
+    x, y, z = q.robot.gravity
+    hanging = abs(z) / (abs(z) + np.hypot(x, y) + 1e-12)
     per_moment = (length / h.bend_stiffness[..., OUTER])[..., None] * np.array([-y, x])
     across = body[..., None] * (1 - along) ** 2 / 2 + tip[..., None] * (1 - along)
     rest = mean - at_tip - per_moment * (body / 6 + tip / 2)[..., None]
     shape = body[..., None] * (1 - along) ** 2 * (1 + 2 * along) / 6 + tip[..., None] * (1 - along**2) / 2
-    shape = shape / (body / 12 + tip / 3)[..., None]
+    shape = (
+        hanging * shape / (body / 12 + tip / 3)[..., None] + (1 - hanging) * across / (body / 6 + tip / 2)[..., None]
+    )
     return np.asarray(per_moment[..., None, :] * across[..., None] + rest[..., None, :] * shape[..., None])
 
 

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from model.actuators import PULL_AREA
+from model.condition import conditions
 from model.effects.catalogue import CATALOGUE
 from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
+from model.effects.laws.tendons import PLACES, _by_weight
 from model.robot import Robot, robot_from_dict
+from model.section import body_area, body_second_moment
 
 TENSIONS = np.array([0.0, 10.0, 20.0, 10.0, 0.0])
 """N, one tendon in and out."""
@@ -132,3 +137,26 @@ def test_friction_bends_the_body_as_its_law_does_all_along(pulled: Robot, cuts: 
     near = np.array([2e-4, 2e-4, 2e-4, 1e-3])[:, None]
     assert (np.abs(np.hypot(found[..., 0], found[..., 1]) - side[:, places]) < near).all()
     assert (np.abs(found[..., 2] - along[:, places]) < near).all()
+
+
+def test_the_bend_on_the_way_to_each_place_is_that_of_a_body_that_hangs_under_its_weight(pulled: Robot) -> None:
+    """From the curvature at the tip and its mean alone."""
+    robot = robot_from_dict({**pulled.model_dump(), "gravity": (0.0, 0.0, 9.81), "tip_mass": 0.01})
+    model = ForwardModel.of_single_states(robot).at(conditions(robot, 0.0, [[20.0 / PULL_AREA, 0.0, 0.0]]), np.zeros(0))
+    arcs = np.linspace(0.0, robot.length, 1 + 4 * PLACES)
+    steps = np.diff(model.shapes(np.zeros(len(model.parameters)), arcs)[0], axis=0)
+    turned = np.unwrap(np.arctan2(steps[:, 0], steps[:, 2]))
+    curvature = np.diff(turned) / np.diff(arcs)[1:]
+    tip, mean = curvature[-1], turned[-1] / (arcs[-1] + arcs[-2]) * 2  # of the last chord's middle
+    stiffness = robot.youngs_modulus * body_second_moment(robot)
+    q = SimpleNamespace(
+        density=np.array([[robot.density]]), body=SimpleNamespace(mean_weight_area=body_area(robot)), robot=robot,
+        payload=np.zeros((1, 1)), design=SimpleNamespace(tip_mass=np.array([robot.tip_mass])),
+    )  # fmt: skip
+    h: Any = SimpleNamespace(quantities=q, bend_stiffness=np.full((1, 1, 2), stiffness))
+    along = (np.arange(PLACES) + 0.5) / PLACES
+    at_tip, average = (np.array([[[0.0, k]]]) for k in (tip, mean))
+    found = tip + _by_weight(h, at_tip, average, np.array([[robot.length]]), along)[0, 0, :, 1]
+    expected = np.interp(along, arcs[1:-1] / robot.length, curvature)
+    assert abs(tip / mean - 1) > 0.03
+    assert np.cumsum(found) == pytest.approx(np.cumsum(expected), rel=0.04)
