@@ -2,10 +2,11 @@
 
 A prediction is a normal distribution about the hypothesis' own fit,
 
-    cov = S C S^T + S' V S'^T + f^2 F F^T + g^2 D D^T + R,
+    cov = S C S^T + S' V S'^T + S_m V_m S_m^T + f^2 F F^T + g^2 D D^T + R,
 
-C the posterior covariance of the robot's parameters with every effect that is not named free within its tolerance, V that of
-parameters drawn anew with each trial, F the error of the laws (f), D the smooth discrepancy (g), R the readings' noise with what
+C the posterior covariance of the robot's parameters with every effect that is not named free within its tolerance. V is that of
+parameters that the fit did not have, drawn anew with each trial, V_m that of the mounting, done anew: the scatter of trials where
+it was estimated, else the prior. F is the error of the laws (f), D the smooth discrepancy (g), R the readings' noise with what
 lasts of it from state to state.
 """
 
@@ -107,7 +108,8 @@ class Rivals:
         return tuple(" + ".join(c.named) or "none" for c in self.candidates)
 
     def predict(self, table: Mapping[str, Any]) -> tuple[Prediction, ...] | None:
-        """What each predicts for the states of a table's columns; None where one of them has no equilibrium."""
+        """What each predicts for the states of a table's columns; None where one of them has no equilibrium, or where the table is
+        none that this robot can do."""
         p = self.prepared
         try:
             forward = p.forward.on(design_from_columns(p.robot, table))

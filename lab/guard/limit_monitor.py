@@ -42,13 +42,14 @@ class LimitMonitor:
         self._limits = rig.limits
         pressure = rig.instruments.pressure
         self.chambers = ChamberMap(pressure.chambers if pressure is not None else ())
+        # chambers of each channel
         self._sizes = [len(group) for group in self.chambers.channels]
         lag = pressure.time_constant if pressure is not None else math.inf
         error, patience = self._limits.pressure_error, self._limits.pressure_error_time
         self._envelopes = [PressureEnvelope(lag, error, patience) for _ in self._sizes]
         self.setpoints_confirmed: tuple[float, ...] | None = None
         """Set-points that the regulators confirmed last, Pa; None while they are not known."""
-        self._lost_in_row = 0
+        self._lost_in_row = 0  # readings
 
     def confirmed(self, setpoints: Sequence[float]) -> None:
         """The regulators confirmed these set-points (Pa a channel)."""

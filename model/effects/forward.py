@@ -417,8 +417,8 @@ class ForwardModel:
         self._points = (here, *others)[:3]
 
     def _asked(self, here: _At, sources: frozenset[int]) -> _At:
-        """The same point with laws by which it is to be differentiated: one of size zero does nothing, but says where and how it
-        would act."""
+        """The same point with laws by which it is to be differentiated: one of size zero does nothing, but says where it would
+        act (the plane of an obstacle). Nothing is solved anew, as nothing moves."""
         if sources <= here.spread.applied:
             return here
         spread = replace(here.spread, applied=here.spread.applied | sources)
@@ -585,7 +585,8 @@ class ForwardModel:
         return r
 
     def _every_row(self, results: Array) -> Array:
-        """(v, full, columns): results of the moved rows in their places, an unbent rod elsewhere."""
+        """(v, full, columns): results of rods that move in their places among all states and the rests behind them; zeros, and a
+        tip that is not turned, for stiffness pushes, whose rods nobody reads."""
         if results.shape[1] == len(self._full):
             return results
         out = np.zeros((len(results), len(self._full), results.shape[2]))

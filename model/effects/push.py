@@ -47,6 +47,7 @@ def _body_compliance(q: Quantities, shear: ShearSpine) -> Array:
     ratio = q.robot.shear_modulus / q.robot.youngs_modulus
     edges: list[Array] = [np.zeros((1, 1))]
     stiff, side = [], []
+    # each piece of the body: the part with spine, then the part without
     for k, (area, second) in enumerate(zip(q.body.area, q.body.second, strict=True)):
         within, _, across = with_spine(q, shear, area, second)
         edges += [np.clip(inner, edges[-1], drawn[k + 1] * long), drawn[k + 1] * long]

@@ -60,6 +60,7 @@ COARSE_DIVISIONS = 1.0
 MOST_MOVED = 3.0
 """m of tip motion per m of rod and rad of turn."""
 ROUNDS = 12
+"""Most steps of a group's search."""
 RENEWALS = 2
 """Times that a group whose residual stays above `close` gets another Jacobian."""
 MOST_DRIFT = 1e-4
