@@ -108,8 +108,8 @@ class Rivals:
         return tuple(" + ".join(c.named) or "none" for c in self.candidates)
 
     def predict(self, table: Mapping[str, Any]) -> tuple[Prediction, ...] | None:
-        """What each predicts for the states of a table's columns; None where one of them has no equilibrium, or where the table is
-        none that this robot can do."""
+        """What each predicts for the states of a table's columns; None where one of them has no equilibrium, or this robot cannot
+        do what the table says."""
         p = self.prepared
         try:
             forward = p.forward.on(design_from_columns(p.robot, table))
