@@ -245,8 +245,8 @@ class Search:
         """A hypothesis searched on from a point, and whether its search has ended.
 
         First with the derivatives of all but what is named as they are there, or, far from where the robot was calibrated, after
-        another calibration with all of them anew; later with all anew. It ends where evidence rises by less than `UNCONVERGED`, or
-        the linear problem promises no more, of a leading hypothesis with its own derivatives and discrepancy.
+        another calibration with all of them anew; later with all anew. It ends where evidence rises by less than `UNCONVERGED`,
+        or the linear problem promises no more, of a leading hypothesis with its own derivatives and discrepancy.
         """
         start: Array | Fit = c.fit
         rounds, frozen = (ROUNDS, None) if c.turns else (FIRST_ROUNDS, c.reference)
