@@ -27,8 +27,9 @@ LEAST_PROMISE, CHORD_PROMISE = 0.01, 0.2
 """Steps that promise to lower it by less are not tried; the second where derivatives are never taken anew."""
 DAMPINGS = (0.0, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1e3, 1e4)
 """Added to the curvature, in units of the prior's, until a step lowers the cost."""
-CHORD_DAMPINGS = DAMPINGS[:3]
-"""The same where derivatives are never taken anew: where those do not lead down, others do."""
+FIRST_DAMPINGS, CHORD_DAMPINGS = DAMPINGS[:6], DAMPINGS[:3]
+"""The same in the first steps of a hypothesis, with derivatives by what it names alone taken anew, and where derivatives are
+never taken anew: where those do not lead down, others do."""
 TRUST_RATIO, MOST_CORRECTION = 0.75, 0.75
 """Share of the predicted decrease from which a step is taken uncorrected; largest correction, as a share of the step."""
 
@@ -92,7 +93,7 @@ def fit(
         of_effect = problem.parameters.of_effect
         fresh[of_effect] &= prior.wide
         fresh[~of_effect] = False
-    dampings = DAMPINGS if frozen is None else DAMPINGS[:6]
+    dampings = DAMPINGS if frozen is None else FIRST_DAMPINGS
     return _search(problem, prior, size, start, rounds, frozen, fresh, 0.05, LEAST_PROMISE, dampings)
 
 
