@@ -173,9 +173,10 @@ MORE_THAN_GAP = 1.3
 """Ratio of what an effect moves to the calibrated gap above which the statement explains how it can move more."""
 CALIBRATION_STATED = 0.01
 """Relative change of the area factor above which the statement says what calibration changed."""
-MATERIAL_SD, GEOMETRY_SD, GAIN_SD = 0.1, 1e-4, 0.01
+MATERIAL_SD, AREA_SD, GEOMETRY_SD, GAIN_SD = 0.1, 0.1, 1e-4, 0.01
 """What an area factor may stand for: share by which the modulus of rubber differs from batch to batch, where robot.yaml states no
-uncertainty; m of radii of a cast body; share of the gain of regulators and load cells."""
+uncertainty; share of the area on which chambers of one design act, from body to body; m of radii of a cast body; share of the
+gain of regulators and load cells."""
 ABSORBED = 0.7
 """An area factor for each spine length that leaves less than this share of what one area factor leaves hides a cause."""
 PRESENT_FLOORS = 0.5

@@ -79,7 +79,7 @@ def calibration_section(f: Attribution) -> Calibration | None:
     found = Calibration(p.area_factor(f.calibrated.theta), given, modulus)
     # stiffness trials tell the modulus
     known = 0.0 if p.states.pushed.any() else robot.uncertainty.youngs_modulus or MATERIAL_SD
-    return replace(found, origins=origins(robot, found.stiffness, known))
+    return replace(found, origins=origins(robot, found.stiffness if known else found.stiffness / modulus, known))
 
 
 def _pushes(p: Prepared, missed: Array) -> locate.Pushes | None:

@@ -13,7 +13,7 @@ from scipy.special import ndtr
 from model.robot import Robot
 
 from ..inference.problem import Parameters
-from ..judgement import GAIN_SD, GEOMETRY_SD
+from ..judgement import AREA_SD, GAIN_SD, GEOMETRY_SD
 from .result import Origin
 
 Array = NDArray[np.float64]
@@ -49,6 +49,7 @@ def origins(robot: Robot, stiffness: float, modulus_sd: float) -> tuple[Origin, 
     powers = {f"{name}.path_radius": (-1.0, GEOMETRY_SD / path), "the readings of the pressures": (-1.0, GAIN_SD)}
     if robot.chambers is not None:
         powers["chambers.radius"] = (-0.5, 2 * GEOMETRY_SD / robot.chambers.radius)
+        powers["area_factor itself, the share of the chambers' area that acts,"] = (-1.0, AREA_SD)
     if modulus_sd > 0 and robot.bending_stiffness is not None:
         powers["bending_stiffness"] = (1.0, modulus_sd)
     elif modulus_sd > 0:
