@@ -210,11 +210,14 @@ def stands_for(c: Calibration | None, words: Words) -> str:
         for o in c.origins
         if o.probability >= LEAST_STATED or o is c.origins[0]
     ]
+    stiff = any(o.name in ("youngs_modulus", "bending_stiffness") for o in c.origins)
+    by_mass = (
+        "measure the body's stiffness without pressures (a stiffness trial, or a mass at the tip), " if stiff else ""
+    )
     return words.say(
         f"An area factor of {c.area_factor:.2f} instead of {c.given:.2f}, with {c.modulus:.2f} times the modulus, may stand for "
-        f"another number of the robot (p that it makes most of it, as uncertain as all are): {', '.join(each)}. To tell, measure "
-        "the body's stiffness without pressures (a stiffness trial, or a mass at the tip), hold a gauge against the pressures, "
-        "and measure a section"
+        f"another number of the robot (p that it makes most of it, as uncertain as all are): {', '.join(each)}. To tell, "
+        f"{by_mass}hold a gauge against the pressures, and measure a section"
     )
 
 
