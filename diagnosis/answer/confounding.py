@@ -46,10 +46,10 @@ def origins(robot: Robot, stiffness: float, modulus_sd: float) -> tuple[Origin, 
     of |d_i| > |d| / 2 on the side of d. `modulus_sd`: relative, s of E; 0 where E I is measured.
     """
     path, name = robot.actuators.path_radius, robot.actuators.words.kind
-    powers = {f"{name}.path_radius": (-1.0, GEOMETRY_SD / path), "the readings of the pressures": (-1.0, GAIN_SD)}
+    powers = {f"{name}.path_radius": (-1.0, GEOMETRY_SD / path), "pressures": (-1.0, GAIN_SD)}
     if robot.chambers is not None:
         powers["chambers.radius"] = (-0.5, 2 * GEOMETRY_SD / robot.chambers.radius)
-        powers["area_factor itself, the share of the chambers' area that acts,"] = (-1.0, AREA_SD)
+        powers["area_factor"] = (-1.0, AREA_SD)
     if modulus_sd > 0 and robot.bending_stiffness is not None:
         powers["bending_stiffness"] = (1.0, modulus_sd)
     elif modulus_sd > 0:

@@ -78,6 +78,7 @@ class Origin:
     """A number that the area factor may stand for."""
 
     name: str
+    """Key of robot.yaml, or `pressures`."""
     factor: float
     """By which it would have to be another to make all of it."""
     probability: float

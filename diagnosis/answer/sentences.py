@@ -6,7 +6,7 @@ words wherever it stands, and what is "not explained" leaves at least half of th
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Any
@@ -24,7 +24,6 @@ from ..judgement import (
     MORE_THAN_GAP,
     OUTSIDE_STATED,
     OUTSTANDING_FLOORS,
-    REDUCIBLE_RATIO,
 )
 from .headline import LEAST_STATED, percent, stated
 from .result import Calibration, Carries, Conclusion, Locate, Ranked, Shrink, Simulator, Waterfall
@@ -201,12 +200,20 @@ def as_stiff(c: Calibration) -> str:
     return f"{100 * abs(c.stiffness - 1):.0f} % {'stiffer' if c.stiffness > 1 else 'softer'}"
 
 
+ORIGINS = {
+    "pressures": "the readings of the pressures",
+    "area_factor": "area_factor itself, the share of the chambers' area that acts,",
+}
+"""Origins that robot.yaml does not hold, or whose key says little -> what to call them."""
+
+
 def stands_for(c: Calibration | None, words: Words) -> str:
     """What a calibrated area factor may stand for, and what tells; empty where it is that of robot.yaml."""
     if c is None or abs(c.stiffness - 1) < CALIBRATION_STATED or not c.origins:
         return ""
     each = [
-        f"{o.name} {100 * abs(o.factor - 1):.1f} % {'larger' if o.factor > 1 else 'smaller'} (p = {stated(o.probability)})"
+        f"{ORIGINS.get(o.name, o.name)} {100 * abs(o.factor - 1):.1f} % {'larger' if o.factor > 1 else 'smaller'} "
+        f"(p = {stated(o.probability)})"
         for o in c.origins
         if o.probability >= LEAST_STATED or o is c.origins[0]
     ]
@@ -224,12 +231,10 @@ def stands_for(c: Calibration | None, words: Words) -> str:
 def closed_by_calibration(f: Facts) -> float | None:
     """Share of the reducible gap that calibration closes, where it changed the area factor and that is most; None otherwise."""
     w = f.waterfall
-    floor = f.where.noise_floor_mm
-    if f.calibration is None or w is None or not _factor(f) or w.given_mm < REDUCIBLE_RATIO * floor:
+    if f.calibration is None or w is None or not _factor(f):
         return None
-    reducible = w.given_mm**2 - floor**2
-    closed = 1 - (w.steps[0].left_mm ** 2 - floor**2) / reducible if reducible > 0 else 0.0
-    return closed if closed > EXPLAINS else None
+    closed = share_closed(w.given_mm, w.steps[0].left_mm, f.where.noise_floor_mm)
+    return closed if closed is not None and closed > EXPLAINS else None
 
 
 def _by_calibration(f: Facts) -> str:
@@ -243,7 +248,7 @@ def beyond_tolerance(p: Parameters, moved: Mapping[int, float], robot: Robot) ->
     by_stiffness = robot.bending_stiffness is not None
     for i, value in moved.items():
         info, sd = p.infos[i], float(p.sd[i])
-        away, stated = (
+        away, allowed = (
             (f"{100 * abs(value):.0f} %", f"{100 * sd:.2g} %")
             if info.unit == "1"
             else (f"{abs(value):.3g} {info.unit}", f"{sd:.2g} {info.unit}")
@@ -251,7 +256,7 @@ def beyond_tolerance(p: Parameters, moved: Mapping[int, float], robot: Robot) ->
         key = "bending_stiffness" if info.source == "youngs_modulus" and by_stiffness else info.source
         yield (
             f"{BEYOND_TOLERANCE}{with_id(key, {})}, {away} {'above' if value > 0 else 'below'} robot.yaml, "
-            f"{abs(value) / sd:.1f} standard deviations of the {stated} it may be off: measure it and correct robot.yaml, or "
+            f"{abs(value) / sd:.1f} standard deviations of the {allowed} it may be off: measure it and correct robot.yaml, or "
             "state it less surely; until then no cause is certain"
         )
 
@@ -339,11 +344,16 @@ def _absorbed(f: Facts) -> str:
     return f"An area factor for each spine length would hide it: {left} ({a.how})."
 
 
+def also_present(budget: Sequence[Carries], name: Callable[[str], str], digits: int) -> str:
+    """The sentence on effects that are there without being a cause, each by its `name`; empty where there is none."""
+    found = ", ".join(f"{name(c.effect)} {c.mm:.{digits}f} mm" for c in budget if c.role == "present")
+    return f"Also present: {found}." if found else ""
+
+
 def _present(f: Facts) -> str:
     """What is there without being a cause."""
     _, digits = _what(f)
-    found = ", ".join(f"{with_id(c.effect, f.names)} {c.mm:.{digits}f} mm" for c in f.budget if c.role == "present")
-    return f"Also present: {found}." if found else ""
+    return also_present(f.budget, lambda effect: with_id(effect, f.names), digits)
 
 
 def _odd(f: Facts) -> str:

@@ -133,6 +133,11 @@ class Campaign:
         return int(np.median(np.unique(pairs[:, 0], return_counts=True)[1]))
 
 
+def spread_over(count: int, most: int) -> Ints:
+    """Numbers 0 .. `count` - 1, or as many of them as `most`, evenly spread."""
+    return np.unique(np.linspace(0, count - 1, min(most, count)).astype(np.int64))
+
+
 def tip_masses(robot: Robot, rows: Sequence[TrialRow]) -> Array:
     """(n,) kg; the robot's own where none is recorded."""
     return np.array([robot.tip_mass if r.tip_mass is None else r.tip_mass for r in rows])

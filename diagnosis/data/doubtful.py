@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from model.section import rods_of
 from recordings.trials import TrialRow
 
 from ..judgement import UPSIDE_DOWN_GAIN
-from .campaign import settings
+from .campaign import settings, spread_over
 from .plausible import weight_ratio
 from .plausible_directions import ASIDE, doubtful_directions
 from .plausible_places import doubtful_places
@@ -74,12 +74,11 @@ def _gravity(robot: Robot, seen: Pressures) -> Iterator[str]:
         return
     tips = np.array([r.tip for r in resting])[stands]
     missed = {turn: float(np.sqrt(((f.tip[stands] - tips) ** 2).sum(axis=1).mean())) for turn, f in found.items()}
-    given, best = missed[TURNS[0]], min(missed, key=lambda turn: missed[turn])
-    if given > ASIDE * robot.length and missed[best] < UPSIDE_DOWN_GAIN * given:
+    given = missed[TURNS[0]]
+    if other := _other(robot, missed):
         yield (
-            f"gravity {_listed(robot)} m/s^2: at rest the tip is {1e3 * given:.3g} mm from where "
-            f"the model has it, and {1e3 * missed[best]:.3g} mm with {_listed(_turned(robot, best))}: does gravity point down in "
-            "the base frame, and is the frame the right way round?"
+            f"gravity {_listed(robot)} m/s^2: at rest the tip is {1e3 * given:.3g} mm from where the model has it, and {other}: "
+            "does gravity point down in the base frame, and is the frame the right way round?"
         )
     elif given > FAR * robot.length:
         yield (
@@ -93,9 +92,7 @@ def doubtful_gravity(robot: Robot, rows: Sequence[TrialRow]) -> Iterator[str]:
 
     Compared is what no shift changes: how far the tip moves from rest, and where tip and markers stand to each other at rest.
     """
-    seen = Pressures.of(
-        robot, [rows[i] for i in np.unique(np.linspace(0, len(rows) - 1, min(MOST, len(rows))).astype(int))]
-    )
+    seen = Pressures.of(robot, [rows[i] for i in spread_over(len(rows), MOST)])
     read = np.array([[r.tip, *r.markers[: len(robot.markers)]] for r in seen.rows], np.float64)
     known = np.asarray(np.isfinite(read).all(axis=(1, 2)))
     if not (known & seen.resting).any() or read.shape[1] != 1 + len(robot.markers):
@@ -108,15 +105,21 @@ def doubtful_gravity(robot: Robot, rows: Sequence[TrialRow]) -> Iterator[str]:
             missed[turn] = min(_missed(there.with_area_factor(area * f), seen, read, known) for f in AREAS)
         except ModelError:  # the states do not fit this robot, which is said elsewhere
             return
-        if missed[TURNS[0]] < ASIDE * robot.length:
+        if missed[TURNS[0]] <= ASIDE * robot.length:  # the others need not be computed
             return
-    best = min(missed, key=lambda turn: missed[turn])
-    if missed[best] < UPSIDE_DOWN_GAIN * missed[TURNS[0]]:
+    if other := _other(robot, missed):
         yield (
             f"gravity {_listed(robot)} m/s^2 of robot.yaml: the tip moves, and the points stand, {1e3 * missed[TURNS[0]]:.3g} mm "
-            f"from where the model has them, and {1e3 * missed[best]:.3g} mm with {_listed(_turned(robot, best))}: does gravity "
-            "point down in the base frame? Correct it before `straight: at rest` moves the readings to where that model stands"
+            f"from where the model has them, and {other}: does gravity point down in the base frame? Correct it before "
+            "`straight: at rest` moves the readings to where that model stands"
         )
+
+
+def _other(robot: Robot, missed: Mapping[tuple[int, int], float]) -> str:
+    """How far (m) the direction misses that does so least, where the one stated misses far more; else empty."""
+    given, best = missed[TURNS[0]], min(missed, key=lambda turn: missed[turn])
+    clear = given > ASIDE * robot.length and missed[best] < UPSIDE_DOWN_GAIN * given
+    return f"{1e3 * missed[best]:.3g} mm with {_listed(_turned(robot, best))}" if clear else ""
 
 
 def _missed(robot: Robot, seen: Pressures, read: Array, known: NDArray[np.bool_]) -> float:

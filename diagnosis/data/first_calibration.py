@@ -43,7 +43,7 @@ from ..judgement import (
     FIRST_WIDEST,
     UPSIDE_DOWN_GAIN,
 )
-from .campaign import Campaign, settings, tip_masses
+from .campaign import Campaign, settings, spread_over, tip_masses
 from .chamber_sides import can_name_order, exchanged, order_told, with_order
 
 Array = NDArray[np.float64]
@@ -139,9 +139,8 @@ def calibrate_first(robot: Robot, states: Campaign, effects: Collection[str] = (
         return FirstCalibration(robot, states)
     own = states.take(kept)
     # the others lie between them
-    picked = np.unique(np.linspace(0, len(own) - 1, min(60, len(own))).astype(int))
     seen = np.zeros(len(own), bool)
-    seen[picked] = True
+    seen[spread_over(len(own), 60)] = True
     own = own.take(seen)
     # one area factor, as the diagnosis has it
     told, robot = robot, robot.with_area_factor(float(np.mean(robot.area_factor_at(own.spine_length))))

@@ -259,8 +259,8 @@ def _owner(address: str) -> Owner | None:
 
 
 def _ask(address: str, question: dict[str, str], within: float) -> tuple[dict[str, Any], int, str] | None:
-    """The answer with process and user of who gave it, `within` so many host seconds; None when nobody is there. An owner that
-    stands still says {}."""
+    """The answer, process and user of who gives it `within` host seconds; None when nobody is there. An owner that stands still
+    says {}."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
         connection.settimeout(within)
         try:

@@ -16,6 +16,7 @@ from diagnosis.answer.headline import for_people, percent, stated
 from diagnosis.answer.result import Diagnosis
 from diagnosis.answer.sentences import (
     BEYOND_TOLERANCE,
+    also_present,
     closed_alone,
     disorder,
     hypothesis_name,
@@ -181,11 +182,8 @@ def explained(d: Diagnosis) -> str:
 def small(d: Diagnosis) -> str:
     """Identifiers of what is named, to type into commands, and what the probability rests on."""
     named = f"Identifier: {' + '.join(d.attribute.effects)}. " if d.attribute.effects else ""
-    present = ", ".join(
-        f"{names(d)[c.effect]} {c.mm:.2f} mm" for c in d.budget if c.role == "present" and c.effect in names(d)
-    )
-    beside = f"Also present: {present}. " if present else ""
-    return f"{beside}{named}Probability p: {d.detail['calibrated_on']}. Gap: error of the {d.locate.of}."
+    present = also_present(d.budget, lambda effect: plain_name(effect, names(d)), 2)
+    return f"{present and present + ' '}{named}Probability p: {d.detail['calibrated_on']}. Gap: error of the {d.locate.of}."
 
 
 def _first_step(d: Diagnosis, protocols: Path | None) -> tuple[str, str]:
