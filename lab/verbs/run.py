@@ -453,6 +453,13 @@ def connect(rig: Rig, needs: Sequence[str], quiet: bool = False) -> None:
         raise failures[0]
 
 
+def recording_of(folder: Path, protocol: str, started_ns: int) -> Path:
+    """A file for the recording that begins at `started_ns` (Unix time, ns), new in `folder`; names sort as the runs began, also
+    where two begin within a second (`_` comes after the `.` of the first)."""
+    file = folder / f"{protocol}-{time.strftime('%Y%m%d-%H%M%S', time.localtime(started_ns / 1e9))}.mcap"
+    return file.with_stem(f"{file.stem}_{started_ns % 1_000_000_000 // 1_000_000:03d}") if file.exists() else file
+
+
 def execute(
     rig: Rig,
     j: Job,
@@ -466,9 +473,7 @@ def execute(
     happens. `page`: where it is seen. `steering`: by which a program asks something of the run, as keys at a terminal do."""
     steering = Steering() if steering is None else steering
     started = time.time_ns()
-    file = folder / f"{j.experiment.name}-{time.strftime('%Y%m%d-%H%M%S', time.localtime(started / 1e9))}.mcap"
-    if file.exists():
-        file = file.with_stem(f"{file.stem}-{started % 1_000_000_000 // 1_000_000:03d}")
+    file = recording_of(folder, j.experiment.name, started)
     markers = len(getattr(j.rig.instruments.mocap, "markers", ()) or ())
     finished = broken.finished if broken is not None else 0
     journal = Journal.begin(file, j.experiment.name) if broken is None else Journal.reopen(broken.journal)

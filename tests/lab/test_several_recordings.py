@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from lab.cli import main
+from lab.verbs.run import recording_of
 
 RECORDING = Path("tests/recordings/data/bending-schema-1.mcap")
 
@@ -38,3 +39,12 @@ def test_each_of_several_recordings_is_told_by_its_name(
 def test_only_one_recording_is_played(two: tuple[str, str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["replay", *two, "--play"]) == 2
     assert "--play: give one recording" in capsys.readouterr().err
+
+
+def test_names_sort_as_the_runs_began(tmp_path: Path) -> None:
+    begun = [1_790_000_000_000_000_000 + ms * 1_000_000 for ms in (250, 714, 999, 1000)]
+    files = []
+    for started_ns in begun:
+        files.append(recording_of(tmp_path, "bending", started_ns))
+        files[-1].touch()
+    assert sorted(tmp_path.glob("*.mcap")) == files and len(set(files)) == len(begun)
