@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import timing
 
@@ -19,9 +19,6 @@ from .parts import Parts
 from .pty_fake import Faults, PtyFake
 from .ur.fake import UrFake
 from .ur.process import UrProcess
-
-if TYPE_CHECKING:
-    from .ur.in_process import UrThread
 
 FAULTS = (
     "silence", "delay", "half", "split", "garbage", "bad_crc", "wrong_id", "nak", "stuck", "over_range", "disconnect",
@@ -128,7 +125,7 @@ class FaultSwitch:
             name, value = COMMON[fault]
             setattr(faults, name, value)
 
-    def _arm(self, ur: UrProcess | UrThread, fault: str) -> None:
+    def _arm(self, ur: UrProcess, fault: str) -> None:
         actions: dict[str, Callable[[], Any]] = {
             "silence": lambda: ur.backdoor("freeze", seconds=1e6),
             "delay": lambda: ur.backdoor("lag", seconds=LATE),

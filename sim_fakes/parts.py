@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 from .accidents import Accidents
 from .instrument import Part
@@ -11,9 +11,6 @@ from .motive import MotiveFake
 from .plant import Plant
 from .pty_fake import PtyFake
 from .ur.process import UrProcess
-
-if TYPE_CHECKING:
-    from .ur.in_process import UrThread
 
 
 class Parts(Protocol):
@@ -30,7 +27,7 @@ class Parts(Protocol):
     def mocap(self) -> MotiveFake | None: ...
 
     @property
-    def ur(self) -> UrProcess | UrThread | None: ...
+    def ur(self) -> UrProcess | None: ...
 
 
 class Switch(Protocol):

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -26,9 +26,6 @@ from .registry import OWN, of_role
 from .ur.fake import UrFake
 from .ur.process import UrProcess, free_host
 from .virtual_robot import RobotTruth, VirtualRobot
-
-if TYPE_CHECKING:
-    from .ur.in_process import UrThread
 
 PLANT_PERIOD = 0.01
 """Host seconds between two steps of the plant."""
@@ -138,7 +135,7 @@ class FakeRig:
         return part if isinstance(part, MotiveFake) else None
 
     @property
-    def ur(self) -> UrProcess | UrThread | None:
+    def ur(self) -> UrProcess | None:
         """The arm's controller once it is started, where it is a UR's."""
         part = self.parts.get("arm")
         return part.process if isinstance(part, UrFake) else None

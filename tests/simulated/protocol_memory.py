@@ -8,7 +8,7 @@ import serial
 
 import timing
 
-from .lines import LINES, MemoryLine
+from .memory_line import LINES, MemoryLine
 
 PAUSE = 0.001
 """Host seconds that pass for who asks again and again whether something has come."""
