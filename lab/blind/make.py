@@ -28,7 +28,7 @@ from ..files.config import ConfigError, check, parse_yaml
 from ..files.example import paper_robot
 from ..files.inputs import read_case
 from .folder import SetFolder, new_set, seal
-from .sweeps import AGAIN, BASE, BASE_SETTLED, MENU, Design, State, Sweep, design, joined
+from .sweeps import AGAIN, BASE, BASE_SETTLED, MENU, Design, State, Sweep, design
 from .truth import KINDS, THRUST, Recipe, Stratum, Truth, another_cause, draw, draw_robot
 from .workers import Crew, spread
 
@@ -280,7 +280,7 @@ def write_case(folder: Path, tables: dict[str, Table], shown: Design, robot: str
     folder.mkdir(parents=True)
     (folder / "robot.yaml").write_text(robot)
     extras = [tables[s.name] for s in MENU] if shown.extras else []
-    write_csv(shown.show(joined([tables["base"], *extras])), folder / "trials.csv")
+    write_csv(shown.show(Table.joined([tables["base"], *extras])), folder / "trials.csv")
     if menu and not shown.extras:
         (folder / "menu").mkdir()
         for name, table in tables.items():

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 import yaml
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
@@ -37,6 +37,12 @@ LIMITS = {"gt": operator.gt, "ge": operator.ge, "lt": operator.lt, "le": operato
 
 class ConfigError(Exception):
     """A file or an argument that cannot be used; its text lists every problem. Exit code 2."""
+
+
+class FileTable(BaseModel):
+    """A table of a file: no unknown keys, no NaN, unchangeable."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 def demand_writable(*paths: Path | None) -> None:

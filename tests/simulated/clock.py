@@ -19,10 +19,12 @@ from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Any, ClassVar, Self, cast
 
+from lab.guard.child import new_process
 from sim_fakes.lines import PtyLine
 from sim_fakes.ur.process import UrProcess
 from timing import Host, Thread, live_in, readable_now
 
+from .lodger import started
 from .memory_line import MemoryLine
 
 START = 1000.0
@@ -76,7 +78,7 @@ def _arm(*args: Any, **how: Any) -> Any:
 class SimulatedClock:
     """Enter it to live in it: `with clock: ..`. It may be left and entered again; its time stands still meanwhile."""
 
-    stand_ins: ClassVar = {PtyLine: MemoryLine, UrProcess: _arm}
+    stand_ins: ClassVar = {PtyLine: MemoryLine, UrProcess: _arm, new_process: started}
 
     def __init__(self) -> None:
         self._now = START
