@@ -28,8 +28,9 @@ from ..errors import BadReply, DeviceFault, InstrumentError, LimitExceeded, NoRe
 from ..interfaces import Identity, SpineSample
 from ..spec import Driver
 from ..stall import StallWatch
-from . import settings, table
+from . import table
 from .bus import Servo
+from .settings import settings
 
 RESTARTED = "the servo has restarted (power failure?) and lost its position; check its supply, then home()"
 REBOOT_TIME = 2.0
@@ -131,7 +132,7 @@ class DynamixelSpine:
         """Ask for the settings once more. Raises `WrongDevice` or `LimitExceeded` when another host has changed one."""
         with self._lock:
             self._check_current_limit()
-            settings.confirm(self._servo)
+            settings(self._servo).confirm()
 
     def close(self) -> None:
         """Stop, release the torque if so configured, disconnect; the watchdog goes off, as holding is meant to last."""
@@ -260,7 +261,7 @@ class DynamixelSpine:
         firmware = self._servo.read(table.FIRMWARE)
         self._arm_watchdog()  # clears a trip, which locks some of the settings
         self._end_motion()  # before anything is refused
-        settings.apply(self._servo)
+        settings(self._servo).apply()
         self._check_current_limit()
         return Identity("ROBOTIS", name, firmware=str(firmware))
 
@@ -343,7 +344,7 @@ class DynamixelSpine:
                 self.name,
                 f"hardware error persists after a restart: {table.hardware_errors(bits)}; check supply and motor",
             )
-        settings.apply(self._servo)
+        settings(self._servo).apply()
         self._lost = False
 
     # -- judging what was read
