@@ -24,8 +24,9 @@ import timing
 from timing import Clock
 
 from ..configs import LengthUnitConfig
-from ..errors import BadReply, DeviceFault, InstrumentError, LimitExceeded, NoReply, NotReady, Unreachable, WrongDevice
+from ..errors import BadReply, DeviceFault, InstrumentError, LimitExceeded, NoReply, NotReady, WrongDevice
 from ..interfaces import Identity, SpineSample
+from ..serial_line import meeting
 from ..spec import Driver
 from ..stall import StallWatch
 from . import table
@@ -119,14 +120,8 @@ class DynamixelSpine:
                 self._homing = self._zero = self._end_stop = (
                     None  # while nobody listened the servo may have lost its count
                 )
-            try:
+            with meeting(self.name, self._servo.close, "no Dynamixel servo"):
                 return self._meet()
-            except NoReply as e:
-                self._servo.close()
-                raise Unreachable(self.name, e.message) from e
-            except BaseException:
-                self._servo.close()
-                raise
 
     def confirm_settings(self) -> None:
         """Ask for the settings once more. Raises `WrongDevice` or `LimitExceeded` when another host has changed one."""

@@ -63,15 +63,12 @@ class Answer:
         return sum(p for names, p in self.ranking if names == effects)
 
 
-def read_answer(path: Path, case: str, after: int | None = None) -> Answer:
-    """The last answer of a case, or the one after `after` experiments (or fewer, when it asked for no more).
-
-    Raises ConfigError for a file that holds no rounds.
-    """
+def read_answer(path: Path, case: str) -> Answer:
+    """The last answer of a case. Raises ConfigError for a file that holds no rounds."""
     rounds = read_table(path, HINT)
     try:
-        chosen = rounds[-1] if after is None else rounds[min(after, len(rounds) - 1)]
-        return answer_from(case, chosen["diagnosis"], float(chosen["seconds"]), tuple(map(str, chosen["asked"])))
+        last = rounds[-1]
+        return answer_from(case, last["diagnosis"], float(last["seconds"]), tuple(map(str, last["asked"])))
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as e:
         raise ConfigError(f"{path}: holds no rounds of a diagnosis ({repr(e)[:200]}); {HINT}") from e
 

@@ -62,6 +62,11 @@ class Source:
     text: bytes = b""
     """What was parsed."""
 
+    @property
+    def table(self) -> dict[str, Any]:
+        """Its keys and values; none where it holds something else, which `check` refuses."""
+        return self.data if isinstance(self.data, dict) else {}
+
     def at(self, loc: Loc) -> str:
         """`file:line` of the key nearest to loc."""
         while loc and loc not in self.lines:
