@@ -49,7 +49,7 @@ def _make(a: argparse.Namespace) -> int:
 
 def _run(a: argparse.Namespace) -> int:
     quick = propose_folder if a.chosen else attribute_folder
-    done = run(a.out, quick if a.quick else diagnose_folder, Further(a.chosen, a.choose), _crew(a))
+    done = run(a.out, quick if a.quick else diagnose_folder, Further(a.chosen), _crew(a))
     out.print(f"{done} cases diagnosed")
     return 0
 
@@ -107,12 +107,6 @@ MAKE = (
 RUN = (
     option("out", type=Path),
     option("--chosen", type=int, default=0, help="experiments that the diagnosis may request (0 to 3)"),
-    option(
-        "--choose",
-        choices=("information", "random", "repeat"),
-        default="information",
-        help="next experiment: what the diagnosis asks for (default), any of the menu, or the sweep again",
-    ),
     *CREW,
     option("--quick", action="store_true", help="no held-out errors, and without --chosen no next experiments"),
 )
