@@ -26,6 +26,7 @@ from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
 from model.errors import ModelError
 
+from ..criticism.gaussian import Gaussian
 from ..inference.candidate import Candidate
 from ..inference.discrepancy import Settings, by_channel, settings
 from ..inference.discrepancy import columns as smooth_columns
@@ -156,14 +157,8 @@ class Rivals:
             linear, at = c.linear(self.prepared.problem), c.grid_point
             prior = p.prior(p.mask(c.named), max(at.spike, LEAST_SPIKE), linear.effect_size)
             scale, _ = p.scaled(prior)
-            own = p.of_effect
-            ours = np.empty((len(linear.observed), len(scale)))
-            ours[:, own], ours[:, ~own] = linear.effects * (scale / p.sd)[own], linear.nuisance.whole
-            errors = (at.form_error * linear.form_error,
-                      linear.discrepancy_size(at.size, at.form_error) * linear.discrepancy)  # fmt: skip
-            every = np.hstack([ours, *errors])
-            inverse = np.linalg.inv(np.eye(every.shape[1]) + every.T @ every)[: len(scale), : len(scale)]
-            self._covariances[k] = scale[:, None] * inverse * scale[None, :]
+            known = Gaussian(linear, prior, at.size, at.form_error).covariance(p.of_effect)
+            self._covariances[k] = scale[:, None] * known * scale[None, :]
         return self._covariances[k]
 
 

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from .box_constrained import box_constrained_minimum
+from model.prediction.box_minima import box_minima
+
 from .columns import Columns
 from .linear import Linear, Prior
 from .problem import FormError, Problem, linearise
@@ -264,7 +265,8 @@ class _Local:
         score = self._score + damping * self._here
         if bend is not None:
             score -= self._pulled(bend)
-        x = box_constrained_minimum(self._curve + damping * np.eye(len(score)), score, self._low, self._high)
+        curve = self._curve + damping * np.eye(len(score))
+        (x,) = box_minima(curve[None], -score[None], self._low[None], self._high[None])
         goal = self._rest.copy()
         goal[self._free] = self._mean[self._free] + self._scale[self._free] * x
         return np.clip(goal, self._p.lower, self._p.upper)
