@@ -22,6 +22,7 @@ from ..judgement import (
     CALIBRATION_STATED,
     EXPLAINS,
     MORE_THAN_GAP,
+    OTHER_UNIT,
     OUTSIDE_STATED,
     OUTSTANDING_FLOORS,
 )
@@ -258,6 +259,16 @@ def beyond_tolerance(p: Parameters, moved: Mapping[int, float], robot: Robot) ->
             f"{BEYOND_TOLERANCE}{with_id(key, {})}, {away} {'above' if value > 0 else 'below'} robot.yaml, "
             f"{abs(value) / sd:.1f} standard deviations of the {allowed} it may be off: measure it and correct robot.yaml, or "
             "state it less surely; until then no cause is certain"
+        )
+
+
+def doubtful_area_factor(ratio: float) -> Iterator[str]:
+    """What to ask where the calibrated area factor is `ratio` times that of robot.yaml: a wrong unit does that."""
+    if not 1 / OTHER_UNIT < ratio < OTHER_UNIT:
+        size, factor = ("large", 1 / ratio) if ratio < 1 else ("small", ratio)
+        yield (
+            f"calibration asks for {ratio:.2g} times the area factor of robot.yaml: the pressures seem to be too {size} by "
+            f"{factor:.2g}; check their unit, and path_radius of the chambers"
         )
 
 

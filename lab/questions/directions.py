@@ -17,10 +17,9 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.data.plausible_pressures import Pressures, settings
 from model.robot import Robot
 from recordings.trials import TrialRow
-
-from .plausible_pressures import Pressures, settings
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
