@@ -18,9 +18,9 @@ from scipy.linalg import cho_factor, cho_solve
 from model.prediction.box_minima import box_minima
 
 from .columns import Columns
+from .jacobian import Jacobian
 from .linear import Linear, Prior
 from .problem import FormError, Problem, linearise
-from .slope import Reference, Slope, White
 
 Array = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ class Fit:
     """(k,) parameters, in their own units."""
     predicted: Array
     """(n,) there."""
-    slope: Slope | None
+    slope: Jacobian | None
     """Derivatives there; None where they were not kept."""
     cost: float
     """Half the squared misfit plus half the squared distance from the prior."""
@@ -52,16 +52,15 @@ class Fit:
     form_error: FormError | None = None
     """Model-form error of some effects there; None: no law is taken to be wrong."""
 
-    def derivatives(self, problem: Problem) -> Slope:
+    def derivatives(self, problem: Problem) -> Jacobian:
         """The slope, taken anew where it was not kept."""
-        return self.slope if self.slope is not None else Slope.of(problem.linearise(self.theta)[1])
+        return self.slope if self.slope is not None else problem.jacobian(self.theta)[1]
 
     def linear(self, problem: Problem) -> Linear:
         """The linear problem around it, made anew each time: it is as large as the derivatives."""
         slope = self.derivatives(problem)
-        linear = problem.whitened(self.theta, self.predicted, White(slope, problem.noise, problem.parameters.sd).every)
-        reference = slope.reference
-        known = None if reference is None else reference.tolerated
+        linear = problem.whitened(self.theta, self.predicted, slope.white(problem.white))
+        known = None if slope.base is None else slope.base.tolerated
         return (
             linear if self.form_error is None else problem.with_form_error(linear, self.theta, self.form_error, known)
         )
@@ -70,9 +69,8 @@ class Fit:
 def refit(problem: Problem, prior: Prior, size: float, start: Fit) -> Fit:
     """A search that ends near its start, whose derivatives are used throughout (chord method): one prediction a step. What
     these derivatives promise in the end may not be there: less than `CHORD_PROMISE` is not tried for."""
-    p = problem.parameters
-    known, none = Reference(start.derivatives(problem).every, problem.noise, p.sd), np.zeros(len(start.theta), bool)
-    here = replace(start, slope=Slope.at_reference(known))
+    known, none = start.derivatives(problem).flat, np.zeros(len(start.theta), bool)
+    here = replace(start, slope=known.shared)
     return _search(problem, prior, size, here, 6, known, none, 0.0, CHORD_PROMISE, CHORD_DAMPINGS)
 
 
@@ -82,7 +80,7 @@ def fit(
     size: float,
     start: Array | Fit,
     rounds: int = 6,
-    frozen: Reference | None = None,
+    frozen: Jacobian | None = None,
 ) -> Fit:
     """Search from parameters (k,), or from another fit, whose derivatives are then used for the first step.
 
@@ -99,7 +97,7 @@ def fit(
 
 
 def _search(
-    problem: Problem, prior: Prior, size: float, start: Array | Fit, rounds: int, frozen: Reference | None,
+    problem: Problem, prior: Prior, size: float, start: Array | Fit, rounds: int, frozen: Jacobian | None,
     fresh: NDArray[np.bool_], tolerance: float, least_promise: float, dampings: Sequence[float] = DAMPINGS,
 ) -> Fit:  # fmt: skip
     """Derivatives by the parameters marked `fresh` (k,) are taken anew at every point, all others are those of `frozen`; a step
@@ -109,9 +107,9 @@ def _search(
     misfit, forward = _Misfit(problem, size), problem.forward
     anew = np.flatnonzero(fresh)
 
-    def linearised(theta: Array) -> tuple[Array, Slope]:
+    def linearised(theta: Array) -> tuple[Array, Jacobian]:
         predicted, columns = linearise(forward, theta, anew.tolist())
-        return predicted, Slope(frozen, anew, Columns.of(columns), len(theta))
+        return predicted, Jacobian(len(theta), anew, Columns.of(columns), frozen)
 
     def total(theta: Array, predicted: Array) -> float:
         return misfit.cost(predicted) + _distance(theta, mean, scale)
@@ -211,9 +209,9 @@ class _Misfit:
         missed = self.problem.noise.whiten(self.problem.observed - predicted)
         return 0.5 * float(missed @ self.solve(missed))
 
-    def information(self, white: White) -> Array:
+    def information(self, slope: Jacobian) -> Array:
         """(k, k) of the data, in units of the priors."""
-        return white.information(self._size, self._between)
+        return slope.information(self._size, self._between, self.problem.white)
 
     def _between(self, a: Columns, b: Columns) -> Array:
         """(c, d) A^T C^-1 B."""
@@ -228,17 +226,17 @@ class _Local:
     """The linear problem around parameters (k,), in which optima are quick to find."""
 
     def __init__(
-        self, misfit: _Misfit, theta: Array, predicted: Array, slope: Slope, scale: Array, mean: Array
+        self, misfit: _Misfit, theta: Array, predicted: Array, slope: Jacobian, scale: Array, mean: Array
     ) -> None:
         self._misfit, problem = misfit, misfit.problem
         p = self._p = problem.parameters
         free = self._free = np.flatnonzero(scale > 0)
         self._theta, self._predicted, self._slope = theta, predicted, slope
         self._scale, self._mean, self._rest = scale, mean, np.where(scale > 0, theta, mean)
-        self._white, self._ratio = White(slope, problem.noise, p.sd), (scale / p.sd)[free]
+        self._ratio = (scale / p.sd)[free]
         missed = problem.observed - predicted - slope.along(self._rest - theta)
         self._here = (theta - mean)[free] / scale[free]
-        information = misfit.information(self._white)[np.ix_(free, free)] * np.outer(self._ratio, self._ratio)
+        information = misfit.information(slope)[np.ix_(free, free)] * np.outer(self._ratio, self._ratio)
         self._curve = np.eye(free.size) + information
         self._score = self._pulled(missed) + information @ self._here
         self._low, self._high = (p.lower - mean)[free] / scale[free], (p.upper - mean)[free] / scale[free]
@@ -246,7 +244,7 @@ class _Local:
     def _pulled(self, values: Array) -> Array:
         """(f,) by how much values (n,) pull at what is free."""
         white = self._misfit.solve(self._misfit.problem.noise.whiten(values))
-        return np.asarray(self._ratio * self._white.against(white)[self._free])
+        return np.asarray(self._ratio * self._slope.against(white, self._misfit.problem.white)[self._free])
 
     def predicted(self, theta: Array) -> Array:
         """Predicted values (n,) of the linear problem at parameters (k,)."""
