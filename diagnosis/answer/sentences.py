@@ -277,7 +277,7 @@ def _model(f: Facts) -> str:
 
 
 def _simulator(f: Facts) -> str:
-    """How the simulator in the rod's place differs from the rod, and which of them the measurements side with."""
+    """How the simulator in the rod's place differs from the rod, and how much of that the measurements do not show."""
     own = f.simulator
     if own is None:
         return ""

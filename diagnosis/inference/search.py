@@ -25,6 +25,7 @@ from scipy.special import logsumexp
 from ..judgement import (
     FIT_DISCREPANCY_SIZE,
     FIT_TOLERATED_SIZE,
+    OUTSIDE_ON,
     PRIOR_OF_NUMBER,
     SEARCH_MARGIN,
     SEARCHED_AT_ONCE,
@@ -288,16 +289,18 @@ class Search:
             out += self._around(around, [kept, *with_one_more(kept)], c.with_tolerances)
         return out
 
-    def unknown(self, leading: Sequence[Candidate], shares: Sequence[float], temperature: float) -> Candidate:
-        """The hypothesis that something outside the catalogue is at work, beside any of the leading hypotheses.
+    def unknown(self) -> Candidate:
+        """The hypothesis that something outside the catalogue is at work, beside any of the leading hypotheses found.
 
-        `shares` are the prior probabilities of the leading hypotheses: something unknown beside an effect is as much rarer
-        than something unknown alone as the effect is than none. Evidence is divided by the temperature, shares are not.
+        Something unknown beside an effect is as much rarer than something unknown alone as the effect is than none. Evidence is
+        divided by the temperature, the prior is not.
         """
-        beside = [c for (c,) in self._map(self._with_large_discrepancy, leading)]
-        terms = np.array([c.laplace_log_evidence for c in beside]) / temperature + np.log(np.array(shares))
+        found = sorted(self.found.values(), key=lambda c: -(c.log_evidence + self._log_prior(c.named)))
+        beside = [c for (c,) in self._map(self._with_large_discrepancy, found[:OUTSIDE_ON])]
+        own = [c.laplace_log_evidence + self._log_prior(c.named) for c in beside]
+        terms = np.array(own) / TEMPERATURE
         i = int(np.argmax(terms))
-        total = replace(beside[i].weighed, log_evidence=temperature * float(logsumexp(terms)))
+        total = replace(beside[i].weighed, log_evidence=TEMPERATURE * float(logsumexp(terms)))
         return replace(beside[i], weighed=total)
 
     def _with_large_discrepancy(self, c: Candidate) -> list[Candidate]:
@@ -366,6 +369,7 @@ class Search:
         what it does not name."""
         p, own = self.problem, f.form_error
         assert own is not None
+        # without what the named effects do, columns are left for the laws of the others alone
         tolerated = replace(f, form_error=FormError(own.named, {})).linear(p).form_error
         base = replace(f.derivatives(p).flat, tolerated=tolerated)
         return replace(f, slope=base.shared, form_error=replace(own, shared=True))
