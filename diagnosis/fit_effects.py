@@ -53,7 +53,7 @@ RECURRING = {
     "spine_length": "spine_length", "spine_stiffness": "spine_stiffness", "turn": "repeat_turn", "shift": "repeat_shift",
 }  # fmt: skip
 """Key of `posterior.noise` -> the tolerance that recurs with each trial or repeat."""
-LAW_ERRORS = np.array([0.0, 0.01, 0.03, 0.1, 0.3])
+FITTED_LAW_ERRORS = np.array([0.0, 0.01, 0.03, 0.1, 0.3])
 """Among which the data tell how wrong a law is here. (A diagnosis takes no law for exact, lest it be too sure of a name.)"""
 
 
@@ -261,13 +261,13 @@ def _errors(c: Candidate, linear: Linear, parameters: Parameters) -> tuple[float
     """Model-form error (share of what the named effects do) and discrepancy (in its unit): rms over their posterior."""
     grid = replace(
         KNOWN.part(c.with_tolerances),
-        form_errors=LAW_ERRORS,
-        form_error_weights=np.full(len(LAW_ERRORS), 1 / len(LAW_ERRORS)),
+        form_errors=FITTED_LAW_ERRORS,
+        form_error_weights=np.full(len(FITTED_LAW_ERRORS), 1 / len(FITTED_LAW_ERRORS)),
     )
     weighed = weigh(linear, grid, parameters, [c.named])[0]
     weight = np.exp(weighed.log_terms - weighed.log_terms.max())
     weight /= weight.sum()
-    form = LAW_ERRORS if weight.shape[2] == len(LAW_ERRORS) else np.zeros(1)
+    form = FITTED_LAW_ERRORS if weight.shape[2] == len(FITTED_LAW_ERRORS) else np.zeros(1)
     return (
         float(np.sqrt((weight.sum(axis=(0, 1)) * form**2).sum())),
         float(np.sqrt((weight.sum(axis=(0, 2)) * grid.sizes**2).sum())),

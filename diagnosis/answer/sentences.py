@@ -1,4 +1,4 @@
-"""Every sentence of the answer, made in one place from typed facts. docs/explanations/diagnosis.md explains them.
+"""The statement of the answer, made from typed facts. docs/explanations/diagnosis.md explains it.
 
 No two sentences of one answer contradict each other: what a hypothesis does on unseen states (`_closing`) is said in the same
 words wherever it stands, and what is "not explained" leaves at least half of the reducible gap.
