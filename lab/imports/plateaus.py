@@ -12,6 +12,9 @@ from .map_file import Plateaus, States
 
 Array = NDArray[np.float64]
 
+BURST = 20
+"""Rows over which the time from row to row is averaged, as clocks are coarse and rows come in bursts."""
+
 
 @dataclass(frozen=True)
 class Cut:
@@ -59,7 +62,8 @@ def _stretches(wanted: Plateaus, t: Array, filled: Array, trial: NDArray[np.int6
     n = len(t)
     if not n:
         return []
-    step = float(np.median(np.diff(t))) if n > 1 else wanted.shortest
+    many = max(1, min(n - 1, BURST))
+    step = float(np.median(t[many:] - t[:-many])) / many if n > 1 else wanted.shortest
     width = min(max(3, round(wanted.shortest / max(step, 1e-9)) | 1), 2 * n + 1)
     low = minimum_filter1d(filled, width, axis=0, mode="nearest")
     high = maximum_filter1d(filled, width, axis=0, mode="nearest")

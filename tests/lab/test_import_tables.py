@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -264,6 +265,13 @@ def test_the_unit_of_times_follows_from_their_steps_and_is_asked_about(step: int
     content = text(MANY, headings=["time", *HEADINGS[1:]], change=lambda k, c: [str(step * k), *c[1:]])
     made, result = through(tmp_path / "table.csv", content)
     assert made.values["columns"]["t"]["unit"] == unit and any("columns.t" in d for d in made.doubts)
+    assert len(result.table) == PLATEAUS
+
+
+@pytest.mark.parametrize("time", [lambda k: f"{k // 25}", lambda k: f"{k // 10 * 0.4 + k % 10 * 1e-3:.3f}"],
+                         ids=["of whole seconds", "of bursts"])  # fmt: skip
+def test_times_need_not_be_evenly_spaced(time: Callable[[int], str], tmp_path: Path) -> None:
+    _, result = through(tmp_path / "table.csv", text(MANY, change=lambda k, c: [time(k), *c[1:]]))
     assert len(result.table) == PLATEAUS
 
 
