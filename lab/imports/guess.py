@@ -214,7 +214,7 @@ def _pressure_unit(values: Array, h: Heading, series: Series) -> _Unit:
 def _others(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot) -> None:
     ignored = []
     for h in headings:
-        column = own_column(h) or quantity(h)
+        column = own_column(h) or quantity(h) or ("t" if h.kind == "s" and _rises(series, h.name) else None)
         words = h.name in series.words and column not in ("branch", "protocol", "specimen")
         if column in (None, "trial", "repeat") or f"columns.{column}" in g.reasons or words:
             ignored.append(h.name)
@@ -254,6 +254,13 @@ def _others(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot)
         g.doubts.append("constants.spine_length: no column names the spine of robot.yaml: was it 0 mm in all rows?")
     if ignored:
         g.doubts.append(f"not used: {', '.join(ignored[:20])}")
+
+
+def _rises(series: Series, name: str) -> bool:
+    """Whether a column of numbers rises from row to row."""
+    values = series.numbers.get(name, np.zeros(0))
+    values = values[np.isfinite(values)]
+    return len(values) > 1 and bool((np.diff(values) > 0).all())
 
 
 def _branches(series: Series, name: str) -> dict[str, str] | None:

@@ -84,19 +84,20 @@ UNITS = {
     unit.casefold(): (kind, unit) for kind in ("m", "Pa", "Pa/s", "s", "kg", "N", "N/s", "deg") for unit in KINDS[kind]
 }
 UNIT_WORDS = {
-    "m": "meter meters metre metres mètres metros", "mm": "millimeter millimeters millimetre millimetres millimètres milímetros",
-    "cm": "centimeter centimeters centimetre centimetres zentimeter", "um": "µm μm micrometer micrometers",
-    "s": "sec secs second seconds sek sekunde sekunden secondes segundos", "ms": "msec millisecond milliseconds millisekunden",
-    "us": "µs μs usec microsecond microseconds", "ns": "nanosecond nanoseconds", "deg": "° degree degrees grad degrés grados",
-    "rad": "radian radians", "Pa": "pascal", "kPa": "kilopascal kpag kpa(g)", "bar": "barg bar(g)", "psi": "psig",
-    "g": "gram grams gramm", "kg": "kilogram kilograms", "N": "newton newtons", "mbar": "millibar", "hPa": "hektopascal",
-    "in": "inch inches", "MPa": "megapascal", "GPa": "gigapascal",
+    "m": "meter meters metre metres mètres metros м", "cm": "centimeter centimeters centimetre centimetres zentimeter см",
+    "mm": "millimeter millimeters millimetre millimetres millimètres milímetros мм",
+    "um": "µm μm micrometer micrometers", "s": "sec secs second seconds sek sekunde sekunden secondes segundos с сек",
+    "ms": "msec millisecond milliseconds millisekunden мс", "us": "µs μs usec microsecond microseconds",
+    "ns": "nanosecond nanoseconds", "deg": "° degree degrees grad degrés grados град", "rad": "radian radians",
+    "Pa": "pascal па", "kPa": "kilopascal kpag kpa(g) кпа", "bar": "barg bar(g) бар", "psi": "psig", "g": "gram grams gramm г",
+    "kg": "kilogram kilograms кг", "N": "newton newtons н", "mbar": "millibar мбар", "hPa": "hektopascal", "in": "inch inches",
+    "kgf/cm2": "kgf/cm² kgf/cm^2 kg/cm2 kg/cm² kg/cm^2", "d": "day days tag tage", "MPa": "megapascal мпа", "GPa": "gigapascal",
 }  # fmt: skip
 """Other ways in which units are written."""
 UNITS |= {word: UNITS[unit.casefold()] for unit, words in UNIT_WORDS.items() for word in words.split()}
 OTHER_UNIT_WORDS = """
 v mv uv ma a hz khz °c c k % 1 - -- – a.u. au n/a none n.u. frame frames sample samples # nm n·m n*m m/s mm/s rad/s deg/s °/s m/s²
-m/s^2 in/s ft inhg inh2o kgf lbf gf lb oz at kgf/cm² kgf/cm^2 kg/cm² kg/cm^2 °f °k g/s l/min ml/min sccm
+m/s^2 in/s ft kgf lbf gf lb oz at °f °k g/s l/min ml/min sccm
 v/v bool boolean unitless px counts lsb s^-1 ohm kohm nt ut mt gauss date iso8601
 hh:mm:ss hh:mm:ss.000 date/time
 """

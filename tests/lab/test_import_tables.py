@@ -86,6 +86,8 @@ PLAIN = {
     "Windows code page": ("Gerät: µ-Regler\n" + text(FEW, ";")).encode("cp1252"),
     "a logger that lost its power": text(FEW).encode() + b"\0" * 300,
     "break in a heading": text(FEW, headings=['"Time\n[s]"', *HEADINGS[1:]]),
+    "Cyrillic": text(FEW, headings=["Время [с]", *(f"P{k} [кПа]" for k in (1, 2, 3)), *(f"{a} [мм]" for a in "XYZ")]),
+    "Shift JIS": text(FEW, headings=["時間[s]", *(f"圧力{k}[kPa]" for k in (1, 2, 3)), *HEADINGS[4:]]).encode("shift_jis"),
     "minus signs and signs": text(FEW, ";", change=lambda k, c: [*c[:4], *[v.replace("-", "\u2212") for v in c[4:]]]),
     "dashes as minus signs": text(FEW, ";", change=lambda k, c: [v.replace("-", "\u2013") for v in c]),
     "exponents of Fortran": text(FEW, ";", change=lambda k, c: [f"{float(v):.6E}".replace("E", "D") for v in c]),
@@ -95,6 +97,16 @@ PLAIN = {
         )
         for unit, factor in (("s", 1), ("ms", 1e3), ("us", 1e6), ("ns", 1e9))
     },
+    **{
+        f"days of {whose}": text(
+            FEW, headings=["Time", *HEADINGS[1:]], change=lambda k, c, d=day: [f"{d + 4.0 * k / 86_400:.9f}", *c[1:]]
+        )
+        for whose, day in (("a spreadsheet", 45_244.9), ("MATLAB", 739_204.9))
+    },
+    "technical atmospheres": text(
+        FEW, headings=[h.replace("kPa", "kgf/cm2") for h in HEADINGS],
+        change=lambda k, c: [c[0], *(f"{float(p) / 98.0665:.6f}" for p in c[1:4]), *c[4:]],
+    ),
     "dates": text(FEW, change=lambda k, c: [f"2024-03-01 12:{4 * k // 60:02d}:{4 * k % 60:02d}.250", *c[1:]]),
     "times of day over midnight": text(FEW, change=lambda k, c: [clock(86_350 + 4 * k), *c[1:]]),
 }  # fmt: skip
@@ -112,7 +124,26 @@ def test_a_table_gives_the_states_of_the_plain_one(kind: str, tmp_path: Path) ->
 
 @pytest.mark.parametrize(
     "word",
-    ["NA", "NaN", "-", "n/a", "#DIV/0!", "", "null", "--", "1.#QNAN", "-9999", "lost", "Inf", "?", "N.A.", "verdeckt"],
+    [
+        "NA",
+        "NaN",
+        "-",
+        "n/a",
+        "#DIV/0!",
+        "",
+        "null",
+        "--",
+        "1.#QNAN",
+        "-9999",
+        "lost",
+        "Inf",
+        "?",
+        "N.A.",
+        "verdeckt",
+        "-nan(ind)",
+        "1.#INF",
+        "\\N",
+    ],  # fmt: skip
 )
 def test_what_is_missing_is_no_state(word: str, tmp_path: Path) -> None:
     _, made = through(tmp_path / "table.csv", text(FEW, ";", change=lambda k, c: words(k, c, word)))
