@@ -47,7 +47,7 @@ USUAL_PRESSURES = {"Pa": (4e3, 2e6), "kPa": (4.0, 600.0), "bar": (0.02, 4.0), "m
 STEADY = 0.02
 """Of the highest pressure, within which a plateau stands."""
 MOTION_CAPTURE = ("Motive", "C3D")
-FRAME_WORDS = frozenset("frame frames sample samples index idx bild".split())
+FRAME_WORDS = frozenset(["frame", "frames", "sample", "samples", "index", "idx", "bild"])
 """Words of a heading for a count of rows."""
 LONG_STEP, MANY = 5.0, 200
 """Step and number of rows from which times without a unit are not in s."""
@@ -219,7 +219,11 @@ def _others(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot)
     for h in headings:
         column = own_column(h) or quantity(h) or ("t" if h.kind == "s" and _rises(series, h.name) else None)
         if h.name == frames:
-            g.say("columns.t", {"column": h.name, "scale": 0.01}, "GUESSED: no column of time, and some frames are missing")
+            g.say(
+                "columns.t",
+                {"column": h.name, "scale": 0.01},
+                "GUESSED: no column of time, and some frames are missing",
+            )
             g.doubts.append("columns.t.scale: how many seconds from frame to frame? 0.01 is a guess")
             continue
         words = h.name in series.words and column not in ("branch", "protocol", "specimen")
