@@ -7,7 +7,6 @@ import re
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 import yaml
 
@@ -506,6 +505,8 @@ def test_a_table_without_a_row_at_rest_has_a_map_proposed_and_marked(
 
 
 def test_groups_of_tendons_are_no_clock_times() -> None:
+    import pandas as pd  # slow to import
+
     assert judge(pd.Series(["1:2", "2:3", "3:1"])).values.dtype.kind == "U"
     assert judge(pd.Series(["1:02", "2:03", "3:01"])).unit == "s"
 
