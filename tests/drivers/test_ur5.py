@@ -34,7 +34,7 @@ def rig() -> Iterator[Rig]:
 
 @pytest.fixture(scope="module")
 def arm(rig: Rig) -> Iterator[UR5]:
-    arm = UR5("arm", Config(host=rig.host), rig.clock)
+    arm = UR5("arm", Config(host=rig.host, watchdog_frequency=2.0), rig.clock)  # a busy computer may be late
     arm.open()
     yield arm
     arm.close()

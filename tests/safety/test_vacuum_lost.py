@@ -30,7 +30,7 @@ def one(folder: Path) -> Recording:
     return recording
 
 
-@pytest.mark.parametrize("level", [0.0, pytest.param(60e3, marks=pytest.mark.long), 94e3])
+@pytest.mark.parametrize("level", [94e3, *(pytest.param(p, marks=pytest.mark.long) for p in (0.0, 60e3))])
 def test_a_bending_state_is_read_again_with_the_spine_jammed_anew(
     house: House, tmp_path: Path, level: float, capsys: pytest.CaptureFixture[str]
 ) -> None:
