@@ -37,11 +37,6 @@ DIGIT = 10.0
 
 
 @pytest.fixture
-def plant() -> Plant:
-    return Plant()
-
-
-@pytest.fixture
 def clock() -> RigClock:
     return RigClock(speed=1.0 if HARDWARE else 20.0)
 

@@ -33,11 +33,6 @@ def eventually(condition: Callable[[], bool], within: float = 10.0) -> bool:
 
 
 @pytest.fixture
-def plant() -> Plant:
-    return Plant()
-
-
-@pytest.fixture
 def fake(plant: Plant) -> Iterator[Ft300sFake]:
     if HARDWARE:
         pytest.skip("needs the fake sensor")

@@ -24,11 +24,6 @@ Make = Callable[..., NumatoValve]
 
 
 @pytest.fixture
-def plant() -> Plant:
-    return Plant()
-
-
-@pytest.fixture
 def fake(plant: Plant) -> Iterator[NumatoFake]:
     if HARDWARE:
         pytest.skip("needs the fake module")

@@ -25,11 +25,6 @@ Make = Callable[..., PfeifferGauge]
 
 
 @pytest.fixture
-def plant() -> Plant:
-    return Plant()
-
-
-@pytest.fixture
 def fake(plant: Plant) -> Iterator[PfeifferFake]:
     if HARDWARE:
         pytest.skip("needs the fake gauge")

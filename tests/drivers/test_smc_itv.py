@@ -27,11 +27,6 @@ CHANNELS = len(HARDWARE) or 9
 
 
 @pytest.fixture
-def plant() -> Plant:
-    return Plant()
-
-
-@pytest.fixture
 def clock() -> RigClock:
     return RigClock(speed=1.0 if HARDWARE else 20.0)
 

@@ -8,21 +8,16 @@ from typing import Any
 
 import pytest
 import yaml
-from virtual_lab import VirtualLab, meanwhile, press_ctrl_c
+from virtual_lab import VirtualLab, lab, meanwhile, press_ctrl_c
 
 import timing
 from drivers.errors import InstrumentError
 from lab.calibration import calibrate
-from lab.cli import main
 from lab.files.inputs import read_case
 from lab.rig.assembly import Rig
 from sim_fakes.virtual_robot.truth import TABLE_II
 
 SHORT = ["--set", "spine_lengths=[0.0, 10 cm]", "--set", "pressures=[100 kPa, 200 kPa]"]
-
-
-def lab(*arguments: object) -> int:
-    return main([str(a) for a in arguments])
 
 
 def recorded(folder: Path) -> Path:

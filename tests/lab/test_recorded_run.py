@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 import yaml
 from terminal import Terminal
-from test_resume import SHORT, freed, lab
-from virtual_lab import VirtualLab, journal_says, meanwhile
+from test_resume import SHORT, freed
+from virtual_lab import VirtualLab, journal_says, lab, meanwhile
 
 import timing
 from lab.files.inputs import read_case

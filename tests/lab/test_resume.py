@@ -9,10 +9,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from virtual_lab import VirtualLab, journal_says, meanwhile, press_ctrl_c
+from virtual_lab import VirtualLab, journal_says, lab, meanwhile, press_ctrl_c
 
 import timing
-from lab.cli import main
 from lab.files.inputs import read_case
 from lab.verbs.fakes import PATIENT_SETTLE
 from recordings.campaign.journal import read
@@ -22,10 +21,6 @@ from recordings.file.reader import Recording
 
 LATE = [word for setting in PATIENT_SETTLE[1:] for word in ("--set", setting)]
 SHORT = ("--set", "spine_lengths=[0.0, 3 cm, 6 cm]", "--set", "pressures=[80 kPa]", "--set", "unload=false", *LATE)
-
-
-def lab(*arguments: object) -> int:
-    return main([str(a) for a in arguments])
 
 
 def started(rig: Path, folder: Path) -> subprocess.Popen[str]:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from house import House, until
+from house import House, inflate, until
 
 import timing
 from drivers.errors import DeviceFault, InstrumentError
@@ -61,15 +61,6 @@ def guard_of(program: subprocess.Popen[str]) -> int:
 
 def journal(house: House) -> str:
     return house.rig.with_suffix(".guard.log").read_text()
-
-
-def inflate(rig: Rig, house: House) -> None:
-    """Something to land."""
-    rig.actuators.call("valve", "set", True)
-    for _ in range(20):
-        rig.actuators.call("pressure", "set", (60e3, 60e3, 60e3))
-        timing.sleep(0.02)
-    assert until(lambda: house.highest() > 40e3)
 
 
 @pytest.mark.real

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from house import House, until
+from house import House, inflate, until
 from test_pauses import BENDING, during, lab
 
 import timing
@@ -67,14 +67,6 @@ def of(house: House, second: House) -> Iterator[dict[str, House]]:
 def use(house: House, name: str) -> None:
     """Leave out what a cell does not need."""
     house.change(without=("mocap",) if name in NETWORK else ("mocap", *NETWORK))
-
-
-def inflate(rig: Rig, house: House) -> None:
-    rig.actuators.call("valve", "set", True)
-    for _ in range(20):
-        rig.actuators.call("pressure", "set", (60e3, 60e3, 60e3))
-        timing.sleep(0.02)
-    assert until(lambda: house.highest() > 40e3)
 
 
 def experiment(rig: Rig, ramps: bool) -> None:

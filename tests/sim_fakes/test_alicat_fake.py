@@ -16,11 +16,6 @@ Ask = Callable[..., str]
 
 
 @pytest.fixture
-def plant() -> Plant:
-    return Plant()
-
-
-@pytest.fixture
 def fake(plant: Plant) -> Iterator[AlicatFake]:
     fake = AlicatFake(plant, RigClock(speed=20), seed=3)
     fake.start()

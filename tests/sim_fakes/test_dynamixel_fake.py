@@ -54,11 +54,6 @@ class Wire:
 
 
 @pytest.fixture
-def plant() -> Plant:
-    return Plant()
-
-
-@pytest.fixture
 def wire(plant: Plant) -> Iterator[Wire]:
     fake = DynamixelFake(plant, RigClock(20.0))
     fake.start()

@@ -14,11 +14,6 @@ Ask = Callable[[str], str]
 
 
 @pytest.fixture
-def plant() -> Plant:
-    return Plant()
-
-
-@pytest.fixture
 def fake(plant: Plant) -> Iterator[SmcItvFake]:
     fake = SmcItvFake(plant, RigClock(speed=20), chambers=(4, 5), seed=3)
     fake.start()

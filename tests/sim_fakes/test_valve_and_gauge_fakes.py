@@ -13,11 +13,6 @@ from timing import RigClock
 
 
 @pytest.fixture
-def plant() -> Plant:
-    return Plant()
-
-
-@pytest.fixture
 def relay(plant: Plant) -> Iterator[serial.Serial]:
     fake = NumatoFake(plant, RigClock(20.0))
     fake.start()
