@@ -186,15 +186,6 @@ def test_a_sped_up_rig_moves_by_its_own_clock_and_with_the_tcp_it_was_given() ->
         assert rig.fake.backdoor()["ended"] == ["stopped by the client"]
 
 
-def test_a_closed_arm_refuses_to_move_and_can_be_closed_again(rig: Rig) -> None:
-    arm = UR5("arm", Config(host=rig.host), rig.clock)
-    arm.close()
-    arm.close()
-    for call in (arm.moving, arm.stop, lambda: arm.move_to((0.3, 0.0, 0.3, 0.0, 3.1, 0.0), SPEED, ACCELERATION)):
-        with pytest.raises(NotReady, match=r"call open\(\)"):
-            call()
-
-
 def test_a_workspace_turned_inside_out_is_no_configuration() -> None:
     with pytest.raises(ValidationError, match="workspace_min y"):
         Config(host="127.0.0.1", workspace_min=(0.0, 1.0, 0.0), workspace_max=(0.5, 0.5, 0.5))
