@@ -13,7 +13,7 @@ import pytest
 
 import timing
 from drivers.dynamixel import driver as dynamixel
-from drivers.errors import DeviceFault, InstrumentError, NoReply, NotReady, Unreachable
+from drivers.errors import DeviceFault, InstrumentError, LimitExceeded, NoReply, NotReady, Unreachable
 from drivers.interfaces import SpineSample
 from drivers.tmcl import driver as tmcl
 from sim_fakes.dynamixel import DynamixelFake
@@ -168,6 +168,16 @@ def test_speed_is_clipped_to_its_limit(bench: Bench) -> None:
     unit = bench.homed(max_speed=0.02)
     unit.move_to(0.05, 5.0)
     assert 0.01 < fastest(unit) < 0.025
+
+
+@pytest.mark.parametrize(("length", "speed"), [(float("nan"), 0.01), (0.1, 0.0), (0.1, -0.1), (0.1, float("nan"))])
+def test_what_is_no_motion_is_refused_before_anything_is_sent(bench: Bench, length: float, speed: float) -> None:
+    fake = bench.fake()
+    unit = bench.homed(fake)
+    before = len(fake.requests)
+    with pytest.raises(LimitExceeded, match="not a valid motion"):
+        unit.move_to(length, speed)
+    assert len(fake.requests) == before
 
 
 def test_stop_holds_where_it_is(bench: Bench) -> None:
