@@ -174,13 +174,12 @@ def recordings(folder: Path, sound: bytes) -> dict[str, Go]:
     }
 
 
-def sources(recording: Path | None) -> list[tuple[str, Go]]:
-    """Every kind of file, and what is done with one mutation of it."""
-    folder = Path(tempfile.mkdtemp(prefix="fuzz-"))
+def sources(folder: Path, recording: Path | None) -> dict[str, Go]:
+    """Every kind of file, and what is done with one mutation of it, which is written to `folder`."""
     found = small_files(folder)
     if recording is not None:
         found |= recordings(folder, recording.read_bytes())
-    return list(found.items())
+    return found
 
 
 @dataclass
@@ -248,7 +247,7 @@ def main() -> int:
         f"{'kind':28s} {'n':>6s} {'refused':>8s} {'uncaught':>9s} {'memory':>9s} {'time':>8s}  seeds of the worst",
         flush=True,
     )
-    for name, go in sources(a.recording):
+    for name, go in sources(Path(tempfile.mkdtemp(prefix="fuzz-")), a.recording).items():
         if a.kind and a.kind not in name:
             continue
         tally = tallies[name] = Tally()

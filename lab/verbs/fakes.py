@@ -44,11 +44,12 @@ PATIENT: dict[str, Any] = {
         "valve": {"timeout": 1.0},
         "gauge": {"timeout": 1.0},
     },
-    "limits": {"max_age": 8.0, "max_hidden": 8.0},
+    "limits": {"max_age": 8.0, "max_hidden": 8.0, "pressure_error_time": 60.0},
     "safe": {"heartbeat": 10.0},
 }
 """Ages and time-outs (host s) for a demonstration or a test, whose fakes share the processors with everything else and may
-be late. An instrument is not: a rig.yaml for hardware keeps the defaults."""
+be late. An instrument is not: a rig.yaml for hardware keeps the defaults. `pressure_error_time` is rig time: on a rig of 20
+times real speed, the default of 5 s passes while the virtual robot waits 0.25 s for a processor."""
 
 PATIENT_PAUSES = ("settle.max_hidden=5 s", "settle.max_gap=10 s", "settle.within=300 s")
 """The same for the protocols' rule of rest, whose times are the rig's: on a rig of 20 times real speed 0.5 s of it are 25 ms

@@ -14,20 +14,12 @@ from pydantic import ValidationError
 import timing
 from drivers.errors import DeviceFault, NotReady, StaleReading, Unreachable, WrongDevice
 from drivers.frames import matrix_from_quaternion
-from drivers.interfaces import BodySample, MotionCapture
+from drivers.interfaces import BodySample
 from drivers.natnet.config import Pose
 from drivers.natnet.driver import Config, NatNetMocap
 from sim_fakes.motive import MotiveFake
 from sim_fakes.plant import Plant
 from timing import RigClock
-
-
-def test_it_is_a_motion_capture_that_tells_who_it_is(make: Make) -> None:
-    mocap = make()
-    identity = mocap.open()
-    assert isinstance(mocap, MotionCapture)
-    assert identity.maker == "OptiTrack"
-    assert "NatNet" in identity.model
 
 
 def test_samples_stream_to_the_sink_one_a_frame(make: Make, samples: list[BodySample]) -> None:
@@ -221,14 +213,6 @@ def test_a_server_gone_silent_makes_readings_stale(make: Make, fake: MotiveFake)
     first(mocap)
 
 
-def test_no_server_is_unreachable_within_the_time_out() -> None:
-    config = Config(server=free_host(), body="Tip", mocap_to_base=Pose(**IDENTITY), timeout=0.3)
-    start = timing.now()
-    with pytest.raises(Unreachable, match="no NatNet server"):
-        NatNetMocap("mocap", config, RigClock(), lambda _: None).open()
-    assert timing.now() - start < 20
-
-
 @pytest.mark.parametrize("server", ["a" * 200, "255.255.255.255"])
 def test_a_server_that_cannot_be_reached_is_told_with_its_name(server: str) -> None:
     config = Config(server=server, body="Tip", mocap_to_base=Pose(**IDENTITY), timeout=0.3)
@@ -289,14 +273,6 @@ def test_close_ends_the_threads_and_the_stream_and_may_be_called_twice(
     assert len(samples) == count
     with pytest.raises(NotReady):
         mocap.latest()
-
-
-def test_it_can_be_opened_again(make: Make, fake: MotiveFake) -> None:
-    mocap = make()
-    for _ in range(2):
-        mocap.open()
-        first(mocap)
-        mocap.close()
 
 
 def forged(host: str) -> bytes:
