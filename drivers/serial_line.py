@@ -234,17 +234,19 @@ class SerialLine:
         return taken
 
     def _wait_for_more(self, port: serial.Serial, deadline: float, wanted: str) -> None:
-        """Read once more; past the deadline, or when the answer has no end, drop what came and raise."""
+        """Read once more, past the deadline what has come by now; when that is nothing, or the answer has no end, drop what came
+        and raise."""
         self.lock.give_way()
-        if timing.now() >= deadline or len(self._buffer) > LONGEST_ANSWER:
+        late = timing.now() >= deadline
+        come = port.read(port.in_waiting if late else max(1, port.in_waiting))
+        self._silent = self._silent and not come
+        self._buffer += come
+        if (late and not come) or len(self._buffer) > LONGEST_ANSWER:
             got = self._take(len(self._buffer))
             if got:
                 raise BadReply(self.name, f"expected an answer {wanted} on {self.port}, got only {show(got)}")
             self._silent = True
             raise NoReply(self.name, f"no answer on {self.port} in time; check its power, cable, address and baud rate")
-        come = port.read(max(1, port.in_waiting))
-        self._silent = self._silent and not come
-        self._buffer += come
 
     @contextlib.contextmanager
     def _guarded(self) -> Iterator[serial.Serial]:
