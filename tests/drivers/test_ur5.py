@@ -44,7 +44,7 @@ def arm(rig: Rig) -> Iterator[UR5]:
 @pytest.fixture(scope="module")
 def watcher(rig: Rig) -> Iterator[UR5State]:
     """A second pair of eyes on the arm."""
-    state = UR5State("watcher", StateConfig(host=rig.host), rig.clock, discard)
+    state = UR5State("watcher", StateConfig(host=rig.host, max_age=5.0), rig.clock, discard)
     state.open()
     yield state
     state.close()
