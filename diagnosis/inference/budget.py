@@ -8,12 +8,13 @@ calibrates (area factors), the effect carries
 so what a calibration takes up anyway is not an effect's merit. All effects are asked, those within their tolerance as well:
 a tolerance that carries more than any named effect is the cause. c_e is drawn from the posterior over hypotheses and sizes,
 d_e linear about each hypothesis' fit; at the fit it is that of the model itself where the effect carries a noise floor. In
-each draw an effect is named that
+each draw an effect is named that carries
 
-    carries at least half of what the largest carrier does, and at least one noise floor, and
-    is that carrier, or is named by the hypothesis;
+    at least half of what the largest carrier does, and
+    at least one noise floor where the hypothesis names it, else two;
 
-where the largest carrier carries less than two noise floors it must be named by the hypothesis; else none is. The answer is
+none where that is not true of the largest carrier. With two effects of one size a hypothesis of one of them takes the other for a
+tolerance: the prior of a pair is small. The answer is
 the effect that is named in most draws, with those that are named together with it in two thirds of all; each draw that names
 all of the answer counts for it, whatever else it names.
 """
@@ -203,11 +204,10 @@ def _answer(b: Budget) -> Hypothesis:
 
 def _named(floors: Array, effects: Sequence[str], hypothesis: Hypothesis) -> Hypothesis:
     """The effects that a draw names, by the rule above, of what they carry (e,) in noise floors and its hypothesis."""
-    largest = int(floors.argmax())
-    if floors[largest] < (LEAST_NAMED_FLOORS if effects[largest] in hypothesis else OUTSTANDING_FLOORS):
-        return NONE
-    enough = np.flatnonzero(floors >= max(LEAST_NAMED_FLOORS, COMPARABLE * float(floors[largest])))
-    return tuple(effects[int(i)] for i in enough if i == largest or effects[int(i)] in hypothesis)
+    largest = float(floors.max())
+    least = np.where([e in hypothesis for e in effects], LEAST_NAMED_FLOORS, OUTSTANDING_FLOORS)
+    named = np.flatnonzero(floors >= np.maximum(least, COMPARABLE * largest))
+    return tuple(effects[int(i)] for i in named) if largest in floors[named] else NONE
 
 
 class _Carrying:

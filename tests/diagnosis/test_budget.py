@@ -104,6 +104,24 @@ def test_the_answer_is_what_is_named_in_most_draws(
     assert sum(p for _, p in found.ranking) == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize(
+    ("floors", "hypothesis", "expected"),
+    [
+        ((5.0, 4.0, 2.4), ("a",), ("a", "b")),  # what is taken for a tolerance carries as much
+        ((5.0, 4.0, 2.6), ("a", "c"), ("a", "b", "c")),
+        ((3.0, 1.9, 0.0), ("a",), ("a",)),
+        ((3.0, 1.9, 0.0), ("a", "b"), ("a", "b")),
+        ((1.4, 1.9, 0.0), ("a",), ()),  # the largest is no cause
+        ((1.4, 0.9, 0.0), ("a", "b"), ("a",)),
+        ((2.4, 2.1, 0.0), (), ("a", "b")),
+    ],
+)
+def test_a_draw_names_what_carries_half_of_the_largest(
+    floors: tuple[float, ...], hypothesis: tuple[str, ...], expected: tuple[str, ...]
+) -> None:
+    assert module._named(np.array(floors), EFFECTS, hypothesis) == expected
+
+
 def test_what_a_tolerated_stop_carries_is_not_its_slope_times_its_size() -> None:
     """A stop of 300 N/m already holds the tip; twice as stiff it does little more."""
     catalogue = {e: CATALOGUE[e] for e in ("contact", "base_tilt")}
