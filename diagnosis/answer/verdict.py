@@ -16,11 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..criticism.probability_calibration import ProbabilityCalibration
 from ..criticism.stage_errors import StageError
 from ..inference.evidence import NONE
 from ..inference.posterior import UNKNOWN, Posterior
-from ..judgement import CAUSE_PROBABILITY, NAMED_PROBABILITY, STAGE_SHARE, TEMPERATURE
+from ..judgement import CAUSE_PROBABILITY, NAMED_PROBABILITY, OUTSIDE_PROBABILITY, STAGE_SHARE, TEMPERATURE
 from .result import Conclusion, Verdict
 
 
@@ -45,16 +44,14 @@ class Decision:
         return self.probability / (1 - self.outside)
 
 
-def decide(
-    posterior: Posterior, calibrated: ProbabilityCalibration, enough: bool, nothing_stands_out: float = 0.0
-) -> Decision:
+def decide(posterior: Posterior, enough: bool, nothing_stands_out: float = 0.0) -> Decision:
     """Effect, none or unknown; with too little data (`enough` false) nothing is named however well it fits.
 
     `nothing_stands_out`: probability, within the catalogue, that no effect carries `OUTSTANDING_FLOORS`.
     """
     outside = posterior.probability(UNKNOWN)
     named, probability = next((h, p) for h, p in posterior.ranking if h != UNKNOWN)
-    if not enough or outside >= calibrated.unknown_threshold:
+    if not enough or outside >= OUTSIDE_PROBABILITY:
         return Decision("unknown", (), outside, outside, enough)
     if named == NONE:
         return Decision("none", (), probability, outside)

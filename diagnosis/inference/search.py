@@ -41,7 +41,7 @@ from .candidate import (
     light,
     without_derivatives,
 )
-from .evidence import KNOWN, LARGE, NONE, Hypothesis, weigh
+from .evidence import KNOWN, NONE, Hypothesis, weigh
 from .executor import SINGLE_THREAD, DiagnosisStep, Executor
 from .fit import Fit, fit
 from .posterior import prior
@@ -287,23 +287,6 @@ class Search:
             around = replace(here, form_error=replace(law_errors, responses=responses))
             out += self._around(around, [kept, *with_one_more(kept)], c.with_tolerances)
         return out
-
-    def unknown(self, leading: Sequence[Candidate], shares: Sequence[float], temperature: float) -> Candidate:
-        """The hypothesis that something outside the catalogue is at work, beside any of the leading hypotheses.
-
-        `shares` are the prior probabilities of the leading hypotheses: something unknown beside an effect is as much rarer
-        than something unknown alone as the effect is than none. Evidence is divided by the temperature, shares are not.
-        """
-        beside = [c for (c,) in self._map(self._with_large_discrepancy, leading)]
-        terms = np.array([c.laplace_log_evidence for c in beside]) / temperature + np.log(np.array(shares))
-        i = int(np.argmax(terms))
-        total = replace(beside[i].weighed, log_evidence=temperature * float(logsumexp(terms)))
-        return replace(beside[i], weighed=total)
-
-    def _with_large_discrepancy(self, c: Candidate) -> list[Candidate]:
-        grid = LARGE.part(c.with_tolerances)
-        (weighed,) = weigh(c.linear(self.problem), grid, self.problem.parameters, [c.named])
-        return [replace(c, weighed=weighed, grid_point=weighed.peak(grid), unknown=True)]
 
     def fitted(self, named: Hypothesis) -> Candidate:
         """One hypothesis by itself, all other effects absent, searched from each of its starting points to the end."""
