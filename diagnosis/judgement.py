@@ -130,12 +130,14 @@ INFORMED_SHARE = 0.05
 """Share of the prior's variance that data must remove for a direction to count in the prior tension."""
 OUTSIDE_PROBABILITY = 0.5
 """Probability of a cause outside the catalogue above which the verdict is "unknown"."""
-RELATIVE_ODDS = 0.25
+RELATIVE_ODDS = 0.5
 """Prior odds of a relative outside the catalogue against an effect of it: the catalogue holds what is seen most. Chosen on the
 practice robots."""
-FREE_FORM_ODDS, SAME_ODDS = 0.03, 0.02
+FREE_FORM_ODDS, SAME_ODDS = 0.02, 0.01
 """Prior odds, against what is named, of a stage's error of free form next to it, and of a cause that looks exactly like it.
 Chosen on the practice robots."""
+SEPARATED_EVIDENCE = 4.0
+"""Difference of log evidence by which readings separate a relative from what is named: a factor e of probability."""
 USUAL_EXCESS, LARGEST_EXCESS = 2.0, 10.0
 """Factors of excess scatter of repeats, which multiply those odds: less than the first is chance, more than the second counts as
 the second."""

@@ -12,7 +12,7 @@ from model.effects.spec import Stage
 
 from ..criticism.gaussian import Gaussian
 from ..criticism.misfit import MisfitDiagnostics, misfit_diagnostics
-from ..criticism.outside import Related, odds_outside, related
+from ..criticism.outside import Related, alike, odds_outside, related
 from ..criticism.stage_errors import Dependence, StageError, smooth_functions, stage_errors, total_gain
 from ..data.case import lacking
 from ..data.levels import SPINE_GAP
@@ -101,9 +101,11 @@ def attribute(p: Prepared, stages: Mapping[str, Stage], executor: Executor = SIN
     )
     asked = {c.named: c for c in (search.with_all_derivatives(found[NONE]), leading, best)}
     among = related(p, tuple(asked.values()), found)
-    odds = odds_outside(search.tried, among, effects, total_gain(free), misfit.excess_scatter, effects)
+    odds = odds_outside(search.tried, among, total_gain(free), misfit.excess_scatter, effects)
     weighed = with_unknown(known, found[NONE], odds / (1 + odds))
     decision = decide(weighed, not lacking(p.states), carried.nothing_stands_out)
+    answered = best if decision.verdict == "effect" else leading
+    decision = replace(decision, relatives=alike(among, decision.effects, answered.log_evidence))
     separations = _distinguishability(p, found, weighed, best)
     return Attribution(
         p, weighed, found[NONE], replace(best, made=None), calibrated(p), misfit, decision, separations, carried, free, among
@@ -114,6 +116,8 @@ def _stage_errors(p: Prepared, c: Candidate, stages: Mapping[str, Stage]) -> tup
     parameters, s = p.problem.parameters, p.states
     g = Gaussian(c.linear(p.problem), c.prior(parameters), c.grid_point.size, c.grid_point.form_error)
     functions = smooth_functions(s.spine_length, np.maximum(s.highest, 0.0), s.branch, s.time, p.robot.length)
+    if np.ptp(p.labels.experiment):
+        functions["experiment"] = (s.kind[:, None] == np.unique(s.kind)).astype(float)
     found = stage_errors(g, parameters, stages, {name: f[p.labels.state] for name, f in functions.items()})
     if np.ptp(s.spine_length) > SPINE_GAP:
         return found

@@ -1,6 +1,6 @@
 """What is answered, as deep as the data carry. `sentences` has the words, docs/explanations/diagnosis.md explains them.
 
-cause             named, with a probability of 0.9 at least
+cause             named, with a probability of 0.9 at least, and no relative outside the catalogue does the same
 one of several    named with less: the data do not exclude others
 stage             outside the catalogue; one stage of the chain asks for an error of its own
 outside           outside the catalogue
@@ -37,6 +37,8 @@ class Decision:
     """Whether the table holds what it takes to name a cause."""
     too_small: tuple[str, ...] = ()
     """Effects that lead but are not named, as probably nothing stands out."""
+    relatives: tuple[str, ...] = ()
+    """Causes outside the catalogue that do the same to these readings (`criticism.relatives`)."""
 
     @property
     def within(self) -> float:
@@ -75,7 +77,8 @@ def conclude(d: Decision, gap: bool, asking: Sequence[StageError], tense: bool =
     if not d.enough:
         return "too little data"
     if d.verdict == "effect":
-        return "cause" if d.probability >= CAUSE_PROBABILITY and not tense else "one of several"
+        sure = d.probability >= CAUSE_PROBABILITY and not tense and not d.relatives
+        return "cause" if sure else "one of several"
     if d.verdict == "none":
         return "none" if gap else "noise"
     return "stage" if stage(asking) else "outside"

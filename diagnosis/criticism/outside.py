@@ -43,6 +43,7 @@ from ..judgement import (
     LEAST_NAMED_SIZE,
     RELATIVE_ODDS,
     SAME_ODDS,
+    SEPARATED_EVIDENCE,
     TEMPERATURE,
     USUAL_EXCESS,
 )
@@ -100,6 +101,15 @@ def related(p: Prepared, candidates: Sequence[Candidate], known: Mapping[Hypothe
         if found and weight(max(fitted, key=weight)) > weight(found[0]):
             break
     return tuple(sorted((*fitted, *found), key=weight, reverse=True))
+
+
+def alike(among: Sequence[Related], named: Hypothesis, log_evidence: float) -> tuple[str, ...]:
+    """Relatives that do the same as an effect of what is named, as far as these readings tell, best first; where nothing is
+    named, that explain more than the best hypothesis. `log_evidence`: of that."""
+    own = [r for r in among if set(r.beside) < set(named) and r.log_evidence > log_evidence - SEPARATED_EVIDENCE]
+    if not named and among and among[0].log_evidence > log_evidence + SEPARATED_EVIDENCE:
+        own = [r for r in among if r.log_evidence > among[0].log_evidence - SEPARATED_EVIDENCE]
+    return tuple(dict.fromkeys(r.relative for r in own))
 
 
 def _fitted(p: Prepared, r: Related, start: Candidate) -> float:

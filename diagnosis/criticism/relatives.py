@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
+from model.effects.catalogue import CATALOGUE
 from model.effects.quantities import Quantities
 from model.effects.readings import Readings
 from model.effects.shows import by_chambers, with_spine
@@ -112,6 +114,7 @@ AGAIN = "repeat the first trial at the end of the campaign"
 RELATIVES: Mapping[str, EffectSpec] = MappingProxyType({
     s.id: s
     for s in (
+        replace(CATALOGUE["chamber_gain"], tolerated=False, shown=by_chambers, seen_best_in="inflate other chambers"),
         _relative(
             "shared_pressure", "actuation", "leaks between neighbouring chambers",
             "hold a gauge to a vented chamber while its neighbour is inflated",
@@ -150,4 +153,5 @@ RELATIVES: Mapping[str, EffectSpec] = MappingProxyType({
             *(Parameter(a, "rad", ANGLE / math.sqrt(3), -0.3, 0.3) for a in "xyz")),
     )
 })  # fmt: skip
-"""By id; `seen_best_in` is what tells it from others."""
+"""By id; `seen_best_in` is what tells it from others. Unequal chambers are one where they are not in the catalogue, since states
+like these cannot tell them from the others' effects."""
