@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from model.effects.catalogue import CATALOGUE
 from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
 from model.effects.parameters import ParameterInfo
@@ -89,7 +90,7 @@ def related(p: Prepared, candidates: Sequence[Candidate], known: Mapping[Hypothe
                     promised[r, beside] = z, c
 
     def weight(r: Related) -> float:
-        return r.log_evidence / TEMPERATURE + math.log(max(prior((*r.beside, r.relative), effects), TINY))
+        return r.log_evidence / TEMPERATURE + _log_prior((*r.beside, r.relative), effects)
 
     found = sorted((Related(*k, z) for k, (z, _) in promised.items()), key=weight, reverse=True)
     best = max(c.log_evidence / TEMPERATURE + math.log(prior(c.named, effects)) for c in candidates)
@@ -101,6 +102,11 @@ def related(p: Prepared, candidates: Sequence[Candidate], known: Mapping[Hypothe
         if found and weight(max(fitted, key=weight)) > weight(found[0]):
             break
     return tuple(sorted((*fitted, *found), key=weight, reverse=True))
+
+
+def _log_prior(named: Hypothesis, effects: int) -> float:
+    """Of a hypothesis that names a relative: a catalogue of few effects makes none more probable."""
+    return math.log(max(prior(named, max(effects, len(CATALOGUE))), TINY))
 
 
 def alike(among: Sequence[Related], named: Hypothesis, log_evidence: float) -> tuple[str, ...]:
@@ -227,11 +233,6 @@ def odds_outside(
     odds = unnamed * max(min(excess_scatter, LARGEST_EXCESS) / USUAL_EXCESS, 1.0)
     if not among:
         return odds
-    total, relatives = (
-        float(logsumexp([z / TEMPERATURE + math.log(max(prior(h, effects), TINY)) for h, z in each]))
-        for each in (
-            [(c.named, c.log_evidence) for c in tried],
-            [((*r.beside, r.relative), r.log_evidence) for r in among],
-        )
-    )
+    total = logsumexp([c.log_evidence / TEMPERATURE + math.log(prior(c.named, effects)) for c in tried])
+    relatives = logsumexp([r.log_evidence / TEMPERATURE + _log_prior((*r.beside, r.relative), effects) for r in among])
     return odds + RELATIVE_ODDS * math.exp(min(relatives - total, LARGEST_ODDS))

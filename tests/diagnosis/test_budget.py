@@ -23,7 +23,7 @@ EFFECTS = ("a", "b", "c")
 
 
 def named(floors: tuple[float, ...], hypothesis: tuple[str, ...]) -> tuple[str, ...]:
-    return module._named(np.array(floors), EFFECTS, hypothesis)
+    return module._named(np.array(floors), np.zeros(3), EFFECTS, hypothesis)
 
 
 @pytest.mark.parametrize(
@@ -105,21 +105,20 @@ def test_the_answer_is_what_is_named_in_most_draws(
 
 
 @pytest.mark.parametrize(
-    ("floors", "hypothesis", "expected"),
+    ("floors", "second", "hypothesis", "expected"),
     [
-        ((5.0, 4.0, 2.4), ("a",), ("a", "b")),  # what is taken for a tolerance carries as much
-        ((5.0, 4.0, 2.6), ("a", "c"), ("a", "b", "c")),
-        ((3.0, 1.9, 0.0), ("a",), ("a",)),
-        ((3.0, 1.9, 0.0), ("a", "b"), ("a", "b")),
-        ((1.4, 1.9, 0.0), ("a",), ()),  # the largest is no cause
-        ((1.4, 0.9, 0.0), ("a", "b"), ("a",)),
-        ((2.4, 2.1, 0.0), (), ("a", "b")),
+        ((5.0, 4.0, 2.4), 0.4, ("a",), ("a", "b")),  # what is taken for a tolerance carries as much
+        ((5.0, 4.0, 2.4), 0.3, ("a",), ("a",)),  # it is no larger than tolerances are
+        ((5.0, 4.0, 2.4), 0.3, ("a", "b"), ("a", "b")),
+        ((3.0, 1.9, 0.0), 0.4, ("a",), ("a",)),
+        ((1.4, 1.9, 0.0), 0.4, ("a",), ()),  # the largest is no cause
     ],
 )
-def test_a_draw_names_what_carries_half_of_the_largest(
-    floors: tuple[float, ...], hypothesis: tuple[str, ...], expected: tuple[str, ...]
+def test_a_tolerance_is_named_with_what_carries_most_where_it_is_as_large_as_a_cause(
+    floors: tuple[float, ...], second: float, hypothesis: tuple[str, ...], expected: tuple[str, ...]
 ) -> None:
-    assert module._named(np.array(floors), EFFECTS, hypothesis) == expected
+    size = np.array([1.0, second, 0.1])
+    assert module._named(np.array(floors), size, EFFECTS, hypothesis) == expected
 
 
 def test_what_a_tolerated_stop_carries_is_not_its_slope_times_its_size() -> None:
