@@ -10,9 +10,9 @@ a tolerance that carries more than any named effect is the cause. c_e is drawn f
 d_e linear about each hypothesis' fit; at the fit it is that of the model itself where the effect carries a noise floor. In
 each draw the largest carrier is named, if it carries at least one noise floor where the hypothesis names it, else two; with it
 what carries as many and half as much, if the hypothesis names it or it has the least size of a named effect. (With two effects of
-one size a hypothesis of one of them takes the other for a tolerance, as the prior of a pair is small.) Else none is named. The answer is
-the effect that is named in most draws, with those that are named together with it in two thirds of all; each draw that names
-all of the answer counts for it, whatever else it names.
+one size a hypothesis of one of them takes the other for a tolerance, as the prior of a pair is small.) Else none is named. The
+answer is the effect that is named in most draws, with those that are named together with it in two thirds of all; each draw that
+names all of the answer counts for it, whatever else it names.
 """
 
 from __future__ import annotations
@@ -201,10 +201,10 @@ def _answer(b: Budget) -> Hypothesis:
 
 
 def _named(floors: Array, size: Array, effects: Sequence[str], hypothesis: Hypothesis) -> Hypothesis:
-    """The effects that a draw names, by the rule above, of what they carry (e,) in noise floors, their sizes (e,) in plausible ones
-    and its hypothesis."""
+    """The effects that a draw names, by the rule above, of what they carry (e,) in noise floors, their sizes (e,) in plausible
+    ones and its hypothesis."""
     own = np.array([e in hypothesis for e in effects])
-    least = np.where(own, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE, OUTSTANDING_FLOORS)
+    least = np.where(own, LEAST_NAMED_FLOORS, OUTSTANDING_FLOORS)
     largest = int(floors.argmax())
     if floors[largest] < least[largest]:
         return NONE
