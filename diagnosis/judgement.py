@@ -145,8 +145,8 @@ LARGEST_ODDS = 7.0
 """Log odds beyond which nothing makes a cause outside the catalogue more probable."""
 STAGE_ERROR_SIZES = (0.1, 0.2, 0.4, 0.8)
 """Standard deviations of a stage's free-form error that are tried, plausible sizes of its effects."""
-STAGE_GAIN = 3.0
-"""Log evidence above which a stage's free-form error is reported."""
+STAGE_GAIN = 8.0
+"""Log evidence above which a stage's free-form error is reported. Chosen on the practice robots: laws that differ gain less."""
 STAGE_SHARE = 0.8
 """Share of the evidence for free-form errors that one stage must have to be named."""
 

@@ -149,6 +149,8 @@ def _verdict(f: Facts) -> str:
 def _relatives(f: Facts) -> str:
     """Causes outside the catalogue that do what these readings show, and how to find out."""
     said = [RELATIVES[r] for r in f.decision.relatives[:2]]
+    if f.decision.verdict == "unknown":
+        return "".join(f" It may be {s.name}: {s.seen_best_in}, to find out." for s in said)
     return "".join(f" {s.name[0].upper()}{s.name[1:]} would do this too: {s.seen_best_in}, to find out." for s in said)
 
 

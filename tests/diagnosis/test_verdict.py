@@ -254,4 +254,4 @@ def test_where_a_relative_does_the_same_no_cause_is_certain_and_the_answer_says_
     )
     outside = replace(decide(OUTSIDE, True), relatives=("mount_creeps",))
     told = statement(replace(facts(OUTSIDE), decision=outside))
-    assert "A mount that turns during the campaign would do this too: repeat the first trial" in told
+    assert "It may be a mount that turns during the campaign: repeat the first trial" in told
