@@ -70,12 +70,16 @@ class Related:
 def related(p: Prepared, candidates: Sequence[Candidate], known: Mapping[Hypothesis, Candidate]) -> tuple[Related, ...]:
     """Relatives beside the effects of some candidates, and in the place of each; the most probable first.
 
-    `candidates` have the log evidence of their hypotheses and all derivatives; `known` are all hypotheses: a linear problem that
-    promises more of one than its search has reached does so with a relative, too. What is promised is fitted, the most promising
-    first, until the leading one is.
+    `candidates` have the log evidence of their hypotheses and all derivatives. `known` are all hypotheses: what a linear problem
+    or a fit gives one of them beyond what its search has reached is no merit of a relative. What is promised is fitted, the
+    most promising first, until the leading one is.
     """
     effects = len(p.problem.parameters.ids)
     promised: dict[tuple[str, Hypothesis], tuple[float, Candidate]] = {}
+
+    def above(beside: Hypothesis, log_evidence: float) -> float:
+        return max(log_evidence - known[beside].log_evidence, 0.0) if beside in known else 0.0
+
     for c in candidates:
         relatives = _relatives(p, c)
         linear = c.linear(p.problem)
@@ -83,7 +87,7 @@ def related(p: Prepared, candidates: Sequence[Candidate], known: Mapping[Hypothe
         for beside, around in ((c.named, linear), *_one_less(p, c)):
             extended, own = relatives.beside(around, p.problem.parameters)
             alone, *weighed = weigh(extended, KNOWN, own, [beside, *((*beside, r) for r in relatives.ids)])
-            too_much = max(alone.log_evidence + offset - known[beside].log_evidence, 0.0) if beside in known else 0.0
+            too_much = above(beside, alone.log_evidence + offset)
             for r, w in zip(relatives.ids, weighed, strict=True):
                 z = w.log_evidence + offset - too_much
                 if z > promised.get((r, beside), (-math.inf, c))[0]:
@@ -98,7 +102,8 @@ def related(p: Prepared, candidates: Sequence[Candidate], known: Mapping[Hypothe
     fitted: list[Related] = []
     while found and p.baseline is None and len(fitted) < MOST_FITTED and weight(found[0]) > least:
         first = found.pop(0)
-        fitted.append(replace(first, log_evidence=_fitted(p, first, promised[first.relative, first.beside][1])))
+        with_it, without = _fitted(p, first, promised[first.relative, first.beside][1])
+        fitted.append(replace(first, log_evidence=with_it - above(first.beside, without)))
         if found and weight(max(fitted, key=weight)) > weight(found[0]):
             break
     return tuple(sorted((*fitted, *found), key=weight, reverse=True))
@@ -118,8 +123,8 @@ def alike(among: Sequence[Related], named: Hypothesis, log_evidence: float) -> t
     return tuple(dict.fromkeys(r.relative for r in own))
 
 
-def _fitted(p: Prepared, r: Related, start: Candidate) -> float:
-    """Log evidence of a relative and the effects beside it, fitted from a candidate's fit."""
+def _fitted(p: Prepared, r: Related, start: Candidate) -> tuple[float, float]:
+    """Log evidence of a relative and the effects beside it, fitted from a candidate's fit, and of the effects alone there."""
     known = p.problem.parameters
     forward = _with_relatives(p, {r.relative: RELATIVES[r.relative]})
     infos = parameters(forward.parameters).infos
@@ -144,7 +149,8 @@ def _fitted(p: Prepared, r: Related, start: Candidate) -> float:
         slope=Slope.of(slope),
         form_error=problem.form_error(reached.theta, predicted, named),
     )
-    return weigh(whole.linear(problem), KNOWN, own, [named])[0].log_evidence - reached.predicted_decrease
+    with_it, without = weigh(whole.linear(problem), KNOWN, own, [named, r.beside])
+    return with_it.log_evidence - reached.predicted_decrease, without.log_evidence
 
 
 def _one_less(p: Prepared, c: Candidate) -> list[tuple[Hypothesis, Linear]]:
