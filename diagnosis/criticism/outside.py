@@ -30,11 +30,11 @@ from model.effects.spec import EffectSpec
 from ..inference.candidate import Candidate
 from ..inference.evidence import KNOWN, Hypothesis, weigh
 from ..inference.fit import fit
+from ..inference.jacobian import Jacobian
 from ..inference.linear import Linear
 from ..inference.posterior import prior
 from ..inference.prepare import Prepared, least_sizes, observable_effects, parameters, table_columns
 from ..inference.problem import MaskedForward, Parameters, linearise
-from ..inference.slope import Slope
 from ..judgement import (
     FIT_DISCREPANCY_SIZE,
     FIT_TOLERATED_SIZE,
@@ -146,7 +146,7 @@ def _fitted(p: Prepared, r: Related, start: Candidate) -> tuple[float, float]:
     whole = replace(
         reached,
         predicted=predicted,
-        slope=Slope.of(slope),
+        slope=Jacobian.of(slope),
         form_error=problem.form_error(reached.theta, predicted, named),
     )
     with_it, without = weigh(whole.linear(problem), KNOWN, own, [named, r.beside])

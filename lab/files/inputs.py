@@ -59,7 +59,7 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
 
     What cannot have been measured on this robot in SI units and in its frame is refused (see `diagnosis.data.plausible`).
     """
-    from diagnosis.data.doubtful import doubtful  # with the rod, which no recording alone needs
+    from ..questions.table import doubtful  # with the rod, which no recording alone needs
 
     robots: list[tuple[Source, Robot]] = []
     parts: list[tuple[str, Table]] = []

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from diagnosis.data.doubtful import doubtful_gravity
 from diagnosis.data.levels import SPINE_GAP, levels, pressure_gap
 from model.actuators import Words
 from model.robot import Robot
@@ -24,6 +23,7 @@ from recordings.states.rules import BRANCHES
 from recordings.trials import HEAD, TAIL, Table, TrialRow
 
 from ..files.config import ConfigError
+from ..questions.table import doubtful_gravity
 from .columns import DAY
 from .formats import KNOWN, RECORDING, read
 from .map_file import AXES, Map, Name, named

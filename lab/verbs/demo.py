@@ -143,7 +143,7 @@ def _conclude(story: Story, folder: Path, runs: list[Outcome], seal: Seal) -> in
     out.print(f"{page}")
     out.print(f"\nThe seal: {seal.text}")
     found = styled(f"The effect that was on: {seal.effect}", "bold")
-    out.print(found, f"= {seal.size:.4g} {seal.unit} ({seal.physics})")
+    out.print(found, f"= {seal.amount} ({seal.physics})")
     out.print(f"Done in {time.monotonic() - story.began:.0f} s.")
     return 0 if equal and all(r.error is None and r.safe for r in runs) else 1
 
