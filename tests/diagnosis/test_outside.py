@@ -74,7 +74,7 @@ def test_a_relative_of_size_zero_does_nothing_and_moves_some_reading(id: str) ->
 
 def test_cameras_that_read_too_long_are_a_relative_of_the_nearest_effect() -> None:
     rows = measured(2, 4, FEW).table
-    scaled = [replace(r, tip=tuple(1.04 * x for x in r.tip)) for r in rows if r.tip is not None]
+    scaled = [replace(r, tip=tuple(1.01 * x for x in r.tip)) for r in rows if r.tip is not None]
     nearest = {e: CATALOGUE[e] for e in ("marker_offset", "body_modulus")}
     prepared = prepare(ROBOT, states(case(scaled))[0], catalogue=nearest)
     search = Search(prepared.problem)
