@@ -16,7 +16,7 @@ from ..inference.on_baseline import SHARE
 from ..inference.posterior import UNKNOWN
 from ..inference.prepare import AREA, MODULUS, Prepared
 from ..inference.stiffness_trials import StiffnessTrials
-from ..judgement import MATERIAL_SD, TIED
+from ..judgement import BENCHMARK, MATERIAL_SD, TIED
 from . import locate
 from .attribute import Attribution
 from .confounding import confounded_shares, origins
@@ -108,12 +108,12 @@ def attribute_section(f: Attribution, significant: bool, heldout: Mapping[Hypoth
     always = [x for x in f.posterior.ranking[LISTED:] if x[0] in (NONE, UNKNOWN)]
     for named, probability in (*f.posterior.ranking[:LISTED], *always):
         c = f.posterior.candidates[named]
-        size = values(sizes(p, c, f.probability_calibration.sd_factor))
+        size = values(sizes(p, c))
         ranked.append(Ranked(named, probability, c.log_evidence, heldout.get(named), size))
     d = f.decision
     return Attribute(
         d.verdict, d.effects, d.probability, f.posterior.credible_set, tuple(ranked), f.cannot_tell_apart, f.asking,
-        conclude(d, significant, f.asking, bool(f.tense)), rivals(d, f.posterior),
+        conclude(d, significant, f.asking, bool(f.tense)), rivals(d, f.posterior), d.relatives,
     )  # fmt: skip
 
 
@@ -160,11 +160,8 @@ def detail_section(
             "memory": p.noise_components.memory,
         },
         "actuators": p.robot.actuators.words.kind,
-        "calibrated_on": f.probability_calibration.benchmark,
-        "sizes": [
-            asdict(size) | {"impossible": size.impossible}
-            for size in sizes(p, f.best, f.probability_calibration.sd_factor)
-        ],
+        "calibrated_on": BENCHMARK,
+        "sizes": [asdict(size) | {"impossible": size.impossible} for size in sizes(p, f.best)],
         "distinguishability": _separations(f),
         "shapes": worst_states(p, f.calibrated.theta, f.best.fit.theta),
         "states": {
