@@ -35,8 +35,8 @@ Array = NDArray[np.float64]
 
 NUDGE = 1e-5
 """By which assembly and history are differenced, in prior widths, and readings, in m and rad."""
-HARD_KEPT = 30
-"""Sets of laws of which the last equilibria are kept that were hard to find: each effect left out once, and some hypotheses."""
+HARD_KEPT = 8
+"""Points of which equilibria are kept that were hard to find."""
 
 
 @dataclass(frozen=True)
@@ -232,7 +232,7 @@ class ForwardModel:
             if p.role == "size" and self._table.source_of(p.slot).spec.law.path is not None
         }
         self._remembering: Solved | None = None
-        self._hard: dict[frozenset[int], tuple[Solved, Solved]] = {}
+        self._hard: tuple[tuple[Array, Solved, Solved], ...] = ()
         self._points: tuple[_At, ...] = ()
 
     def _place(self, design: States, full: States, factor: Array, arcs: Array) -> None:
@@ -246,7 +246,7 @@ class ForwardModel:
 
     def __getstate__(self) -> dict[str, Any]:
         """Without the points that it has kept."""
-        return vars(self) | {"_points": (), "_hard": {}}
+        return vars(self) | {"_points": (), "_hard": ()}
 
     @property
     def plane_direction(self) -> Array:
@@ -454,7 +454,7 @@ class ForwardModel:
         rods = self._rows(built)
         alone = self._steps is None
         steps = integration_steps(self._layout, rods) if self._steps is None else self._steps
-        known, plain = self._hard.get(spread.applied, (None, None)), alone and not remembers
+        known, plain = self._hard_nearby(theta), alone and not remembers
         bare = solve(self._layout, rods, self._arcs, steps, self._start, remembers, trial, plain, whole, known[0])
         final = bare.take(slice(0, self._moved_rows.size))
         driven, rest = (np.zeros((1, len(self._full), k)) for k in (DRIVES, len(self._rest_columns)))
@@ -468,11 +468,15 @@ class ForwardModel:
             # What drives memory is the rod without it: where that has no equilibrium, nothing can be said of the state.
             final.result[~bare.converged[: len(final.rows)]] = np.nan
         if not trial and (bare.hard or final.hard):
-            others = [(laws, solved) for laws, solved in self._hard.items() if laws != spread.applied]
-            self._hard = dict([*others, (spread.applied, (bare, final))][-HARD_KEPT:])
+            self._hard = ((theta.copy(), bare, final), *self._hard)[:HARD_KEPT]
         read = self._readings(q, final.result[None], spread)
         settled = not (trial or whole) or bool(bare.converged.all() and final.converged.all())
         return _At(theta.copy(), spread, q, built, bare, driven, rest, final, remembers, read, settled)
+
+    def _hard_nearby(self, theta: Array) -> tuple[Solved | None, Solved | None]:
+        """Without memory and with it, the nearest to parameters (p,) of the equilibria that were hard to find."""
+        away = [float(np.linalg.norm((there - theta) / self._sd)) for there, _, _ in self._hard]
+        return self._hard[int(np.argmin(away))][1:] if away else (None, None)
 
     def _rows(self, built: RodColumns) -> Array:
         """(m, layout.width) rods of one variant that are solved."""

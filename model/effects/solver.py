@@ -26,6 +26,8 @@ STRAIN_POINTS = 3
 """An element; strains change little along it."""
 FAR = math.cos(0.5 * 0.8)
 """Cosine of half the angle (0.8 rad) by which its tip may have turned since."""
+PARTS = (2, 6)
+"""Stretches in which the way from a known rod to a new one is gone, where one does not do."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +143,7 @@ def _go_on(
         left = _put(found, left, here)
     if left.size:
         left = _put(found, left, rod.solve(rods[left], replace(METHOD, steps=steps[left], follow=False)))
-    for parts in (2, 6):
+    for parts in PARTS:
         if not left.size:
             break
         here = start.solution.take(left)
