@@ -345,6 +345,20 @@ def test_a_single_lost_answer_is_made_good_by_asking_again(regulators: Alicat, f
     assert len(regulators.read().measured) == 3
 
 
+@pytest.mark.parametrize("at", [2, 4, 6, 7, 10])
+def test_an_answer_that_lost_a_digit_is_no_reading(fake: AlicatFake, regulators: Alicat, at: int) -> None:
+    regulators.read()
+    plain, left = fake._frame, [True]
+
+    def short(letter: str, unit: Any) -> str:
+        text = plain(letter, unit)
+        return text[:at] + text[at + 1 :] if letter == "B" and left and left.pop() else text
+
+    fake._frame = short  # type: ignore[method-assign]
+    assert regulators.read().measured[1] == pytest.approx(0.0, abs=1e3)
+    assert regulators._retries.total == 1
+
+
 def test_garbage_in_front_of_an_answer_is_shown(regulators: Alicat, fake: AlicatFake) -> None:
     fake.faults.garbage = b"\xfe\x01"
     with pytest.raises(BadReply, match="expected an answer"):

@@ -109,9 +109,17 @@ def test_a_body_never_tracked_is_told_apart_from_a_silent_server(make: Make, fak
     refused(mocap, DeviceFault, "since the start")
 
 
-@pytest.mark.parametrize("fault", ["nan", "absurd", "zeros", "no_body"])
+@pytest.mark.parametrize(
+    ("fault", "remedy"),
+    [
+        ("nan", "cannot be true"),
+        ("absurd", "cannot be true"),
+        ("zeros", "view of it"),
+        ("no_body", "stream rigid bodies"),
+    ],
+)
 def test_values_that_cannot_be_true_are_invalid(
-    make: Make, fake: MotiveFake, plant: Plant, samples: list[BodySample], fault: str
+    make: Make, fake: MotiveFake, plant: Plant, samples: list[BodySample], fault: str, remedy: str
 ) -> None:
     mocap = make()
     mocap.open()
@@ -119,7 +127,19 @@ def test_values_that_cannot_be_true_are_invalid(
     plant.tip_visible = fault != "zeros"
     fake.faults.extra[fault] = True
     wait(lambda: bool(samples) and not samples[-1].valid)
-    refused(mocap, DeviceFault)
+    refused(mocap, DeviceFault, remedy)
+
+
+def test_bodies_at_one_place_are_none_of_them(
+    make: Make, fake: MotiveFake, plant: Plant, samples: list[BodySample]
+) -> None:
+    mocap = make(markers=("M1", "M2"))
+    mocap.open()
+    first(mocap)
+    plant.tip_position = plant.markers[0].copy()
+    wait(lambda: bool(samples) and not samples[-1].valid)
+    assert all(math.isnan(part) for part in samples[-1].markers[0]) and math.isfinite(samples[-1].markers[1][0])
+    refused(mocap, DeviceFault, "'Tip' and 'M1' at the same place")
 
 
 def test_a_marker_that_is_not_tracked_has_no_place(make: Make, fake: MotiveFake, plant: Plant) -> None:
