@@ -185,9 +185,11 @@ class _JointForward:
         second[self._change] += theta[self._k + len(self._own) :]
         return np.clip(first, a.lower, a.upper), np.clip(second, b.lower, b.upper)
 
-    def predict(self, theta: Array, trial: bool = False) -> Array:
+    def predict(self, theta: Array, trial: bool = False, whole: bool = False) -> Array:
         """Both campaigns' values, reference first."""
-        return np.concatenate([f.predict(t, trial) for f, t in zip(self._forwards, self._split(theta), strict=True)])
+        return np.concatenate(
+            [f.predict(t, trial, whole) for f, t in zip(self._forwards, self._split(theta), strict=True)]
+        )
 
     def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
         """The same with derivatives by common parameters, the later campaign's own, and its changes, or some of them."""

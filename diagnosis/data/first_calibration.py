@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from model.condition import States
 from model.errors import ModelError
 from model.robot import Robot
 from model.rods import FINE, solve
@@ -232,8 +233,8 @@ def _sensed(robot: Robot, gravity: float, counting: float) -> Robot:
 def _fitted(robot: Robot, own: Campaign, most: Array, begin: Array) -> Array | None:
     """(8,) the best parameters within bounds, from where it begins; None where no rod stands."""
     begin = np.clip(begin, -0.99 * most, 0.99 * most)
-    misfit = _Misfit(robot, own)
     try:
+        misfit = _Misfit(robot, own)
         found = least_squares(
             misfit.residual, begin, misfit.slope, bounds=(-most, most), x_scale=np.minimum(FIRST_SD, 0.3), loss="soft_l1",
             max_nfev=25, ftol=1e-4, xtol=1e-4,
@@ -247,7 +248,7 @@ class _Misfit:
     """Residuals of a robot with numbers theta (8,), and their derivatives: forward differences by those that move the rod."""
 
     def __init__(self, robot: Robot, own: Campaign) -> None:
-        self._robot, self._own = robot, own
+        self._robot, self._own, self._states = robot, own, settings(robot, own.rows)
         self._last: tuple[Array, Array] = (np.full(len(NAMES), np.nan), np.zeros(0))
 
     def residual(self, theta: Array) -> Array:
@@ -262,7 +263,7 @@ class _Misfit:
         for k in range(ORIGIN):
             moved = theta.copy()
             moved[k] += np.copysign(STEP * max(1.0, abs(theta[k])), theta[k])
-            tip[..., k] = (_missed(self._robot, self._own, moved) - missed) / (moved[k] - theta[k])
+            tip[..., k] = (_missed(self._robot, self._own, moved, self._states) - missed) / (moved[k] - theta[k])
         stands = (missed != self._robot.length).any(axis=1)
         tip[..., ORIGIN:] = self._robot.length * stands[:, None, None] * np.eye(3)
         tip /= self._unit
@@ -275,13 +276,14 @@ class _Misfit:
 
     def _missed(self, theta: Array) -> Array:
         if not np.array_equal(theta, self._last[0]):
-            self._last = theta.copy(), _missed(self._robot, self._own, theta)
+            self._last = theta.copy(), _missed(self._robot, self._own, theta, self._states)
         return self._last[1]
 
 
-def _missed(robot: Robot, own: Campaign, theta: Array) -> Array:
-    """(n, 3) m, tip predicted minus measured; a robot length in each axis where the rod has no equilibrium."""
-    found = solve(rods_of(_with(robot, theta), settings(robot, own.rows), full=True), DIRECT)
+def _missed(robot: Robot, own: Campaign, theta: Array, states: States | None = None) -> Array:
+    """(n, 3) m, tip predicted minus measured; a robot length in each axis where the rod has no equilibrium. `states` are the
+    settings, where they are known."""
+    found = solve(rods_of(_with(robot, theta), states or settings(robot, own.rows), full=True), DIRECT)
     tip = own.tip - theta[ORIGIN:] * robot.length
     return np.where(found.converged[:, None], np.nan_to_num(found.tip - tip), robot.length)
 

@@ -73,7 +73,7 @@ class Budget:
         share = np.where(self.tolerant, 1.0, self.law_error[effect])
         laws = np.exp(np.outer(share * self.form_error, DEVIATES))
         carried = (self.metres[:, self.effects.index(effect), None] * laws).ravel()
-        order = np.argsort(carried, kind="stable")
+        order = np.argsort(carried)
         below = np.cumsum(np.repeat(self.weight, DEVIATES.size)[order])
         at = np.searchsorted(below / below[-1], quantiles).clip(0, len(order) - 1)
         return tuple(float(v) for v in carried[order][at])

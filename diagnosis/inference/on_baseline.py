@@ -64,9 +64,9 @@ class OnBaseline:
     def _share(self) -> int:
         return [p.name for p in self.forward.parameters].index(SHARE)
 
-    def predict(self, theta: Array, trial: bool = False) -> Array:
+    def predict(self, theta: Array, trial: bool = False, whole: bool = False) -> Array:
         """(observations,) at parameters (k,)."""
-        return np.asarray(self.forward.predict(theta, trial) + self._beside(theta))
+        return np.asarray(self.forward.predict(theta, trial, whole) + self._beside(theta))
 
     def _beside(self, theta: Array) -> Array:
         """(observations,) what the rod alone does not predict."""

@@ -32,8 +32,9 @@ ONE_WAY_MEAN, ONE_WAY_SD, LIMIT = np.sqrt(0.75), 0.5, np.sqrt(3)
 class Forward(Protocol):
     """What is asked of a model of the measured values."""
 
-    def predict(self, theta: Array, trial: bool = False) -> Array:
-        """Predicted values (n,) at parameters (k,); a `trial` may give up, as NaN, what would take long to find."""
+    def predict(self, theta: Array, trial: bool = False, whole: bool = False) -> Array:
+        """Predicted values (n,) at parameters (k,); a `trial` may give up, as NaN, what would take long to find, and who asks for
+        the `whole` gets NaN for any value once a state has no equilibrium."""
 
     def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
         """Predicted values (n,) and their derivatives (n, k), by some of the parameters where columns are given."""
@@ -48,10 +49,10 @@ class MaskedForward:
     def __init__(self, forward: Forward, kept: NDArray[np.bool_]) -> None:
         self._forward, self._kept = forward, kept
 
-    def predict(self, theta: Array, trial: bool = False) -> Array:
+    def predict(self, theta: Array, trial: bool = False, whole: bool = False) -> Array:
         """Predicted values that are kept; NaN where the rod has no equilibrium."""
         try:
-            return self._forward.predict(theta, trial)[self._kept]
+            return self._forward.predict(theta, trial, whole)[self._kept]
         except np.linalg.LinAlgError:
             # A step so far off that the rod cannot be solved counts as no equilibrium.
             return np.full(int(self._kept.sum()), np.nan)
@@ -347,7 +348,7 @@ class Problem:
         there is no equilibrium without it."""
         without = theta.copy()
         without[[i for i, e in enumerate(self.parameters.effects) if e == effect]] = 0.0
-        return np.asarray(predicted - self.forward.predict(without))
+        return np.asarray(predicted - self.forward.predict(without, whole=True))
 
     def form_error_of(self, done: Array) -> Array:
         """Columns (n, r), whitened, of the model-form error of an effect that contributes `done` (n,) to the values."""

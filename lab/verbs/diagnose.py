@@ -32,7 +32,6 @@ from recordings.own_files import replaced
 
 from ..cluster import cluster
 from ..console import Screen, note, out
-from ..files.all_protocols import found_protocols
 from ..files.baseline import from_simulator, from_table, simulator
 from ..files.config import ConfigError, demand_writable, in_units
 from ..files.inputs import UNCONFIRMED_GUESSES, Case, marked_notes, read_case, unconfirmed_guesses
@@ -195,6 +194,10 @@ def _held_out(path: Path, robot: Path | None) -> Case:
 def write_protocols(proposals: Sequence[Proposal], folder: Path, robot: Robot) -> list[Path]:
     """One protocol file for each proposed experiment, as `lab run` takes it, its numbers with units; the states to apply as a
     table where no rig drives the robot."""
+    from ..files.all_protocols import (
+        found_protocols,
+    )  # protocols bring all drivers' interfaces, which an answer does not need
+
     folder.mkdir(parents=True, exist_ok=True)
     known = found_protocols().usable
     written = []

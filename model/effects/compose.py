@@ -291,6 +291,8 @@ def _boundary(q: Quantities, out: RodColumns) -> None:
     out[col.BASE_COMPLIANCE] = q.base_compliance
     out[col.BASE_RELIEF] = q.base_relief
     out[col.BASE_STIFFENING] = q.base_stiffening
+    if not q.rest_curvature.any():
+        return
     bottom = np.zeros((1, 1))
     for element in q.layout.elements:
         long = out[element + col.LENGTH]

@@ -35,6 +35,8 @@ Array = NDArray[np.float64]
 
 NUDGE = 1e-5
 """By which assembly and history are differenced, in prior widths, and readings, in m and rad."""
+HARD_KEPT = 8
+"""Points of which equilibria are kept that were hard to find."""
 
 
 @dataclass(frozen=True)
@@ -230,6 +232,7 @@ class ForwardModel:
             if p.role == "size" and self._table.source_of(p.slot).spec.law.path is not None
         }
         self._remembering: Solved | None = None
+        self._hard: tuple[tuple[Array, Solved, Solved], ...] = ()
         self._points: tuple[_At, ...] = ()
 
     def _place(self, design: States, full: States, factor: Array, arcs: Array) -> None:
@@ -243,7 +246,7 @@ class ForwardModel:
 
     def __getstate__(self) -> dict[str, Any]:
         """Without the points that it has kept."""
-        return vars(self) | {"_points": ()}
+        return vars(self) | {"_points": (), "_hard": ()}
 
     @property
     def plane_direction(self) -> Array:
@@ -266,12 +269,13 @@ class ForwardModel:
             raise BadCondition(f"parameter source {source!r}: not in this model, which has {', '.join(known)}")
         return found
 
-    def predict(self, theta: Array, trial: bool = False) -> Array:
+    def predict(self, theta: Array, trial: bool = False, whole: bool = False) -> Array:
         """(observations,) at parameters (p,); NaN where a state has no equilibrium.
 
-        In a `trial` also where its load would have to be followed to find it, at a thousand times the cost.
+        In a `trial` also where its load would have to be followed to find it, at a thousand times the cost; asked for the
+        `whole`, in any other state too once one has none.
         """
-        return self.observations.of(self._solved(self._checked(theta), trial=trial).readings)[0]
+        return self.observations.of(self._solved(self._checked(theta), trial=trial, whole=whole).readings)[0]
 
     def read(self, theta: Array) -> Readings:
         """What instruments read of the design's rows at parameters (p,); NaN where a state has no equilibrium."""
@@ -398,13 +402,18 @@ class ForwardModel:
         return q
 
     def _solved(
-        self, theta: Array, moving: bool = False, trial: bool = False, asked: frozenset[int] = frozenset()
+        self,
+        theta: Array,
+        moving: bool = False,
+        trial: bool = False,
+        asked: frozenset[int] = frozenset(),
+        whole: bool = False,
     ) -> _At:
-        """`moving`: what drives memory is wanted even where nothing remembers. `trial`: see `predict`; `asked`: sources whose
-        laws are applied even at size zero."""
+        """`moving`: what drives memory is wanted even where nothing remembers. `trial`, `whole`: see `predict`; `asked`: sources
+        whose laws are applied even at size zero."""
         points = self._points  # another thread may put others in its place
         same = [bool(np.array_equal(p.theta, theta)) and (trial or p.settled) for p in points]
-        here = points[same.index(True)] if any(same) else self._solve(theta, trial, asked)
+        here = points[same.index(True)] if any(same) else self._solve(theta, trial, asked, whole)
         if moving and not here.bare.inside:
             bare = look_inside(here.bare)
             here = replace(here, bare=bare, driven=self._drive(here.built, bare.result[None]))
@@ -433,7 +442,7 @@ class ForwardModel:
         self._keep(here)
         return here
 
-    def _solve(self, theta: Array, trial: bool, asked: frozenset[int]) -> _At:
+    def _solve(self, theta: Array, trial: bool, asked: frozenset[int], whole: bool) -> _At:
         """Everything at parameters (p,): the rods without memory (`bare`), and, where a law remembers, the rest shapes that it
         makes of their history and the rods with these (`final`)."""
         spread = self._table.at(theta, asked)
@@ -445,7 +454,8 @@ class ForwardModel:
         rods = self._rows(built)
         alone = self._steps is None
         steps = integration_steps(self._layout, rods) if self._steps is None else self._steps
-        bare = solve(self._layout, rods, self._arcs, steps, self._start, remembers, trial, alone and not remembers)
+        known, plain = self._hard_nearby(theta), alone and not remembers
+        bare = solve(self._layout, rods, self._arcs, steps, self._start, remembers, trial, plain, whole, known[0])
         final = bare.take(slice(0, self._moved_rows.size))
         driven, rest = (np.zeros((1, len(self._full), k)) for k in (DRIVES, len(self._rest_columns)))
         if remembers:
@@ -454,12 +464,19 @@ class ForwardModel:
             rows = final.rows.copy()
             rows[:, self._rest_columns] += rest[0, self._moved_rows]
             begin = self._remembering or final
-            final = solve(self._layout, rows, self._arcs, final.steps, begin, False, trial)
+            final = solve(self._layout, rows, self._arcs, final.steps, begin, False, trial, False, whole, known[1])
             # What drives memory is the rod without it: where that has no equilibrium, nothing can be said of the state.
             final.result[~bare.converged[: len(final.rows)]] = np.nan
+        if not trial and (bare.hard or final.hard):
+            self._hard = ((theta.copy(), bare, final), *self._hard)[:HARD_KEPT]
         read = self._readings(q, final.result[None], spread)
-        settled = not trial or bool(bare.converged.all() and final.converged.all())
+        settled = not (trial or whole) or bool(bare.converged.all() and final.converged.all())
         return _At(theta.copy(), spread, q, built, bare, driven, rest, final, remembers, read, settled)
+
+    def _hard_nearby(self, theta: Array) -> tuple[Solved | None, Solved | None]:
+        """Without memory and with it, the nearest to parameters (p,) of the equilibria that were hard to find."""
+        away = [float(np.linalg.norm((there - theta) / self._sd)) for there, _, _ in self._hard]
+        return self._hard[int(np.argmin(away))][1:] if away else (None, None)
 
     def _rows(self, built: RodColumns) -> Array:
         """(m, layout.width) rods of one variant that are solved."""

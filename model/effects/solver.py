@@ -26,6 +26,8 @@ STRAIN_POINTS = 3
 """An element; strains change little along it."""
 FAR = math.cos(0.5 * 0.8)
 """Cosine of half the angle (0.8 rad) by which its tip may have turned since."""
+PARTS = (2, 6)
+"""Stretches in which the way from a known rod to a new one is gone, where one does not do."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,11 @@ class Solved:
     """(n, columns); NaN where no equilibrium was found."""
     inside: bool
     """Whether the result tells of base, spine's end and strains; else these are NaN, and cost nothing."""
+
+    @property
+    def hard(self) -> bool:
+        """Whether any rod has no equilibrium, or one that had to be followed to, here or nearby."""
+        return bool((self.solution.status != rod.Status.SOLVED).any())
 
     @property
     def converged(self) -> NDArray[np.bool_]:
@@ -75,15 +82,18 @@ def solve(
     inside: bool = True,
     trial: bool = False,
     plain: bool = False,
+    whole: bool = False,
+    followed: Solved | None = None,
 ) -> Solved:
     """Solve rows (n, layout.width); `arcs` (k,) m get positions, `start` are rows nearby.
 
-    With `start`, a `trial` gives up rods whose load would have to be followed from zero. `plain`: no other solve starts from
-    these, so that they are solved in the plainest form that holds them: springs and graded sections cost most of the time.
+    With `start`, a `trial` gives up rods whose load would have to be followed from zero, `whole` all that remain once one has no
+    equilibrium; `followed` are rows whose load was followed, from which others may be reached. `plain`: no other solve starts
+    from these, so that they are solved in the plainest form that holds them: springs and graded sections cost most of the time.
     """
     rods = plain_rods(layout, rows) if plain else full_rods(layout, rows)
     method = replace(METHOD, steps=steps, remember=not plain)
-    solution = rod.solve(rods, method) if start is None else _go_on(layout, rows, steps, start, trial)
+    solution = rod.solve(rods, method) if start is None else _go_on(layout, rows, steps, start, trial, whole, followed)
     result = np.full((len(rows), at.MARKERS + 3 * len(arcs)), np.nan)
     result[:, at.TIP : at.TIP + 3] = solution.tip
     result[:, at.ORIENTATION : at.ORIENTATION + 4] = solution.orientation
@@ -119,14 +129,21 @@ def _fill_stations(solved: Solved, rods: rod.Rods, inside: bool) -> None:
         result[:, at.STRAIN : at.STRAIN + 2] = np.einsum("nep,p,nqe->nq", strain, weights, shares)
 
 
-def _go_on(layout: at.Layout, rows: Array, steps: Steps, start: Solved, trial: bool) -> rod.Solution:
-    """Solve from a solution close by. Where that misleads, from nothing, by way of rods in between, or as the load grows."""
+def _go_on(
+    layout: at.Layout, rows: Array, steps: Steps, start: Solved, trial: bool, whole: bool, followed: Solved | None
+) -> rod.Solution:
+    """Solve from a solution close by. Where that misleads, from others that were followed, from nothing, by way of rods in
+    between, or as the load grows."""
     rods = full_rods(layout, rows)
     found = _nearby(rods, steps, start.solution)
     left = _open(found)
+    if left.size and followed is not None:
+        here = _nearby(rods[left], steps[left], followed.solution.take(left))
+        here.status[here.status == rod.Status.SOLVED] = rod.Status.SOLVED_IN_STEPS
+        left = _put(found, left, here)
     if left.size:
         left = _put(found, left, rod.solve(rods[left], replace(METHOD, steps=steps[left], follow=False)))
-    for parts in (2, 6):
+    for parts in PARTS:
         if not left.size:
             break
         here = start.solution.take(left)
@@ -134,12 +151,28 @@ def _go_on(layout: at.Layout, rows: Array, steps: Steps, start: Solved, trial: b
             between = start.rows[left] + k / parts * (rows[left] - start.rows[left])
             here = _nearby(full_rods(layout, between), steps[left], here)
         left = _put(found, left, here)
-    if left.size and trial:
-        # Not trusted, so not to be read either: a step would be taken there that the next solve takes back.
-        found.values[left] = np.nan
-    elif left.size:
+    if whole:
+        left = _all_or_none(found, rods, steps, left, start, followed)
+    elif left.size and not trial:
         _put(found, left, rod.solve(rods[left], replace(METHOD, steps=steps[left])))
+        left = left[:0]
+    # Not trusted, so not to be read either: a step would be taken there that the next solve takes back.
+    found.values[left] = np.nan
     return found
+
+
+def _all_or_none(
+    found: rod.Solution, rods: rod.Rods, steps: Steps, left: NDArray[np.intp], start: Solved, followed: Solved | None
+) -> NDArray[np.intp]:
+    """Follow the loads of rods until one has no equilibrium that had one at the start; returns those that are then not solved."""
+    # what had none the last time comes first
+    for i in left if followed is None else left[np.argsort(followed.converged[left], kind="stable")]:
+        if start.converged[i]:
+            one = np.array([i])
+            if _put(found, one, rod.solve(rods[one], replace(METHOD, steps=steps[one]))).size:
+                break
+            left = left[left != i]
+    return left
 
 
 def _nearby(rods: rod.Rods, steps: Steps, start: rod.Solution) -> rod.Solution:

@@ -33,7 +33,7 @@ class Valley:
     def near(self, theta: Array) -> Valley:
         return self
 
-    def predict(self, theta: Array, trial: bool = False) -> Array:
+    def predict(self, theta: Array, trial: bool = False, whole: bool = False) -> Array:
         return self.linearise(theta)[0]
 
     def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:

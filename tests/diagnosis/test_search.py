@@ -100,7 +100,7 @@ class _Snapping(ToyForward):
 class _Wavering(_Snapping):
     """Whose trials do not see that states are lost."""
 
-    def predict(self, theta: np.ndarray, trial: bool = False) -> np.ndarray:
+    def predict(self, theta: np.ndarray, trial: bool = False, whole: bool = False) -> np.ndarray:
         return ToyForward.linearise(self, theta)[0] if trial else super().predict(theta)
 
 

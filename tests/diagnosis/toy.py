@@ -88,7 +88,7 @@ class ToyForward:
     def near(self, theta: Array) -> ToyForward:
         return self
 
-    def predict(self, theta: Array, trial: bool = False) -> Array:
+    def predict(self, theta: Array, trial: bool = False, whole: bool = False) -> Array:
         return self.linearise(theta)[0]
 
     def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:

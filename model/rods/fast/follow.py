@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.rods.fast.compiler import inline, kernel
-from model.rods.fast.direct import write_result
+from model.rods.fast.direct import exchange, write_result
 from model.rods.fast.group import ROD, Full, Group, Rod, RowLayout, cut, gather, new_group
 from model.rods.fast.lanes import LANES, copy, new_numbers
 from model.rods.fast.newton import (
@@ -49,10 +49,12 @@ def follow_load(
     full: Full,
     settings: tuple[float, float, float],
     rows: Rows,
+    memory: Array,
     out: Array,
     reached: Flags,
 ) -> None:
-    """Load the rods listed in `rows` from zero and write their rows of `out`; `reached[i]` is FOLLOWED or LOST.
+    """Load the rods listed in `rows` from zero and write their rows of `out` and of `memory` (n or 0 rows), from which a solve
+    nearby then starts; `reached[i]` is FOLLOWED or LOST.
 
     `settings` are divisions, close and the least margin to buckling. A rod that is lost holds its last equilibrium and the
     share of load it belongs to.
@@ -92,6 +94,8 @@ def follow_load(
         evaluate(group, group.springs, WHOLE)
         correct(group)
         write_result(rod, group.springs, out, row)
+        if memory.shape[0] > 0:
+            exchange(rod, group.springs, memory, row, True)
         reached[i] = FOLLOWED if share >= 1.0 else LOST
 
 

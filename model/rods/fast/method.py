@@ -79,7 +79,7 @@ class Fast:
             good[again[trusted]] = True
         status = np.zeros(n, np.int8)
         if self.follow and not good.all():
-            self._follow(rods, np.flatnonzero(~good), values, status)
+            self._follow(rods, np.flatnonzero(~good), memory, values, status)
         elif not good.all():
             status[~good], values[~good, :AT_RESIDUAL] = Status.FAILED, np.nan
         found = Solution(values, status, no_shape(n), memory)
@@ -108,7 +108,9 @@ class Fast:
         share_out(part, n, self.cores)
         return values
 
-    def _follow(self, rods: Rods, doubtful: NDArray[np.intp], values: Array, status: NDArray[np.int8]) -> None:
+    def _follow(
+        self, rods: Rods, doubtful: NDArray[np.intp], memory: Array, values: Array, status: NDArray[np.int8]
+    ) -> None:
         """Settle the rods that the direct solve left open."""
         form = rods.form
         found = values[doubtful, AT_RESIDUAL] < self.close
@@ -117,7 +119,9 @@ class Fast:
         settings = (2.0 * self.divisions, max(0.01 * self.close, 1e-11), 1e-3)
 
         def part(rows: slice) -> None:
-            follow_load(rods.values, form.columns, full_of(form), settings, doubtful[rows], values, reached[rows])
+            follow_load(
+                rods.values, form.columns, full_of(form), settings, doubtful[rows], memory, values, reached[rows]
+            )
 
         share_out(part, len(doubtful), self.cores)
         followed = reached == FOLLOWED

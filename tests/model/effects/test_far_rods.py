@@ -10,7 +10,7 @@ from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
 from model.effects.solver import integration_steps, solve
 from model.robot import Robot
-from model.rods import Fast, Status, rods
+from model.rods import Fast, Rods, Status, rods
 from model.rods import columns as col
 
 LENGTH, BEND = 0.4, 0.5
@@ -51,6 +51,36 @@ def test_a_trial_gives_up_what_would_have_to_be_followed(monkeypatch: pytest.Mon
     found = solve(at.UNIFORM, pressed, NOWHERE, steps, known, trial=True)
     assert found.converged.tolist() == [True, False]
     assert np.isnan(found.result[1, :3]).all()
+
+
+def test_a_rod_that_was_followed_is_a_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    pressed, more = rows(0.7, 0.8), rows(0.71, 0.81)
+    steps = integration_steps(at.UNIFORM, pressed)
+    followed = solve(at.UNIFORM, pressed, NOWHERE, steps)
+    exact = solve(at.UNIFORM, more, NOWHERE, steps)
+    assert (exact.solution.status == Status.SOLVED_IN_STEPS).all()
+    monkeypatch.setattr(Fast, "_follow", None)
+    found = solve(at.UNIFORM, more, NOWHERE, steps, followed)
+    np.testing.assert_allclose(found.result[:, :3], exact.result[:, :3], atol=1e-6)
+
+
+def test_who_asks_for_the_whole_waits_for_no_other_state_once_one_has_no_equilibrium(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    free, pressed = rows(0.0, 0.0, 0.0), rows(1.05, 1.06, 1.07)
+    steps = integration_steps(at.UNIFORM, free)
+    known, tried = solve(at.UNIFORM, free, NOWHERE, steps), []
+
+    def lost(
+        self: Fast, rods: Rods, left: np.ndarray, memory: np.ndarray, values: np.ndarray, status: np.ndarray
+    ) -> None:
+        tried.append(len(left))
+        status[left], values[left] = Status.FAILED, np.nan
+
+    monkeypatch.setattr(Fast, "_follow", lost)
+    monkeypatch.setattr("model.effects.solver.PARTS", ())
+    assert not solve(at.UNIFORM, pressed, NOWHERE, steps, known, whole=True).converged.any()
+    assert tried == [1]
 
 
 def test_a_state_is_told_where_and_only_where_its_rods_were_found(paper_robot: Robot) -> None:
