@@ -31,7 +31,7 @@ from .errors import TooLittle
 from .inference.budget import budget, by_what_is_carried, parts
 from .inference.evidence import NONE, Hypothesis
 from .inference.executor import SINGLE_THREAD, Executor, one_thread
-from .inference.posterior import UNKNOWN, Posterior, posterior, prior, with_unknown
+from .inference.posterior import UNKNOWN, Posterior, posterior, with_unknown
 from .inference.prepare import Prepared, prepare
 from .inference.problem import Parameters, Problem
 from .inference.search import Search
@@ -70,10 +70,8 @@ def compare_campaigns(
     before, after = (prepare(later.robot, s, catalogue=catalogue) for s in both)
     search = Search(_joined(before, after), executor=executor)
     candidates = search.run()
-    effects = len(after.problem.parameters.ids)
-    leading = candidates[:6]
-    unknown = search.unknown(leading, [prior(c.named, effects) for c in leading], CALIBRATED.temperature)
-    whole = posterior(candidates, effects, CALIBRATED.temperature)
+    unknown = search.unknown()
+    whole = posterior(candidates, len(after.problem.parameters.ids), CALIBRATED.temperature)
     # A change is named for what it moves in the later campaign, as a cause is.
     offset = len(before.problem.observed)
     where = [replace(part, rows=part.rows + offset) for part in parts(after)]

@@ -23,13 +23,20 @@ from .answer.headline import headline
 from .answer.holdout import evaluate_holdout, unseen_states
 from .answer.result import Diagnosis
 from .answer.rivals import Rivals
-from .answer.sentences import Facts, as_stiff, beyond_tolerance, closed_by_calibration, statement, stiffness_sentence
+from .answer.sentences import (
+    Facts,
+    as_stiff,
+    beyond_tolerance,
+    closed_by_calibration,
+    doubtful_area_factor,
+    statement,
+    stiffness_sentence,
+)
 from .answer.unseen import Unseen, unseen
 from .data.baseline import Baseline
 from .data.case import CaseLike, lacking, states
 from .data.chamber_sides import ORDER
 from .data.first_calibration import FirstCalibration, calibrate_first
-from .data.plausible_robot import doubtful_area_factor
 from .errors import BadCase
 from .inference.executor import SINGLE_THREAD, Executor, one_thread
 from .inference.prepare import prepare

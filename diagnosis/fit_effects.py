@@ -29,6 +29,7 @@ from model.stated import AREA_FACTOR, Stated
 from .answer.attribute import calibrated
 from .answer.sentences import beyond_tolerance
 from .answer.shrink import rms
+from .criticism.gaussian import Gaussian
 from .data.case import CaseLike, states
 from .data.chamber_sides import ORDER, contradicted
 from .data.first_calibration import FirstCalibration, calibrate_first
@@ -37,7 +38,7 @@ from .fit_residual import DIGITS, learn_residual
 from .inference.candidate import Candidate
 from .inference.evidence import KNOWN, weigh
 from .inference.executor import Progress, no_progress, one_thread
-from .inference.linear import Linear, Prior
+from .inference.linear import Linear
 from .inference.prepare import AREA, Prepared, prepare
 from .inference.problem import Parameters
 from .inference.reading_noise import with_vented_at_zero
@@ -52,7 +53,7 @@ RECURRING = {
     "spine_length": "spine_length", "spine_stiffness": "spine_stiffness", "turn": "repeat_turn", "shift": "repeat_shift",
 }  # fmt: skip
 """Key of `posterior.noise` -> the tolerance that recurs with each trial or repeat."""
-LAW_ERRORS = np.array([0.0, 0.01, 0.03, 0.1, 0.3])
+FITTED_LAW_ERRORS = np.array([0.0, 0.01, 0.03, 0.1, 0.3])
 """Among which the data tell how wrong a law is here. (A diagnosis takes no law for exact, lest it be too sure of a name.)"""
 
 
@@ -202,7 +203,7 @@ def _posterior(p: Prepared, c: Candidate, left: float) -> tuple[dict[str, Stated
     prior = c.prior(parameters)
     linear = c.linear(p.problem)
     law_error, size = _errors(c, linear, parameters)
-    covariance = _covariance(linear, prior, parameters.of_effect, size, law_error)
+    covariance = Gaussian(linear, prior, size, law_error).covariance(parameters.of_effect)
     sd = parameters.sd * np.sqrt(np.diag(covariance))
     area = float(p.forward.area_factor[0])
     place = _lasting(p, c.named)
@@ -260,30 +261,17 @@ def _errors(c: Candidate, linear: Linear, parameters: Parameters) -> tuple[float
     """Model-form error (share of what the named effects do) and discrepancy (in its unit): rms over their posterior."""
     grid = replace(
         KNOWN.part(c.with_tolerances),
-        form_errors=LAW_ERRORS,
-        form_error_weights=np.full(len(LAW_ERRORS), 1 / len(LAW_ERRORS)),
+        form_errors=FITTED_LAW_ERRORS,
+        form_error_weights=np.full(len(FITTED_LAW_ERRORS), 1 / len(FITTED_LAW_ERRORS)),
     )
     weighed = weigh(linear, grid, parameters, [c.named])[0]
     weight = np.exp(weighed.log_terms - weighed.log_terms.max())
     weight /= weight.sum()
-    form = LAW_ERRORS if weight.shape[2] == len(LAW_ERRORS) else np.zeros(1)
+    form = FITTED_LAW_ERRORS if weight.shape[2] == len(FITTED_LAW_ERRORS) else np.zeros(1)
     return (
         float(np.sqrt((weight.sum(axis=(0, 1)) * form**2).sum())),
         float(np.sqrt((weight.sum(axis=(0, 2)) * grid.sizes**2).sum())),
     )
-
-
-def _covariance(linear: Linear, prior: Prior, of_effect: NDArray[np.bool_], size: float, form_error: float) -> Array:
-    """(k, k) of all parameters in units of their priors, discrepancy and model-form error integrated out."""
-    blocks = [linear.effects * np.sqrt(prior.variance), linear.nuisance.whole, form_error * linear.form_error]
-    blocks.append(linear.discrepancy_size(size, form_error) * linear.discrepancy)
-    x = np.hstack(blocks)
-    inverse = np.linalg.inv(np.eye(x.shape[1]) + x.T @ x)
-    order = np.concatenate([np.flatnonzero(of_effect), np.flatnonzero(~of_effect)])
-    k = len(order)
-    out = np.empty((k, k))
-    out[np.ix_(order, order)] = inverse[:k, :k]
-    return 0.5 * (out + out.T)
 
 
 def _written(

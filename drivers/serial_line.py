@@ -18,7 +18,7 @@ import serial
 
 import timing
 
-from .errors import BadReply, InstrumentError, NoReply, NotReady, Unreachable
+from .errors import BadReply, InstrumentError, NoReply, NotReady, Unreachable, WrongDevice
 from .stop_first import SLICE, StopFirst
 
 PADDING = b"\0 \t\r\n"
@@ -33,6 +33,21 @@ but pyserial looks at the clock after the last byte, and a busy computer may com
 def show(data: bytes, longest: int = 48) -> str:
     """The bytes as they go into an error message, cut where they get long."""
     return repr(data) if len(data) <= longest else f"{data[:longest]!r}... ({len(data)} bytes)"
+
+
+@contextlib.contextmanager
+def meeting(name: str, close: Callable[[], None], stranger: str) -> Iterator[None]:
+    """Ask for the first time who answers: silence becomes `Unreachable`, and what is not understood `WrongDevice` with what
+    `stranger` says of it. After any failure the line is closed by `close`."""
+    try:
+        yield
+    except BaseException as e:
+        close()
+        if isinstance(e, NoReply):
+            raise Unreachable(name, e.message) from e
+        if isinstance(e, BadReply):
+            raise WrongDevice(name, f"{stranger}: {e.message}") from e
+        raise
 
 
 class PortWatch:

@@ -17,7 +17,7 @@ import pytest
 from hypothesis import settings
 from xdist.scheduler import LoadScopeScheduling
 
-from sim_fakes.simulated_clock import SimulatedClock
+from tests.simulated.clock import SimulatedClock
 
 if TYPE_CHECKING:
     from sim_fakes.rig import FakeRig

@@ -33,7 +33,6 @@ from lab.files.inputs import read_case
 from lab.files.resume import find
 from lab.files.rig_file import RigFile
 from lab.guard.latch import Latch
-from lab.verbs.export import joined
 from model.errors import ModelError
 from model.robot import Robot, load_robot
 from protocols.bending import Bending
@@ -163,7 +162,7 @@ def recordings(folder: Path, sound: bytes) -> dict[str, Go]:
             lambda: replayed(Recording.open(place, truncated=True)), lambda: table_of(Recording.open(place, truncated=True)),
             lambda: export_streams(Recording.open(place, truncated=True), out), lambda: find(place),
             lambda: play(Recording.open(place, truncated=True), lambda message: sink.write(message.to_json()[:1])),
-            lambda: joined(tables([Recording.open(place, truncated=True)])), lambda: Recording.open(place, truncated=True).log,
+            lambda: tables([Recording.open(place, truncated=True)]), lambda: Recording.open(place, truncated=True).log,
         )  # fmt: skip
         for way in ways:
             with contextlib.suppress(*EXPECTED):

@@ -21,10 +21,10 @@ from ..inference.candidate import Candidate
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, Executor
 from ..inference.fit import Fit, fit
-from ..inference.posterior import Posterior, posterior, prior, with_unknown
+from ..inference.posterior import Posterior, posterior, with_unknown
 from ..inference.prepare import Prepared
 from ..inference.search import Search
-from ..judgement import COMPARED_DISCREPANCY, OUTSIDE_ON, REDUCIBLE_RATIO, RIVAL_PROBABILITY, STAGE_GAIN
+from ..judgement import COMPARED_DISCREPANCY, REDUCIBLE_RATIO, RIVAL_PROBABILITY, STAGE_GAIN
 from .distinguishability import Distinguishability, distinguishability
 from .shrink import rms
 from .verdict import Decision, decide
@@ -88,10 +88,8 @@ def attribute(p: Prepared, stages: Mapping[str, Stage], executor: Executor = SIN
     search = Search(p.problem, executor=executor)
     candidates = search.run()
     found = {c.named: c for c in candidates}
-    effects = len(p.problem.parameters.ids)
-    weightiest = sorted(candidates, key=lambda c: -(c.log_evidence + np.log(prior(c.named, effects))))[:OUTSIDE_ON]
-    unknown = search.unknown(weightiest, [prior(c.named, effects) for c in weightiest], CALIBRATED.temperature)
-    whole = posterior(candidates, effects, CALIBRATED.temperature)
+    unknown = search.unknown()
+    whole = posterior(candidates, len(p.problem.parameters.ids), CALIBRATED.temperature)
     carried = budget(p.problem, parts(p), search.tried, CALIBRATED.temperature, *standard())
     known = by_what_is_carried(carried, whole)
     leading, best = search.leading_and_answer(*(k.candidates[k.ranking[0][0]] for k in (whole, known)))

@@ -120,7 +120,7 @@ def _tied(a: Attribute, catalogue: Mapping[str, EffectSpec], words: Words) -> st
     if second is None or second.probability < a.probability - TIE_STATED:
         return ""
     both = (a.effects, second.effects)
-    in_full = (_says_all(effects, _sizes(a, effects), catalogue, words) for effects in both)
+    in_full = (_says_all(effects, _sizes(a, effects), catalogue, words, spread=False) for effects in both)
     by_name = (_name_all(effects, catalogue) for effects in both)
     for first, other in (in_full, by_name):
         text = f"{first} or {other} (p = {a.probability:.2f}, {second.probability:.2f})."
@@ -142,41 +142,52 @@ def _sizes(a: Attribute, effects: Sequence[str]) -> Mapping[str, Value]:
 
 
 def _says_all(
-    effects: Sequence[str], sizes: Mapping[str, Value], catalogue: Mapping[str, EffectSpec], words: Words
+    effects: Sequence[str],
+    sizes: Mapping[str, Value],
+    catalogue: Mapping[str, EffectSpec],
+    words: Words,
+    spread: bool = True,
 ) -> str:
+    """What is wrong; with `spread`, sizes have their standard deviation where there is room for it."""
     if tuple(effects) == UNKNOWN:
         return "the cause is outside the catalogue"
-    return _joined([_says(e, catalogue, sizes, words) for e in effects]) if effects else "there is no cause"
+    if not effects:
+        return "there is no cause"
+    for each in (spread, False):
+        said = [_says(e, catalogue, sizes, words, each) for e in effects]
+        if len(" and ".join(said).split()) <= MOST_WORDS - 5:  # most likely, (p = ..)
+            return " and ".join(said)
+    return f"{said[0]}, and {len(said) - 1} more"
 
 
-def _says(effect: str, catalogue: Mapping[str, EffectSpec], sizes: Mapping[str, Value], words: Words) -> str:
+def _says(
+    effect: str, catalogue: Mapping[str, EffectSpec], sizes: Mapping[str, Value], words: Words, spread: bool
+) -> str:
     spec = catalogue.get(effect)
     if spec is None or not spec.says:
         return f"{effect.replace('_', ' ') if spec is None else spec.name} is at work"
     parts = [p for p in spec.parameters if p.role == "size" and f"{effect}.{p.name}" in sizes]
-    if not parts:
+    if not any(sizes[f"{effect}.{p.name}"].determined for p in parts):
         return re.sub(r"\[(\w+)\|(\w+)\]", r"\1 or \2", spec.says).replace("{}", "some amount")
-    own = [sizes[f"{effect}.{p.name}"].value for p in parts if p.unit == parts[0].unit]
-    size = own[0] if len(own) == 1 else sum(own) if parts[0].sign == "positive" else math.hypot(*own)
+    own = [sizes[f"{effect}.{p.name}"] for p in parts if p.unit == parts[0].unit]
+    total = parts[0].sign == "positive" and len(own) > 1
+    size = (
+        own[0].value if len(own) == 1 else sum(v.value for v in own) if total else math.hypot(*(v.value for v in own))
+    )
+    # of a vector's length, its parts independent; of a sum they are not
+    sd = 0.0 if total or not size else math.hypot(*(v.value / size * v.sd for v in own))
     said = re.sub(r"\[(\w+)\|(\w+)\]", r"\1" if size >= 0 else r"\2", spec.says)
-    return said.replace("{}", _amount(abs(size) if "[" in spec.says else size, parts[0].unit, words))
+    amount = _amount(abs(size) if "[" in spec.says else size, sd if spread else 0.0, parts[0].unit, words)
+    return said.replace("{}", amount)
 
 
-def _amount(value: float, unit: str, words: Words) -> str:
-    if unit == "1":
-        return f"{100 * value:.0f} %"
-    number, name = for_people(value, unit, words)
-    digits = max(0, 1 - math.floor(math.log10(abs(number)))) if number else 0
-    return f"{number:.{digits}f} {name}"
-
-
-def _joined(said: Sequence[str]) -> str:
-    """As many causes as there is room for, then their number."""
-    room = MOST_WORDS - 5  # most likely, (p = ..)
-    whole = " and ".join(said)
-    if len(whole.split()) <= room:
-        return whole
-    return f"{said[0]}, and {len(said) - 1} more"
+def _amount(value: float, sd: float, unit: str, words: Words) -> str:
+    """A size to two digits, and its standard deviation where that shows in them."""
+    factor = 100.0 if unit == "1" else 0.0 if unit == "ln" else for_people(1.0, unit, words)[0]
+    number, name = (100 * value, "%") if unit == "1" else for_people(value, unit, words)
+    digits = max(0, 1 - math.floor(math.log10(abs(number)))) if number and unit != "1" else 0
+    spread = f"{factor * sd:.{digits}f}"
+    return f"{number:.{digits}f}{f' ± {spread}' if float(spread) else ''} {name}"
 
 
 def _start(text: str) -> str:

@@ -135,13 +135,13 @@ def _mark_significant(found: Mapping[str, list[tuple[Cell, float]]]) -> dict[str
 
 
 def numerical_error(robot: Robot, states: Campaign) -> float:
-    """Rms tip error (m) of the paper's Euler integration alone, over the distinct states; NaN where it has none."""
+    """Rms tip error (m) of the paper's Euler integration alone, over the distinct states; NaN where none has an equilibrium."""
     states = states.take(~states.pushed)
     if not len(states):
         return float("nan")
     _, first = np.unique(states.condition, return_index=True)
     try:
-        rods = rods_of(robot, settings(robot, [states.rows[i] for i in np.sort(first)]), full=True)
+        rods = rods_of(robot, settings(robot, [states.rows[i] for i in first]), full=True)
         converged, stepped = solve(rods, FINE), solve(rods, PAPER)
     except ModelError:
         return float("nan")

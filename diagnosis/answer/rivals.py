@@ -26,6 +26,7 @@ from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
 from model.errors import ModelError
 
+from ..criticism.gaussian import Gaussian
 from ..inference.candidate import Candidate
 from ..inference.discrepancy import Settings, by_channel, settings
 from ..inference.discrepancy import columns as smooth_columns
@@ -108,8 +109,8 @@ class Rivals:
         return tuple(" + ".join(c.named) or "none" for c in self.candidates)
 
     def predict(self, table: Mapping[str, Any]) -> tuple[Prediction, ...] | None:
-        """What each predicts for the states of a table's columns; None where one of them has no equilibrium, or this robot cannot
-        do what the table says."""
+        """What each predicts for the states of a table's columns (as those of trials.csv); None where one of them has no
+        equilibrium, or this robot cannot do what the table says."""
         p = self.prepared
         try:
             forward = p.forward.on(design_from_columns(p.robot, table))
@@ -118,34 +119,34 @@ class Rivals:
         names = {info.name: i for i, info in enumerate(forward.parameters)}
         known = p.problem.parameters
         shared = [(names[n], i) for i, n in enumerate(known.names) if n in names and not known.recurs[i]]
-        new, old = np.array(shared).T
+        here, fitted = np.array(shared).T  # the same parameters in this model and in the problem
         own_sd = np.array([p.noise_components.trial.get(info.source, info.sd) for info in forward.parameters])
-        fresh = np.setdiff1d(np.arange(len(own_sd)), new)
+        fresh = np.setdiff1d(np.arange(len(own_sd)), here)
         mounted = [i for i, info in enumerate(forward.parameters) if info.source in MOUNTED]
         smooth, laws = _errors(p, forward)
         observed = forward.observations
         made = []
         for k, c in enumerate(self.candidates):
             theta = np.zeros(len(own_sd))
-            theta[new] = c.fit.theta[old]
+            theta[here] = c.fit.theta[fitted]
             mean, slope = forward.linearise(theta)
             if not np.isfinite(mean).all() or not np.isfinite(slope).all():
                 return None
-            total = slope[:, new] @ self._covariance(k)[np.ix_(old, old)] @ slope[:, new].T
-            total += (slope[:, fresh] * own_sd[fresh] ** 2) @ slope[:, fresh].T
-            # Done another time, the robot stands a little differently.
-            total += (slope[:, mounted] * own_sd[mounted] ** 2) @ slope[:, mounted].T
+            covariance = slope[:, here] @ self._covariance(k)[np.ix_(fitted, fitted)] @ slope[:, here].T  # S C S^T
+            covariance += (slope[:, fresh] * own_sd[fresh] ** 2) @ slope[:, fresh].T  # S' V S'^T
+            covariance += (slope[:, mounted] * own_sd[mounted] ** 2) @ slope[:, mounted].T  # S_m V_m S_m^T, besides C
             size = max(c.grid_point.size, COMPARED_DISCREPANCY)
-            total += size**2 * smooth @ smooth.T
+            covariance += size**2 * smooth @ smooth.T  # g^2 D D^T
+            # an error of the pressure readings moves the tip as an offset of the pressures does
             offset = names.get(OFFSET)
             by_pressure = np.zeros((len(mean), 1)) if offset is None else slope[:, [offset]]
-            total += noise_to_come(p.noise_components, observed, forward.design, by_pressure).covariance
+            covariance += noise_to_come(p.noise_components, observed, forward.design, by_pressure).covariance  # R
             for effect in c.named:
                 done = mean - forward.predict(_without(theta, forward, effect))
                 if np.isfinite(done).all():
                     wrong = c.grid_point.form_error * known.law_error[effect] * done[:, None] * laws
-                    total += wrong @ wrong.T
-            factor = np.asarray(np.linalg.cholesky(total), np.float64)
+                    covariance += wrong @ wrong.T  # f^2 F F^T
+            factor = np.asarray(np.linalg.cholesky(covariance), np.float64)
             made.append(Prediction(mean, factor, observed.row, observed.channel.astype(np.str_)))
         return tuple(made)
 
@@ -156,14 +157,8 @@ class Rivals:
             linear, at = c.linear(self.prepared.problem), c.grid_point
             prior = p.prior(p.mask(c.named), max(at.spike, LEAST_SPIKE), linear.effect_size)
             scale, _ = p.scaled(prior)
-            own = p.of_effect
-            ours = np.empty((len(linear.observed), len(scale)))
-            ours[:, own], ours[:, ~own] = linear.effects * (scale / p.sd)[own], linear.nuisance.whole
-            errors = (at.form_error * linear.form_error,
-                      linear.discrepancy_size(at.size, at.form_error) * linear.discrepancy)  # fmt: skip
-            every = np.hstack([ours, *errors])
-            inverse = np.linalg.inv(np.eye(every.shape[1]) + every.T @ every)[: len(scale), : len(scale)]
-            self._covariances[k] = scale[:, None] * inverse * scale[None, :]
+            known = Gaussian(linear, prior, at.size, at.form_error).covariance(p.of_effect)
+            self._covariances[k] = scale[:, None] * known * scale[None, :]
         return self._covariances[k]
 
 

@@ -1,4 +1,4 @@
-"""Every sentence of the answer, made in one place from typed facts. docs/explanations/diagnosis.md explains them.
+"""The statement of the answer, made from typed facts. docs/explanations/diagnosis.md explains it.
 
 No two sentences of one answer contradict each other: what a hypothesis does on unseen states (`_closing`) is said in the same
 words wherever it stands, and what is "not explained" leaves at least half of the reducible gap.
@@ -22,6 +22,7 @@ from ..judgement import (
     CALIBRATION_STATED,
     EXPLAINS,
     MORE_THAN_GAP,
+    OTHER_UNIT,
     OUTSIDE_STATED,
     OUTSTANDING_FLOORS,
 )
@@ -261,12 +262,22 @@ def beyond_tolerance(p: Parameters, moved: Mapping[int, float], robot: Robot) ->
         )
 
 
+def doubtful_area_factor(ratio: float) -> Iterator[str]:
+    """What to ask where the calibrated area factor is `ratio` times that of robot.yaml: a wrong unit does that."""
+    if not 1 / OTHER_UNIT < ratio < OTHER_UNIT:
+        size, factor = ("large", 1 / ratio) if ratio < 1 else ("small", ratio)
+        yield (
+            f"calibration asks for {ratio:.2g} times the area factor of robot.yaml: the pressures seem to be too {size} by "
+            f"{factor:.2g}; check their unit, and path_radius of the chambers"
+        )
+
+
 def _model(f: Facts) -> str:
     return "the model" if f.simulator is None else f.simulator.name
 
 
 def _simulator(f: Facts) -> str:
-    """How the simulator in the rod's place differs from the rod, and which of them the measurements side with."""
+    """How the simulator in the rod's place differs from the rod, and how much of that the measurements do not show."""
     own = f.simulator
     if own is None:
         return ""

@@ -83,11 +83,12 @@ def _size(p: Prepared, i: int, mean: float, sd: float, seen: bool) -> Size:
 def cut_quantile(mean: float, sd: float, low: float, high: float, share: float) -> float:
     """Quantile of a normal that is cut at `low` and `high`.
 
-    From the logarithms of what lies below the bounds, mirrored where both are above the mean, so that it keeps its digits however
-    far out they are. `scipy.stats` has the same, and takes as long to import as a hundred predictions.
+    `share` is the probability below it. Made from the logarithms of what lies below the bounds, mirrored where both are above the
+    mean, so that it keeps its digits however far out they are. `scipy.stats` has the same, and takes as long to import as a
+    hundred predictions.
     """
     a, b = (low - mean) / sd, (high - mean) / sd
     side = -1.0 if a > 0 else 1.0
     a, b, share = (a, b, share) if side > 0 else (-b, -a, 1 - share)
-    below = np.logaddexp(np.log1p(-share) + log_ndtr(a), np.log(share) + log_ndtr(b))
-    return float(mean + side * sd * ndtri_exp(below))
+    log_below = np.logaddexp(np.log1p(-share) + log_ndtr(a), np.log(share) + log_ndtr(b))
+    return float(mean + side * sd * ndtri_exp(log_below))

@@ -166,8 +166,12 @@ class _Errors:
 
 
 def _absorbed(f: Attribution, executor: Executor) -> Callable[[], Absorbed | None]:
-    """Start the refits with one area factor and with the named causes, each pressure predicted from the others; the function
-    that is returned adds the fits with one area factor for each spine length."""
+    """What an area factor for each spine length would hide: tip errors on pressures that no fit saw, with one area factor, with
+    one for each length, and with the named causes. None where there is but one length, where fewer than three pressures leave
+    too few to fit, and where there is no area factor (stiffness trials) or no more than one (another simulator).
+
+    Starts the refits that run elsewhere; the function that is returned fits the rest meanwhile and waits for them.
+    """
     p = f.prepared
     length = levels(p.states.spine_length, SPINE_GAP)
     pressure = levels(p.states.highest, p.states.pressure_gap)
@@ -178,12 +182,12 @@ def _absorbed(f: Attribution, executor: Executor) -> Callable[[], Absorbed | Non
     errors = HeldOut(p, pressure, how, executor).errors(models, DiagnosisStep.GAP_STEP_BY_STEP)
 
     def absorbed() -> Absorbed:
-        """rms (mm) over the states that one area factor and one for each length both predict."""
-        by_length = prepare(p.robot, p.states, "per_length", {}, noise_components=p.noise_components)
+        """rms (mm) over the states that all of them predict."""
+        by_length = prepare(p.robot, p.states, "per_length", catalogue={}, noise_components=p.noise_components)
         (per_length,) = HeldOut(by_length, pressure, how).errors([baseline_model(by_length, calibrated(by_length))])()
         one, *with_causes = (missed.distance for missed in errors())
-        seen = np.isfinite(one) & np.isfinite(per_length.distance)
-        of_causes = next((1e3 * rms(own[seen & np.isfinite(own)]) for own in with_causes), None)
+        seen = np.isfinite([one, per_length.distance, *with_causes]).all(axis=0)
+        of_causes = next((1e3 * rms(own[seen]) for own in with_causes), None)
         return Absorbed(how, 1e3 * rms(one[seen]), 1e3 * rms(per_length.distance[seen]), of_causes)
 
     return absorbed

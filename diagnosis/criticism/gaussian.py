@@ -62,6 +62,13 @@ class Gaussian:
         mean = np.abs(self._x.T @ self.residual)
         return np.asarray(np.where(spread > INFORMED_SHARE, mean / np.sqrt(np.maximum(spread, INFORMED_SHARE)), 0.0))
 
+    def covariance(self, of_effect: Flags) -> Array:
+        """(k, k) posterior covariance of all parameters, `of_effect` (k,) those of effects, in units of priors."""
+        order = np.concatenate([np.flatnonzero(of_effect), np.flatnonzero(~of_effect)])
+        out = np.empty((len(order), len(order)))
+        out[np.ix_(order, order)] = self._inverse[: len(order), : len(order)]
+        return 0.5 * (out + out.T)
+
     def inner(self, columns: Array) -> Array:
         """C^T (I + X X^T)^-1 C (c, c) of columns (n, c)."""
         across = self._x.T @ columns

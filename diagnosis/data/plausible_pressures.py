@@ -19,6 +19,7 @@ from model.robot import Robot
 from model.section import body_area, body_mass, combined_modulus
 from recordings.trials import TrialRow
 
+from .levels import MASS_GAP, ROLL_GAP, SPINE_GAP, VACUUM_GAP, levels
 from .plausible_units import PRESSURE_UNITS, Unit, units_within
 
 Array = NDArray[np.float64]
@@ -55,7 +56,7 @@ class Pressures:
     def of(cls, robot: Robot, rows: list[TrialRow]) -> Pressures:
         """Of rows with a tip in m and a pressure for each chamber."""
         pressure = np.array([r.pressures for r in rows])
-        low = lowest_of_each(settings(robot, rows), np.abs(pressure).max(axis=1))
+        low = lowest_of_each(setting_of_each(rows), np.abs(pressure).max(axis=1))
         tip = np.array([r.tip for r in rows])
         displacement = tip - tip[low]
         expected = expected_displacement(robot, rows, pressure - pressure[low])
@@ -73,17 +74,11 @@ def _units(robot: Robot) -> tuple[Unit, ...]:
     return PRESSURE_UNITS if own.name in {u.name for u in PRESSURE_UNITS} else (own,)
 
 
-def settings(robot: Robot, rows: list[TrialRow]) -> Ints:
-    """Number of each row's setting: spine length, tip mass, roll and vacuum; only pressure differs within one."""
-    keys = [
-        (
-            round(r.spine_length / (0.02 * robot.length)),
-            round((r.tip_mass or 0.0) * 500),
-            round((r.roll_deg or 0.0) * 100),
-            round((r.vacuum or 0.0) / 10e3),
-        )
-        for r in rows
-    ]
+def setting_of_each(rows: list[TrialRow]) -> Ints:
+    """(n,) index of each row's setting: spine length, tip mass, roll and vacuum; only pressure differs within one."""
+    states = np.array([(r.spine_length, r.tip_mass or 0.0, r.roll_deg or 0.0, r.vacuum or 0.0) for r in rows])
+    gaps = (SPINE_GAP, MASS_GAP, ROLL_GAP, VACUUM_GAP)
+    keys = np.column_stack([levels(column, gap) for column, gap in zip(states.T, gaps, strict=True)])
     return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
 
 

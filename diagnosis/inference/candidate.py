@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from .evidence import GridPoint, Hypothesis, Weighed
 from .executor import FirstLook
 from .fit import Fit
+from .jacobian import Jacobian
 from .linear import Linear, Prior
 from .problem import Parameters, Problem
-from .slope import Reference, Slope
 
 Array = NDArray[np.float64]
 
@@ -50,9 +50,9 @@ class Candidate:
         return self.fit.linear(problem) if self.made is None else self.made
 
     @property
-    def reference(self) -> Reference | None:
+    def base(self) -> Jacobian | None:
         """Derivatives that it shares with others; None where it has all of its own."""
-        return None if self.fit.slope is None else self.fit.slope.reference
+        return None if self.fit.slope is None else self.fit.slope.base
 
     @property
     def laplace_log_evidence(self) -> float:
@@ -65,23 +65,23 @@ class Candidate:
         return self.laplace_log_evidence - self.fit.predicted_decrease
 
 
-References = dict[str, Reference]
+Bases = dict[str, Jacobian]
 """By name."""
 
 
-def light(c: Candidate, references: References) -> Candidate:
+def light(c: Candidate, bases: Bases) -> Candidate:
     """The same without derivatives that another process has."""
     slope = c.fit.slope
-    name = next((n for n, r in references.items() if r is c.reference), None)
-    return c if slope is None or name is None else _with(c, replace(slope, reference=None, left=name))
+    name = next((n for n, r in bases.items() if r is c.base), None)
+    return c if slope is None or name is None else _with(c, replace(slope, base=None, left=name))
 
 
-def complete(c: Candidate, references: References) -> Candidate:
+def complete(c: Candidate, bases: Bases) -> Candidate:
     """The inverse of `light`."""
     slope = c.fit.slope
     if slope is None or slope.left is None:
         return c
-    return _with(c, replace(slope, reference=references[slope.left], left=None))
+    return _with(c, replace(slope, base=bases[slope.left], left=None))
 
 
 def without_derivatives(c: Candidate) -> Candidate:
@@ -90,7 +90,7 @@ def without_derivatives(c: Candidate) -> Candidate:
     return c if slope is None or slope.at.size <= 8 else _with(c, None)
 
 
-def _with(c: Candidate, slope: Slope | None) -> Candidate:
+def _with(c: Candidate, slope: Jacobian | None) -> Candidate:
     return replace(c, fit=replace(c.fit, slope=slope))
 
 

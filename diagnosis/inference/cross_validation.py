@@ -18,9 +18,9 @@ from ..judgement import UNCONVERGED
 from .columns import Columns
 from .executor import SINGLE_THREAD, DiagnosisStep, Executor
 from .fit import Fit, fit, refit
+from .jacobian import Jacobian
 from .linear import Prior
 from .problem import MaskedForward, Problem
-from .slope import Slope
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -67,7 +67,7 @@ class _Folds:
 
     def __init__(self, problem: Problem, fold: Ints) -> None:
         self._problem, self._fold = problem, fold
-        self._known: tuple[Model, Array, Slope] | None = None
+        self._known: tuple[Model, Array, Jacobian] | None = None
         self._rests: dict[int, Problem] = {}
 
     def __getstate__(self) -> dict[str, Any]:
@@ -83,13 +83,13 @@ class _Folds:
         missed = problem.observed - _predicted(problem, self._rests[part], model, self._linearised(model), seen)
         return np.asarray(missed[~seen])
 
-    def _linearised(self, model: Model) -> tuple[Array, Slope]:
+    def _linearised(self, model: Model) -> tuple[Array, Jacobian]:
         """Prediction (n,) and derivatives (n, k) at the parameters of a model, by those that it leaves free."""
         known = self._known
         if known is None or not np.array_equal(known[0].theta, model.theta) or known[0].prior is not model.prior:
             free = np.flatnonzero(self._problem.parameters.scaled(model.prior)[0] > 0)
             predicted, columns = self._problem.linearise(model.theta, free.tolist())
-            self._known = known = (model, predicted, Slope(None, free, Columns.of(columns), len(model.theta)))
+            self._known = known = (model, predicted, Jacobian(len(model.theta), free, Columns.of(columns)))
         return known[1:]
 
 
@@ -102,12 +102,12 @@ def _rest(problem: Problem, seen: NDArray[np.bool_]) -> Problem:
 
 
 def _predicted(
-    problem: Problem, rest: Problem, model: Model, around: tuple[Array, Slope], seen: NDArray[np.bool_]
+    problem: Problem, rest: Problem, model: Model, around: tuple[Array, Jacobian], seen: NDArray[np.bool_]
 ) -> Array:
     """Prediction (n,) of all values by a fit to `rest`, the values marked `seen`; `around`: prediction and derivatives at the
     model's parameters, where the fit begins."""
     predicted, slope = around
-    own = replace(slope, columns=slope.columns.rows(seen))
+    own = Jacobian(slope.parameters, slope.at, slope.own.rows(seen))
     found = refit(rest, model.prior, model.size, Fit(model.theta, predicted[seen], own, np.nan, np.nan))
     if found.predicted_decrease > UNCONVERGED:
         found = fit(rest, model.prior, model.size, found.theta)

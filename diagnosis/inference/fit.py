@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from .box_constrained import box_constrained_minimum
+from model.prediction.box_minima import box_minima
+
 from .columns import Columns
+from .jacobian import Jacobian
 from .linear import Linear, Prior
 from .problem import FormError, Problem, linearise
-from .slope import Reference, Slope, White
 
 Array = NDArray[np.float64]
 
@@ -30,6 +31,8 @@ DAMPINGS = (0.0, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1e3, 1e4)
 FIRST_DAMPINGS, CHORD_DAMPINGS = DAMPINGS[:6], DAMPINGS[:3]
 """The same in the first steps of a hypothesis, with derivatives by what it names alone taken anew, and where derivatives are
 never taken anew: where those do not lead down, others do."""
+LEAST_GAIN, HALVINGS = 0.02, 6
+"""A step that lowers the cost by less is the last; times that a start without equilibrium is moved half way to the baseline."""
 TRUST_RATIO, MOST_CORRECTION = 0.75, 0.75
 """Share of the predicted decrease from which a step is taken uncorrected; largest correction, as a share of the step."""
 
@@ -42,7 +45,7 @@ class Fit:
     """(k,) parameters, in their own units."""
     predicted: Array
     """(n,) there."""
-    slope: Slope | None
+    slope: Jacobian | None
     """Derivatives there; None where they were not kept."""
     cost: float
     """Half the squared misfit plus half the squared distance from the prior."""
@@ -51,16 +54,15 @@ class Fit:
     form_error: FormError | None = None
     """Model-form error of some effects there; None: no law is taken to be wrong."""
 
-    def derivatives(self, problem: Problem) -> Slope:
+    def derivatives(self, problem: Problem) -> Jacobian:
         """The slope, taken anew where it was not kept."""
-        return self.slope if self.slope is not None else Slope.of(problem.linearise(self.theta)[1])
+        return self.slope if self.slope is not None else problem.jacobian(self.theta)[1]
 
     def linear(self, problem: Problem) -> Linear:
         """The linear problem around it, made anew each time: it is as large as the derivatives."""
         slope = self.derivatives(problem)
-        linear = problem.whitened(self.theta, self.predicted, White(slope, problem.noise, problem.parameters.sd).every)
-        reference = slope.reference
-        known = None if reference is None else reference.tolerated
+        linear = problem.whitened(self.theta, self.predicted, slope.white(problem.white))
+        known = None if slope.base is None else slope.base.tolerated
         return (
             linear if self.form_error is None else problem.with_form_error(linear, self.theta, self.form_error, known)
         )
@@ -69,9 +71,8 @@ class Fit:
 def refit(problem: Problem, prior: Prior, size: float, start: Fit) -> Fit:
     """A search that ends near its start, whose derivatives are used throughout (chord method): one prediction a step. What
     these derivatives promise in the end may not be there: less than `CHORD_PROMISE` is not tried for."""
-    p = problem.parameters
-    known, none = Reference(start.derivatives(problem).every, problem.noise, p.sd), np.zeros(len(start.theta), bool)
-    here = replace(start, slope=Slope.at_reference(known))
+    known, none = start.derivatives(problem).flat, np.zeros(len(start.theta), bool)
+    here = replace(start, slope=known.shared)
     return _search(problem, prior, size, here, 6, known, none, 0.0, CHORD_PROMISE, CHORD_DAMPINGS)
 
 
@@ -81,7 +82,7 @@ def fit(
     size: float,
     start: Array | Fit,
     rounds: int = 6,
-    frozen: Reference | None = None,
+    frozen: Jacobian | None = None,
 ) -> Fit:
     """Search from parameters (k,), or from another fit, whose derivatives are then used for the first step.
 
@@ -98,93 +99,134 @@ def fit(
 
 
 def _search(
-    problem: Problem, prior: Prior, size: float, start: Array | Fit, rounds: int, frozen: Reference | None,
+    problem: Problem, prior: Prior, size: float, start: Array | Fit, rounds: int, frozen: Jacobian | None,
     fresh: NDArray[np.bool_], tolerance: float, least_promise: float, dampings: Sequence[float] = DAMPINGS,
 ) -> Fit:  # fmt: skip
-    """Derivatives by the parameters marked `fresh` (k,) are taken anew at every point, all others are those of `frozen`; a step
-    within `tolerance`, or that promises to lower the cost by less than `least_promise`, is not taken."""
-    p = problem.parameters
-    scale, mean = p.scaled(prior)
-    misfit, forward = _Misfit(problem, size), problem.forward
-    anew = np.flatnonzero(fresh)
+    """Minimise the cost, half the squared misfit with the discrepancy of `size` integrated out and half the squared distance from
+    the prior, in at most `rounds` steps.
 
-    def linearised(theta: Array) -> tuple[Array, Slope]:
-        predicted, columns = linearise(forward, theta, anew.tolist())
-        return predicted, Slope(frozen, anew, Columns.of(columns), len(theta))
+    Derivatives by the parameters marked `fresh` (k,) are taken anew at every point, all others are those of `frozen`. The search
+    ends where the minimum of the linear problem lies within `tolerance` prior standard deviations, where that promises to lower
+    the cost by less than `least_promise`, and where none of the `dampings` leads down.
+    """
+    descent = _Descent(problem, prior, size, frozen, np.flatnonzero(fresh), least_promise, dampings)
+    local = descent.begin(start)
+    if rounds:
+        descent.go_to(local.theta)
+    level = 0  # of the dampings
+    for _ in range(rounds):
+        away = (
+            np.abs((local.optimum - local.theta) / problem.parameters.sd)
+            if np.isfinite(local.cost)
+            else np.array([np.inf])
+        )
+        if away.max(initial=0.0) < tolerance:
+            break
+        found = descent.step_down(local, level)
+        if found is None:
+            break
+        theta, cost, level = found
+        descent.go_to(theta)
+        there = descent.local(theta, cost)
+        if there is None:  # a trial took a state for one in equilibrium that has none
+            break
+        gained, local = local.cost - cost, there
+        if gained < LEAST_GAIN:
+            break
+        level = max(level - 2, 0)
+    return Fit(local.theta, local.predicted, local.slope, local.cost, descent.promise(local))
 
-    def total(theta: Array, predicted: Array) -> float:
-        return misfit.cost(predicted) + _distance(theta, mean, scale)
 
-    def step(local: _Local, damping: float, trial: bool) -> tuple[Array, float] | None:
-        """A point and its cost; None where it promises too little."""
+class _Descent:
+    """The cost of one problem, and steps that lower it."""
+
+    def __init__(
+        self, problem: Problem, prior: Prior, size: float, frozen: Jacobian | None, fresh: NDArray[np.intp],
+        least_promise: float, dampings: Sequence[float],
+    ) -> None:  # fmt: skip
+        self._p, self._forward, self._misfit = problem.parameters, problem.forward, _Misfit(problem, size)
+        self._scale, self._mean = problem.parameters.scaled(prior)
+        self._frozen, self._fresh, self._least, self._dampings = frozen, fresh, least_promise, dampings
+        self._problem = problem
+
+    def go_to(self, theta: Array) -> None:
+        """Predictions are asked for near parameters (k,) from now on."""
+        self._forward = self._forward.near(theta)
+
+    def cost(self, theta: Array, predicted: Array) -> float:
+        """Of parameters (k,) and what they predict (n,); infinite where a state has no equilibrium."""
+        free = self._scale > 0
+        away = (theta - self._mean)[free] / self._scale[free]
+        return self._misfit.cost(predicted) + 0.5 * float((away**2).sum())
+
+    def begin(self, start: Array | Fit) -> _Local:
+        """The linear problem at a start; one without equilibrium is moved half way to the baseline, where all have one."""
+        if isinstance(start, Fit):
+            theta, predicted, slope = start.theta, start.predicted, start.derivatives(self._problem)
+        else:
+            theta = np.clip(start, self._p.lower, self._p.upper)
+            predicted, slope = self._linearised(theta)
+            for _ in range(HALVINGS):
+                if np.isfinite(predicted).all():
+                    break
+                theta = self._p.mean + 0.5 * (theta - self._p.mean)
+                predicted, slope = self._linearised(theta)
+        # a start with more in it than the hypothesis has is left whatever it costs
+        allowed = (theta == self._mean)[self._scale == 0].all()
+        return self._local(theta, predicted, slope, self.cost(theta, predicted) if allowed else np.inf)
+
+    def local(self, theta: Array, cost: float) -> _Local | None:
+        """The linear problem at parameters (k,) of a known cost; None where a state has no equilibrium."""
+        predicted, slope = self._linearised(theta)
+        return self._local(theta, predicted, slope, cost) if np.isfinite(predicted).all() else None
+
+    def step_down(self, local: _Local, level: int) -> tuple[Array, float, int] | None:
+        """A point that costs no more, its cost, and the level of damping that led there, from `level` up; None where none does.
+
+        Where the strongest leads to no equilibrium, all are tried again with predictions that do not give up.
+        """
+        for trial in (True, False):
+            reached = 0.0
+            for k in range(level, len(self._dampings)):
+                found = self._damped(local, self._dampings[k], trial)
+                if found is None:
+                    return None
+                goal, reached = found
+                if reached <= local.cost and np.isfinite(reached):
+                    return goal, reached, k
+            if np.isfinite(reached):
+                return None
+        return None
+
+    def _damped(self, local: _Local, damping: float, trial: bool) -> tuple[Array, float] | None:
+        """A point and its cost, corrected to second order where the model is curved on the way; None where it promises too
+        little."""
         goal = local.goal(damping) if damping else local.optimum
-        along = local.predicted(goal)
-        predicted_cost = total(goal, along)
-        if 0 <= cost - predicted_cost < least_promise:
+        along = local.predicted_at(goal)
+        promised = local.cost - self.cost(goal, along)
+        if 0 <= promised < self._least:
             return None
-        there = forward.predict(goal, trial)
-        reached = total(goal, there)
-        if cost - reached >= TRUST_RATIO * (cost - predicted_cost) or not np.isfinite(reached):
+        there = self._forward.predict(goal, trial)
+        reached = self.cost(goal, there)
+        if local.cost - reached >= TRUST_RATIO * promised or not np.isfinite(reached):
             return goal, reached
         corrected = local.goal(damping, there - along)
-        if np.linalg.norm((corrected - goal) / p.sd) > MOST_CORRECTION * np.linalg.norm((goal - theta) / p.sd):
+        sd = self._p.sd
+        if np.linalg.norm((corrected - goal) / sd) > MOST_CORRECTION * np.linalg.norm((goal - local.theta) / sd):
             return goal, reached
-        other = total(corrected, forward.predict(corrected, trial))
+        other = self.cost(corrected, self._forward.predict(corrected, trial))
         return (corrected, other) if other < reached else (goal, reached)
 
-    if isinstance(start, Fit):
-        theta, predicted, slope = start.theta, start.predicted, start.derivatives(problem)
-    else:
-        theta = np.clip(start, p.lower, p.upper)
-        predicted, slope = linearised(theta)
-        # a start without equilibrium is moved half way to the baseline
-        for _ in range(6):
-            if np.isfinite(predicted).all():
-                break
-            # Some state has no equilibrium here: begin nearer to the baseline, where all have.
-            theta = p.mean + 0.5 * (theta - p.mean)
-            predicted, slope = linearised(theta)
-    cost = total(theta, predicted)
-    absent = scale == 0
-    if (theta != mean)[absent].any():
-        cost = np.inf  # a start with more in it than the hypothesis has is left whatever it costs
-    damping = 0
-    forward = forward.near(theta) if rounds else forward
-    local = _Local(misfit, theta, predicted, slope, scale, mean)
-    for _ in range(rounds):
-        if np.isfinite(cost) and np.max(np.abs((local.optimum - theta) / p.sd), initial=0.0) < tolerance:
-            break
-        tried, reached, begun, given_up = theta, np.inf, damping, False
-        while damping < len(dampings):
-            point = step(local, dampings[damping], not given_up)
-            if point is None:
-                damping = len(dampings)
-                break
-            tried, reached = point
-            if reached <= cost and np.isfinite(reached):
-                break
-            damping += 1
-            if damping == len(dampings) and not np.isfinite(reached) and not given_up:
-                damping, given_up = begun, True
-        if damping == len(dampings):
-            break
-        forward = forward.near(tried)
-        found, derivatives = linearised(tried)
-        if not np.isfinite(found).all():
-            # A trial took a state for one in equilibrium that has none.
-            break
-        gained, theta, predicted, slope, cost = cost - reached, tried, found, derivatives, reached
-        local = _Local(misfit, theta, predicted, slope, scale, mean)
-        if gained < 0.02:
-            break
-        damping = max(damping - 2, 0)
-    predicted_cost = total(local.optimum, local.predicted(local.optimum))
-    return Fit(theta, predicted, slope, cost, max(cost - predicted_cost, 0.0))
+    def _linearised(self, theta: Array) -> tuple[Array, Jacobian]:
+        predicted, columns = linearise(self._forward, theta, self._fresh.tolist())
+        return predicted, Jacobian(len(theta), self._fresh, Columns.of(columns), self._frozen)
 
+    def _local(self, theta: Array, predicted: Array, slope: Jacobian, cost: float) -> _Local:
+        return _Local(self._misfit, theta, predicted, slope, cost, self._scale, self._mean)
 
-def _distance(theta: Array, mean: Array, scale: Array) -> float:
-    free = scale > 0
-    return 0.5 * float((((theta - mean)[free] / scale[free]) ** 2).sum())
+    def promise(self, local: _Local) -> float:
+        """By how much the linear problem promises to lower the cost."""
+        return max(local.cost - self.cost(local.optimum, local.predicted_at(local.optimum)), 0.0)
 
 
 class _Misfit:
@@ -210,9 +252,9 @@ class _Misfit:
         missed = self.problem.noise.whiten(self.problem.observed - predicted)
         return 0.5 * float(missed @ self.solve(missed))
 
-    def information(self, white: White) -> Array:
+    def information(self, slope: Jacobian) -> Array:
         """(k, k) of the data, in units of the priors."""
-        return white.information(self._size, self._between)
+        return slope.information(self._size, self._between, self.problem.white)
 
     def _between(self, a: Columns, b: Columns) -> Array:
         """(c, d) A^T C^-1 B."""
@@ -227,17 +269,17 @@ class _Local:
     """The linear problem around parameters (k,), in which optima are quick to find."""
 
     def __init__(
-        self, misfit: _Misfit, theta: Array, predicted: Array, slope: Slope, scale: Array, mean: Array
+        self, misfit: _Misfit, theta: Array, predicted: Array, slope: Jacobian, cost: float, scale: Array, mean: Array
     ) -> None:
+        self.theta, self.predicted, self.slope, self.cost = theta, predicted, slope, cost
         self._misfit, problem = misfit, misfit.problem
         p = self._p = problem.parameters
         free = self._free = np.flatnonzero(scale > 0)
-        self._theta, self._predicted, self._slope = theta, predicted, slope
         self._scale, self._mean, self._rest = scale, mean, np.where(scale > 0, theta, mean)
-        self._white, self._ratio = White(slope, problem.noise, p.sd), (scale / p.sd)[free]
+        self._ratio = (scale / p.sd)[free]
         missed = problem.observed - predicted - slope.along(self._rest - theta)
         self._here = (theta - mean)[free] / scale[free]
-        information = misfit.information(self._white)[np.ix_(free, free)] * np.outer(self._ratio, self._ratio)
+        information = misfit.information(slope)[np.ix_(free, free)] * np.outer(self._ratio, self._ratio)
         self._curve = np.eye(free.size) + information
         self._score = self._pulled(missed) + information @ self._here
         self._low, self._high = (p.lower - mean)[free] / scale[free], (p.upper - mean)[free] / scale[free]
@@ -245,11 +287,11 @@ class _Local:
     def _pulled(self, values: Array) -> Array:
         """(f,) by how much values (n,) pull at what is free."""
         white = self._misfit.solve(self._misfit.problem.noise.whiten(values))
-        return np.asarray(self._ratio * self._white.against(white)[self._free])
+        return np.asarray(self._ratio * self.slope.against(white, self._misfit.problem.white)[self._free])
 
-    def predicted(self, theta: Array) -> Array:
+    def predicted_at(self, theta: Array) -> Array:
         """Predicted values (n,) of the linear problem at parameters (k,)."""
-        return np.asarray(self._predicted + self._slope.along(theta - self._theta))
+        return np.asarray(self.predicted + self.slope.along(theta - self.theta))
 
     @cached_property
     def optimum(self) -> Array:
@@ -264,7 +306,8 @@ class _Local:
         score = self._score + damping * self._here
         if bend is not None:
             score -= self._pulled(bend)
-        x = box_constrained_minimum(self._curve + damping * np.eye(len(score)), score, self._low, self._high)
+        curve = self._curve + damping * np.eye(len(score))
+        (x,) = box_minima(curve[None], -score[None], self._low[None], self._high[None])
         goal = self._rest.copy()
         goal[self._free] = self._mean[self._free] + self._scale[self._free] * x
         return np.clip(goal, self._p.lower, self._p.upper)

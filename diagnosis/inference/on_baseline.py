@@ -98,21 +98,25 @@ class OnBaseline:
 def on_baseline(
     robot: Robot, design: States, table: Table, catalogue: Mapping[str, EffectSpec], baseline: Baseline
 ) -> OnBaseline:
-    """The model of the states of a design with a table's columns; raises `BadCase` where the rod cannot stand in."""
-    theirs = dict(table) | baseline.columns()
-    there = design_from_columns(robot, theirs, design.channels)
-    factor = _nearest_area_factor(robot, there, theirs, baseline.name)
+    """The model of the states of a design with a table's columns; raises `BadCase` where the rod cannot stand in.
+
+    A simulator may have been asked for settings a little off those measured: its difference from the rod is taken there, and
+    added to the rod at what was measured.
+    """
+    at_simulator = dict(table) | baseline.columns()
+    there = design_from_columns(robot, at_simulator, design.channels)
+    factor = _nearest_area_factor(robot, there, at_simulator, baseline.name)
     known = {**catalogue, SIMULATOR_DIFFERENCE.id: SIMULATOR_DIFFERENCE}
-    rod = ForwardModel(robot, there, "one", known, factor)
+    rod = ForwardModel(robot, there, "one", known, area_factor=factor)
     names = [p.name for p in rod.parameters]
-    own = [names.index(name) for name in baseline.varied if name in names]
-    predicted, slope = rod.linearise(np.zeros(len(names)), own)
-    baseline_values = rod.observe(theirs)
+    both_vary = [names.index(name) for name in baseline.varied if name in names]
+    predicted, slope = rod.linearise(np.zeros(len(names)), both_vary)
+    baseline_values = rod.observe(at_simulator)
     varied = {}
-    for k, column in zip(own, slope.T, strict=True):
+    for k, column in zip(both_vary, slope.T, strict=True):
         step, moved = baseline.varied[names[k]]
         varied[k] = (rod.observe(dict(table) | moved.columns()) - baseline_values) / step - column
-    forward = ForwardModel(robot, design, "one", known, factor)
+    forward = ForwardModel(robot, design, "one", known, area_factor=factor)
     return OnBaseline(baseline.name, forward, baseline_values - predicted, varied, factor)
 
 

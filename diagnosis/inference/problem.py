@@ -19,6 +19,7 @@ from model.effects.parameters import ParameterInfo
 from ..data.noise import Noise
 from ..judgement import GEOMETRY_LAW_ERROR, LEAKAGE, LEAST_NAMED_SIZE, TENSE_SD
 from .columns import Columns
+from .jacobian import Jacobian
 from .linear import Linear, Prior
 
 Array = NDArray[np.float64]
@@ -278,13 +279,22 @@ class Problem:
         """As the forward model's; where there is no derivative (next to a snap-through) it is 0."""
         return linearise(self.forward, theta, columns)
 
+    def jacobian(self, theta: Array) -> tuple[Array, Jacobian]:
+        """Predicted values (n,) at parameters (k,), and their derivatives."""
+        predicted, slope = self.linearise(theta)
+        return predicted, Jacobian.of(slope)
+
+    def white(self, columns: Columns, at: NDArray[np.int64]) -> Columns:
+        """Derivatives (n, c) by the parameters at (c,), whitened by the noise, by one prior standard deviation of each."""
+        return columns.whitened(self.noise, self.parameters.sd[at])
+
     def at(self, theta: Array) -> Linear:
         """The linear problem around parameters (k,), in units of their priors."""
         return self.linear(theta, *self.linearise(theta))
 
     def linear(self, theta: Array, predicted: Array, slope: Array) -> Linear:
         """The same from a prediction (n,) and slope (n, k) that are known already."""
-        return self.whitened(theta, predicted, Columns.of(slope).whitened(self.noise, self.parameters.sd))
+        return self.whitened(theta, predicted, Jacobian.of(slope).white(self.white))
 
     def whitened(self, theta: Array, predicted: Array, scaled: Columns) -> Linear:
         """The same from a slope (n, k) that is whitened, by one prior standard deviation of each parameter."""

@@ -25,6 +25,7 @@ from scipy.special import logsumexp
 from ..judgement import (
     FIT_DISCREPANCY_SIZE,
     FIT_TOLERATED_SIZE,
+    OUTSIDE_ON,
     PRIOR_OF_NUMBER,
     SEARCH_MARGIN,
     SEARCHED_AT_ONCE,
@@ -34,8 +35,8 @@ from ..judgement import (
 from .candidate import (
     AMONG_AT_ONCE,
     AMONG_AT_STARTS,
+    Bases,
     Candidate,
-    References,
     complete,
     first_look,
     light,
@@ -44,9 +45,9 @@ from .candidate import (
 from .evidence import KNOWN, LARGE, NONE, Hypothesis, weigh
 from .executor import SINGLE_THREAD, DiagnosisStep, Executor
 from .fit import Fit, fit
+from .jacobian import Jacobian
 from .posterior import prior
 from .problem import FormError, Problem
-from .slope import Reference, Slope
 from .starts import Starts
 
 Array = NDArray[np.float64]
@@ -157,7 +158,7 @@ class Search:
         """A hypothesis that was weighed around none in the linear problems of its starts: no step taken."""
         out = []
         for start in self._starts.of(c.named, c.fit):
-            begun = self._fit(c.named, c.with_tolerances, c.grid_point.size, start, 0, c.reference)
+            begun = self._fit(c.named, c.with_tolerances, c.grid_point.size, start, 0, c.base)
             out.append(self._weigh(c.named, begun, c.with_tolerances, shared=True))
         return out
 
@@ -249,8 +250,8 @@ class Search:
         or the linear problem promises no more, of a leading hypothesis with its own derivatives and discrepancy.
         """
         start: Array | Fit = c.fit
-        rounds, frozen = (ROUNDS, None) if c.turns else (FIRST_ROUNDS, c.reference)
-        if c.turns and c.reference is not None:
+        rounds, frozen = (ROUNDS, None) if c.turns else (FIRST_ROUNDS, c.base)
+        if c.turns and c.base is not None:
             start = c.fit.theta  # all derivatives are taken anew
         elif not c.turns and self._starts.far(c.fit.predicted, self._none[c.with_tolerances].fit):
             # Far from where it was calibrated the robot needs another calibration and other derivatives first.
@@ -288,16 +289,18 @@ class Search:
             out += self._around(around, [kept, *with_one_more(kept)], c.with_tolerances)
         return out
 
-    def unknown(self, leading: Sequence[Candidate], shares: Sequence[float], temperature: float) -> Candidate:
-        """The hypothesis that something outside the catalogue is at work, beside any of the leading hypotheses.
+    def unknown(self) -> Candidate:
+        """The hypothesis that something outside the catalogue is at work, beside any of the leading hypotheses found.
 
-        `shares` are the prior probabilities of the leading hypotheses: something unknown beside an effect is as much rarer
-        than something unknown alone as the effect is than none. Evidence is divided by the temperature, shares are not.
+        Something unknown beside an effect is as much rarer than something unknown alone as the effect is than none. Evidence is
+        divided by the temperature, the prior is not.
         """
-        beside = [c for (c,) in self._map(self._with_large_discrepancy, leading)]
-        terms = np.array([c.laplace_log_evidence for c in beside]) / temperature + np.log(np.array(shares))
+        found = sorted(self.found.values(), key=lambda c: -(c.log_evidence + self._log_prior(c.named)))
+        beside = [c for (c,) in self._map(self._with_large_discrepancy, found[:OUTSIDE_ON])]
+        own = [c.laplace_log_evidence + self._log_prior(c.named) for c in beside]
+        terms = np.array(own) / TEMPERATURE
         i = int(np.argmax(terms))
-        total = replace(beside[i].weighed, log_evidence=temperature * float(logsumexp(terms)))
+        total = replace(beside[i].weighed, log_evidence=TEMPERATURE * float(logsumexp(terms)))
         return replace(beside[i], weighed=total)
 
     def _with_large_discrepancy(self, c: Candidate) -> list[Candidate]:
@@ -331,23 +334,23 @@ class Search:
     ) -> list[list[Candidate]]:
         """`do`, a method of this search, for every candidate, here or elsewhere."""
         begun = list(begun)
-        sent = [(do.__name__, light(c, self._references(None)), self._standing) for c in begun]
+        sent = [(do.__name__, light(c, self._bases(None)), self._standing) for c in begun]
         found = self._executor.map(self._done, sent, step)
-        return [[complete(c, self._references(b)) for c in own] for b, own in zip(begun, found, strict=True)]
+        return [[complete(c, self._bases(b)) for c in own] for b, own in zip(begun, found, strict=True)]
 
     def _done(self, sent: tuple[str, Candidate, Standing]) -> list[Candidate]:
         name, given, self._standing = sent
-        begun = complete(given, self._references(None))
-        return [light(c, self._references(begun)) for c in getattr(self, name)(begun)]
+        begun = complete(given, self._bases(None))
+        return [light(c, self._bases(begun)) for c in getattr(self, name)(begun)]
 
-    def _references(self, begun: Candidate | None) -> References:
+    def _bases(self, begun: Candidate | None) -> Bases:
         """Derivatives that this process and another one have: those of none, and of what a candidate was begun at."""
         every = {str(w): none for w, none in self._none.items()} | ({} if begun is None else {"begun": begun})
-        return {name: c.reference for name, c in every.items() if c.reference is not None}
+        return {name: c.base for name, c in every.items() if c.base is not None}
 
     def _fit(
         self, named: Hypothesis, with_tolerances: bool, size: float, start: Array | Fit, rounds: int,
-        frozen: Reference | None = None,
+        frozen: Jacobian | None = None,
     ) -> Fit:  # fmt: skip
         p = self.problem.parameters
         own = p.prior(p.mask(named), FIT_TOLERATED_SIZE * with_tolerances)
@@ -355,8 +358,8 @@ class Search:
 
     def _with_all_derivatives(self, f: Fit) -> Fit:
         """The same fit with the derivatives by all parameters."""
-        predicted, slope = self.problem.linearise(f.theta)
-        return replace(f, predicted=predicted, slope=Slope.of(slope))
+        predicted, slope = self.problem.jacobian(f.theta)
+        return replace(f, predicted=predicted, slope=slope)
 
     def _with_form_error(self, named: Hypothesis, f: Fit, shared: bool = False) -> Fit:
         return replace(f, form_error=self.problem.form_error(f.theta, f.predicted, named, shared))
@@ -366,9 +369,10 @@ class Search:
         what it does not name."""
         p, own = self.problem, f.form_error
         assert own is not None
+        # without what the named effects do, columns are left for the laws of the others alone
         tolerated = replace(f, form_error=FormError(own.named, {})).linear(p).form_error
-        reference = Reference(f.derivatives(p).every, p.noise, p.parameters.sd, tolerated)
-        return replace(f, slope=Slope.at_reference(reference), form_error=replace(own, shared=True))
+        base = replace(f.derivatives(p).flat, tolerated=tolerated)
+        return replace(f, slope=base.shared, form_error=replace(own, shared=True))
 
     def _around(self, f: Fit, named: Sequence[Hypothesis], with_tolerances: bool) -> list[Candidate]:
         """Hypotheses in the linear problem of a fit that may have been made for another."""

@@ -373,8 +373,11 @@ class Guard:
             timing.sleep(max(0.0, due - timing.now()))
 
     def _checked(self, name: str, sample: Any) -> Any:
-        """The reading, or the error that stands for one that is not acceptable."""
-        if self.settings.may_have_changed(name, sample):
+        """The reading, or the error that takes its place. What is wrong with it is acted on here: where a pause is enough the
+        program is told and keeps the reading, everything else lands a rig that is energised."""
+        if self.settings.may_have_changed(
+            name, sample
+        ):  # of an instrument whose unit may have been changed at its panel
             self.settings.confirm(name, trial=False)
         finding = self.monitor.check(name, sample)
         if finding is None:
@@ -416,23 +419,25 @@ class Guard:
     def close(self, lives_on: float = 0.0) -> None:
         """Land what may still be energised, disconnect everything, let another guard have the rig.
 
-        What is not confirmed is tried for `lives_on` host seconds more; what is, is disconnected at once.
+        What is not confirmed is tried for `lives_on` host seconds more; what is, is disconnected at once, but for the gauge.
         """
         self.finish()
         until = timing.now() + lives_on
-        if going := self.landing.going:
+        if going := self.landing.going:  # the gauge shows whether the spine is released
             self._disconnect([n for n in self.own.drivers if n not in (*going, "gauge")])
         while self.landing.going and timing.now() < until:
             timing.sleep(LOOK)
         with self._landing_lock:
-            self._closed = True  # a landing that another thread still wants has been done
+            self._closed = (
+                True  # from here on `land` does nothing: what another thread may still ask for has been tried
+            )
             self.landing.end()
         self.running = False
         self._disconnect(list(self.own.drivers))
-        if self.under_force is not None:
+        if self.under_force is not None:  # its thread looks at the force sensor's samples as long as an arm may move
             self.under_force.finish()
         if self._last.confirmed and not self.energised and (self.latch is None or self.latch.read() is None):
-            forget(self.rig)
+            forget(self.rig)  # `lab safe` needs to land it no more
         self._door.close()
         self.gone = True
 

@@ -2,7 +2,7 @@
 
 It lands by itself when the program ends (its pipe breaks), freezes (no heartbeat), hangs (the experiment does not move on) or
 shouts (a signal, a force beyond the limit); `lab safe` asks for it at the guard's door. Run by `python -m
-lab.guard.process COMMANDS PULSE SAMPLES` with three file descriptors.
+lab.guard.process COMMANDS PULSE REPORTS` with three file descriptors.
 """
 
 from __future__ import annotations
@@ -79,8 +79,9 @@ class ProgramWatch(timing.Thread):
             self._pulse.close()
 
     def _listen(self) -> None:
-        """Land when the program ends or, while energised, gives no sign of life for `safe.heartbeat` seconds; send beats back."""
-        guard, heard, beat_back = self._guard, self._awake.now, 0.0
+        """Land when the program ends or, while energised, gives no sign of life for `safe.heartbeat` seconds; tell it every
+        `BEAT_BACK` that the guard lives. Silence counts while this process is awake to hear."""
+        guard, heard, next_beat = self._guard, self._awake.now, 0.0
         while not guard.gone:  # to the last: an arm takes its time to disconnect
             timing.readable([self._pulse.pipe], LOOK)
             records = self._pulse.take()
@@ -90,13 +91,13 @@ class ProgramWatch(timing.Thread):
             for kind, value in records:
                 self._heard(kind, value)
             if self._pulse.gone:
-                guard.ending = True
+                guard.ending = True  # the next program may wait for the end of the landing, and then have the rig
                 guard.land("the program ended")
                 return
             if guard.energised and now - heard > guard.rig.safe.heartbeat:
                 guard.land(f"no heartbeat from the program for {now - heard:.1f} s")
-            if now > beat_back:
-                beat_back = now + BEAT_BACK
+            if now > next_beat:
+                next_beat = now + BEAT_BACK
                 guard.tell(Event("beat"))
 
     def _heard(self, kind: bytes, value: float) -> None:
@@ -155,7 +156,10 @@ def _live_on(guard: Guard) -> None:
 
 
 def main(commands: Connection, pulse: Listener, reports: Connection) -> int:
-    """Run one guard."""
+    """Take the rig over and serve the program until it says goodbye or is gone; 0, or 1 where another program has the rig.
+
+    Each answer is (number of the command, whether it was done, its result or error); number 0 answers `Start`.
+    """
     start: Start = timing.receive(commands)
     rig = RigFile.model_validate_json(start.rig).read_from(Path(start.path) if start.path else None)
     clock = RigClock(rig.clock.speed, start.clock_start)
@@ -166,7 +170,7 @@ def main(commands: Connection, pulse: Listener, reports: Connection) -> int:
     except RigLocked as e:
         commands.send((0, False, e))
         told.close()
-        pulse.close()
+        pulse.close()  # else its watch closes it
         return 1
     commands.send((0, True, None))
     guard.start()

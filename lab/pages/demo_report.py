@@ -7,6 +7,7 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
+from diagnosis.answer.headline import for_people
 from diagnosis.answer.result import Diagnosis
 from diagnosis.answer.sentences import with_id
 from model.compare import ErrorTable
@@ -28,6 +29,12 @@ class Seal:
     unit: str
     physics: str
     salt: str
+
+    @property
+    def amount(self) -> str:
+        """The size as a person reads it."""
+        number, unit = for_people(self.size, self.unit)
+        return f"{number:.4g} {unit}".rstrip()
 
     @property
     def text(self) -> str:
@@ -55,9 +62,7 @@ def write(
     before, after = compared
     report = opened("A day in the lab, without hardware", answer, case, files, folder / "next")
     found = report.section("What was withheld, and what was found")
-    found.text(
-        f"The effect that was on: {with_id(seal.effect, names(answer))} = {seal.size:.4g} {seal.unit}: {seal.physics}."
-    )
+    found.text(f"The effect that was on: {with_id(seal.effect, names(answer))} = {seal.amount}: {seal.physics}.")
     found.text(f"Replayed from the files alone, {'every number is the same' if equal else 'numbers DIFFER'}.")
     found.text(f"Sealed before the first measurement as sha256 {seal.digest} of {seal.text}")
     fill(report, answer, case, folder / "next")

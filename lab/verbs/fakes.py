@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import functools
+import math
 import signal
 import threading
 from collections.abc import Mapping
@@ -261,8 +262,10 @@ def effects(settings: list[str]) -> dict[str, float]:
             raise ConfigError(f"--effect {name}: unknown; one of {', '.join(known)}")
         try:
             chosen[name] = float(size) if size else known[name].scale
-        except ValueError as e:
-            raise ConfigError(f"--effect {setting}: {size!r} is not a number in {known[name].unit}") from e
+        except ValueError:
+            chosen[name] = math.nan
+        if not math.isfinite(chosen[name]):
+            raise ConfigError(f"--effect {setting}: {size!r} is not a finite number in {known[name].unit}")
     return chosen
 
 

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from diagnosis.data.doubtful import doubtful
 from diagnosis.data.plausible import implausible_values
 from model.robot import Robot
 from recordings.own_files import copied, replaced
@@ -23,6 +22,7 @@ from ..imports.proposal import Guess, guess_text
 from ..imports.series import Series
 from ..imports.table import NOT_READ, Imported, imported
 from ..options import ANY_SIZE, JSON, Verb, inputs, option
+from ..questions.table import doubtful
 
 MAP, PICTURE = "map.yaml", "states.png"
 

@@ -129,19 +129,27 @@ def _sections(q: Quantities, shear: ShearSpine, out: RodColumns) -> None:
 
 
 def with_spine(q: Quantities, shear: ShearSpine, area: float, second: float) -> tuple[Array, Array, Array]:
-    """Bending (N m^2), axial and lateral stiffness (N) of a section of the body (m^2, m^4) with spine, if there is one."""
+    """Bending (N m^2), axial and lateral stiffness (N), (v, n) of v variants of n states, of a section of the body (m^2, m^4)
+    with spine, if there is one.
+
+    The paper gives the body's section one modulus, mixed by volume (`area_moments` = 0); with `area_moments` = 1 body and spine
+    have their own areas and moments, of which a spine that slides carries less stretch.
+    """
     body, ratio = q.body_modulus, q.robot.shear_modulus / q.robot.youngs_modulus
     if q.robot.spine is None:
         return body * second, body * area, ratio * body * area
     spine, spine_shear, _ = moduli(q, shear)
-    core = math.pi * q.robot.spine.radius**2
-    core_second = annulus_second_moment(q.robot.spine.radius)
-    modulus = (area * body + core * spine) / (area + core)
-    sideways = (area * ratio * body + core * spine_shear) / (area + core)
-    blend = q.area_moments
-    bend = modulus * second + blend * (body * second + spine * core_second - modulus * second)
-    axial = modulus * area + blend * (body * area + (1 - q.spine_sliding) * spine * core - modulus * area)
-    lateral = sideways * area + blend * (ratio * body * area + spine_shear * core - sideways * area)
+    spine_area = math.pi * q.robot.spine.radius**2
+    spine_second = annulus_second_moment(q.robot.spine.radius)
+    modulus = (area * body + spine_area * spine) / (area + spine_area)
+    sideways = (area * ratio * body + spine_area * spine_shear) / (area + spine_area)
+
+    def between(mixed: Array, apart: Array) -> Array:
+        return mixed + q.area_moments * (apart - mixed)
+
+    bend = between(modulus * second, body * second + spine * spine_second)
+    axial = between(modulus * area, body * area + (1 - q.spine_sliding) * spine * spine_area)
+    lateral = between(sideways * area, ratio * body * area + spine_shear * spine_area)
     return bend, axial, lateral
 
 

@@ -206,20 +206,24 @@ def history_of(q: Quantities, path: Path, rods: RodColumns, driven: Array) -> Hi
 
 
 def by_element(history: History, rods: RodColumns) -> Array:
-    """(v, n, columns) what it adds to `rest_columns` of rods: each element has its stretch of the line along its part."""
+    """(v, n, columns) what it adds to `rest_columns` of rods.
+
+    With tendons a rest curvature is linear along a part: `rest` is its mean and `rise` its change from end to end; an element
+    holds its value where the element begins, and its change over the element. Without tendons it is the same all along.
+    """
     added: list[Array] = []
-    ends = [np.zeros((1, 1)), np.zeros((1, 1))]
+    walked = [np.zeros((1, 1)), np.zeros((1, 1))]  # m of the inner and of the outer part, behind the elements before
     for element, part in zip(rods.layout.elements, rods.layout.parts, strict=True):
         own = list(np.moveaxis(history.rest[..., OF_PART * part : OF_PART * (part + 1)], -1, 0))
         if history.quantities.robot.tendons is None:
             added += own
             continue
-        long, start = rods.length(part), ends[part]
-        ends[part] = start + rods[element + col.LENGTH]
-        first, last = (np.where(long > 0, x / np.where(long > 0, long, 1.0), 0.0) for x in (start, ends[part]))
+        length, start = rods.length(part), walked[part]
+        walked[part] = start + rods[element + col.LENGTH]
+        begins, ends = (np.where(length > 0, x / np.where(length > 0, length, 1.0), 0.0) for x in (start, walked[part]))
         rises = list(np.moveaxis(history.rise[:, :, part], -1, 0))
-        added += [mean + rise * (first - 0.5) for mean, rise in zip(own[:2], rises, strict=True)] + own[2:]
-        added += [rise * (last - first) for rise in rises]
+        added += [mean + rise * (begins - 0.5) for mean, rise in zip(own[:2], rises, strict=True)] + own[2:]
+        added += [rise * (ends - begins) for rise in rises]
     return np.stack(np.broadcast_arrays(*added), axis=-1)
 
 

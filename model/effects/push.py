@@ -19,24 +19,30 @@ from model.rods.beam import bending_compliance, shear_compliance
 
 Array = NDArray[np.float64]
 
+NO_SPECIMEN, SHORTEST, SOFTEST = 1e9, 1e-3, 1.0
+"""m/N of a spine that is not there; m and Pa at least of one that is, so that none is without stiffness."""
 POINTS, WEIGHTS = (0.5 * (a + b) for a, b in zip(np.polynomial.legendre.leggauss(5), (1.0, 0.0), strict=True))
 """Of a quadrature over 0..1, exact for the shapes of both parts."""
 
 
 def cantilever_force(q: Quantities, shear: ShearSpine) -> Array:
-    """Force (v, n) N at the end for the deflection that was read; 0 where the row is no stiffness row."""
+    """Force (v, n) N at the end, of v variants of n states, for the deflections that were read; 0 for other rows than those of
+    stiffness trials.
+
+    With the compliance c of specimen and arm, F = (d - d0) / c behind the offset d0 of the contact; a deflection below zero
+    pulls, and meets no offset. A soft layer of stiffness k in between gives F = k d / (1 + k c), which is more until it is
+    squeezed flat.
+    """
     design = q.design
-    # m/N of a specimen that is not there
-    bare = np.full((1, 1), 1e9)
+    of_spine = np.full((1, 1), NO_SPECIMEN)
     if q.robot.spine is not None:
         second = annulus_second_moment(q.robot.spine.radius)
-        bare = np.maximum(q.spine_length, 1e-3) ** 3 / (3 * np.maximum(moduli(q, shear)[2], 1.0) * second)
-    given = np.where(design.body, _body_compliance(q, shear), bare) if design.body.any() else bare
-    given = given + q.arm_compliance
+        of_spine = np.maximum(q.spine_length, SHORTEST) ** 3 / (3 * np.maximum(moduli(q, shear)[2], SOFTEST) * second)
+    specimen = np.where(design.body, _body_compliance(q, shear), of_spine) if design.body.any() else of_spine
+    compliance = specimen + q.arm_compliance
     reached = design.deflection - q.contact_offset
-    pressed = np.maximum(reached, np.minimum(design.deflection, 0.0)) / given
-    # Softer than what comes behind it, the layer counts until it is squeezed flat.
-    squeezed = np.maximum(design.deflection, 0.0) * q.contact_layer / (1 + q.contact_layer * given)
+    pressed = np.maximum(reached, np.minimum(design.deflection, 0.0)) / compliance
+    squeezed = np.maximum(design.deflection, 0.0) * q.contact_layer / (1 + q.contact_layer * compliance)
     return np.where(design.stiffness, np.maximum(pressed, squeezed), 0.0)
 
 

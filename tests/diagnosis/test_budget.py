@@ -13,7 +13,6 @@ from diagnosis.inference.budget import Budget
 from diagnosis.inference.fit import Fit
 from diagnosis.inference.posterior import Posterior
 from diagnosis.inference.prepare import prepare
-from diagnosis.inference.slope import Slope
 from model.effects import CATALOGUE
 from tests.diagnosis import small_campaigns as whole
 from tests.diagnosis.small_campaigns import FEW, Catalogue, few_and_all, measured, quick
@@ -111,8 +110,8 @@ def test_what_a_tolerated_stop_carries_is_not_its_slope_times_its_size() -> None
     problem, p = prepared.problem, prepared.problem.parameters
     theta = p.mean.copy()
     theta[[p.names.index("contact.stiffness"), p.names.index("contact.distance")]] = 300.0, -0.04
-    predicted, slope = problem.linearise(theta)
-    fitted = Fit(theta, predicted, Slope.of(slope), 0.0, 0.0)
+    predicted, jacobian = problem.jacobian(theta)
+    fitted, slope = Fit(theta, predicted, jacobian, 0.0, 0.0), jacobian.whole
     at = (theta / p.sd)[p.of_effect][None]
     carried = module._Carrying(problem, module.parts(prepared)).of(fitted, at)[0][0, p.ids.index("contact")]
 

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagnosis.data.doubtful import doubtful
 from diagnosis.data.plausible import implausible_values, require_plausible
-from diagnosis.data.plausible_directions import doubtful_directions
 from diagnosis.errors import BadCase
+from lab.questions.directions import doubtful_directions
+from lab.questions.table import doubtful
 from model.condition import conditions
 from model.robot import Robot, load_robot
 from model.rods import FINE, solve

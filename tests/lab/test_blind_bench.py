@@ -348,7 +348,7 @@ def test_answers_of_another_method_are_scored_on_the_same_cases(
         (theirs / f"{name}.json").write_text(
             json.dumps({"attribute": {"verdict": verdict, "effects": effects, "probability": 0.9, "ranking": []}})
         )
-    result = score(small_set, None, theirs)
+    result = score(small_set, theirs)
     assert all(c.right for c in result.cases)
     assert main(["blind", "score", str(small_set), "--answers", str(theirs)]) in (0, 1)
     assert (theirs / "score.json").exists() and (theirs / "score.png").exists()
@@ -360,7 +360,7 @@ def test_answers_of_another_method_are_scored_on_the_same_cases(
     assert "holds no answer; write {" in capsys.readouterr().err
     (theirs / f"{min(truth)}.json").unlink()
     with pytest.raises(ConfigError, match=r"have no answer .* write .*CASE\.json"):
-        score(small_set, None, theirs)
+        score(small_set, theirs)
 
 
 # ------------------------------------------------------------------ figures

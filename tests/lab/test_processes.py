@@ -65,7 +65,7 @@ def test_the_fits_of_a_diagnosis_give_the_same_answer_there(two: Processes) -> N
     assert at_once.among < at_starts.among
     assert all({"play", "turned"} & set(look.effects) for look in looks)
     # What candidates share they share here too, not as copies.
-    shared = [{id(c.reference) for c in found if c.reference is not None} for found in (there, here)]
+    shared = [{id(c.base) for c in found if c.base is not None} for found in (there, here)]
     assert 1 <= len(shared[0]) <= len(shared[1])
 
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -181,6 +183,9 @@ def test_the_run_of_a_rig_is_found_and_one_that_is_over_is_told(
         announce(rig, recorder.path)
         recorder.push("/vacuum", 1.0, (20e3,))
         recorder.sync()
+        os.utime(
+            recorder.path, (later := time.time() + 600, later)
+        )  # it goes on, however long the program takes to start
         program = command("watch", rig, "--json", "--no-browser")
         try:
             assert program.stdout is not None

@@ -37,8 +37,9 @@ if _numba.CPU_FEATURES is None and binding.get_host_cpu_features().get("avx512f"
 def _compiled(**options: Any) -> Callable[[Any], Any]:
     """Numba's decorator with what all kernels and pieces have in common.
 
-    Arithmetic is that of IEEE 754, without `fastmath`: a loop is compiled with and without vectors, and where arrays lie in
-    memory decides which of the two runs; only strictly rounded do both find the same bits. It costs no measurable time.
+    `options` are further ones of `numba.njit`. Arithmetic is that of IEEE 754: a division by zero gives inf or nan and raises
+    nothing (`error_model`), and without `fastmath`, since a loop is compiled with and without vectors, and where arrays lie in
+    memory decides which of the two runs; with strict rounding alone both give the same bits. It costs no measurable time.
     """
     made: Callable[[Any], Any] = numba.njit(error_model="numpy", **options)
     return made

@@ -117,7 +117,10 @@ def collect_rises(full: Full, walk: Walk, z: float, dz: float) -> None:
 
 @inline
 def more_terms(sums: tuple[Vector, Vector], walk: Walk, i: int, weight: float, share: float) -> tuple[Vector, Vector]:
-    """Two bending stiffnesses and the axial one, without the factors of `collect_terms`; a, b, c."""
+    """T by both bending stiffnesses and the axial one, without the factors of `collect_terms`, and by a, b, c of the softening.
+
+    F1, F2 and what they balance, D and e, are those of `equations.balance`; `Softening` holds how one answers the other.
+    """
     answer, stage = walk.answers[i], walk.stages[i]
     s, dm, m, inverse = stage.softening, answer.dm, stage.m, walk.section.inv_bend
     dn = fused(weight, walk.added, answer.dn[2])

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from diagnosis.data.plausible_robot import doubtful_area_factor, doubtful_numbers
+from diagnosis.answer.sentences import doubtful_area_factor
 from diagnosis.diagnose import Options, diagnose
+from lab.questions.numbers import doubtful_numbers
+from lab.questions.places import doubtful_places
 from model.effects import CATALOGUE
 from model.prediction import Predictor
 from model.robot import Robot, robot_from_dict
@@ -70,3 +72,13 @@ def test_the_diagnosis_asks_about_tensions_that_are_ten_times_too_large() -> Non
     answer = diagnose(Case(robot, Table(tuple(rows))), few)
     (said,) = (c for c in answer.concerns if "tension factor of robot.yaml" in c)
     assert "the tensions seem to be too large by" in said
+
+
+@pytest.mark.parametrize(("across", "asked"), [(0.0, True), (0.13, False)])
+def test_a_heavy_arm_that_sags_across_its_axis_may_move_along_it(across: float, asked: bool) -> None:
+    rows = [
+        TrialRow(1, i, "bending", 1, "load", 9.0 * i, 0.0, (1e3 * i, 0.0, 0.0, 0.0), tip=(across, 0.0, 0.2 - 0.01 * i))
+        for i in range(6)
+    ]
+    said = [text for text in doubtful_places(robot_from_dict(TENDONS), rows) if "along z" in text]
+    assert bool(said) == asked

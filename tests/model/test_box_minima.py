@@ -5,9 +5,13 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from diagnosis.inference.box_constrained import box_constrained_minimum
+from model.prediction.box_minima import box_minima
 
 Array = NDArray[np.float64]
+
+
+def minimum(curve: Array, score: Array, low: Array, high: Array) -> Array:
+    return box_minima(curve[None], -score[None], low[None], high[None])[0]
 
 
 def problem(seed: int, n: int) -> tuple[Array, Array, Array, Array]:
@@ -26,17 +30,17 @@ def test_it_is_the_minimum_within_the_bounds(seed: int) -> None:
     root = np.linalg.cholesky(curve)
     known = lsq_linear(root.T, np.linalg.solve(root, score), (low, high), method="bvls", tol=1e-14).x
     assert ((known == low) | (known == high)).sum() > 10
-    np.testing.assert_allclose(box_constrained_minimum(curve, score, low, high), known, atol=1e-7)
+    np.testing.assert_allclose(minimum(curve, score, low, high), known, atol=1e-7)
 
 
 def test_what_is_held_too_early_comes_back() -> None:
     # Alone the second would run out of its bound; it comes back when the first is held.
     curve, score = np.array([[1.0, 0.9], [0.9, 1.0]]), np.array([4.0, 3.2])
-    x = box_constrained_minimum(curve, score, np.array([-1.0, -0.1]), np.array([1.0, 9.0]))
+    x = minimum(curve, score, np.array([-1.0, -0.1]), np.array([1.0, 9.0]))
     np.testing.assert_allclose(x, [1.0, 2.3])
 
 
 def test_without_bounds_it_solves() -> None:
     curve, score, _, _ = problem(3, 12)
     none = np.full(12, np.inf)
-    np.testing.assert_allclose(box_constrained_minimum(curve, score, -none, none), np.linalg.solve(curve, score))
+    np.testing.assert_allclose(minimum(curve, score, -none, none), np.linalg.solve(curve, score))

@@ -7,20 +7,21 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.data.campaign import settings, spread_over
+from diagnosis.data.plausible import weight_ratio
+from diagnosis.data.plausible_pressures import Pressures
+from diagnosis.judgement import UPSIDE_DOWN_GAIN
+from model.condition import States
 from model.effects import ForwardModel
-from model.errors import ModelError
+from model.errors import BadCondition
 from model.robot import Robot
 from model.rods import FINE, solve
 from model.section import rods_of
 from recordings.trials import TrialRow
 
-from ..judgement import UPSIDE_DOWN_GAIN
-from .campaign import settings, spread_over
-from .plausible import weight_ratio
-from .plausible_directions import ASIDE, doubtful_directions
-from .plausible_places import doubtful_places
-from .plausible_pressures import Pressures
-from .plausible_robot import doubtful_numbers
+from .directions import ASIDE, doubtful_directions
+from .numbers import doubtful_numbers
+from .places import doubtful_places
 
 Array = NDArray[np.float64]
 
@@ -66,9 +67,9 @@ def _gravity(robot: Robot, seen: Pressures) -> Iterator[str]:
         return
     try:
         asked = settings(robot, resting, vented=True)
-        found = {turn: solve(rods_of(_turned(robot, turn), asked), FINE) for turn in TURNS}
-    except ModelError:  # the states do not fit this robot, which is said elsewhere
+    except BadCondition:  # the states do not fit this robot, which is said elsewhere
         return
+    found = {turn: solve(rods_of(_turned(robot, turn), asked), FINE) for turn in TURNS}
     stands = np.all([f.converged for f in found.values()], axis=0)
     if not stands.any():
         return
@@ -97,14 +98,15 @@ def doubtful_gravity(robot: Robot, rows: Sequence[TrialRow]) -> Iterator[str]:
     known = np.asarray(np.isfinite(read).all(axis=(1, 2)))
     if not (known & seen.resting).any() or read.shape[1] != 1 + len(robot.markers):
         return
+    try:
+        asked = settings(robot, seen.rows)
+    except BadCondition:  # the states do not fit this robot, which is said elsewhere
+        return
     area = float(np.mean(robot.area_factor_at([r.spine_length for r in seen.rows])))
     missed: dict[tuple[int, int], float] = {}
     for turn in TURNS:
         there = _turned(robot, turn)
-        try:
-            missed[turn] = min(_missed(there.with_area_factor(area * f), seen, read, known) for f in AREAS)
-        except ModelError:  # the states do not fit this robot, which is said elsewhere
-            return
+        missed[turn] = min(_missed(there.with_area_factor(area * f), asked, seen, read, known) for f in AREAS)
         if missed[TURNS[0]] <= ASIDE * robot.length:  # the others need not be computed
             return
     if other := _other(robot, missed):
@@ -122,10 +124,10 @@ def _other(robot: Robot, missed: Mapping[tuple[int, int], float]) -> str:
     return f"{1e3 * missed[best]:.3g} mm with {_listed(_turned(robot, best))}" if clear else ""
 
 
-def _missed(robot: Robot, seen: Pressures, read: Array, known: NDArray[np.bool_]) -> float:
+def _missed(robot: Robot, asked: States, seen: Pressures, read: Array, known: NDArray[np.bool_]) -> float:
     """m (rms) between model and the points (n, 1 + k, 3) m, the tip and markers, against those at rest; infinite where it does
     not stand."""
-    model = ForwardModel.of_single_states(robot).at(settings(robot, seen.rows), np.array(robot.markers))
+    model = ForwardModel.of_single_states(robot).at(asked, np.array(robot.markers))
     found = model.read(np.zeros(len(model.parameters)))
     points = np.concatenate([found.tip[0][:, None], found.markers[0]], axis=1)
     stood = known & np.isfinite(points).all(axis=(1, 2))

@@ -12,13 +12,12 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.data.plausible import tracked_beyond
 from model.condition import conditions
 from model.effects import ForwardModel
-from model.errors import ModelError
+from model.errors import BadCondition
 from model.robot import Robot
 from recordings.trials import TrialRow
-
-from .plausible import tracked_beyond
 
 Array = NDArray[np.float64]
 
@@ -96,7 +95,10 @@ def _along(tensions: Array, places: Array, arcs: Array, names: Sequence[str]) ->
         known = np.flatnonzero(np.isfinite(places[:, k]).all(axis=1) & np.isfinite(total))
         if not len(known) or not np.isfinite(arcs[k]):
             continue
-        moved = places[known, k] - places[known[np.argmin(total[known])], k]
+        rest = places[known[np.argmin(total[known])], k]
+        if np.hypot(*rest[:2]) > BENT[1] * arcs[k]:  # sags so far that across its axis is along z
+            continue
+        moved = places[known, k] - rest
         size = np.linalg.norm(moved, axis=1)
         bent = (size > BENT[0] * arcs[k]) & (size < BENT[1] * arcs[k])
         if bent.sum() < FEWEST or np.median(np.abs(moved[bent, 2]) / size[bent]) < ALONG:
@@ -115,11 +117,11 @@ def _stretch(robot: Robot, rows: Sequence[TrialRow]) -> float:
     most = np.argsort(-np.nan_to_num(pressures.sum(axis=1)), kind="stable")[:MOST]
     try:
         asked = conditions(robot, 0.0, np.nan_to_num(pressures[most]))
-        model = ForwardModel.of_single_states(robot).at(asked, np.zeros(0))
-        # twenty chords along the backbone, whose sum is its length
-        shapes = model.shapes(np.zeros(len(model.parameters)), np.linspace(0.0, robot.length, 21))
-    except ModelError:  # the states do not fit this robot, which is said elsewhere
+    except BadCondition:  # the states do not fit this robot, which is said elsewhere
         return 1.0
+    model = ForwardModel.of_single_states(robot).at(asked, np.zeros(0))
+    # twenty chords along the backbone, whose sum is its length
+    shapes = model.shapes(np.zeros(len(model.parameters)), np.linspace(0.0, robot.length, 21))
     lengths = np.linalg.norm(np.diff(shapes, axis=1), axis=2).sum(axis=1)
     lengths = lengths[np.isfinite(lengths)]
     return 1.0 + 2.0 * max(float(lengths.max(initial=robot.length)) / robot.length - 1.0, 0.0)

@@ -11,8 +11,6 @@ FAR_OUT, LARGE = 3.0, 0.15
 far, but are small beside its length."""
 MOST_POISSON, LEAST_POISSON = 0.53, -0.05
 """Ratios of isotropic materials, 0 to 0.5, and what rounding of both moduli to two digits adds."""
-OTHER_UNIT = 7.0
-"""Factor between calibrated and stated area factor from which a unit or a scale is wrong."""
 
 
 def doubtful_numbers(robot: Robot) -> Iterator[str]:
@@ -36,13 +34,3 @@ def doubtful_numbers(robot: Robot) -> Iterator[str]:
 def _modulus(pascal: float) -> str:
     size, unit = next((one for one in ((1e9, "GPa"), (1e6, "MPa")) if pascal >= one[0]), (1e3, "kPa"))
     return f"{pascal / size:.4g} {unit}"
-
-
-def doubtful_area_factor(ratio: float) -> Iterator[str]:
-    """What to ask where the calibrated area factor is `ratio` times that of robot.yaml: a wrong unit does that."""
-    if not 1 / OTHER_UNIT < ratio < OTHER_UNIT:
-        size, factor = ("large", 1 / ratio) if ratio < 1 else ("small", ratio)
-        yield (
-            f"calibration asks for {ratio:.2g} times the area factor of robot.yaml: the pressures seem to be too {size} by "
-            f"{factor:.2g}; check their unit, and path_radius of the chambers"
-        )

@@ -17,10 +17,9 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.data.plausible_pressures import Pressures, setting_of_each
 from model.robot import Robot
 from recordings.trials import TrialRow
-
-from .plausible_pressures import Pressures, settings
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -41,7 +40,7 @@ def doubtful_directions(robot: Robot, rows: Iterable[TrialRow]) -> tuple[str, ..
     ]
     if not tips or {len(r.pressures) for r in tips} != {len(robot.bending_directions)}:
         return ()
-    kind = settings(robot, tips)
+    kind = setting_of_each(tips)
     own = [tips[i] for i in np.flatnonzero(kind == np.bincount(kind).argmax())]
     seen = Pressures.of(robot, own)
     towards = robot.bending_directions * np.exp(1j * np.radians([[r.roll_deg or 0.0] for r in own]))
