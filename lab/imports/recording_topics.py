@@ -167,7 +167,7 @@ def read_topics(paths: Sequence[Path], source: Source, named: Collection[str] | 
             "belong together; record again with times, or write them by the stamps in their messages"
         )
     for topic in topics.values():
-        for label, values in topic.columns().items():
+        for label, values in _continuous(topic.columns()).items():
             out[label] = values if topic is leading else _at(at, np.array(topic.times), values)
     return Series(path, out, "MCAP", notes=tuple(dict.fromkeys(notes)))
 
@@ -194,6 +194,22 @@ def _of(topic: str, column: str) -> bool:
 def _places(rows: list[dict[str, float]]) -> int:
     """1 for a topic whose messages hold a position."""
     return int(any(name.endswith(("tip_1", ".x")) for name in rows[0]))
+
+
+def _continuous(columns: dict[str, Array]) -> dict[str, Array]:
+    """The same with each quaternion of the sign that is nearer to the one before it: either means the same turn."""
+    for stem in [name[:-1] for name in columns if name.endswith(".w")]:
+        names = [f"{stem}{part}" for part in "wxyz"]
+        if not all(name in columns for name in names):
+            continue
+        parts = np.array([columns[name] for name in names])
+        seen = np.flatnonzero(np.isfinite(parts).all(axis=0))
+        if np.abs(np.linalg.norm(parts[:, seen], axis=0) - 1).max(initial=0.0) > 0.05:
+            continue
+        turned = (parts[:, seen[1:]] * parts[:, seen[:-1]]).sum(axis=0) < 0
+        parts[:, seen[1:]] *= np.where(np.cumsum(turned) % 2, -1.0, 1.0)
+        columns |= dict(zip(names, parts, strict=True))
+    return columns
 
 
 def _at(at: Array, times: Array, values: Array) -> Array:

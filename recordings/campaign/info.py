@@ -11,6 +11,7 @@ from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import BadMessage, BadTable, Damaged, Foreign, NotARecording, OtherVersion
 from ..events import Request
@@ -119,7 +120,7 @@ def info(path: str | os.PathLike[str]) -> Info:
     several = Counter(channel.topic for channel in recording.contents.channels.values())
     streams = {
         topic: StreamInfo(
-            timing((log_times - start) / 1e9), counts.get(topic, {}).get("dropped"), counts.get(topic, {}).get("lost"),
+            timing(_since(start, log_times)), counts.get(topic, {}).get("dropped"), counts.get(topic, {}).get("lost"),
             _or(0, notes, damage, partial(recording.restarts, topic)) if topic in recording.streams else 0, several[topic],
         )
         for topic, log_times in times.items()
@@ -163,6 +164,12 @@ def beyond_plan(states: int, planned: int) -> list[str]:
         f"{states} states were read, and the plan lists {planned}: duration and limits were checked for those alone; list each "
         "state in `reads` of a Step of the protocol's plan (`lab plan PROTOCOL --rehearse` names the first that is missing)"
     ]
+
+
+def _since(start: int, log_times: NDArray[np.uint64]) -> NDArray[np.float64]:
+    """s from `start` (ns since the epoch), which may be later, to log times."""
+    first = log_times[0] if len(log_times) else np.uint64(start)
+    return (log_times - first) / 1e9 + (int(first) - start) / 1e9
 
 
 def _or(otherwise: T, notes: list[str], damage: list[str], way: Callable[[], T]) -> T:

@@ -82,7 +82,7 @@ def _played(recording: Recording, topic: str) -> tuple[NDArray[np.int64], Callab
     if is_stream(topic):  # in the order of the stream's own stamps, from which the log times are made
         samples = recording.stream(topic)
         names = samples.dtype.names or ()
-        times = recording.log_times(topic, samples=True)
+        times = recording.log_times(topic, samples=True).astype(np.int64)
         return times, lambda row: {name: samples[row][name].tolist() for name in names}
     event = EVENTS[topic]
     found = recording.payloads(event)

@@ -191,13 +191,13 @@ class Recording:
         first, last = np.searchsorted(samples["t"], t0), np.searchsorted(samples["t"], t1, side="right")
         return samples[first:last]
 
-    def log_times(self, topic: str, samples: bool = False) -> NDArray[np.int64]:
+    def log_times(self, topic: str, samples: bool = False) -> NDArray[np.uint64]:
         """Log times (ns since the epoch) of a topic's messages on all its channels, ascending; `samples`: of those that
         `stream` gives."""
         numbers = {self._channel(topic).id} if samples else {channel.id for channel in self._carriers.get(topic, [])}
         if not self._loaded and numbers:
             self._load(numbers)
-        return np.sort(self._times_of(*numbers)["log"])
+        return np.sort(self._times_of(*numbers)["log"].astype(np.uint64))
 
     def _times_of(self, *numbers: int) -> NDArray[np.void]:
         """Number and log time of each message of channels, in the order of the file."""
@@ -210,13 +210,13 @@ class Recording:
         counters = [in_time, *(samples[name] for name in COUNTERS if name in (samples.dtype.names or ()))]
         return max(int((np.diff(counter.astype(np.float64)) < 0).sum()) for counter in counters)
 
-    def messages(self, topics: Container[str]) -> Iterator[tuple[Channel, NDArray[np.int64], list[bytes]]]:
+    def messages(self, topics: Container[str]) -> Iterator[tuple[Channel, NDArray[np.uint64], list[bytes]]]:
         """Messages of topics as they stand in the file, batch by batch: their channel, log times (ns), and bytes."""
         for batch in self._batches():
             for number, found in batch.by_channel():
                 channel = self.contents.channels.get(number)
                 if channel is not None and channel.topic in topics:
-                    yield channel, found.heads["log"].astype(np.int64), found.payloads()
+                    yield channel, found.heads["log"].astype(np.uint64), found.payloads()
 
     def _batches(self) -> Iterator[Messages]:
         """All messages in the order of the file; not those of a chunk that is cut off."""

@@ -221,6 +221,22 @@ def test_fields_of_protobuf_that_were_not_set_are_missing() -> None:
     assert dict(_numbers("/t", FieldDescriptorProto(number=0))) == {"/t.number": 0.0}
 
 
+def test_quaternions_of_either_sign_are_interpolated_as_the_turns_they_are(place: Path) -> None:
+    path = place / "bag.mcap"
+    with open(path, "wb") as file:
+        writer = Writer(file)
+        writer.start()
+        tip, pressure, imu = (writer.register_channel(t, "json", 0) for t in ("/tip", "/pressure", "/imu"))
+        for i, (ns, at, p) in enumerate(sweep()):
+            writer.add_message(tip, ns, json.dumps(at).encode(), ns)
+            writer.add_message(pressure, ns, json.dumps({"p": p}).encode(), ns)
+            turn = {k: (1 if i % 2 else -1) * v for k, v in zip("wxyz", (0.8, 0.0, 0.6, 0.0), strict=True)}
+            writer.add_message(imu, ns + PERIOD // 2, json.dumps(turn).encode(), ns)
+        writer.finish()
+    turns = "orientation: {columns: [/imu.w, /imu.x, /imu.y, /imu.z]}\nstates:"
+    assert case(place, path, **{"states:": turns})["qw"] == pytest.approx([0.8] * 25)
+
+
 PARTS = {"Tip": b"float32 q\nfloat64 x\nfloat64 y\nfloat64 z\n", "P": b"float64[3] p\n"}
 
 

@@ -287,6 +287,7 @@ def test_times_of_any_size_are_kept(tmp_path: Path) -> None:
     path.write_bytes(whole(DEFINED, *(written(Message(1, t, b"{}", t, k)) for k, t in enumerate(times))))
     assert recover(path, copy).complete and [t for t, _, _ in held(copy)] == sorted(times)
     assert verify(path).messages == 3 == info(path).streams["example"].timing.count
+    assert info(path).duration == pytest.approx(2**64 / 1e9) and info(path).start.startswith("1970-01-01")
 
 
 # ------------------------------------------------------------------ identity
