@@ -83,29 +83,43 @@ class Attribution:
 
 
 def attribute(p: Prepared, stages: Mapping[str, Stage], executor: Executor = SINGLE_THREAD) -> Attribution:
-    """Log evidence of the catalogue's hypotheses, their probabilities, and the decision; `stages` effect -> stage."""
-    standard = executor.ahead(standard_normal, [len(p.problem.parameters.scale)])
+    """Log evidence of the catalogue's hypotheses, their probabilities, and the decision; `stages` effect -> stage.
+
+    Hypotheses are ranked twice: `whole` by their evidence, `known` by what their effects carry of the gap (see `budget`), which is
+    the answer once something outside the catalogue is weighed too.
+    """
+    draws = executor.ahead(standard_normal, [len(p.problem.parameters.scale)])
     search = Search(p.problem, executor=executor)
     candidates = search.run()
     found = {c.named: c for c in candidates}
     unknown = search.unknown()
     whole = posterior(candidates, len(p.problem.parameters.ids), CALIBRATED.temperature)
-    carried = budget(p.problem, parts(p), search.tried, CALIBRATED.temperature, *standard())
+    carried = budget(p.problem, parts(p), search.tried, CALIBRATED.temperature, *draws())
     known = by_what_is_carried(carried, whole)
     leading, best = search.leading_and_answer(*(k.candidates[k.ranking[0][0]] for k in (whole, known)))
     misfit = misfit_diagnostics(
         p.problem, leading, p.labels.trial, p.labels.experiment, p.noise_components.excess_scatter, best
     )
     # Where a tolerance of the leading hypothesis is the cause that is named, an error of its stage is that cause.
-    free = min(
+    asked = min(
         (_stage_errors(p, c, stages) for c in {leading.named: leading, best.named: best}.values()), key=total_gain
     )
-    weighed = with_unknown(known, unknown, CALIBRATED.probability_outside(misfit, total_gain(free)))
+    weighed = with_unknown(known, unknown, CALIBRATED.probability_outside(misfit, total_gain(asked)))
     decision = decide(weighed, CALIBRATED, not lacking(p.states), carried.nothing_stands_out)
     separations = _distinguishability(p, found, weighed, best)
     return Attribution(
-        p, weighed, found[NONE], replace(best, made=None), calibrated(p), misfit, decision, separations, CALIBRATED, carried, free
-    )  # fmt: skip
+        prepared=p,
+        posterior=weighed,
+        none=found[NONE],
+        best=replace(best, made=None),
+        calibrated=calibrated(p),
+        misfit=misfit,
+        decision=decision,
+        distinguishability=separations,
+        probability_calibration=CALIBRATED,
+        budget=carried,
+        stage_errors=asked,
+    )
 
 
 def _stage_errors(p: Prepared, c: Candidate, stages: Mapping[str, Stage]) -> tuple[StageError, ...]:

@@ -199,23 +199,28 @@ class _Descent:
         return None
 
     def _damped(self, local: _Local, damping: float, trial: bool) -> tuple[Array, float] | None:
-        """A point and its cost, corrected to second order where the model is curved on the way; None where it promises too
-        little."""
+        """The point (k,) that a step with this damping leads to, and its cost, which may be higher or infinite; None where the
+        linear problem promises a decrease of less than `least_promise`.
+
+        Where the decrease falls short of the promise by too much, the model is curved: the step is corrected by the difference
+        between the prediction at its end and the linear one. `trial`: see `Forward.predict`.
+        """
         goal = local.goal(damping) if damping else local.optimum
-        along = local.predicted_at(goal)
-        promised = local.cost - self.cost(goal, along)
+        linear = local.predicted_at(goal)
+        # negative where the damped step ends higher in the linear problem: that promises nothing, and is tried
+        promised = local.cost - self.cost(goal, linear)
         if 0 <= promised < self._least:
             return None
-        there = self._forward.predict(goal, trial)
-        reached = self.cost(goal, there)
+        predicted = self._forward.predict(goal, trial)
+        reached = self.cost(goal, predicted)
         if local.cost - reached >= TRUST_RATIO * promised or not np.isfinite(reached):
             return goal, reached
-        corrected = local.goal(damping, there - along)
+        corrected = local.goal(damping, predicted - linear)
         sd = self._p.sd
         if np.linalg.norm((corrected - goal) / sd) > MOST_CORRECTION * np.linalg.norm((goal - local.theta) / sd):
             return goal, reached
-        other = self.cost(corrected, self._forward.predict(corrected, trial))
-        return (corrected, other) if other < reached else (goal, reached)
+        corrected_cost = self.cost(corrected, self._forward.predict(corrected, trial))
+        return (corrected, corrected_cost) if corrected_cost < reached else (goal, reached)
 
     def _linearised(self, theta: Array) -> tuple[Array, Jacobian]:
         predicted, columns = linearise(self._forward, theta, self._fresh.tolist())

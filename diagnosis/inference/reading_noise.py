@@ -58,9 +58,14 @@ def noise_of(
 
 
 def noise_to_come(floor: NoiseComponents, observed: Observations, design: States, response: Array) -> Noise:
-    """Noise of values (n,) that states of a robot would be read with, with their response (n, r) to the pressure readings."""
+    """Noise of the values (n,) that a planned design would give, with the components `floor` of this campaign.
+
+    `response` (n, r): of each value to the pressure readings of r regulators, per Pa.
+    """
     row, channel = observed.row, observed.channel.astype(np.str_)
-    kind = np.array([1 if c.startswith("r") else 2 if c.startswith("m") else 0 for c in channel])
+    # rx, ry, rz are turns of the tip; m1x, m1y .. markers; x, y, z the tip
+    names = ("turn" if c.startswith("r") else "marker" if c.startswith("m") else "tip" for c in channel)
+    kind = np.array([KINDS.index(name) for name in names], np.int64)
     block = blocks(design.trial, design.t, LONGEST_BLOCK)[row]
     white, lasting = _of_channels(floor, kind, channel, block, design.t[row])
     return Noise(row, white, floor.pressure * response, lasting)
@@ -181,12 +186,15 @@ def pressure_response(forward: ForwardModel, states: Campaign, made: Parameters,
 
 
 def regulators(read: Array, pressure: Array) -> list[Ints]:
-    """Chambers (indices) that read the same (n, chambers) Pa wherever they are: one sensor, that of their regulator, reads them.
-    Of those that are inflated in any state (`pressure`, vented ones at zero)."""
+    """Indices of the chambers on each regulator; of regulators that inflate a chamber in any state, or one of all if none does.
+
+    `read` (n, chambers) Pa: chambers on one regulator have one sensor, so their readings are equal in all n states. `pressure`
+    (n, chambers) Pa: the same, those of vented chambers set to zero.
+    """
     _, member = np.unique(read.T, axis=0, return_inverse=True)
     groups = [np.flatnonzero(member.reshape(-1) == k) for k in range(member.max(initial=-1) + 1)]
-    found = [own for own in groups if (pressure[:, own] > 0).any()]
-    return found or [np.arange(pressure.shape[1])]
+    inflating = [chambers for chambers in groups if (pressure[:, chambers] > 0).any()]
+    return inflating or [np.arange(pressure.shape[1])]
 
 
 def with_vented_at_zero(states: Campaign) -> Array:

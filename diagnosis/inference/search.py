@@ -120,7 +120,9 @@ class Search:
         """All candidates of the catalogue, most probable data first."""
         first = self._first()
         self._add(first)
-        self._queue = first  # every start
+        self._queue = (
+            first  # all of them: `_add` queues only starts that are better than the earlier ones of a hypothesis
+        )
         self._search()
         return sorted(self.found.values(), key=lambda c: -c.log_evidence)
 
@@ -191,8 +193,11 @@ class Search:
                 self._queue.append(c)
 
     def _most_promising(self) -> list[Candidate]:
-        """Take the points that are searched on next from the queue, and drop those that promise too little: less than others
-        have reached, by the margin, or than another search of the same hypothesis."""
+        """Take the points that are searched on next, at most one of each hypothesis, from the queue.
+
+        Points that promise too little are dropped: less than the best hypothesis has reached, by the margin, or no more than
+        another search of the same hypothesis has reached.
+        """
         searched = {key: c for key, c in self._tried.items() if c.turns}
         best = max(c.log_evidence + self._log_prior(c.named) for c in searched.values())
         self._standing = Standing(best, frozenset(searched))
@@ -202,12 +207,12 @@ class Search:
 
         def worth_it(c: Candidate) -> bool:
             known = searched.get((c.named, c.with_tolerances))
-            first = known is None or known is c or c.laplace_log_evidence > known.log_evidence + UNCONVERGED
-            return first and promise(c) > best - self._margin(c)
+            gains = known is None or known is c or c.laplace_log_evidence > known.log_evidence + UNCONVERGED
+            return gains and promise(c) > best - self._margin(c)
 
         self._queue = sorted(filter(worth_it, self._queue), key=promise, reverse=True)
-        first = {(c.named, c.with_tolerances): c for c in reversed(self._queue)}
-        chosen = sorted(first.values(), key=promise, reverse=True)[:SEARCHED_AT_ONCE]
+        best_of_each = {(c.named, c.with_tolerances): c for c in reversed(self._queue)}
+        chosen = sorted(best_of_each.values(), key=promise, reverse=True)[:SEARCHED_AT_ONCE]
         self._queue = [c for c in self._queue if not any(c is x for x in chosen)]
         self._forget_derivatives()
         return chosen

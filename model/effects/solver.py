@@ -83,7 +83,7 @@ def solve(
     """
     rods = plain_rods(layout, rows) if plain else full_rods(layout, rows)
     method = replace(METHOD, steps=steps, remember=not plain)
-    solution = rod.solve(rods, method) if start is None else _go_on(layout, rows, steps, start, trial)
+    solution = rod.solve(rods, method) if start is None else _solve_from(layout, rows, steps, start, trial)
     result = np.full((len(rows), at.MARKERS + 3 * len(arcs)), np.nan)
     result[:, at.TIP : at.TIP + 3] = solution.tip
     result[:, at.ORIENTATION : at.ORIENTATION + 4] = solution.orientation
@@ -119,26 +119,32 @@ def _fill_stations(solved: Solved, rods: rod.Rods, inside: bool) -> None:
         result[:, at.STRAIN : at.STRAIN + 2] = np.einsum("nep,p,nqe->nq", strain, weights, shares)
 
 
-def _go_on(layout: at.Layout, rows: Array, steps: Steps, start: Solved, trial: bool) -> rod.Solution:
-    """Solve from a solution close by. Where that misleads, from nothing, by way of rods in between, or as the load grows."""
+def _solve_from(layout: at.Layout, rows: Array, steps: Steps, start: Solved, trial: bool) -> rod.Solution:
+    """Solve rows (n, layout.width) from solutions of rows close by.
+
+    Rods that this leaves open are tried without a start, then by way of rods in between (2, then 6 steps from `start`), then with
+    the load followed from zero, at a thousand times the cost; a `trial` gives up before that, and leaves NaN.
+    """
     rods = full_rods(layout, rows)
     found = _nearby(rods, steps, start.solution)
-    left = _open(found)
-    if left.size:
-        left = _put(found, left, rod.solve(rods[left], replace(METHOD, steps=steps[left], follow=False)))
+    unsolved = _unsolved(found)  # their indices
+    if unsolved.size:
+        unsolved = _put(
+            found, unsolved, rod.solve(rods[unsolved], replace(METHOD, steps=steps[unsolved], follow=False))
+        )
     for parts in (2, 6):
-        if not left.size:
+        if not unsolved.size:
             break
-        here = start.solution.take(left)
+        here = start.solution.take(unsolved)
         for k in range(1, parts + 1):
-            between = start.rows[left] + k / parts * (rows[left] - start.rows[left])
-            here = _nearby(full_rods(layout, between), steps[left], here)
-        left = _put(found, left, here)
-    if left.size and trial:
+            between = start.rows[unsolved] + k / parts * (rows[unsolved] - start.rows[unsolved])
+            here = _nearby(full_rods(layout, between), steps[unsolved], here)
+        unsolved = _put(found, unsolved, here)
+    if unsolved.size and trial:
         # Not trusted, so not to be read either: a step would be taken there that the next solve takes back.
-        found.values[left] = np.nan
-    elif left.size:
-        _put(found, left, rod.solve(rods[left], replace(METHOD, steps=steps[left])))
+        found.values[unsolved] = np.nan
+    elif unsolved.size:
+        _put(found, unsolved, rod.solve(rods[unsolved], replace(METHOD, steps=steps[unsolved])))
     return found
 
 
@@ -151,15 +157,15 @@ def _nearby(rods: rod.Rods, steps: Steps, start: rod.Solution) -> rod.Solution:
     return found
 
 
-def _open(found: rod.Solution) -> NDArray[np.intp]:
-    """Rods without a solution."""
+def _unsolved(found: rod.Solution) -> NDArray[np.intp]:
+    """Indices of the rods without a solution."""
     return np.flatnonzero(found.status > rod.Status.SOLVED_IN_STEPS)
 
 
 def _put(into: rod.Solution, rows: NDArray[np.intp], found: rod.Solution) -> NDArray[np.intp]:
-    """Take over what was found of some rods; which of them are still open."""
+    """Write what was found of the rods `rows` into a solution of all; returns those that are still without a solution."""
     into.values[rows], into.memory[rows], into.status[rows] = found.values, found.memory, found.status
-    return rows[_open(found)]
+    return rows[_unsolved(found)]
 
 
 def differentiate(solved: Solved, directions: Array) -> Array:
