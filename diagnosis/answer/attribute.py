@@ -85,8 +85,8 @@ class Attribution:
 def attribute(p: Prepared, stages: Mapping[str, Stage], executor: Executor = SINGLE_THREAD) -> Attribution:
     """Log evidence of the catalogue's hypotheses, their probabilities, and the decision; `stages` effect -> stage.
 
-    Hypotheses are ranked twice: `whole` by their evidence, `known` by what their effects carry of the gap (see `budget`), which is
-    the answer once something outside the catalogue is weighed too.
+    Hypotheses are ranked twice: `whole` by their evidence, `known` by what their effects carry of the gap (see `budget`). The
+    second is the answer, once something outside the catalogue is weighed too.
     """
     draws = executor.ahead(standard_normal, [len(p.problem.parameters.scale)])
     search = Search(p.problem, executor=executor)

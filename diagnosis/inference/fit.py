@@ -73,7 +73,10 @@ def refit(problem: Problem, prior: Prior, size: float, start: Fit) -> Fit:
     these derivatives promise in the end may not be there: less than `CHORD_PROMISE` is not tried for."""
     known, none = start.derivatives(problem).flat, np.zeros(len(start.theta), bool)
     here = replace(start, slope=known.shared)
-    return _search(problem, prior, size, here, 6, known, none, 0.0, CHORD_PROMISE, CHORD_DAMPINGS)
+    return _search(
+        problem, prior, size, here, rounds=6, frozen=known, fresh=none, tolerance=0.0, least_promise=CHORD_PROMISE,
+        dampings=CHORD_DAMPINGS,
+    )  # fmt: skip
 
 
 def fit(
@@ -87,7 +90,8 @@ def fit(
     """Search from parameters (k,), or from another fit, whose derivatives are then used for the first step.
 
     `prior` of the effects, `size` of the discrepancy. Effects of variance 0 are left out, wherever the start has them, and
-    the slope of the result has nothing for them. With `frozen`, all derivatives but those by what is named are these.
+    the slope of the result has nothing for them. With `frozen`, derivatives by named effects alone are taken anew at each step;
+    all others are these.
     """
     fresh = problem.parameters.scaled(prior)[0] > 0
     if frozen is not None:
@@ -95,7 +99,18 @@ def fit(
         fresh[of_effect] &= prior.wide
         fresh[~of_effect] = False
     dampings = DAMPINGS if frozen is None else FIRST_DAMPINGS
-    return _search(problem, prior, size, start, rounds, frozen, fresh, 0.05, LEAST_PROMISE, dampings)
+    return _search(
+        problem,
+        prior,
+        size,
+        start,
+        rounds,
+        frozen,
+        fresh,
+        tolerance=0.05,
+        least_promise=LEAST_PROMISE,
+        dampings=dampings,
+    )
 
 
 def _search(

@@ -74,20 +74,25 @@ def noise_to_come(floor: NoiseComponents, observed: Observations, design: States
 def _of_channels(
     floor: NoiseComponents, kind: Ints, channel: NDArray[np.str_], block: Ints, time: Array
 ) -> tuple[Array, Lasting | None]:
-    """(n,) what values of kinds and channels (n,) err by at once, and what lasts of it and of pressure readings."""
+    """Standard deviation (n,) of each value's error that does not last, and the errors that do, with those of pressure readings.
 
-    def of_kind(share: Mapping[str, float], default: float) -> Array:
-        return np.array([share.get(k, default) for k in KINDS])[kind]
+    Of the variance of a channel, the share `floor.lasting` lasts. `kind` (n,): index in `KINDS` of each value.
+    """
 
-    at_once = of_kind(floor.channel, 1.0)
+    def of_kind(by_name: Mapping[str, float], default: float) -> Array:
+        return np.array([by_name.get(k, default) for k in KINDS])[kind]
+
+    sd = of_kind(floor.channel, 1.0)
     if not floor.lasting:
-        return at_once, None
+        return sd, None
     share = np.where(block < 0, 0.0, of_kind(floor.lasting, 0.0))
-    sd = of_kind(floor.channel, 0.0) * np.sqrt(share)
-    _, number = np.unique(channel, return_inverse=True)
-    every = np.ones(len(sd))
-    lasting = Lasting(block, time, number, sd, floor.lasting[PRESSURE] * every, floor.memory * every)
-    return at_once * np.sqrt(1 - share), lasting
+    lasting_sd = of_kind(floor.channel, 0.0) * np.sqrt(share)
+    _, channel_number = np.unique(channel, return_inverse=True)
+    ones = np.ones(len(sd))
+    lasting = Lasting(
+        block, time, channel_number, lasting_sd, pressure=floor.lasting[PRESSURE] * ones, memory=floor.memory * ones
+    )
+    return sd * np.sqrt(1 - share), lasting
 
 
 def _blocks(states: Campaign) -> Ints:

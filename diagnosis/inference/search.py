@@ -372,12 +372,12 @@ class Search:
     def _as_reference(self, f: Fit) -> Fit:
         """A fit around which other hypotheses are weighed and searched: they share its derivatives and the model-form error of
         what it does not name."""
-        p, own = self.problem, f.form_error
-        assert own is not None
-        # without what the named effects do, columns are left for the laws of the others alone
-        tolerated = replace(f, form_error=FormError(own.named, {})).linear(p).form_error
-        base = replace(f.derivatives(p).flat, tolerated=tolerated)
-        return replace(f, slope=base.shared, form_error=replace(own, shared=True))
+        form_error = f.form_error
+        assert form_error is not None
+        # with no response of the named effects, only columns for the laws of the others are made
+        of_others = replace(f, form_error=FormError(form_error.named, {})).linear(self.problem).form_error
+        base = replace(f.derivatives(self.problem).flat, tolerated=of_others)
+        return replace(f, slope=base.shared, form_error=replace(form_error, shared=True))
 
     def _around(self, f: Fit, named: Sequence[Hypothesis], with_tolerances: bool) -> list[Candidate]:
         """Hypotheses in the linear problem of a fit that may have been made for another."""

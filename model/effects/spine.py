@@ -49,17 +49,17 @@ class ShearSpine:
 
 
 def shear_spine(spine: Spine) -> ShearSpine:
-    """The shear-soft spine that comes closest to the table; from one length, a tenth of its compliance is shear."""
+    """The shear-soft spine that comes closest to the table; where that has one length, 10 % of the compliance there is shear."""
     length = np.array(sorted(spine.modulus))
-    table = np.log([spine.modulus[x] for x in length])
+    log_modulus = np.log([spine.modulus[x] for x in length])
     kept = length > SHORTEST
-    length, table = length[kept], table[kept]
+    length, log_modulus = length[kept], log_modulus[kept]
     if length.size < 2:
-        modulus = math.exp(float(table[0])) / 0.9 if table.size else next(iter(spine.modulus.values()))
-        a = 0.1 / modulus * (float(length[0]) ** 2 if length.size else 0.01)
-    else:
-        start = [-table.max(), math.log(length.min() ** 2) - table.min()]
-        found = least_squares(lambda x: table + np.log(np.exp(x[0]) + np.exp(x[1]) / length**2), start)
+        modulus = math.exp(float(log_modulus[0])) / 0.9 if log_modulus.size else next(iter(spine.modulus.values()))
+        a = 0.1 / modulus * (float(length[0]) ** 2 if length.size else 0.01)  # 0.1 m where no length is known
+    else:  # x = (ln 1/E0, ln a)
+        start = [-log_modulus.max(), math.log(length.min() ** 2) - log_modulus.min()]
+        found = least_squares(lambda x: log_modulus + np.log(np.exp(x[0]) + np.exp(x[1]) / length**2), start)
         modulus, a = math.exp(-found.x[0]), math.exp(found.x[1])
     shear = 3 * spine.radius**2 / (4 * a)
     return ShearSpine(modulus, shear, math.sqrt(modulus * spine.radius**2 / (4 * shear)))
