@@ -339,9 +339,7 @@ class Guard:
                 arm = self.own.drivers["arm"]
                 try:
                     arm.moving()
-                except (
-                    InstrumentError
-                ):  # after a protective or emergency stop it takes commands only when connected anew
+                except InstrumentError:  # after a protective or emergency stop it must be connected anew
                     arm.close()
                     arm.open()
         self.landed = ""

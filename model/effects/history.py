@@ -178,7 +178,7 @@ class History:
         return self.path.lag(self.drive, time)
 
     def extremes(self, rate: Array) -> Array:
-        """(v, n, DRIVES) see `Path.extremes`, of this drive, fading at `rate` (v, 1) 1/s; cells: equal parts of the body."""
+        """(v, n, DRIVES) see `Path.extremes`, of this drive, fading at `rate` (v, 1) 1/s."""
         q = self.quantities
         edges = np.linspace(0.0, 1.0, CELLS + 1) * np.asarray(q.length)[..., None]
         covered = np.clip((q.spine_length[..., None] - edges[..., :-1]) / np.diff(edges), 0.0, 1.0)

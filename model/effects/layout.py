@@ -83,10 +83,8 @@ def layout_of(body: Body, spine: bool) -> Layout:
     tied: dict[int, dict[int, float]] = {first + col.BEND: {}, first + col.STRETCH: {}, first + col.STRETCH + 2: {}}
     tied |= {first + col.SERIES: {}, first + col.SERIES + 1: {}, **{first + col.LOAD + k: {} for k in range(3)}}
     for e, (piece, part) in enumerate(order):
-        own, twisting = (
-            ELEMENTS + ELEMENT_WIDTH * e,
-            float(body.polar[piece] / body.second[piece]),
-        )  # first column; J / I
+        own = ELEMENTS + ELEMENT_WIDTH * e  # the element's first column
+        twisting = float(body.polar[piece] / body.second[piece])  # J / I
         if part == INNER:
             tied[own + col.BEND] = {own + col.BEND + 1: 1.0, own + col.BEND + 2: twisting}
             tied[own + col.STRETCH] = {own + col.STRETCH + 1: 1.0}
@@ -104,7 +102,6 @@ def layout_of(body: Body, spine: bool) -> Layout:
             for k in range(3):
                 tied[first + col.LOAD + k] |= {own + col.LOAD + k: weight}
     tied[col.BASE_COMPLIANCE] = {col.BASE_COMPLIANCE + 1: 1.0}
-    others = {
-        c: {o: f for o, f in times.items() if o != c} for c, times in tied.items()
-    }  # the first is not tied to itself
+    # no column is tied to itself
+    others = {c: {o: f for o, f in times.items() if o != c} for c, times in tied.items()}
     return Layout(pieces, parts, {c: times for c, times in others.items() if times})
