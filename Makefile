@@ -23,10 +23,11 @@ install: $(READY)
 demo: $(READY)
 	$(BIN)/lab demo --out demo
 
-# One thread of linear algebra a process. What several processes would compile at once is compiled before, the plain rod and the
-# virtual robot in parallel; the full rod is first needed by one process.
+# One thread of linear algebra a process. What several processes would compile at once is compiled before: the plain rod, the
+# virtual robot and, in a new checkout, the tests; the full rod is first needed by one process.
 test: room $(READY_DEV)
-	$(if $(ROOM),,$(BIN)/python -m model.warm_up plain & beside=$$!; $(BIN)/python -c 'from sim_fakes.rig import FakeRig; FakeRig()' && wait $$beside)
+	$(if $(ROOM),,$(BIN)/python -m model.warm_up plain & beside=$$!; $(BIN)/python -c 'from sim_fakes.rig import FakeRig; FakeRig()' && \
+	{ $(if $(wildcard tests/__pycache__),,$(BIN)/python -m pytest -n 0 --collect-only > /dev/null;) wait $$beside; })
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(if $(filter 1,$(shell nproc)),1,3) $(if $(LONG),,-m "not long") $(if $(ROOM),tests/$(ROOM))
 
 room:

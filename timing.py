@@ -1,6 +1,6 @@
 """The host's time and all that waits on it: one clock for drivers, fakes, guard, rig and protocols.
 
-A program runs on the host's own clock. `sim_fakes.simulated_clock.SimulatedClock` replaces it for the threads that live in
+A program runs on the host's own clock. `tests.simulated.clock.SimulatedClock` replaces it for the threads that live in
 it: its time stands still while any of them computes, and jumps to the earliest deadline when all of them wait. What a thread
 makes here (`Event`, `Lock`, `Thread` ...) belongs to the clock that the thread lives in.
 """
@@ -14,7 +14,9 @@ import selectors
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
+
+Made = TypeVar("Made")
 
 
 class Clock(Protocol):
@@ -29,6 +31,9 @@ class Clock(Protocol):
 
 class Host(Protocol):
     """A source of the host's time, and of what waits on it."""
+
+    stand_ins: Mapping[Callable[..., Any], Callable[..., Any]]
+    """What is made here in place of what keeps the system's own time, such as a pty or a process."""
 
     def now(self) -> float:
         """Monotonic time, s."""
@@ -75,6 +80,8 @@ def readable_now(lines: Sequence[Any]) -> list[Any]:
 
 class _Real:
     """The clock of the computer."""
+
+    stand_ins: Mapping[Callable[..., Any], Callable[..., Any]] = {}
 
     def now(self) -> float:
         return time.monotonic()
@@ -177,6 +184,12 @@ def sleep(duration: float) -> None:
 def wait(condition: Callable[[], bool], within: float) -> bool:
     """Wait until the condition holds; False when it does not within `within` host seconds."""
     return host().wait(condition, now() + within)
+
+
+def made(kind: Callable[..., Made], *args: Any, **how: Any) -> Made:
+    """Make one of this kind, or of what stands in for it in the clock that this thread lives in."""
+    one: Made = host().stand_ins.get(kind, kind)(*args, **how)
+    return one
 
 
 def together() -> bool:

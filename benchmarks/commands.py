@@ -77,7 +77,7 @@ def case_of(robot: Robot, repeats: int, folder: Path) -> Path:
     walked = walk_of(sweep)
     readings = read(robot, walked, respond(robot, walked), np.random.default_rng([SEED, repeats]))
     tables = {BASE.name: table_of(sweep, readings)}
-    write_case(folder, tables, design("full"), robot_yaml(markers=False, per_length=False), menu=False)
+    write_case(folder, tables, design("full"), robot_yaml(markers=False), menu=False)
     return folder
 
 

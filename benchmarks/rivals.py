@@ -186,7 +186,7 @@ def main() -> None:
     kinds = sorted({str(t["stratum"]) for t in truth.values()})
     table = Table("method", *kinds, "all", title="right by mm (95 %)")
     results = {"diagnosis": score(asked.set)}
-    results |= {m: score(asked.set, None, asked.out / m) for m in METHODS}
+    results |= {m: score(asked.set, asked.out / m) for m in METHODS}
     for method, result in results.items():
         if method in METHODS:
             write(result, asked.set, asked.out / method)

@@ -23,7 +23,7 @@ from .answer.headline import for_people
 from .answer.result import Change
 from .answer.sentences import OUTSIDE, plain_name, with_id
 from .criticism.misfit import misfit_diagnostics
-from .criticism.probability_calibration import CALIBRATED
+from .criticism.outside import odds_outside
 from .data.campaign import Campaign
 from .data.case import CaseLike, states
 from .data.noise import Lasting, Noise
@@ -35,7 +35,7 @@ from .inference.posterior import UNKNOWN, Posterior, posterior, with_unknown
 from .inference.prepare import Prepared, prepare
 from .inference.problem import Parameters, Problem
 from .inference.search import Search
-from .judgement import LEAST_NAMED_SIZE, UNCHANGED
+from .judgement import BENCHMARK, LEAST_NAMED_SIZE, TEMPERATURE, UNCHANGED
 
 Array = NDArray[np.float64]
 
@@ -70,20 +70,18 @@ def compare_campaigns(
     before, after = (prepare(later.robot, s, catalogue=catalogue) for s in both)
     search = Search(_joined(before, after), executor=executor)
     candidates = search.run()
-    unknown = search.unknown()
-    whole = posterior(candidates, len(after.problem.parameters.ids), CALIBRATED.temperature)
+    effects = len(after.problem.parameters.ids)
+    whole = posterior(candidates, effects, TEMPERATURE)
     # A change is named for what it moves in the later campaign, as a cause is.
     offset = len(before.problem.observed)
     where = [replace(part, rows=part.rows + offset) for part in parts(after)]
-    known = by_what_is_carried(budget(search.problem, where, search.tried, CALIBRATED.temperature), whole)
+    known = by_what_is_carried(budget(search.problem, where, search.tried, TEMPERATURE), whole)
     first, answer = search.leading_and_answer(*(k.candidates[k.ranking[0][0]] for k in (whole, known)))
     trials = [before.labels.trial, after.labels.trial + before.labels.trial.max() + 1]
-    kinds = [x.labels.experiment for x in (before, after)]
     excess_scatter = max(before.noise_components.excess_scatter, after.noise_components.excess_scatter)
-    misfit = misfit_diagnostics(
-        search.problem, first, np.concatenate(trials), np.concatenate(kinds), excess_scatter, answer
-    )
-    found = with_unknown(known, unknown, CALIBRATED.probability_outside(misfit))
+    misfit = misfit_diagnostics(search.problem, first, np.concatenate(trials), excess_scatter, answer)
+    odds = odds_outside(search.tried, (), misfit.law_error_gain, excess_scatter, effects)
+    found = with_unknown(known, whole.candidates[NONE], odds / (1 + odds))
     named = found.ranking[0][0]
     best = found.candidates[named]
     parameters = search.problem.parameters
@@ -121,7 +119,7 @@ def sentence(
     words: Words = Chambers.words,
 ) -> str:
     """What changed, in words; `sizes` of the most probable change's parameters."""
-    (named, p), benchmark = found.ranking[0], CALIBRATED.benchmark
+    (named, p), benchmark = found.ranking[0], BENCHMARK
     names = {e: words.say(spec.name) for e, spec in catalogue.items()}
     effects = OUTSIDE if named == UNKNOWN else " and ".join(with_id(e, names) for e in named)
     if named == NONE:

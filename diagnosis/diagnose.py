@@ -40,7 +40,7 @@ from .data.first_calibration import FirstCalibration, calibrate_first
 from .errors import BadCase
 from .inference.executor import SINGLE_THREAD, Executor, one_thread
 from .inference.prepare import prepare
-from .judgement import USUAL_EXCESS
+from .judgement import BENCHMARK, USUAL_EXCESS
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     budget = carried(found)
     which = assemble.attribute_section(found, where.significant, held_out.rms_mm)
     facts = Facts(
-        found.decision, which.conclusion or "none", where, found.probability_calibration.benchmark, budget, held_out.shrink,
+        found.decision, which.conclusion or "none", where, BENCHMARK, budget, held_out.shrink,
         held_out.waterfall, which.rivals,
         next((x.do for x in proposals if x.separates), None), found.best.named, found.asking,
         found.misfit.outlier_trial, lacking(first.states), assemble.simulator_section(found),

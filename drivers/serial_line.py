@@ -18,7 +18,7 @@ import serial
 
 import timing
 
-from .errors import BadReply, InstrumentError, NoReply, NotReady, Unreachable
+from .errors import BadReply, InstrumentError, NoReply, NotReady, Unreachable, WrongDevice
 from .stop_first import SLICE, StopFirst
 
 PADDING = b"\0 \t\r\n"
@@ -33,6 +33,21 @@ but pyserial looks at the clock after the last byte, and a busy computer may com
 def show(data: bytes, longest: int = 48) -> str:
     """The bytes as they go into an error message, cut where they get long."""
     return repr(data) if len(data) <= longest else f"{data[:longest]!r}... ({len(data)} bytes)"
+
+
+@contextlib.contextmanager
+def meeting(name: str, close: Callable[[], None], stranger: str) -> Iterator[None]:
+    """Ask for the first time who answers: silence becomes `Unreachable`, and what is not understood `WrongDevice` with what
+    `stranger` says of it. After any failure the line is closed by `close`."""
+    try:
+        yield
+    except BaseException as e:
+        close()
+        if isinstance(e, NoReply):
+            raise Unreachable(name, e.message) from e
+        if isinstance(e, BadReply):
+            raise WrongDevice(name, f"{stranger}: {e.message}") from e
+        raise
 
 
 class PortWatch:
@@ -219,17 +234,19 @@ class SerialLine:
         return taken
 
     def _wait_for_more(self, port: serial.Serial, deadline: float, wanted: str) -> None:
-        """Read once more; past the deadline, or when the answer has no end, drop what came and raise."""
+        """Read once more, past the deadline what has come by now; when that is nothing, or the answer has no end, drop what came
+        and raise."""
         self.lock.give_way()
-        if timing.now() >= deadline or len(self._buffer) > LONGEST_ANSWER:
+        late = timing.now() >= deadline
+        come = port.read(port.in_waiting if late else max(1, port.in_waiting))
+        self._silent = self._silent and not come
+        self._buffer += come
+        if (late and not come) or len(self._buffer) > LONGEST_ANSWER:
             got = self._take(len(self._buffer))
             if got:
                 raise BadReply(self.name, f"expected an answer {wanted} on {self.port}, got only {show(got)}")
             self._silent = True
             raise NoReply(self.name, f"no answer on {self.port} in time; check its power, cable, address and baud rate")
-        come = port.read(max(1, port.in_waiting))
-        self._silent = self._silent and not come
-        self._buffer += come
 
     @contextlib.contextmanager
     def _guarded(self) -> Iterator[serial.Serial]:

@@ -45,7 +45,7 @@ from recordings.file.reader import Recording
 
 from .calibration import Calibration, calibrate
 from .comparison import Comparison, comparison
-from .files.config import ConfigError, Source, load
+from .files.config import ConfigError, load
 from .files.inputs import Case, read_case
 from .files.own_effects import catalogue, stated_by
 from .files.rig_file import load_rig
@@ -214,15 +214,10 @@ def run(rig: Rig, protocol: str, out: Place = ".", **parameters: Any) -> Path:
     if where is None:
         raise ConfigError("the rig was not read from a file; open it with lab.open_rig")
     given = source_of(protocol)
-    asked = job(protocol, where, [], replace(given, data={**_table(given), **parameters}), rig=rig.read)
+    asked = job(protocol, where, [], replace(given, data={**given.table, **parameters}), rig=rig.read)
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     done = execute(rig, asked, folder, Screen(asked.experiment.name, rig.clock.speed, quiet=True))
     if done.error is not None:
         raise done.error
     return done.file
-
-
-def _table(source: Source) -> dict[str, Any]:
-    """The keys of a protocol file; one that holds no table is told by whoever reads it."""
-    return source.data if isinstance(source.data, dict) else {}

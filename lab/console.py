@@ -15,7 +15,6 @@ import sys
 import time
 import traceback
 from collections.abc import Iterable
-from types import TracebackType
 from typing import IO, Any
 
 from rich.console import Console, RenderableType
@@ -146,9 +145,7 @@ class Screen:
         self._task = self._progress.add_task(self._title, total=1.0, left="")
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._progress.stop()
 
     def say(self, text: str) -> None:

@@ -117,8 +117,8 @@ def fit_body_modulus(
     >>> fit_body_modulus(robot, [0.0, 0.01, 0.02], [0.0, 0.05, 0.1]).value > 0
     True
     """
-    fit = fit_stiffness(deflection, force, force_sd, trial)
-    return youngs_modulus(fit.slope, robot.length, body_second_moment(robot))
+    slope = fit_stiffness(deflection, force, force_sd, trial)
+    return youngs_modulus(slope, robot.length, body_second_moment(robot))
 
 
 def fit_spine_modulus(
@@ -138,6 +138,6 @@ def fit_spine_modulus(
         own = lengths == length
         sd = None if force_sd is None else np.asarray(force_sd)[own]
         trials = None if trial is None else np.asarray(trial)[own]
-        fit = fit_stiffness(columns["deflection"][own], columns["force"][own], sd, trials)
-        found[float(length)] = youngs_modulus(fit.slope, float(length), annulus_second_moment(radius))
+        slope = fit_stiffness(columns["deflection"][own], columns["force"][own], sd, trials)
+        found[float(length)] = youngs_modulus(slope, float(length), annulus_second_moment(radius))
     return found

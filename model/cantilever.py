@@ -7,8 +7,6 @@ modulus.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -20,22 +18,12 @@ Array = NDArray[np.float64]
 Labels = NDArray[np.generic]
 
 
-@dataclass(frozen=True)
-class StiffnessFit:
-    """Straight lines through the force readings of a specimen: one slope, one intercept a trial."""
-
-    slope: Estimate
-    """N/m."""
-    intercepts: tuple[float, ...]
-    """N at zero deflection, one a trial in sorted order of the trials."""
-
-
 def fit_stiffness(
     deflection: ArrayLike, force: ArrayLike, force_sd: ArrayLike | None = None, trial: ArrayLike | None = None
-) -> StiffnessFit:
-    """Regress force (n,) N on deflection (n,) m, weighted by 1 / force_sd^2 (N) where given.
+) -> Estimate:
+    """The slope (N/m) of force (n,) N over deflection (n,) m, weighted by 1 / force_sd^2 (N) where given.
 
-    With `trial` (n,) each trial has its own intercept and the slope is common. Raises `NotIdentified` with too few
+    With `trial` (n,) each trial has its own intercept, and the slope is common. Raises `NotIdentified` with too few
     readings or no spread in deflection, `BadCondition` on shapes.
     """
     n = np.size(deflection)
@@ -56,8 +44,7 @@ def fit_stiffness(
     slope = float(dy @ df) / spread
     weighted = estimate(slope, dy, df - slope * dy, 1 + names.size, labels if trial is not None else None)
     rms = float(np.sqrt(np.mean((sd * (df - slope * dy)) ** 2)))
-    intercepts = tuple(float((mean_f - slope * mean_y)[labels == name][0]) for name in names)
-    return StiffnessFit(Estimate(slope, weighted.standard_error, weighted.dof, n, rms), intercepts)
+    return Estimate(slope, weighted.standard_error, weighted.dof, n, rms)
 
 
 def youngs_modulus(stiffness: Estimate, length: float, second_moment: float, load_at: float | None = None) -> Estimate:

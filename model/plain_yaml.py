@@ -29,6 +29,8 @@ LARGEST_INTEGER = 2**53
 _PLAIN = {f"tag:yaml.org,2002:{name}" for name in ("null", "bool", "int", "float", "str")}
 _UNSAYABLE = re.compile("[\0-\x08\x0b\x0c\x0e-\x1f\x7f\ud800-\udfff]")
 """Characters that no name, path or unit holds: control characters and halves of a character."""
+_OTHER_BASE = re.compile(r"[-+]?(?:0[\d_]+$|.*:)")
+"""Numbers that YAML takes for octal (010) and sexagesimal (1:30) ones."""
 
 
 class BadYaml(ValueError):
@@ -94,7 +96,9 @@ def _value(loader: _Loader, node: yaml.Node) -> object:
     if isinstance(node, yaml.MappingNode):
         table: dict[object, object] = {}
         for key_node, value_node in node.value:
-            key = _value(loader, key_node)
+            # `on`, `no` and the like are names here
+            named = key_node.tag.endswith((":bool", ":null")) and key_node.value
+            key = named or _value(loader, key_node)
             if not isinstance(key, Hashable):
                 raise BadYaml("a table or list cannot be a key", _line(key_node))
             if key in table:
@@ -119,9 +123,12 @@ def _scalar(loader: _Loader, node: yaml.ScalarNode) -> object:
         if len(text) > LONGEST_NUMBER:
             raise ValueError("too long")
         make = loader.construct_yaml_int if kind == "int" else loader.construct_yaml_float
+        if _OTHER_BASE.match(text):
+            raise ValueError("another base")
         number = make(node)  # type: ignore[no-untyped-call]
     except (ValueError, IndexError, OverflowError) as error:
-        raise BadYaml(f"{text[:LONGEST_NUMBER]!r} is not a usable number", _line(node)) from error
+        why = f"{text[:LONGEST_NUMBER]!r} is not a usable number; write a plain one, or a text in quotation marks"
+        raise BadYaml(why, _line(node)) from error
     if isinstance(number, int) and abs(number) > LARGEST_INTEGER:
         raise BadYaml(f"{text[:LONGEST_NUMBER]} exceeds {LARGEST_INTEGER}; write a float", _line(node))
     if isinstance(number, float) and math.isinf(number) and "inf" not in text.lower():

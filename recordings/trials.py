@@ -15,8 +15,8 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -244,6 +244,15 @@ class Table:
     """What looked odd when the file was read, but may be right."""
     sensor_units: Mapping[str, str] = field(default_factory=dict)
     """Unit of each sensor's column, where the input states it: a recording does, trials.csv does not."""
+
+    @classmethod
+    def joined(cls, tables: Iterable[Table]) -> Table:
+        """The rows of several tables one after the other, trials numbered on."""
+        rows: list[TrialRow] = []
+        for table in tables:
+            before = max((r.trial for r in rows), default=0)
+            rows += [replace(r, trial=r.trial + before) for r in table]
+        return cls(tuple(rows))
 
     @property
     def units(self) -> dict[str, str]:

@@ -21,24 +21,21 @@ import contextlib
 import json
 import socket
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import timing
 
-from .parts import Doors
-from .pty_fake import PtyFake
-
 LOOK = 0.05
 """Host seconds between two looks whether it has been stopped."""
-REQUESTS = ("prepare", "confirm", "state", "faults", "fault", "drop_out", "panel", "accident", "tip_visible")
 
 
 class BackDoor:
-    """Serves one FakeRig at a socket in a folder of its own."""
+    """Serves a rig of fakes at a socket in a folder of its own; `do` does one request and returns what more is answered."""
 
-    def __init__(self, rig: Doors) -> None:
-        self._rig = rig
+    def __init__(self, do: Callable[[str, Any], dict[str, Any]]) -> None:
+        self._do = do
         self._folder = tempfile.TemporaryDirectory(prefix="softlab-")  # of mode 0700
         self.path = Path(self._folder.name) / "operator.sock"
         self._listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -83,40 +80,3 @@ class BackDoor:
         except (ValueError, KeyError, TypeError, AttributeError, RuntimeError, OSError) as e:
             return {"error": f"{type(e).__name__}: {e}"}
         return {"ok": True, **extra}
-
-    def _do(self, what: str, value: Any) -> dict[str, Any]:
-        rig = self._rig
-        if what == "prepare":
-            rig.prepare(**value)
-        elif what == "confirm":
-            return rig.confirm(str(value))
-        elif what == "state":
-            return {"state": rig.state()}
-        elif what == "faults":
-            for line in value:
-                self._line(line)
-            for line, faults in value.items():
-                rig.set_faults(line, faults)
-        elif what == "fault":
-            rig.switch.begin(*value) if value else rig.switch.end()
-        elif what == "drop_out":
-            rig.switch.drop_out(*value)
-        elif what == "panel":
-            line, *change = value
-            return {"changed": self._line(line).panel(*change)}
-        elif what == "accident":
-            rig.accidents.begin(value) if value else rig.accidents.end()
-        elif what == "tip_visible":
-            with rig.plant.lock:
-                rig.plant.tip_visible = bool(value)
-        elif what == "ur" and rig.ur is not None:
-            return {"ur": rig.ur.backdoor(**value)}
-        else:
-            raise ValueError(f"unknown request {what!r}; one of {', '.join(REQUESTS)}, and ur where the arm is a UR")
-        return {}
-
-    def _line(self, name: str) -> PtyFake:
-        """Return the serial line of this name; raises ValueError that names those that there are."""
-        if name not in self._rig.lines:
-            raise ValueError(f"no serial line {name!r}; one of {', '.join(self._rig.lines)}")
-        return self._rig.lines[name]

@@ -9,19 +9,18 @@ never half. `reset` is an event; the others last until `end`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import timing
 
+from .accidents import Accidents
+from .instrument import Part
 from .motive import MotiveFake
-from .parts import Parts
+from .plant import Plant
 from .pty_fake import Faults, PtyFake
 from .ur.fake import UrFake
 from .ur.process import UrProcess
-
-if TYPE_CHECKING:
-    from .ur.in_process import UrThread
 
 FAULTS = (
     "silence", "delay", "half", "split", "garbage", "bad_crc", "wrong_id", "nak", "stuck", "over_range", "disconnect",
@@ -44,15 +43,15 @@ NEAREST = {"wrong_id": "bad_crc", "nak": "garbage", "stuck": "freeze", "over_ran
 class FaultSwitch:
     """Switches the faults of one rig of fakes."""
 
-    def __init__(self, rig: Parts) -> None:
-        self._rig = rig
+    def __init__(self, parts: Mapping[str, Part], plant: Plant, accidents: Accidents) -> None:
+        self._parts, self._plant, self._accidents = parts, plant, accidents
         self._undo: list[Callable[[], None]] = []
 
     def begin(self, instrument: str, fault: str) -> None:
         """Switch a fault on. Raises ValueError for a name that is not known."""
         if fault not in FAULTS or instrument not in INSTRUMENTS:
             raise ValueError(f"{instrument} {fault}: one of {', '.join(INSTRUMENTS)} and one of {', '.join(FAULTS)}")
-        part = self._rig.parts.get(instrument) or self._rig.parts.get(f"{instrument}1")
+        part = self._parts.get(instrument) or self._parts.get(f"{instrument}1")
         if isinstance(part, PtyFake):
             self._serial(part, fault)
         elif isinstance(part, MotiveFake):
@@ -67,9 +66,9 @@ class FaultSwitch:
     def drop_out(self, instrument: str, seconds: float) -> None:
         """Pull out the cable of an instrument, or of one of its serial lines ("pressure2"), for `seconds` of host time; what
         is on a network is not heard meanwhile, and its connections end. Raises ValueError for a name that is not known."""
-        parts = [part for name, part in self._rig.parts.items() if instrument in (name, name.rstrip("0123456789"))]
+        parts = [part for name, part in self._parts.items() if instrument in (name, name.rstrip("0123456789"))]
         if not parts:
-            raise ValueError(f"{instrument}: one of {', '.join(self._rig.parts)}")
+            raise ValueError(f"{instrument}: one of {', '.join(self._parts)}")
         for part in parts:
             if isinstance(part, PtyFake):
                 part.drop_out(seconds)
@@ -84,18 +83,18 @@ class FaultSwitch:
         """All faults off, all cables in, all power on."""
         while self._undo:
             self._undo.pop()()
-        for line in self._rig.lines.values():
-            line.faults = Faults()
-            line.plug()
-        if self._rig.mocap is not None:
-            self._rig.mocap.faults = Faults()
-        self._rig.accidents.end()
-        with self._rig.plant.lock:
-            self._rig.plant.tip_visible = True
-        ur = self._rig.ur
-        if ur is not None:
-            for request in CALM:
-                ur.backdoor(**request)
+        for part in self._parts.values():
+            if isinstance(part, PtyFake):
+                part.faults = Faults()
+                part.plug()
+            elif isinstance(part, MotiveFake):
+                part.faults = Faults()
+            elif isinstance(part, UrFake) and part.process is not None:
+                for request in CALM:
+                    part.process.backdoor(**request)
+        self._accidents.end()
+        with self._plant.lock:
+            self._plant.tip_visible = True
 
     def _serial(self, line: PtyFake, fault: str) -> None:
         if fault == "disconnect":
@@ -128,7 +127,7 @@ class FaultSwitch:
             name, value = COMMON[fault]
             setattr(faults, name, value)
 
-    def _arm(self, ur: UrProcess | UrThread, fault: str) -> None:
+    def _arm(self, ur: UrProcess, fault: str) -> None:
         actions: dict[str, Callable[[], Any]] = {
             "silence": lambda: ur.backdoor("freeze", seconds=1e6),
             "delay": lambda: ur.backdoor("lag", seconds=LATE),

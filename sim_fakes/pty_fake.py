@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import timing
 from timing import RigClock
 
-from .lines import line
+from .lines import PtyLine
 from .punctual import punctual
 
 
@@ -77,7 +77,7 @@ class PtyFake(timing.Thread):
         self.requests: deque[bytes] = deque(maxlen=10_000)
         """Complete requests in the order they came, for tests; each fake's `feed` appends its own."""
         self.lock = timing.RLock()
-        self._cable = line(name)
+        self._cable = timing.made(PtyLine, name)
         self._running = True
         self.plug()
         self._quiet_until = 0.0

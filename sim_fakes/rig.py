@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -27,9 +27,6 @@ from .ur.fake import UrFake
 from .ur.process import UrProcess, free_host
 from .virtual_robot import RobotTruth, VirtualRobot
 
-if TYPE_CHECKING:
-    from .ur.in_process import UrThread
-
 PLANT_PERIOD = 0.01
 """Host seconds between two steps of the plant."""
 SENSORS = "sensors."
@@ -41,6 +38,8 @@ USUAL = MappingProxyType(
 SEEDS = MappingProxyType({"force": 1, "spine": 2, "valve": 3, "gauge": 4, "pressure": 5, "mocap": 6, "arm": 7})
 """What each adds to the rig's seed; the arm comes first, since it takes longest to start."""
 OF_SPINE = ("spine", "valve", "gauge")
+REQUESTS = ("prepare", "confirm", "state", "faults", "fault", "drop_out", "panel", "accident", "tip_visible")
+"""Of the back door."""
 THREE_SETS = ((9, 1, 2), (3, 4, 5), (6, 7, 8))
 
 
@@ -86,11 +85,11 @@ class FakeRig:
                 self._plug(role, role, of[role], seed + SEEDS[role])
         for number, (name, driver) in enumerate((sensors or {}).items()):
             self._plug("sensor", f"{SENSORS}{name}", driver, seed + 100 + number)
-        self.door = BackDoor(self)
+        self.door = BackDoor(self.do)
         self._running = False
         self._moving = timing.Thread(target=self._move_plant, name="fake-plant", daemon=True)
-        self.switch = FaultSwitch(self)
         self.accidents = Accidents(self.wiring)
+        self.switch = FaultSwitch(self.parts, self.plant, self.accidents)
         self.troubles: list[str] = []
         """What a person was asked to put right."""
         self.on_confirm: Callable[[str], None] | None = None
@@ -138,7 +137,7 @@ class FakeRig:
         return part if isinstance(part, MotiveFake) else None
 
     @property
-    def ur(self) -> UrProcess | UrThread | None:
+    def ur(self) -> UrProcess | None:
         """The arm's controller once it is started, where it is a UR's."""
         part = self.parts.get("arm")
         return part.process if isinstance(part, UrFake) else None
@@ -232,7 +231,44 @@ class FakeRig:
             },
         }
 
-    # -- faults
+    # -- the back door
+    def do(self, what: str, value: Any) -> dict[str, Any]:
+        """Do one request of the back door; returns what more is answered. Raises ValueError for what is not known."""
+        if what == "prepare":
+            self.prepare(**value)
+        elif what == "confirm":
+            return self.confirm(str(value))
+        elif what == "state":
+            return {"state": self.state()}
+        elif what == "faults":
+            for name in value:
+                self._line(name)
+            for name, faults in value.items():
+                self.set_faults(name, faults)
+        elif what == "fault":
+            self.switch.begin(*value) if value else self.switch.end()
+        elif what == "drop_out":
+            self.switch.drop_out(*value)
+        elif what == "panel":
+            name, *change = value
+            return {"changed": self._line(name).panel(*change)}
+        elif what == "accident":
+            self.accidents.begin(value) if value else self.accidents.end()
+        elif what == "tip_visible":
+            with self.plant.lock:
+                self.plant.tip_visible = bool(value)
+        elif what == "ur" and self.ur is not None:
+            return {"ur": self.ur.backdoor(**value)}
+        else:
+            raise ValueError(f"unknown request {what!r}; one of {', '.join(REQUESTS)}, and ur where the arm is a UR")
+        return {}
+
+    def _line(self, name: str) -> PtyFake:
+        """Return the serial line of this name; raises ValueError that names those that there are."""
+        if name not in self.lines:
+            raise ValueError(f"no serial line {name!r}; one of {', '.join(self.lines)}")
+        return self.lines[name]
+
     def set_faults(self, line: str, values: Mapping[str, Any]) -> None:
         """Switch faults of one serial fake, by the names of `Faults` and of its module."""
         faults = self.lines[line].faults

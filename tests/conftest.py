@@ -17,9 +17,10 @@ import pytest
 from hypothesis import settings
 from xdist.scheduler import LoadScopeScheduling
 
-from sim_fakes.simulated_clock import SimulatedClock
+from tests.simulated.clock import SimulatedClock
 
 if TYPE_CHECKING:
+    from sim_fakes.plant import Plant
     from sim_fakes.rig import FakeRig
 
 HANDLERS = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL, signal.SIGHUP: signal.SIG_DFL}
@@ -107,6 +108,14 @@ def simulated() -> Iterator[SimulatedClock]:
     with SimulatedClock() as clock:
         yield clock
     clock.close()
+
+
+@pytest.fixture
+def plant() -> Plant:
+    """What one fake acts on."""
+    from sim_fakes.plant import Plant
+
+    return Plant()
 
 
 REAL_TIME = {

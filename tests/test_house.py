@@ -130,7 +130,7 @@ def test_text_reaches_the_screen_through_the_plain_console_alone() -> None:
 
 
 THEIR_OWN_TIME = (
-    "timing.py", "sim_fakes/simulated_clock.py", "recordings/", "lab/live/", "lab/blind/", "lab/console.py", "lab/verbs/",
+    "timing.py", "tests/simulated/clock.py", "recordings/", "lab/live/", "lab/blind/", "lab/console.py", "lab/verbs/",
     "tests/sim_fakes/test_simulated_clock.py", "tests/recordings/", "tests/docs/", "tests/test_house.py",
 )  # fmt: skip
 """What waits for files, browsers and persons, or says how long something took: the computer's own time."""

@@ -33,7 +33,6 @@ from lab.files.inputs import read_case
 from lab.files.resume import find
 from lab.files.rig_file import RigFile
 from lab.guard.latch import Latch
-from lab.verbs.export import joined
 from model.errors import ModelError
 from model.robot import Robot, load_robot
 from protocols.bending import Bending
@@ -163,7 +162,7 @@ def recordings(folder: Path, sound: bytes) -> dict[str, Go]:
             lambda: replayed(Recording.open(place, truncated=True)), lambda: table_of(Recording.open(place, truncated=True)),
             lambda: export_streams(Recording.open(place, truncated=True), out), lambda: find(place),
             lambda: play(Recording.open(place, truncated=True), lambda message: sink.write(message.to_json()[:1])),
-            lambda: joined(tables([Recording.open(place, truncated=True)])), lambda: Recording.open(place, truncated=True).log,
+            lambda: tables([Recording.open(place, truncated=True)]), lambda: Recording.open(place, truncated=True).log,
         )  # fmt: skip
         for way in ways:
             with contextlib.suppress(*EXPECTED):
@@ -175,13 +174,12 @@ def recordings(folder: Path, sound: bytes) -> dict[str, Go]:
     }
 
 
-def sources(recording: Path | None) -> list[tuple[str, Go]]:
-    """Every kind of file, and what is done with one mutation of it."""
-    folder = Path(tempfile.mkdtemp(prefix="fuzz-"))
+def sources(folder: Path, recording: Path | None) -> dict[str, Go]:
+    """Every kind of file, and what is done with one mutation of it, which is written to `folder`."""
     found = small_files(folder)
     if recording is not None:
         found |= recordings(folder, recording.read_bytes())
-    return list(found.items())
+    return found
 
 
 @dataclass
@@ -249,7 +247,7 @@ def main() -> int:
         f"{'kind':28s} {'n':>6s} {'refused':>8s} {'uncaught':>9s} {'memory':>9s} {'time':>8s}  seeds of the worst",
         flush=True,
     )
-    for name, go in sources(a.recording):
+    for name, go in sources(Path(tempfile.mkdtemp(prefix="fuzz-")), a.recording).items():
         if a.kind and a.kind not in name:
             continue
         tally = tallies[name] = Tally()

@@ -16,7 +16,7 @@ from ..inference.on_baseline import SHARE
 from ..inference.posterior import UNKNOWN
 from ..inference.prepare import AREA, MODULUS, Prepared
 from ..inference.stiffness_trials import StiffnessTrials
-from ..judgement import MATERIAL_SD, TIED
+from ..judgement import BENCHMARK, MATERIAL_SD, TIED
 from . import locate
 from .attribute import Attribution
 from .confounding import confounded_shares, origins
@@ -107,7 +107,7 @@ def attribute_section(f: Attribution, significant: bool, heldout: Mapping[Hypoth
     ranked = []
     for named, probability in (*listed, *(x for x in rest if x[0] in (NONE, UNKNOWN))):
         candidate = f.posterior.candidates[named]
-        size = values(sizes(f.prepared, candidate, f.probability_calibration.sd_factor))
+        size = values(sizes(f.prepared, candidate))
         ranked.append(Ranked(named, probability, candidate.log_evidence, heldout.get(named), size))
     d = f.decision
     return Attribute(
@@ -120,6 +120,7 @@ def attribute_section(f: Attribution, significant: bool, heldout: Mapping[Hypoth
         stage_errors=f.asking,
         conclusion=conclude(d, significant, f.asking, bool(f.tense)),  # tense: far beyond a stated tolerance
         rivals=rivals(d, f.posterior),
+        relatives=d.relatives,
     )
 
 
@@ -170,11 +171,8 @@ def detail_section(
             "memory": p.noise_components.memory,
         },
         "actuators": p.robot.actuators.words.kind,
-        "calibrated_on": f.probability_calibration.benchmark,
-        "sizes": [
-            asdict(size) | {"impossible": size.impossible}
-            for size in sizes(p, f.best, f.probability_calibration.sd_factor)
-        ],
+        "calibrated_on": BENCHMARK,
+        "sizes": [asdict(size) | {"impossible": size.impossible} for size in sizes(p, f.best)],
         "distinguishability": _separations(f),
         "shapes": worst_states(p, f.calibrated.theta, f.best.fit.theta),
         "states": _states(p, calibrated, explained),

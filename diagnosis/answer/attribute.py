@@ -12,7 +12,7 @@ from model.effects.spec import Stage
 
 from ..criticism.gaussian import Gaussian
 from ..criticism.misfit import MisfitDiagnostics, misfit_diagnostics
-from ..criticism.probability_calibration import CALIBRATED, ProbabilityCalibration
+from ..criticism.outside import Related, alike, odds_outside, related
 from ..criticism.stage_errors import Dependence, StageError, smooth_functions, stage_errors, total_gain
 from ..data.case import lacking
 from ..data.levels import SPINE_GAP
@@ -24,7 +24,7 @@ from ..inference.fit import Fit, fit
 from ..inference.posterior import Posterior, posterior, with_unknown
 from ..inference.prepare import Prepared
 from ..inference.search import Search
-from ..judgement import COMPARED_DISCREPANCY, REDUCIBLE_RATIO, RIVAL_PROBABILITY, STAGE_GAIN
+from ..judgement import COMPARED_DISCREPANCY, REDUCIBLE_RATIO, RIVAL_PROBABILITY, STAGE_GAIN, TEMPERATURE
 from .distinguishability import Distinguishability, distinguishability
 from .shrink import rms
 from .verdict import Decision, decide
@@ -46,11 +46,12 @@ class Attribution:
     misfit: MisfitDiagnostics
     decision: Decision
     distinguishability: Distinguishability
-    probability_calibration: ProbabilityCalibration
     budget: Budget
     """What each effect carries of the gap."""
     stage_errors: tuple[StageError, ...]
     """What a free-form error of each stage would gain beside the leading hypothesis, largest first."""
+    related: tuple[Related, ...]
+    """Relatives outside the catalogue beside what is named or in its place, most probable data first."""
 
     @property
     def asking(self) -> tuple[StageError, ...]:
@@ -92,20 +93,23 @@ def attribute(p: Prepared, stages: Mapping[str, Stage], executor: Executor = SIN
     search = Search(p.problem, executor=executor)
     candidates = search.run()
     found = {c.named: c for c in candidates}
-    unknown = search.unknown()
-    whole = posterior(candidates, len(p.problem.parameters.ids), CALIBRATED.temperature)
-    carried = budget(p.problem, parts(p), search.tried, CALIBRATED.temperature, *draws())
+    effects = len(p.problem.parameters.ids)
+    whole = posterior(candidates, effects, TEMPERATURE)
+    carried = budget(p.problem, parts(p), search.tried, TEMPERATURE, *draws())
     known = by_what_is_carried(carried, whole)
     leading, best = search.leading_and_answer(*(k.candidates[k.ranking[0][0]] for k in (whole, known)))
-    misfit = misfit_diagnostics(
-        p.problem, leading, p.labels.trial, p.labels.experiment, p.noise_components.excess_scatter, best
-    )
+    misfit = misfit_diagnostics(p.problem, leading, p.labels.trial, p.noise_components.excess_scatter, best)
     # Where a tolerance of the leading hypothesis is the cause that is named, an error of its stage is that cause.
-    asked = min(
+    of_stages = min(
         (_stage_errors(p, c, stages) for c in {leading.named: leading, best.named: best}.values()), key=total_gain
     )
-    weighed = with_unknown(known, unknown, CALIBRATED.probability_outside(misfit, total_gain(asked)))
-    decision = decide(weighed, CALIBRATED, not lacking(p.states), carried.nothing_stands_out)
+    asked = {c.named: c for c in (search.with_all_derivatives(found[NONE]), leading, best)}
+    among = related(p, tuple(asked.values()), found)
+    odds = odds_outside(search.tried, among, total_gain(of_stages), misfit.excess_scatter, effects)
+    weighed = with_unknown(known, found[NONE], odds / (1 + odds))
+    decision = decide(weighed, not lacking(p.states), carried.nothing_stands_out)
+    answered = best if decision.verdict == "effect" else leading
+    decision = replace(decision, relatives=alike(among, decision.effects, answered.log_evidence))
     separations = _distinguishability(p, found, weighed, best)
     return Attribution(
         prepared=p,
@@ -116,9 +120,9 @@ def attribute(p: Prepared, stages: Mapping[str, Stage], executor: Executor = SIN
         misfit=misfit,
         decision=decision,
         distinguishability=separations,
-        probability_calibration=CALIBRATED,
         budget=carried,
-        stage_errors=asked,
+        stage_errors=of_stages,
+        related=among,
     )
 
 
@@ -126,6 +130,8 @@ def _stage_errors(p: Prepared, c: Candidate, stages: Mapping[str, Stage]) -> tup
     parameters, s = p.problem.parameters, p.states
     g = Gaussian(c.linear(p.problem), c.prior(parameters), c.grid_point.size, c.grid_point.form_error)
     functions = smooth_functions(s.spine_length, np.maximum(s.highest, 0.0), s.branch, s.time, p.robot.length)
+    if np.ptp(p.labels.experiment):
+        functions["experiment"] = (s.kind[:, None] == np.unique(s.kind)).astype(float)
     found = stage_errors(g, parameters, stages, {name: f[p.labels.state] for name, f in functions.items()})
     if np.ptp(s.spine_length) > SPINE_GAP:
         return found

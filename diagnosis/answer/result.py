@@ -160,6 +160,8 @@ class Attribute:
     """None in answers of earlier versions."""
     rivals: tuple[str, ...] = ()
     """Effects of the 95 % set beside what is named."""
+    relatives: tuple[str, ...] = ()
+    """Causes outside the catalogue that do the same to these readings, `criticism.relatives`."""
 
 
 @dataclass(frozen=True)
@@ -387,7 +389,7 @@ def _read(d: dict[str, Any]) -> Diagnosis:
         attribute=Attribute(
             which["verdict"], tuple(which["effects"]), which["probability"], _names(which["credible_set"]), ranking,
             _names(which["cannot_tell_apart"]), tuple(StageError(**x) for x in which.get("stage_errors", ())),
-            which.get("conclusion"), tuple(which.get("rivals", ())),
+            which.get("conclusion"), tuple(which.get("rivals", ())), tuple(which.get("relatives", ())),
         ),
         shrink=shrink,
         next_experiment=tuple(Proposal(**{**p, "separates": _names(p["separates"])}) for p in d["next_experiment"]),

@@ -14,6 +14,7 @@ from typing import Any
 from model.actuators import Words
 from model.robot import Robot
 
+from ..criticism.relatives import RELATIVES
 from ..criticism.stage_errors import StageError
 from ..inference.posterior import UNKNOWN
 from ..inference.problem import Parameters
@@ -118,7 +119,7 @@ def _verdict(f: Facts) -> str:
         return f"Cause: {named} ({_sure(f)})."
     if f.conclusion == "one of several":
         by = f" To tell them apart: {f.tie_breaker}." if f.tie_breaker else ""
-        return f"Behaves most like {named} ({_sure(f)}); the data do not exclude {_others(f)}.{by}"
+        return f"Behaves most like {named} ({_sure(f)}); the data do not exclude {_others(f)}.{by}{_relatives(f)}"
     if f.conclusion == "none":
         if f.decision.too_small:
             leading = " and ".join(with_id(e, f.names) for e in f.decision.too_small)
@@ -141,8 +142,17 @@ def _verdict(f: Facts) -> str:
         return (
             f"The cause is not in the catalogue ({_sure(f)}). An error in the {found.stage} that {found.varies} fits best "
             f"(log evidence {found.gain:.1f}{_next_stage(f, found)}); a cause of another stage may do the same to these states."
+            f"{_relatives(f)}"
         )
-    return f"The cause is not in the catalogue ({_sure(f)})."
+    return f"The cause is not in the catalogue ({_sure(f)}).{_relatives(f)}"
+
+
+def _relatives(f: Facts) -> str:
+    """Causes outside the catalogue that do what these readings show, and how to find out."""
+    said = [RELATIVES[r] for r in f.decision.relatives[:2]]
+    if f.decision.verdict == "unknown":
+        return "".join(f" It may be {s.name}: {s.seen_best_in}, to find out." for s in said)
+    return "".join(f" {s.name[0].upper()}{s.name[1:]} would do this too: {s.seen_best_in}, to find out." for s in said)
 
 
 def _next_stage(f: Facts, found: StageError) -> str:
@@ -155,6 +165,8 @@ def _others(f: Facts) -> str:
     """What else it may be, where an effect is named and not sure."""
     if f.rivals:
         return _list([with_id(e, f.names) for e in f.rivals])
+    if f.decision.relatives:
+        return OUTSIDE
     none = 1 - f.decision.probability - f.decision.outside
     return OUTSIDE if f.decision.outside >= none else "that no effect carries enough"
 

@@ -15,7 +15,7 @@ from scipy.special import log_ndtr, ndtri_exp
 
 from ..inference.candidate import Candidate
 from ..inference.prepare import Prepared
-from ..judgement import BOUND_SD, UNDETERMINED_SHARE
+from ..judgement import BOUND_SD, SIZE_SD_FACTOR, UNDETERMINED_SHARE
 from .result import Value
 
 Array = NDArray[np.float64]
@@ -48,15 +48,12 @@ class Size:
         return self.mean < self.low - BOUND_SD * self.sd or self.mean > self.high + BOUND_SD * self.sd
 
 
-def sizes(p: Prepared, c: Candidate, sd_factor: float) -> tuple[Size, ...]:
-    """The parameters of the effects that a hypothesis names; none for no effect and for the unknown.
-
-    `sd_factor` widens the standard deviation of the linear problem (see probability_calibration).
-    """
+def sizes(p: Prepared, c: Candidate) -> tuple[Size, ...]:
+    """The parameters of the effects that a hypothesis names; none for no effect."""
     parameters = p.problem.parameters
-    if c.unknown or not c.named:
+    if not c.named:
         return ()
-    mean, sd = c.weighed.averaged_mean * parameters.scale, sd_factor * c.weighed.averaged_sd * parameters.scale
+    mean, sd = c.weighed.averaged_mean * parameters.scale, SIZE_SD_FACTOR * c.weighed.averaged_sd * parameters.scale
     rows = np.flatnonzero(parameters.of_effect)
     seen = c.weighed.averaged_sd < UNDETERMINED_SHARE
     return tuple(

@@ -1,6 +1,6 @@
 """What is answered, as deep as the data carry. `sentences` has the words, docs/explanations/diagnosis.md explains them.
 
-cause             named, with a probability of 0.9 at least
+cause             named, with a probability of 0.9 at least, and no relative outside the catalogue does the same
 one of several    named with less: the data do not exclude others
 stage             outside the catalogue; one stage of the chain asks for an error of its own
 outside           outside the catalogue
@@ -16,11 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..criticism.probability_calibration import ProbabilityCalibration
 from ..criticism.stage_errors import StageError
 from ..inference.evidence import NONE
 from ..inference.posterior import UNKNOWN, Posterior
-from ..judgement import CAUSE_PROBABILITY, NAMED_PROBABILITY, STAGE_SHARE, TEMPERATURE
+from ..judgement import CAUSE_PROBABILITY, NAMED_PROBABILITY, OUTSIDE_PROBABILITY, STAGE_SHARE, TEMPERATURE
 from .result import Conclusion, Verdict
 
 
@@ -38,6 +37,8 @@ class Decision:
     """Whether the table holds what it takes to name a cause."""
     too_small: tuple[str, ...] = ()
     """Effects that lead but are not named, as probably nothing stands out."""
+    relatives: tuple[str, ...] = ()
+    """Causes outside the catalogue that do the same to these readings (`criticism.relatives`)."""
 
     @property
     def within(self) -> float:
@@ -45,16 +46,14 @@ class Decision:
         return self.probability / (1 - self.outside)
 
 
-def decide(
-    posterior: Posterior, calibrated: ProbabilityCalibration, enough: bool, nothing_stands_out: float = 0.0
-) -> Decision:
+def decide(posterior: Posterior, enough: bool, nothing_stands_out: float = 0.0) -> Decision:
     """Effect, none or unknown; with too little data (`enough` false) nothing is named however well it fits.
 
     `nothing_stands_out`: probability, within the catalogue, that no effect carries `OUTSTANDING_FLOORS`.
     """
     outside = posterior.probability(UNKNOWN)
     named, probability = next((h, p) for h, p in posterior.ranking if h != UNKNOWN)
-    if not enough or outside >= calibrated.unknown_threshold:
+    if not enough or outside >= OUTSIDE_PROBABILITY:
         return Decision("unknown", (), outside, outside, enough)
     if named == NONE:
         return Decision("none", (), probability, outside)
@@ -78,7 +77,8 @@ def conclude(d: Decision, gap: bool, asking: Sequence[StageError], tense: bool =
     if not d.enough:
         return "too little data"
     if d.verdict == "effect":
-        return "cause" if d.probability >= CAUSE_PROBABILITY and not tense else "one of several"
+        sure = d.probability >= CAUSE_PROBABILITY and not tense and not d.relatives
+        return "cause" if sure else "one of several"
     if d.verdict == "none":
         return "none" if gap else "noise"
     return "stage" if stage(asking) else "outside"

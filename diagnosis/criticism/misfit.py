@@ -1,10 +1,9 @@
 """Model criticism: misfit diagnostics of a cause outside the catalogue.
 
 Whatever comes nearest to such a cause is fitted in its place, and leaves little in the residual. What shows it instead:
-parameters and model-form errors far from their priors (prior tension), an experiment that the others do not predict
-(cross-prediction), one trial with an outlying spine, repeats that scatter more than instruments and
-re-grown spines do (excess scatter), evidence for a large smooth discrepancy, and evidence for laws that are wrong by more than
-the forms of a known cause differ (law error). How much each counts was fitted on a benchmark (see `probability_calibration`).
+parameters and model-form errors far from their priors (prior tension), one trial with an outlying spine, repeats that scatter
+more than instruments and re-grown spines do (excess scatter), and evidence for laws that are wrong by more than the forms of a
+known cause differ (law error). The last two make a cause outside the catalogue more probable (`outside`).
 """
 
 from __future__ import annotations
@@ -16,10 +15,10 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, logsumexp
 
 from ..inference.candidate import Candidate
-from ..inference.evidence import KNOWN, LARGE, weigh
+from ..inference.evidence import KNOWN
 from ..inference.linear import Linear
 from ..inference.problem import Parameters, Problem
-from ..judgement import LARGE_DISCREPANCY_SHARE, PREDICTIVE_DISCREPANCY, TENSE_SD
+from ..judgement import PREDICTIVE_DISCREPANCY, TENSE_SD
 from .gaussian import Gaussian
 
 Array = NDArray[np.float64]
@@ -35,10 +34,6 @@ SPINE_SOURCES = ("spine_length", "spine_stiffness")
 class MisfitDiagnostics:
     """Misfit diagnostics around the best hypothesis."""
 
-    discrepancy_gain: float
-    """Log evidence that a large discrepancy adds to the best hypothesis."""
-    discrepancy_size: float
-    """Expected size of the discrepancy, in units of the noise floor."""
     lack_of_fit: float
     """Squared misfit per degree of freedom after the fit, without discrepancy; 1 where the model holds."""
     prior_tension: float
@@ -46,10 +41,6 @@ class MisfitDiagnostics:
     of freedom; about 0 where the model holds. Of the best hypothesis or the answer, whichever is less tense."""
     furthest_from_prior: str
     """The parameter furthest from its prior; empty when none lies beyond `TENSE_SD`."""
-    cross_prediction: float | None
-    """Largest chi-square per value of a kind of experiment predicted from all others; None where all states are of one kind."""
-    effects_named: int
-    """Number of effects that the best hypothesis names."""
     spine_outlier: float
     """Distance of the most outlying trial's spine from its prior, in standard deviations; 0 without spines."""
     excess_scatter: float
@@ -63,22 +54,15 @@ class MisfitDiagnostics:
 
 
 def misfit_diagnostics(
-    problem: Problem, best: Candidate, trial: Ints, kind: Ints, excess_scatter: float, answer: Candidate | None = None
+    problem: Problem, best: Candidate, trial: Ints, excess_scatter: float, answer: Candidate | None = None
 ) -> MisfitDiagnostics:
     """All diagnostics around the best hypothesis.
 
-    `trial`, `kind` (n,) number each measured value's trial and kind of experiment; `excess_scatter` as in `NoiseComponents`;
+    `trial` (n,) numbers each measured value's trial; `excess_scatter` as in `NoiseComponents`;
     `answer` the hypothesis of what is named, where that is another: a tolerance of the best hypothesis may be the cause.
     """
     linear, p = best.linear(problem), problem.parameters
     of_answer = linear if answer is None else answer.linear(problem)
-    large = LARGE.part(best.with_tolerances)
-    beside = weigh(linear, large, p, [best.named])[0]
-    log_terms = [np.logaddexp.reduce(w.log_terms, axis=2) for w in (best.weighed, beside)]
-    both = np.concatenate([log_terms[0], log_terms[1] + np.log(LARGE_DISCREPANCY_SHARE)], axis=1)
-    weight = np.exp(both - both.max())
-    sizes = np.concatenate([KNOWN.sizes, LARGE.sizes])
-    expected = float((weight.sum(axis=0) * sizes).sum() / weight.sum())
     prior = best.prior(p)
     form_error = best.grid_point.form_error
     lack_of_fit = Gaussian(linear, prior, 0.0, form_error).misfit_per_dof()
@@ -93,8 +77,6 @@ def misfit_diagnostics(
         probability.append(float(chdtrc(n, value)))
     worst = int(np.argmin(probability))
     significant = probability[worst] * len(numbers) < 1e-3
-    kinds = np.unique(kind)
-    cross_prediction = [value / n for value, n in (within.surprise(kind == k) for k in kinds)] if len(kinds) > 1 else []
     if answer is not None and answer is not best:
         # A tolerance of the best hypothesis may be strained because it is the cause that the answer names.
         point = answer.grid_point
@@ -103,13 +85,9 @@ def misfit_diagnostics(
             (prior_tension, furthest_from_prior), _prior_tension(named, p, answer.named)[:2]
         )
     return MisfitDiagnostics(
-        discrepancy_gain=beside.log_evidence - best.log_evidence,
-        discrepancy_size=expected,
         lack_of_fit=lack_of_fit,
         prior_tension=prior_tension,
         furthest_from_prior=furthest_from_prior,
-        cross_prediction=max(cross_prediction) if cross_prediction else None,
-        effects_named=len(best.named),
         spine_outlier=spine_outlier,
         excess_scatter=excess_scatter,
         outlier_trial=int(numbers[worst]) if significant else None,

@@ -2,13 +2,14 @@
 
 A cause outside the catalogue enters the chain from pressure to reading somewhere. Whatever it is, the readings answer to it
 as they answer to the effects of that stage; how it goes with the state is its own affair. So beside the leading hypothesis
-each stage gets a free-form error: with a_j the response of the readings to effect j of the stage at its plausible scale,
+each effect of each stage in turn gets a free form: with a_j the readings' responses to its sizes at their plausible scale,
 
     y = (hypothesis) + s sum_j a_j(x) f_j(x),     f_j ~ GP(0, k),
 
-a smooth unknown function of the state x each, in turn of the pressure and branch, of the spine's length, of the time and of
-both pressure and length. All of the hypothesis (sizes, tolerances, model-form error, discrepancy) is integrated out: y ~ N(0,
-I + X X^T), and with C the columns a_j times the leading eigenfunctions of k the log evidence gained by size s is
+a smooth unknown function of the state x each, in turn of the pressure and branch, of the spine's length, of the time, of
+both pressure and length, and of the kind of experiment. A stage's evidence is the mean of its effects'.
+All of the hypothesis (sizes, tolerances, model-form error, discrepancy) is integrated out: y ~ N(0, I + X X^T), and with C
+the columns a_j times the leading eigenfunctions of k the log evidence gained by size s is
 
     log Z(s) = b^T (I / s^2 + B)^-1 b / 2 - log det(I + s^2 B) / 2,
     B = C^T (I + X X^T)^-1 C,  b = C^T (I + X X^T)^-1 r,
@@ -36,7 +37,7 @@ from .gaussian import Gaussian
 
 Array = NDArray[np.float64]
 
-Dependence = Literal["pressure", "spine length", "time", "pressure and spine length", "nothing"]
+Dependence = Literal["pressure", "spine length", "time", "pressure and spine length", "experiment", "nothing"]
 
 
 @dataclass(frozen=True)
@@ -67,14 +68,19 @@ def stage_errors(
     `g` the linear problem under the leading hypothesis, with derivatives by all effects; `stages` effect -> stage;
     `functions` (n, m) of each value, from `smooth_functions`.
     """
-    own = [(stages[e], j) for j, e in enumerate(e for e in parameters.effects if e) if parameters.sizes[j]]
-    found = []
-    for stage in dict.fromkeys(s for s, _ in own):
-        response = g.linear.effects[:, [j for s, j in own if s == stage]]
+    gains: dict[tuple[Stage, Dependence], list[float]] = {}
+    for effect in parameters.ids:
+        response = g.linear.effects[:, parameters.mask((effect,)) & parameters.sizes]
         for dependence, each in functions.items():
             columns = (response[:, :, None] * each[:, None, :]).reshape(len(response), -1)
-            found.append(StageError(stage, dependence, _gain(g, columns)))
+            gains.setdefault((stages[effect], dependence), []).append(_gain(g, columns))
+    found = [StageError(*what, _mean(own)) for what, own in gains.items()]
     return tuple(sorted(found, key=lambda s: -s.gain))
+
+
+def _mean(gains: Sequence[float]) -> float:
+    """Log of the mean evidence."""
+    return float(logsumexp(gains) - np.log(len(gains)))
 
 
 def total_gain(errors: Sequence[StageError]) -> float:
@@ -83,7 +89,7 @@ def total_gain(errors: Sequence[StageError]) -> float:
     What the readings do over time counts for nothing here: every camera wanders (decision 059).
     """
     counted = [e.gain for e in errors if (e.stage, e.dependence) != WANDER]
-    return float(logsumexp(counted) - np.log(len(counted))) if counted else 0.0
+    return _mean(counted) if counted else 0.0
 
 
 def _gain(g: Gaussian, columns: Array) -> float:
@@ -97,7 +103,7 @@ def _gain(g: Gaussian, columns: Array) -> float:
     gains = [
         0.5 * float((along * s**2 / (1 + s**2 * value)).sum() - np.log1p(s**2 * value).sum()) for s in STAGE_ERROR_SIZES
     ]
-    return float(logsumexp(gains) - np.log(len(gains)))
+    return _mean(gains)
 
 
 def smooth_functions(

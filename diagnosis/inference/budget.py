@@ -8,14 +8,11 @@ calibrates (area factors), the effect carries
 so what a calibration takes up anyway is not an effect's merit. All effects are asked, those within their tolerance as well:
 a tolerance that carries more than any named effect is the cause. c_e is drawn from the posterior over hypotheses and sizes,
 d_e linear about each hypothesis' fit; at the fit it is that of the model itself where the effect carries a noise floor. In
-each draw an effect is named that
-
-    carries at least half of what the largest carrier does, and at least one noise floor, and
-    is that carrier, or is named by the hypothesis;
-
-where the largest carrier carries less than two noise floors it must be named by the hypothesis; else none is. The answer is
-the effect that is named in most draws, with those that are named together with it in two thirds of all; each draw that names
-all of the answer counts for it, whatever else it names.
+each draw the largest carrier is named, if it carries at least one noise floor where the hypothesis names it, else two; with it
+what carries as many and half as much, if the hypothesis names it or it has the least size of a named effect. (With two effects of
+one size a hypothesis of one of them takes the other for a tolerance, as the prior of a pair is small.) Else none is named. The
+answer is the effect that is named in most draws, with those that are named together with it in two thirds of all; each draw that
+names all of the answer counts for it, whatever else it names.
 """
 
 from __future__ import annotations
@@ -27,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from ..judgement import COMPARABLE, LEAST_NAMED_FLOORS, OUTSTANDING_FLOORS, TOGETHER
+from ..judgement import COMPARABLE, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE, OUTSTANDING_FLOORS, TOGETHER
 from .candidate import Candidate
 from .evidence import KNOWN, NONE, Hypothesis, Weighed
 from .fit import Fit
@@ -133,14 +130,16 @@ def budget(
     for c, w in zip(candidates, weights, strict=True):
         if w < 1e-3:
             continue
-        m, f = carry.of(c.fit, np.clip(_drawn(c.weighed, standard), p.low, p.high))
+        drawn = np.clip(_drawn(c.weighed, standard), p.low, p.high)
+        m, f = carry.of(c.fit, drawn)
+        size = np.sqrt(np.where(p.sizes, drawn, 0.0) ** 2 @ p.members)
         metres.append(m)
         floors.append(f)
         weight += [w / DRAWS] * DRAWS
         free = c.grid_point.spike > 0.0
         form_error += [float(KNOWN.form_errors.max()) if free else c.grid_point.form_error] * DRAWS
         tolerant += [free] * DRAWS
-        named += [_named(row, p.ids, c.named) for row in f]
+        named += [_named(*both, p.ids, c.named) for both in zip(f, size, strict=True)]
     total = np.array(weight)
     share = total / total.sum()
     return Budget(
@@ -201,13 +200,17 @@ def _answer(b: Budget) -> Hypothesis:
         held = held & named[:, more]
 
 
-def _named(floors: Array, effects: Sequence[str], hypothesis: Hypothesis) -> Hypothesis:
-    """The effects that a draw names, by the rule above, of what they carry (e,) in noise floors and its hypothesis."""
+def _named(floors: Array, size: Array, effects: Sequence[str], hypothesis: Hypothesis) -> Hypothesis:
+    """The effects that a draw names, by the rule above, of what they carry (e,) in noise floors, their sizes (e,) in plausible
+    ones and its hypothesis."""
+    own = np.array([e in hypothesis for e in effects])
+    least = np.where(own, LEAST_NAMED_FLOORS, OUTSTANDING_FLOORS)
     largest = int(floors.argmax())
-    if floors[largest] < (LEAST_NAMED_FLOORS if effects[largest] in hypothesis else OUTSTANDING_FLOORS):
+    if floors[largest] < least[largest]:
         return NONE
-    enough = np.flatnonzero(floors >= max(LEAST_NAMED_FLOORS, COMPARABLE * float(floors[largest])))
-    return tuple(effects[int(i)] for i in enough if i == largest or effects[int(i)] in hypothesis)
+    named = (floors >= np.maximum(least, COMPARABLE * floors[largest])) & (own | (size >= LEAST_NAMED_SIZE))
+    named[largest] = True
+    return tuple(effects[int(i)] for i in np.flatnonzero(named))
 
 
 class _Carrying:

@@ -37,7 +37,6 @@ class Candidate:
     """Times that it was searched on; 0: weighed at a start, or where another hypothesis was fitted."""
     ended: bool = False
     """Whether its search has ended."""
-    unknown: bool = False
     made: Linear | None = None
     """The linear problem in which it was weighed, where it is kept: it is as large as the derivatives."""
 

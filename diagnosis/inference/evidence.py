@@ -2,8 +2,7 @@
 
 Every effect of the catalogue is always in the model: narrow ("spike", a share of its plausible scale) unless the hypothesis
 names it, wide ("slab", its whole scale) when it does. Width of the spike, size of the smooth discrepancy and size of the
-model-form error are averaged over a small grid, the same for every hypothesis. The hypothesis `unknown` names no effect but
-lets the discrepancy be large.
+model-form error are averaged over a small grid, the same for every hypothesis.
 """
 
 from __future__ import annotations
@@ -18,7 +17,6 @@ from scipy.special import log_ndtr, logsumexp
 from ..judgement import (
     DISCREPANCY_SIZES,
     DISCREPANCY_WEIGHTS,
-    LARGE_DISCREPANCY_SIZES,
     LARGEST_TOLERATED_SIZE,
     LAW_ERRORS,
     TOLERATED_SIZES,
@@ -81,11 +79,6 @@ KNOWN = Grid(
     TOLERATED_SIZES, _equal(TOLERATED_SIZES), DISCREPANCY_SIZES, DISCREPANCY_WEIGHTS, LAW_ERRORS, _equal(LAW_ERRORS)
 )
 """For hypotheses of the catalogue, none included; sizes in units of the noise floor."""
-LARGE = Grid(
-    TOLERATED_SIZES, _equal(TOLERATED_SIZES), LARGE_DISCREPANCY_SIZES, _equal(LARGE_DISCREPANCY_SIZES),
-    np.array([0.0]), np.array([1.0]),
-)  # fmt: skip
-"""For the hypothesis that something outside the catalogue is at work."""
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 Prior: none, one effect, two or three have fixed shares; within a share all combinations of the catalogue are equally probable. A
 pair must therefore pay not only for its free parameters but also for being one of several hundred. The probability of a cause
-outside the catalogue follows from the misfit diagnostics (see probability_calibration); the catalogue shares what is left.
+outside the catalogue is that of `criticism.outside`; the catalogue shares what is left.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def shares(candidates: Sequence[Candidate], effects: int, temperature: float) ->
 
 
 def posterior(candidates: Sequence[Candidate], effects: int, temperature: float) -> Posterior:
-    """Probabilities within the catalogue of so many effects; `temperature` divides log evidence (see probability_calibration)."""
+    """Probabilities within the catalogue of so many effects; `temperature` divides log evidence."""
     share = shares(candidates, effects, temperature)
     order = np.argsort(-share, kind="stable")
     return Posterior(

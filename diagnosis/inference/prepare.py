@@ -173,7 +173,9 @@ def prepare(
     smooth, shared_basis, channel_basis = _discrepancy_bases(robot, states, labels, unit, pushes)
     problem = Problem(
         MaskedForward(whole, kept),
-        replace(made, sd=_prior_sd(forward.parameters, floor, pushes), least=_least(made, labels, slope[kept], known)),
+        replace(
+            made, sd=_prior_sd(forward.parameters, floor, pushes), least=least_sizes(made, labels, slope[kept], known)
+        ),
         observed[kept],
         noise,
         smooth,
@@ -218,7 +220,7 @@ def _labels(forward: ForwardModel, states: Campaign, kept: NDArray[np.bool_]) ->
     return Labels(row, channel, kind, axis, states.trial[row], states.kind[row])
 
 
-def _least(made: Parameters, labels: Labels, slope: Array, floor: float) -> tuple[float, ...]:
+def least_sizes(made: Parameters, labels: Labels, slope: Array, floor: float) -> tuple[float, ...]:
     """Size of each parameter, as a share of its scale, at which it carries `LEAST_NAMED_FLOORS` noise floors (m) of the tip
     beyond the calibration, to first order at zero; never more than `LEAST_NAMED_SIZE`."""
     tips = labels.kind == 0

@@ -25,7 +25,6 @@ from scipy.special import logsumexp
 from ..judgement import (
     FIT_DISCREPANCY_SIZE,
     FIT_TOLERATED_SIZE,
-    OUTSIDE_ON,
     PRIOR_OF_NUMBER,
     SEARCH_MARGIN,
     SEARCHED_AT_ONCE,
@@ -42,7 +41,7 @@ from .candidate import (
     light,
     without_derivatives,
 )
-from .evidence import KNOWN, LARGE, NONE, Hypothesis, weigh
+from .evidence import KNOWN, NONE, Hypothesis, weigh
 from .executor import SINGLE_THREAD, DiagnosisStep, Executor
 from .fit import Fit, fit
 from .jacobian import Jacobian
@@ -293,25 +292,6 @@ class Search:
             around = replace(here, form_error=replace(law_errors, responses=responses))
             out += self._around(around, [kept, *with_one_more(kept)], c.with_tolerances)
         return out
-
-    def unknown(self) -> Candidate:
-        """The hypothesis that something outside the catalogue is at work, beside any of the leading hypotheses found.
-
-        Something unknown beside an effect is as much rarer than something unknown alone as the effect is than none. Evidence is
-        divided by the temperature, the prior is not.
-        """
-        found = sorted(self.found.values(), key=lambda c: -(c.log_evidence + self._log_prior(c.named)))
-        beside = [c for (c,) in self._map(self._with_large_discrepancy, found[:OUTSIDE_ON])]
-        own = [c.laplace_log_evidence + self._log_prior(c.named) for c in beside]
-        terms = np.array(own) / TEMPERATURE
-        i = int(np.argmax(terms))
-        total = replace(beside[i].weighed, log_evidence=TEMPERATURE * float(logsumexp(terms)))
-        return replace(beside[i], weighed=total)
-
-    def _with_large_discrepancy(self, c: Candidate) -> list[Candidate]:
-        grid = LARGE.part(c.with_tolerances)
-        (weighed,) = weigh(c.linear(self.problem), grid, self.problem.parameters, [c.named])
-        return [replace(c, weighed=weighed, grid_point=weighed.peak(grid), unknown=True)]
 
     def fitted(self, named: Hypothesis) -> Candidate:
         """One hypothesis by itself, all other effects absent, searched from each of its starting points to the end."""

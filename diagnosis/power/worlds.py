@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.special import logsumexp
 
-from ..criticism.probability_calibration import CALIBRATED
 from ..inference.budget import Part, after_calibration, parts
 from ..inference.candidate import Candidate
 from ..inference.evidence import KNOWN, NONE, Hypothesis, log_mass
@@ -31,7 +30,7 @@ from ..inference.linear import Linear
 from ..inference.prepare import Prepared
 from ..inference.problem import Problem, leading
 from ..inference.search import Search
-from ..judgement import PRIOR_OF_NUMBER, TOLERATED_SIZES
+from ..judgement import PRIOR_OF_NUMBER, SAME_ODDS, TEMPERATURE, TOLERATED_SIZES
 
 Array = NDArray[np.float64]
 
@@ -162,9 +161,9 @@ def probabilities(d: Planned, readings: Array) -> tuple[tuple[Hypothesis, ...], 
                     terms.append(log_p + KNOWN.log_weights[s, g, f])
         evidence[i] = logsumexp(terms, axis=0)
     shares = np.array([PRIOR_OF_NUMBER[len(h)] / (len(d.effects) if h else 1) for h in named])
-    score = evidence.T / CALIBRATED.temperature + np.log(shares)
+    score = evidence.T / TEMPERATURE + np.log(shares)
     weight = np.exp(score - score.max(axis=1, keepdims=True))
-    return named, weight / weight.sum(axis=1, keepdims=True) * (1 - CALIBRATED.outside_without_sign)
+    return named, weight / weight.sum(axis=1, keepdims=True) / (1 + SAME_ODDS)
 
 
 def _span(blocks: Sequence[Array]) -> tuple[Array, int]:

@@ -72,6 +72,9 @@ class AlicatUnit:
         self.pa = pa
         self._decimals = 0
         """Of its display, as its last frame showed them."""
+        self._widths: tuple[list[int], ...] = ()
+        """Characters of each number of its last frame, and of one before that was not believed: they change with its unit of
+        measure only, or where a character was lost."""
         self._line = line
 
     @property
@@ -156,6 +159,11 @@ class AlicatUnit:
             raise self._unexpected("a data frame", text)
         # pressure comes first; a unit that shows more than two numbers has its set-point last
         numbers = match[1].split()
+        widths = [len(number) for number in numbers]
+        if self._widths and widths not in self._widths:
+            self._widths = (self._widths[0], widths)
+            raise self._unexpected("numbers as wide as in the last data frame", text)
+        self._widths = (widths,)
         self._decimals = len(numbers[-1].partition(".")[2])
         return Frame(float(numbers[0]) * self.pa, float(numbers[-1]) * self.pa, tuple(match[2].split()))
 

@@ -24,12 +24,14 @@ import timing
 from timing import Clock
 
 from ..configs import LengthUnitConfig
-from ..errors import BadReply, DeviceFault, InstrumentError, LimitExceeded, NoReply, NotReady, Unreachable, WrongDevice
+from ..errors import BadReply, DeviceFault, InstrumentError, LimitExceeded, NoReply, NotReady, WrongDevice
 from ..interfaces import Identity, SpineSample
+from ..serial_line import meeting
 from ..spec import Driver
 from ..stall import StallWatch
-from . import settings, table
+from . import table
 from .bus import Servo
+from .settings import settings
 
 RESTARTED = "the servo has restarted (power failure?) and lost its position; check its supply, then home()"
 REBOOT_TIME = 2.0
@@ -118,20 +120,14 @@ class DynamixelSpine:
                 self._homing = self._zero = self._end_stop = (
                     None  # while nobody listened the servo may have lost its count
                 )
-            try:
+            with meeting(self.name, self._servo.close, "no Dynamixel servo"):
                 return self._meet()
-            except NoReply as e:
-                self._servo.close()
-                raise Unreachable(self.name, e.message) from e
-            except BaseException:
-                self._servo.close()
-                raise
 
     def confirm_settings(self) -> None:
         """Ask for the settings once more. Raises `WrongDevice` or `LimitExceeded` when another host has changed one."""
         with self._lock:
             self._check_current_limit()
-            settings.confirm(self._servo)
+            settings(self._servo).confirm()
 
     def close(self) -> None:
         """Stop, release the torque if so configured, disconnect; the watchdog goes off, as holding is meant to last."""
@@ -260,7 +256,7 @@ class DynamixelSpine:
         firmware = self._servo.read(table.FIRMWARE)
         self._arm_watchdog()  # clears a trip, which locks some of the settings
         self._end_motion()  # before anything is refused
-        settings.apply(self._servo)
+        settings(self._servo).apply()
         self._check_current_limit()
         return Identity("ROBOTIS", name, firmware=str(firmware))
 
@@ -343,7 +339,7 @@ class DynamixelSpine:
                 self.name,
                 f"hardware error persists after a restart: {table.hardware_errors(bits)}; check supply and motor",
             )
-        settings.apply(self._servo)
+        settings(self._servo).apply()
         self._lost = False
 
     # -- judging what was read

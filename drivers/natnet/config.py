@@ -87,10 +87,20 @@ class Config(MocapConfig):
 
 def usable(body: Body | None) -> bool:
     """Tracked, and with values that can be true."""
-    if body is None or not body.tracked:
-        return False
+    return not remedy(body)
+
+
+def remedy(body: Body | None) -> str:
+    """What to do about a body that cannot be used; empty for one that can."""
+    if body is None:
+        return "no frame holds it: let Motive stream rigid bodies, and check that it is active there"
+    if not body.tracked:
+        return "clear the cameras' view of it"
     # m; no camera volume is larger
-    return all(abs(part) < 20.0 for part in body.position) and _unit(body.rotation)
+    if all(abs(part) < 20.0 for part in body.position) and _unit(body.rotation):
+        return ""
+    place, turn = (", ".join(f"{part:g}" for part in parts) for parts in (body.position, body.rotation))
+    return f"its place ({place}) m or rotation ({turn}) cannot be true: check its definition and units in Motive"
 
 
 def _unit(rotation: tuple[float, ...]) -> bool:

@@ -25,9 +25,9 @@ from . import packets
 from .bodies import NotOne, found
 from .config import Config as Config
 from .config import Pose as Pose
-from .config import usable
+from .config import remedy, usable
 from .order import Order
-from .packets import Body, Cursor, Definitions, Frame, ServerInfo, Unreadable
+from .packets import Cursor, Definitions, Frame, ServerInfo, Unreadable
 from .wire import Server
 
 LONGEST_WAIT = 0.02
@@ -67,6 +67,8 @@ class NatNetMocap:
         self._ids: dict[str, int] = {}
         self._doubt = ""
         """Why it is not known which body is which; empty when it is known."""
+        self._why = ""
+        """Why the newest frame does not tell where the tip is; empty when it does."""
         self._asked_at = -math.inf
         self._changed = False
         """The newest frame said that the list of bodies has changed."""
@@ -131,16 +133,15 @@ class NatNetMocap:
         if self._server is None:
             raise NotReady(self.name, "not open; call open() first")
         with self._lock:
-            valid, valid_at, newest_at, doubt = self._valid, self._valid_at, self._newest_at, self._doubt
+            valid, valid_at, newest_at, why = self._valid, self._valid_at, self._newest_at, self._doubt or self._why
         now = timing.now()
         if valid is not None and now - valid_at <= self._config.max_age:
             return valid
         if now - newest_at <= self._config.max_age:
-            remedy = doubt or "clear the cameras' view of it"
             since = "since the start" if valid is None else f"for {now - valid_at:.2f} s"
             raise DeviceFault(
                 self.name,
-                f"{self._config.body!r} has not been tracked {since} (limit {self._config.max_age} s); {remedy}",
+                f"{self._config.body!r} has not been tracked {since} (limit {self._config.max_age} s); {why}",
             )
         raise StaleReading(
             self.name,
@@ -308,7 +309,16 @@ class NatNetMocap:
             self._ask_who(server, "Motive's list of bodies has changed and it has not said yet which there are")
         self._changed = frame.models_changed
         self._unsure = self._changed or any(number not in frame.bodies for number in self._ids.values())
-        body, to_base = self._body(frame, self._config.body), self._config.mocap_to_base
+        bodies = {name: frame.bodies.get(self._ids.get(name, -1)) for name in self._names}
+        places = [body.position for body in bodies.values() if body is not None and usable(body)]
+        # two bodies at one place to the last bit: Motive takes the same markers for both
+        shared = [name for name, body in bodies.items() if body is not None and places.count(body.position) > 1]
+        body, to_base = bodies[self._config.body], self._config.mocap_to_base
+        why = remedy(body)
+        if self._config.body in shared:
+            why = (
+                f"Motive has {' and '.join(map(repr, shared))} at the same place: tell their patterns of markers apart"
+            )
         sample = BodySample(
             t=self._clock.now(),
             device_time=frame.stamp,
@@ -316,20 +326,17 @@ class NatNetMocap:
             position=to_base.place(body),
             orientation=to_base.turn(body),
             marker_error=math.nan if body is None else body.error,
-            valid=usable(body) and not self._doubt,
-            markers=tuple(to_base.tracked_place(self._body(frame, name)) for name in self._config.markers),
+            valid=not (why or self._doubt),
+            markers=tuple(to_base.tracked_place(None if n in shared else bodies[n]) for n in self._config.markers),
         )
         now = timing.now()
         if not self._order.take(sample, now):
             return
         newest = self._order.newest
         with self._lock:
-            self._newest_at = now
+            self._newest_at, self._why = now, why
             if newest is not None and newest.valid:
                 self._valid, self._valid_at = newest, now
-
-    def _body(self, frame: Frame, name: str) -> Body | None:
-        return frame.bodies.get(self._ids.get(name, -1))
 
 
 DRIVER = Driver("mocap", Config, NatNetMocap)

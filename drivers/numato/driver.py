@@ -15,10 +15,10 @@ import timing
 from timing import Clock
 
 from ..configs import ValveConfig
-from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, Unreachable, WrongDevice
+from ..errors import BadReply, DeviceFault, InstrumentError
 from ..interfaces import Identity, ValveSample
 from ..retries import Retries
-from ..serial_line import SerialLine, show
+from ..serial_line import SerialLine, meeting, show
 from ..spec import Driver
 
 PROMPT = b">"
@@ -57,20 +57,11 @@ class NumatoValve:
         """
         with self._lock:
             self._line.open()
-            try:
+            with meeting(self.name, self._line.close, f"{self._config.port} is not a Numato relay module"):
                 self._line.ask(b"\r", PROMPT)  # ends what an earlier program may have left half typed
                 firmware = self._value("ver", r"[0-9A-Fa-f]{8}")
                 serial = self._value("id get", r"\S{8}")
                 self._state()
-            except NoReply as e:
-                self._line.close()
-                raise Unreachable(self.name, e.message) from e
-            except BadReply as e:
-                self._line.close()
-                raise WrongDevice(self.name, f"{self._config.port} is not a Numato relay module: {e.message}") from e
-            except InstrumentError:
-                self._line.close()
-                raise
             return Identity("Numato", "USB relay module", serial, firmware)
 
     def close(self) -> None:

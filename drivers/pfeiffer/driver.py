@@ -15,10 +15,10 @@ import timing
 from timing import Clock
 
 from ..configs import GaugeConfig
-from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, Unreachable, WrongDevice
+from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, WrongDevice
 from ..interfaces import GaugeSample, Identity
 from ..retries import Retries
-from ..serial_line import SerialLine, show
+from ..serial_line import SerialLine, meeting, show
 from ..spec import Driver
 
 SUITABLE = ("CPT 100", "RPT 100")
@@ -97,17 +97,8 @@ class PfeifferGauge:
         """Connect and check the gauge's type and health. Raises `Unreachable`, `WrongDevice` or `DeviceFault`."""
         with self._lock:
             self._line.open()
-            try:
+            with meeting(self.name, self._line.close, "not a supported Pfeiffer gauge"):
                 return self._meet()
-            except NoReply as e:
-                self._line.close()
-                raise Unreachable(self.name, e.message) from e
-            except BadReply as e:
-                self._line.close()
-                raise WrongDevice(self.name, f"not a supported Pfeiffer gauge: {e.message}") from e
-            except InstrumentError:
-                self._line.close()
-                raise
 
     def close(self) -> None:
         """Disconnect; the gauge only measures, so there is nothing to land."""

@@ -25,8 +25,9 @@ import timing
 from timing import Clock
 
 from ..configs import LengthUnitConfig
-from ..errors import BadReply, DeviceFault, InstrumentError, LimitExceeded, NoReply, NotReady, Unreachable, WrongDevice
+from ..errors import DeviceFault, InstrumentError, LimitExceeded, NotReady, WrongDevice
 from ..interfaces import Identity, SpineSample
+from ..serial_line import meeting
 from ..spec import Driver
 from . import settings
 from .bus import Axis
@@ -98,17 +99,8 @@ class TmclSpine:
             if not self._axis.is_open:
                 self._axis.open()
                 self._homed = False  # while nobody listened the module may have lost its position
-            try:
+            with meeting(self.name, self._axis.close, f"no TMCM-{MODULE}"):
                 return self._meet()
-            except NoReply as e:
-                self._axis.close()
-                raise Unreachable(self.name, e.message) from e
-            except BadReply as e:
-                self._axis.close()
-                raise WrongDevice(self.name, f"no TMCM-{MODULE}: {e.message}") from e
-            except InstrumentError:
-                self._axis.close()
-                raise
 
     def confirm_settings(self) -> None:
         """Ask for the settings once more. Raises `WrongDevice` when another host has changed one."""

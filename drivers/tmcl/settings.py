@@ -1,15 +1,15 @@
 """The settings of a TMCM-1260 on which the length unit's promises rest, and the values that they need.
 
-A module can keep all of them without power, and a program stored in it can change them. Those that this driver may
-decide are written when they differ, at `open`; the others are refused.
+A module can keep all of them without power, and a program stored in it can change them. They are applied at `open`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from ..errors import DeviceFault, WrongDevice
+from ..errors import WrongDevice
+from ..kept_settings import Kept, Setting
 from .bus import Axis
 from .parameters import Global, Parameter
 
@@ -29,119 +29,59 @@ class Needs:
     """None: the module's own setting holds."""
 
 
-@dataclass(frozen=True)
-class Setting:
-    """One parameter of the axis, or of the module, the value that it needs given the one found, and why."""
-
-    name: str
-    number: int
-    needed: Callable[[int], int]
-    why: str
-    of_module: bool = False
-    written: bool = True
-    """False: it is refused instead."""
-
-    @property
-    def where(self) -> str:
-        return f"{self.name} ({'global' if self.of_module else 'axis'} parameter {self.number})"
-
-
-def settings(needs: Needs) -> list[Setting]:
-    """All of them but the resolution, which two parameters make."""
-    switch = ("left", Parameter.LEFT_SWITCH_OFF) if needs.left_switch else ("right", Parameter.RIGHT_SWITCH_OFF)
-    least = round(needs.speed / STOPS_WITHIN)
-    slow = f"a stop would take longer than {STOPS_WITHIN:g} s"
-    every = [
-        Setting(
-            "program stored in the module",
-            Global.PROGRAM,
-            lambda found: 0,
-            "it would move the motor",
-            of_module=True,
-        ),
-        Setting(
-            "auto start",
-            Global.AUTO_START,
-            lambda found: 0,
-            "a stored program would move the motor",
-            of_module=True,
-        ),
-        Setting(
-            "secondary address",
-            Global.SECONDARY_ADDRESS,
-            lambda found: 0,
-            "the module would obey commands meant for another one",
-            of_module=True,
-        ),
-        Setting(f"{switch[0]} limit switch disable", switch[1], lambda found: 0, "the motor would run past the switch"),
-        Setting("soft stop", Parameter.SOFT_STOP, lambda found: 0, "the motor would run past the switch"),
-        Setting("freewheeling mode", Parameter.FREEWHEELING, lambda found: 0, "the motor would not hold"),
-        Setting("step/direction mode", Parameter.STEP_DIRECTION, lambda found: 0, "other signals would move the motor"),
-        Setting("unit mode", Parameter.UNITS, lambda found: 1, "speeds would not be microsteps per second"),
-        Setting(
-            "maximum current",
-            Parameter.MAX_CURRENT,
-            lambda found: max(1, found),
-            "the motor would not turn",
-            written=False,
-        ),
-        Setting(
-            "standby current",
-            Parameter.STANDBY_CURRENT,
-            lambda found: max(1, found),
-            "the motor would not hold",
-            written=False,
-        ),
-        Setting("maximum acceleration", Parameter.ACCELERATION, lambda found: max(least, found), slow, written=False),
-        Setting("maximum deceleration", Parameter.DECELERATION, lambda found: max(least, found), slow, written=False),
-    ]
-    if needs.heartbeat is not None:
-        beat = needs.heartbeat
-        every.append(
-            Setting(
-                "heartbeat",
-                Global.HEARTBEAT,
-                lambda found: beat,
-                "the motor would not stop without the host",
-                of_module=True,
-            )
-        )
-    return every
-
-
 def apply(axis: Axis, needs: Needs) -> None:
     """Write what differs and read it back. Raises `WrongDevice` for what is refused, `DeviceFault` for what is not taken."""
     _check_resolution(axis, needs)
-    for setting in settings(needs):
-        found = _read(axis, setting)
-        if found == (needed := setting.needed(found)):
-            continue
-        if not setting.written:
-            raise _refused(axis, setting, found, needed)
-        if setting.number == Global.PROGRAM:
-            axis.stop_program()
-        elif setting.of_module:
-            axis.put_global(setting.number, needed)
-        else:
-            axis.put(setting.number, needed)
-        if (held := _read(axis, setting)) != needed:
-            raise DeviceFault(
-                axis.name,
-                f"{setting.where} was set to {needed}, but the module holds {held}; check that no other host writes to it",
-            )
+    _settings(axis, needs).apply()
 
 
 def confirm(axis: Axis, needs: Needs) -> None:
     """Raise `WrongDevice` when a setting has changed since `apply`."""
     _check_resolution(axis, needs)
-    for setting in settings(needs):
-        found = _read(axis, setting)
-        if found != (needed := setting.needed(found)):
-            raise _refused(axis, setting, found, needed)
+    _settings(axis, needs).confirm()
 
 
-def _read(axis: Axis, setting: Setting) -> int:
-    return axis.get_global(setting.number) if setting.of_module else axis.get(setting.number)
+def _settings(axis: Axis, needs: Needs) -> Kept:
+    """All of them but the resolution, which two parameters make."""
+
+    def of_module(name: str, number: Global, needed: int, why: str) -> Setting:
+        def write(value: int) -> None:
+            axis.put_global(number, value)
+
+        return Setting(f"{name} (global parameter {number})", lambda: axis.get_global(number), needed, why, write)
+
+    def of_axis(
+        name: str, number: Parameter, needed: int | Callable[[int], int], why: str, written: bool = True
+    ) -> Setting:
+        def write(value: int) -> None:
+            axis.put(number, value)
+
+        place = f"{name} (axis parameter {number})"
+        return Setting(place, lambda: axis.get(number), needed, why, write if written else None)
+
+    switch = ("left", Parameter.LEFT_SWITCH_OFF) if needs.left_switch else ("right", Parameter.RIGHT_SWITCH_OFF)
+    least = round(needs.speed / STOPS_WITHIN)
+    slow = f"a stop would take longer than {STOPS_WITHIN:g} s"
+    program = of_module("program stored in the module", Global.PROGRAM, 0, "it would move the motor")
+    every = [
+        replace(program, write=lambda _: axis.stop_program()),
+        of_module("auto start", Global.AUTO_START, 0, "a stored program would move the motor"),
+        of_module("secondary address", Global.SECONDARY_ADDRESS, 0,
+                  "the module would obey commands meant for another one"),
+        of_axis(f"{switch[0]} limit switch disable", switch[1], 0, "the motor would run past the switch"),
+        of_axis("soft stop", Parameter.SOFT_STOP, 0, "the motor would run past the switch"),
+        of_axis("freewheeling mode", Parameter.FREEWHEELING, 0, "the motor would not hold"),
+        of_axis("step/direction mode", Parameter.STEP_DIRECTION, 0, "other signals would move the motor"),
+        of_axis("unit mode", Parameter.UNITS, 1, "speeds would not be microsteps per second"),
+        of_axis("maximum current", Parameter.MAX_CURRENT, lambda found: max(1, found), "the motor would not turn", False),
+        of_axis("standby current", Parameter.STANDBY_CURRENT, lambda found: max(1, found), "the motor would not hold", False),
+        of_axis("maximum acceleration", Parameter.ACCELERATION, lambda found: max(least, found), slow, False),
+        of_axis("maximum deceleration", Parameter.DECELERATION, lambda found: max(least, found), slow, False),
+    ]  # fmt: skip
+    if needs.heartbeat is not None:
+        why = "the motor would not stop without the host"
+        every.append(of_module("heartbeat", Global.HEARTBEAT, needs.heartbeat, why))
+    return Kept(axis.name, "module", "TMCL-IDE", every)
 
 
 def _check_resolution(axis: Axis, needs: Needs) -> None:
@@ -153,11 +93,3 @@ def _check_resolution(axis: Axis, needs: Needs) -> None:
             f"{full << micro} microsteps per turn, needed {needs.microsteps_per_turn}: lengths would be wrong; "
             "set it with the maker's TMCL-IDE, or correct microsteps_per_turn in rig.yaml",
         )
-
-
-def _refused(axis: Axis, setting: Setting, found: int, needed: int) -> WrongDevice:
-    remedy = "open the unit again" if setting.written else "set it with the maker's TMCL-IDE"
-    return WrongDevice(
-        axis.name,
-        f"{setting.where} is {found}, needed {needed}: {setting.why}; {remedy}, and keep other hosts off the module",
-    )

@@ -9,30 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import timing
 from timing import Clock
 
 from ..errors import LimitExceeded
-from ..interfaces import Vector3, Vector6
-
-
-class Limits(Protocol):
-    """The limits of `drivers.ur5.driver.Config`, in its units."""
-
-    @property
-    def workspace_min(self) -> Vector3: ...
-    @property
-    def workspace_max(self) -> Vector3: ...
-    @property
-    def max_step(self) -> float: ...
-    @property
-    def max_turn(self) -> float: ...
-    @property
-    def max_speed(self) -> float: ...
-    @property
-    def max_acceleration(self) -> float: ...
+from ..interfaces import Vector6
+from .config import Config
 
 
 def distance_between(a: Sequence[float], b: Sequence[float]) -> float:
@@ -54,7 +37,7 @@ def _quaternion(vector: Sequence[float]) -> list[float]:
     return [math.cos(angle / 2.0), *(factor * x for x in vector)]
 
 
-def check_request(name: str, limits: Limits, pose: Sequence[float], speed: float, acceleration: float) -> Vector6:
+def check_request(name: str, limits: Config, pose: Sequence[float], speed: float, acceleration: float) -> Vector6:
     """The pose as six floats. Raises LimitExceeded when pose, speed (m/s) or acceleration (m/s^2) is not allowed."""
     goal = [float(x) for x in pose]
     if len(goal) != 6 or not all(math.isfinite(x) for x in (*goal, speed, acceleration)):
@@ -81,7 +64,7 @@ def check_request(name: str, limits: Limits, pose: Sequence[float], speed: float
     return (goal[0], goal[1], goal[2], goal[3], goal[4], goal[5])
 
 
-def check_step(name: str, limits: Limits, here: Sequence[float], goal: Sequence[float]) -> None:
+def check_step(name: str, limits: Config, here: Sequence[float], goal: Sequence[float]) -> None:
     """Raises LimitExceeded when the goal is farther from the present pose than one motion may go."""
     distance, turn = distance_between(here, goal), turn_between(here, goal)
     if distance > limits.max_step:

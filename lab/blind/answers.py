@@ -36,8 +36,6 @@ class Answer:
     sizes: Mapping[str, Mapping[str, tuple[float, float]]] = field(default_factory=dict)
     """Parameters (value, sd) by effect, of the named hypothesis."""
     share_closed: float = math.nan
-    gap_before: float = math.nan
-    gap_after: float = math.nan
     seconds: float = math.nan
     asked: tuple[str, ...] = ()
     error: str = ""
@@ -63,15 +61,12 @@ class Answer:
         return sum(p for names, p in self.ranking if names == effects)
 
 
-def read_answer(path: Path, case: str, after: int | None = None) -> Answer:
-    """The last answer of a case, or the one after `after` experiments (or fewer, when it asked for no more).
-
-    Raises ConfigError for a file that holds no rounds.
-    """
+def read_answer(path: Path, case: str) -> Answer:
+    """The last answer of a case. Raises ConfigError for a file that holds no rounds."""
     rounds = read_table(path, HINT)
     try:
-        chosen = rounds[-1] if after is None else rounds[min(after, len(rounds) - 1)]
-        return answer_from(case, chosen["diagnosis"], float(chosen["seconds"]), tuple(map(str, chosen["asked"])))
+        last = rounds[-1]
+        return answer_from(case, last["diagnosis"], float(last["seconds"]), tuple(map(str, last["asked"])))
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as e:
         raise ConfigError(f"{path}: holds no rounds of a diagnosis ({repr(e)[:200]}); {HINT}") from e
 
@@ -115,8 +110,7 @@ def answer_from(case: str, d: Mapping[str, Any], seconds: float = math.nan, aske
     return Answer(
         case, verdict, effects, p, tuple(ranking),
         tuple(frozenset(x) - {"none"} for x in attribute.get("credible_set") or ()),
-        none, unknown, _sizes(attribute, effects), _number(shrink.get("share_closed")),
-        _number(shrink.get("before_mm")), _number(shrink.get("after_mm")), seconds, asked,
+        none, unknown, _sizes(attribute, effects), _number(shrink.get("share_closed")), seconds, asked,
         budget={str(x["effect"]): (_number(x.get("low95_mm")), _number(x.get("high95_mm")))
                 for x in d.get("budget") or () if isinstance(x, Mapping) and "effect" in x},
         stage=next((str(x["stage"]) for x in attribute.get("stage_errors") or () if isinstance(x, Mapping)), ""),

@@ -41,23 +41,21 @@ def _make(a: argparse.Namespace) -> int:
         a.world, a.n, a.seed, tuple(a.kind or ()), a.clutter, (low, high), a.settled, a.held_out, tuple(a.cause or ())
     )
     # a simulator predicts the base sweep alone
-    menu = not a.no_menu and a.simulator is None
-    digest = make(
-        a.out, recipe, a.design, menu=menu, per_length=a.per_length, simulator=a.simulator, crew=_crew(a)
-    )  # fmt: skip
+    menu = a.simulator is None
+    digest = make(a.out, recipe, a.design, menu=menu, simulator=a.simulator, crew=_crew(a))
     out.print(f"{a.n} cases of world {a.world} in {a.out}; sha256 of the sealed truth {digest}")
     return 0
 
 
 def _run(a: argparse.Namespace) -> int:
     quick = propose_folder if a.chosen else attribute_folder
-    done = run(a.out, quick if a.quick else diagnose_folder, Further(a.chosen, a.choose), _crew(a))
+    done = run(a.out, quick if a.quick else diagnose_folder, Further(a.chosen), _crew(a))
     out.print(f"{done} cases diagnosed")
     return 0
 
 
 def _score(a: argparse.Namespace) -> int:
-    result = score(a.out, a.after, a.answers)
+    result = score(a.out, a.answers)
     path = write(result, a.out, a.answers)
     picture = draw(result, path.with_suffix(".png"))
     if a.json:
@@ -97,8 +95,6 @@ MAKE = (
         "--sizes", type=float, nargs=2, default=(0.5, 1.5), metavar=("LOW", "HIGH"), help="effects, in plausible scales"
     ),
     option("--settled", action="store_true", help="stop and read, instead of reading while ramping slowly"),
-    option("--per-length", action="store_true", help="an area factor of its own for each spine length"),
-    option("--no-menu", action="store_true", help="offer no further experiments"),
     option(
         "--simulator",
         metavar="NAME|FILE.py",
@@ -111,19 +107,12 @@ MAKE = (
 RUN = (
     option("out", type=Path),
     option("--chosen", type=int, default=0, help="experiments that the diagnosis may request (0 to 3)"),
-    option(
-        "--choose",
-        choices=("information", "random", "repeat"),
-        default="information",
-        help="next experiment: what the diagnosis asks for (default), any of the menu, or the sweep again",
-    ),
     *CREW,
     option("--quick", action="store_true", help="no held-out errors, and without --chosen no next experiments"),
 )
 
 SCORE = (
     option("out", type=Path),
-    option("--after", type=int, help="score the answers given after this many experiments (default: the last)"),
     option(
         "--answers",
         type=Path,

@@ -9,23 +9,17 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from recordings.bounded import read_bounded
 from recordings.json_text import read_json
 from recordings.own_files import replaced
 
 from ..files.config import ConfigError
+from .truth import Truth
 
 LARGEST = 20_000_000
 """Bytes of a JSON file of a set."""
-
-
-class Sealed(Protocol):
-    """A case's truth."""
-
-    def as_dict(self) -> dict[str, Any]:
-        """For the sealed file."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +70,7 @@ def new_set(root: Path) -> SetFolder:
     return SetFolder(root)
 
 
-def seal(folder: SetFolder, truths: Sequence[Sealed], seed: int, about: dict[str, Any]) -> str:
+def seal(folder: SetFolder, truths: Sequence[Truth], seed: int, about: dict[str, Any]) -> str:
     """Write the truth with a salt, then its digest where everybody sees it; returns the digest.
 
     The salt keeps a digest from being found by trying every seed.

@@ -28,7 +28,7 @@ from ..files.config import ConfigError, check, parse_yaml
 from ..files.example import paper_robot
 from ..files.inputs import read_case
 from .folder import SetFolder, new_set, seal
-from .sweeps import AGAIN, BASE, BASE_SETTLED, MENU, Design, State, Sweep, design, joined
+from .sweeps import AGAIN, BASE, BASE_SETTLED, MENU, Design, State, Sweep, design
 from .truth import KINDS, THRUST, Recipe, Stratum, Truth, another_cause, draw, draw_robot
 from .workers import Crew, spread
 
@@ -51,7 +51,6 @@ class Order:
     design: Design
     folder: SetFolder
     menu: bool
-    per_length: bool
     simulator: str | None = None
 
 
@@ -61,15 +60,13 @@ def make(
     design_name: str = "full",
     *,
     menu: bool = True,
-    per_length: bool = False,
     simulator: str | None = None,
     crew: Crew = Crew(),  # noqa: B008 (frozen)
 ) -> str:
     """Make a set in an empty folder; returns the digest of its truth. Raises ConfigError.
 
-    `menu`: measure the experiments that a diagnosis may ask for. `per_length`: robot.yaml asks for an area factor of
-    its own for each spine length, as the paper does, instead of one for all. `simulator`: its predictions are written into
-    each case, as the baseline of its diagnosis in place of the rod.
+    `menu`: measure the experiments that a diagnosis may ask for. `simulator`: its predictions are
+    written into each case, as the baseline of its diagnosis in place of the rod.
     """
     try:
         world(recipe.world)
@@ -78,14 +75,13 @@ def make(
     shown = design(design_name)
     folder = new_set(root)
     orders = [
-        Order(place, stratum, causes, recipe, shown, folder, menu or shown.extras, per_length, simulator)
+        Order(place, stratum, causes, recipe, shown, folder, menu or shown.extras, simulator)
         for place, (stratum, causes) in enumerate(draw(recipe))
     ]
     truths = sorted(spread(make_case, orders, crew, "cases made"), key=lambda t: t.case)
     about = {
         "design": shown.name, "world": recipe.world, "clutter": _clutter(recipe), "sizes": list(recipe.sizes),
-        "settled": recipe.settled, "area_factor": "by spine length" if per_length else "one",
-        "kinds": sorted({KINDS[o.stratum] for o in orders}), "held_out": recipe.held_out,
+        "settled": recipe.settled, "kinds": sorted({KINDS[o.stratum] for o in orders}), "held_out": recipe.held_out,
         **({"simulator": simulator} if simulator else {}),
     }  # fmt: skip
     return seal(folder, truths, recipe.seed, about)
@@ -107,7 +103,7 @@ def make_case(order: Order) -> Truth:
         except (NoEquilibrium, Unequal):
             continue
         case = order.folder.case(truth.case)
-        robot = robot_yaml(markers=order.design.markers, per_length=order.per_length)
+        robot = robot_yaml(markers=order.design.markers)
         write_case(case, tables, order.design, robot, menu=order.menu)
         if order.simulator is not None:
             write_predictions(case, order.simulator)
@@ -280,7 +276,7 @@ def write_case(folder: Path, tables: dict[str, Table], shown: Design, robot: str
     folder.mkdir(parents=True)
     (folder / "robot.yaml").write_text(robot)
     extras = [tables[s.name] for s in MENU] if shown.extras else []
-    write_csv(shown.show(joined([tables["base"], *extras])), folder / "trials.csv")
+    write_csv(shown.show(Table.joined([tables["base"], *extras])), folder / "trials.csv")
     if menu and not shown.extras:
         (folder / "menu").mkdir()
         for name, table in tables.items():
@@ -303,11 +299,10 @@ def write_predictions(folder: Path, name: str) -> Path:
     return path
 
 
-def robot_yaml(*, markers: bool, per_length: bool) -> str:
+def robot_yaml(*, markers: bool) -> str:
     """robot.yaml as a diagnosis gets it; its area factor is a starting value, to be calibrated."""
     robot = yaml.safe_load(paper_robot().read_text(encoding="utf-8"))
-    if not per_length:
-        robot["area_factor"] = 1.6
+    robot["area_factor"] = 1.6
     if markers:
         robot["markers"] = [0.1, 0.2, 0.3]
     return yaml.safe_dump(robot, sort_keys=False)
@@ -315,4 +310,4 @@ def robot_yaml(*, markers: bool, per_length: bool) -> str:
 
 def described() -> Described:
     """That robot as it is read, without markers and with one area factor."""
-    return check(parse_yaml(robot_yaml(markers=False, per_length=False), "robot.yaml"), Described)
+    return check(parse_yaml(robot_yaml(markers=False), "robot.yaml"), Described)

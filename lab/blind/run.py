@@ -26,7 +26,7 @@ from ..files.inputs import read_case
 from .answers import answer_from
 from .folder import SetFolder
 from .make import PREDICTED
-from .sweeps import AGAIN, BASE, BASE_SETTLED, CHANNELS, MENU, joined
+from .sweeps import AGAIN, BASE, BASE_SETTLED, CHANNELS, MENU
 from .workers import Crew, spread
 
 Choice = Literal["information", "random", "repeat"]
@@ -185,7 +185,7 @@ def granted(table: Table, menu: Path, wish: str) -> Table:
         replace(r, orientation=r.orientation if orientation else None, markers=r.markers if markers else ())
         for r in extra
     ]
-    return joined([table, Table(tuple(rows))])
+    return Table.joined([table, Table(tuple(rows))])
 
 
 def _widened(table: Table, base: Table, channel: str) -> Table:

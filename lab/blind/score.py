@@ -6,7 +6,6 @@ import json
 import math
 import time
 from dataclasses import asdict, dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +41,6 @@ class Target:
 def targets(about: dict[str, Any], after: int) -> dict[str, Target]:
     """By metric, for a set as its commitment describes it, with `after` experiments chosen by the diagnosis."""
     design, cluttered = str(about.get("design", "full")), float(about.get("clutter", 0)) > 0
-    per_length = about.get("area_factor") == "by spine length"
     found = {
         "coverage": Target(0.93, 0.98),
         "ece": Target(high=0.04),
@@ -68,7 +66,7 @@ def targets(about: dict[str, Any], after: int) -> dict[str, Target]:
         }
     else:
         found |= {
-            "top1": Target(low=0.96 if per_length else 0.98),
+            "top1": Target(low=0.98),
             "pair_both": Target(low=0.95),
             "pair_exact": Target(low=0.80),
             "pair_spurious": Target(high=0.15),
@@ -128,9 +126,9 @@ class Score:
         }  # fmt: skip
 
 
-def score(root: Path, after: int | None = None, others: Path | None = None) -> Score:
-    """Open the seal of a set and score its answers, the last of each case or those `after` chosen experiments; with `others`
-    those of another method, a file CASE.json in that folder for each case.
+def score(root: Path, others: Path | None = None) -> Score:
+    """Open the seal of a set and score its answers, the last of each case; with `others` those of another method, a file
+    CASE.json in that folder for each case.
 
     Raises ConfigError when a case has no answer, or the seal is not the one that was committed to.
     """
@@ -144,7 +142,7 @@ def score(root: Path, after: int | None = None, others: Path | None = None) -> S
             f"{root}: {len(missing)} of {len(at)} cases have no answer ({', '.join(missing[:5])} ..); "
             f"the seal stays closed, {remedy}"
         )
-    read = read_foreign if others is not None else partial(read_answer, after=after)
+    read = read_answer if others is None else read_foreign
     answers: dict[str, Answer] = {name: read(path, name) for name, path in at.items()}
     truth = open_seal(folder)
     cases = tuple(scored(truth[name], answers[name]) for name in sorted(answers))

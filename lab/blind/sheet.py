@@ -38,7 +38,7 @@ def heading(result: Score) -> str:
     about = result.about
     world = f"cluttered at {float(about['clutter']):.0%}" if about.get("clutter") else "clean"
     chosen = f", after at most {result.after} experiments of its own choice" if result.after else ""
-    data = f"data: {about.get('design')}{chosen}, A_eff: {about.get('area_factor')}"
+    data = f"data: {about.get('design')}{chosen}"
     return f"{result.name}: {len(result.cases)} cases, {world}, {data}"
 
 

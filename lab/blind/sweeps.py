@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -161,12 +161,3 @@ def design(name: str) -> Design:
 
 def _paper_state(r: TrialRow) -> bool:
     return r.branch == "load" and max(r.pressures) > 20e3
-
-
-def joined(tables: Iterable[Table]) -> Table:
-    """One campaign: trials numbered on."""
-    rows: list[TrialRow] = []
-    for table in tables:
-        first = max((r.trial for r in rows), default=0)
-        rows += [replace(r, trial=r.trial + first) for r in table]
-    return Table(tuple(rows))

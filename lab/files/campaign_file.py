@@ -6,13 +6,13 @@ import math
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, field_validator, model_validator
+from pydantic import Field, StringConstraints, field_validator, model_validator
 
 from recordings.campaign.labels import labels
 from recordings.errors import BadMessage
 from recordings.messages import NAME
 
-from .config import Source, check, read_yaml
+from .config import FileTable, Source, check, read_yaml
 
 OWN_LABELS = ("campaign", "block", "run", "condition", "warm_up")
 """Labels that a campaign gives its recordings by itself."""
@@ -21,13 +21,7 @@ CampaignName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9
 LabelName = Annotated[str, StringConstraints(pattern=f"^{NAME.pattern}$")]
 
 
-class Table(BaseModel):
-    """A table of a file: no unknown keys, no NaN, unchangeable."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class Part(Table):
+class Part(FileTable):
     """A protocol of the campaign."""
 
     protocol: str = Field(min_length=1, max_length=1000)
@@ -54,7 +48,7 @@ class Part(Table):
         return self
 
 
-class WarmUp(Table):
+class WarmUp(FileTable):
     """Pressure cycles that nothing is read in, before the first run that inflates the robot."""
 
     cycles: int = Field(3, ge=0, le=1000)
@@ -63,7 +57,7 @@ class WarmUp(Table):
     """Time without inflation after which they are repeated."""
 
 
-class Stop(Table):
+class Stop(FileTable):
     """When the campaign ends before its last run."""
 
     max_duration: float | None = Field(None, gt=0, le=1e7, json_schema_extra={"unit": "s"})
@@ -78,7 +72,7 @@ class Stop(Table):
     """Of the tips of one state in different blocks, rms."""
 
 
-class CampaignFile(Table):
+class CampaignFile(FileTable):
     """The whole of campaign.yaml."""
 
     campaign: CampaignName

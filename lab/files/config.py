@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 import yaml
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
@@ -39,6 +39,12 @@ class ConfigError(Exception):
     """A file or an argument that cannot be used; its text lists every problem. Exit code 2."""
 
 
+class FileTable(BaseModel):
+    """A table of a file: no unknown keys, no NaN, unchangeable."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
 def demand_writable(*paths: Path | None) -> None:
     """A missing folder is reported before minutes are spent, not after; raises ConfigError. None: not wanted."""
     for path in paths:
@@ -55,6 +61,11 @@ class Source:
     lines: Lines
     text: bytes = b""
     """What was parsed."""
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """Its keys and values; none where it holds something else, which `check` refuses."""
+        return self.data if isinstance(self.data, dict) else {}
 
     def at(self, loc: Loc) -> str:
         """`file:line` of the key nearest to loc."""

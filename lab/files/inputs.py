@@ -84,15 +84,13 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
             raise ConfigError(
                 f"{other.name}: was recorded with a different robot.yaml than {source.name}; give one for all with --robot"
             )
-    rows: list[TrialRow] = []
     for file, table in parts:
         _demand_plausible(robot, table, file)
-        first = max((r.trial for r in rows), default=0)
-        rows += [replace(r, trial=r.trial + first) for r in table]
+    rows = Table.joined(table for _, table in parts).rows
     doubts = tuple(f"{file}: {doubt}" for file, table in parts for doubt in table.warnings)
     units = {column: unit for _, table in parts for column, unit in table.sensor_units.items()}
     doubts += doubtful(robot, rows, source.name)
-    return Case(robot, Table(tuple(rows), warnings=doubts, sensor_units=units), source.text.decode())
+    return Case(robot, Table(rows, warnings=doubts, sensor_units=units), source.text.decode())
 
 
 def without_torn(paths: Sequence[Path]) -> list[Path]:

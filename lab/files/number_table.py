@@ -22,11 +22,10 @@ MOST_ROWS = 200_000
 TEXTS = ("branch", "protocol")
 
 
-def read_numbers(path: Path, wanted: Collection[str], pattern: str, told: str, empty: bool = False) -> Columns:
+def read_numbers(path: Path, wanted: Collection[str], pattern: str, told: str) -> Columns:
     """The columns named in `wanted`, or that match `pattern`, of a CSV file in SI units; others are not read.
 
-    `told`: what a person is told to give; `empty`: a cell may be empty, and is NaN. Raises ConfigError naming file, line,
-    column and value.
+    `told`: what a person is told to give. An empty cell is NaN. Raises ConfigError naming file, line, column and value.
     """
     data = read_bounded(path, 50_000_000, ConfigError)  # bytes
     try:
@@ -55,18 +54,17 @@ def read_numbers(path: Path, wanted: Collection[str], pattern: str, told: str, e
         if name in TEXTS:
             out[name] = np.array([text for _, text in cells])
         else:
-            out[name] = np.array([_number(path, k, name, text, empty) for k, text in cells])
+            out[name] = np.array([_number(path, k, name, text) for k, text in cells])
     return out
 
 
-def _number(path: Path, line: int, name: str, text: str, empty: bool) -> float:
-    if not text and empty:
+def _number(path: Path, line: int, name: str, text: str) -> float:
+    if not text:
         return math.nan
     try:
         value = float(text)
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        what = "is empty" if not text else f"= {text[:40]!r} is not a finite number"
-        raise ConfigError(f"{path}:{line}: {name} {what}; write a number in SI units")
+        raise ConfigError(f"{path}:{line}: {name} = {text[:40]!r} is not a finite number; write a number in SI units")
     return value

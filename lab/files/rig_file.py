@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Optional, Union
 
 from pydantic import (
-    BaseModel,
     ConfigDict,
     Field,
     PrivateAttr,
@@ -35,16 +34,10 @@ from drivers.registry import ROLES
 from drivers.spec import QUANTITY
 
 from .all_drivers import drivers, found_drivers
-from .config import ConfigError, Source, check, read_yaml
+from .config import ConfigError, FileTable, Source, check, read_yaml
 
 if TYPE_CHECKING:
     from model.robot import Robot
-
-
-class Table(BaseModel):
-    """A table of a file: no unknown keys, no NaN, unchangeable."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 SENSOR = "sensor"
@@ -93,7 +86,7 @@ def _table(name: str, config: type[InstrumentConfig]) -> type[InstrumentConfig]:
 
 if TYPE_CHECKING:
 
-    class Instruments(Table):
+    class Instruments(FileTable):
         """The instruments of the rig; one that is not there is left out."""
 
         arm: ArmConfig | None = None
@@ -107,7 +100,7 @@ if TYPE_CHECKING:
 
 else:
     about = "The instruments of the rig; one that is not there is left out."
-    Instruments = create_model("Instruments", __base__=Table, __doc__=about, **_tables())
+    Instruments = create_model("Instruments", __base__=FileTable, __doc__=about, **_tables())
 
 
 def present(instruments: Instruments) -> tuple[str, ...]:
@@ -124,13 +117,13 @@ def table_of(instruments: Instruments, name: str) -> InstrumentConfig:
     return found
 
 
-class ClockConfig(Table):
+class ClockConfig(FileTable):
     """How fast the rig's time runs; 1 for real instruments."""
 
     speed: float = Field(1.0, ge=0.1, le=200, json_schema_extra={"unit": ""})
 
 
-class Stand(Table):
+class Stand(FileTable):
     """Where the specimen of a stiffness trial is clamped, in the arm's base frame."""
 
     origin: Vector3 = Field(json_schema_extra={"unit": "m"})
@@ -159,7 +152,7 @@ class Stand(Table):
 Actuator = Literal["arm", "pressure", "spine", "valve"]
 
 
-class Safe(Table):
+class Safe(FileTable):
     """What the safe state is, how it is reached, and when the guard goes there by itself."""
 
     order: tuple[Actuator, ...] = ("arm", "pressure", "spine", "valve")
@@ -183,7 +176,7 @@ class Safe(Table):
         return self
 
 
-class Limits(Table):
+class Limits(FileTable):
     """Limits of the rig as a whole. The defaults are the paper's ranges."""
 
     max_total_pressure: float = Field(1.5e6, gt=0, le=3e6, json_schema_extra={"unit": "Pa"})
@@ -216,7 +209,7 @@ OPERATORS = (
 )
 
 
-class RigFile(Table):
+class RigFile(FileTable):
     """The whole of rig.yaml."""
 
     name: str = Field(min_length=1, max_length=100)

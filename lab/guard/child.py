@@ -7,16 +7,15 @@ terminal to its program, which ends it. Those that hold instruments come first o
 from __future__ import annotations
 
 import contextlib
-import importlib
 import os
 import signal
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import timing
 
@@ -26,41 +25,15 @@ SESSION = -20
 """Of its session among the others: Linux schedules by session (sched(7), autogroup), whatever the nice of what runs in it."""
 
 
-HOLDERS = {"lab.guard.process", "lab.guard.hosted", "lab.rig.hosted_stream"}
-"""Modules whose processes hold instruments, and share the clock of the program that starts them."""
 Child = subprocess.Popen[bytes]
-
-
-class Lodger:
-    """A child that is a thread of this process, since it shares a simulated clock with it; used as a `Popen`."""
-
-    returncode = 0
-
-    def __init__(self, module: str, given: list[int]) -> None:
-        self.pid = os.getpid()
-        serve = importlib.import_module(module).serve
-        self._thread = timing.Thread(target=serve, args=(given,), name=module)
-        self._thread.start()
-
-    def poll(self) -> int | None:
-        """See Popen."""
-        return None if self._thread.is_alive() else self.returncode
-
-    def wait(self, timeout: float | None = None) -> int:
-        """See Popen."""
-        self._thread.join(timeout)
-        if self._thread.is_alive():
-            raise subprocess.TimeoutExpired(self._thread.name, timeout or 0.0)
-        return self.returncode
-
-    def kill(self) -> None:
-        """Nothing: a thread ends when its pipes do."""
 
 
 def start_child(module: str, passed: Sequence[int] = (), *more: str, **streams: Any) -> Child:
     """Start `python -m MODULE FD .. MORE ..`, which inherits the file descriptors `passed`; `streams` as of `Popen`."""
-    if timing.together() and module in HOLDERS:
-        return cast(Child, Lodger(module, [os.dup(one) for one in passed]))
+    return timing.made(new_process, module, passed, more, streams)
+
+
+def new_process(module: str, passed: Sequence[int], more: Sequence[str], streams: Mapping[str, Any]) -> Child:
     command = [sys.executable, "-P", "-m", module, *map(str, passed), *more]
     return subprocess.Popen(
         command, pass_fds=passed, start_new_session=True, **{"stdin": subprocess.DEVNULL, **streams}

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 MISSING_WORDS = """
-na n/a n.a. n.a nan -nan nan(ind) -nan(ind) 1.#qnan -1.#qnan -1.#ind 1.#ind nat null nil none no nothing void empty blank undef
+na n/a n.a. n.a nan -nan nan(ind) -nan(ind) 1.#qnan -1.#qnan -1.#ind 1.#ind 1.#inf -1.#inf
+nan(snan) -nan(snan) nat null \\n nil none no nothing void empty blank undef
 undefined invalid missing hidden lost occluded untracked unseen inf -inf +inf infinity -infinity dropout out_of_range
 #n/a #na #value! #div/0! #num! #ref! #name? #null! <na> error err #error overflow over ovf ol o.l.
 - -- --- ---- – — ― − * ** *** ? ?? ??? . .. ... … / \\ x xx xxx _ __ k.a. o.a. n.d. n/d nd nv n.v.
@@ -73,8 +74,9 @@ class Judged:
 
 def is_missing(word: str, more: Sequence[str | float] = ()) -> bool:
     """Whether a cell says that there is no value."""
-    bare = word.strip().strip("[](){}<>\"'").casefold()
-    return not bare or bare in MISSING or word.strip().casefold() in {str(m).strip().casefold() for m in more}
+    whole = word.strip().casefold()
+    bare = whole.strip("[](){}<>\"'")
+    return not bare or bool({bare, whole} & MISSING) or whole in {str(m).strip().casefold() for m in more}
 
 
 def number(word: str, mark: str = ".", grouped: bool = False) -> float | None:

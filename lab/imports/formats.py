@@ -31,9 +31,8 @@ def read(paths: Path | Sequence[Path], source: Source, named: Collection[str] | 
     else:
         reader = READERS.get(path.suffix.lower())
         if reader is None:
-            raise ConfigError(
-                f"{path}: files of this kind are not read; known are {', '.join(KNOWN)}; export it as CSV"
-            )
+            remedy = REMEDIES.get(path.suffix.lower(), "export it as CSV")
+            raise ConfigError(f"{path}: files of this kind are not read; known are {', '.join(KNOWN)}; {remedy}")
         found = reader(path, source)
     found = cleaned(found, source.missing)
     if not len(found):
@@ -59,4 +58,8 @@ READERS: Mapping[str, Callable[[Path, Source], Series]] = {
 }  # fmt: skip
 """By ending."""
 RECORDING = ".mcap"
+REMEDIES: Mapping[str, str] = dict.fromkeys(
+    (".zstd", ".zst", ".lz4", ".gz", ".zip"), "unpack it first"
+) | dict.fromkeys((".bag", ".db3"), "convert it with `mcap convert`")
+""".. by ending, where a table is not the remedy."""
 KNOWN = (*READERS, RECORDING)

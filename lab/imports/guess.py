@@ -47,6 +47,8 @@ USUAL_PRESSURES = {"Pa": (4e3, 2e6), "kPa": (4.0, 600.0), "bar": (0.02, 4.0), "m
 STEADY = 0.02
 """Of the highest pressure, within which a plateau stands."""
 MOTION_CAPTURE = ("Motive", "C3D")
+FRAME_WORDS = frozenset(["frame", "frames", "sample", "samples", "index", "idx", "bild"])
+"""Words of a heading for a count of rows."""
 LONG_STEP, MANY = 5.0, 200
 """Step and number of rows from which times without a unit are not in s."""
 STEPS = {"ms": 5e3, "us": 5e6}
@@ -213,8 +215,17 @@ def _pressure_unit(values: Array, h: Heading, series: Series) -> _Unit:
 # ------------------------------------------------------------------ the rest
 def _others(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot) -> None:
     ignored = []
+    frames = _frames(series, headings)
     for h in headings:
-        column = own_column(h) or quantity(h)
+        column = own_column(h) or quantity(h) or ("t" if h.kind == "s" and _rises(series, h.name) else None)
+        if h.name == frames:
+            g.say(
+                "columns.t",
+                {"column": h.name, "scale": 0.01},
+                "GUESSED: no column of time, and some frames are missing",
+            )
+            g.doubts.append("columns.t.scale: how many seconds from frame to frame? 0.01 is a guess")
+            continue
         words = h.name in series.words and column not in ("branch", "protocol", "specimen")
         if column in (None, "trial", "repeat") or f"columns.{column}" in g.reasons or words:
             ignored.append(h.name)
@@ -254,6 +265,21 @@ def _others(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot)
         g.doubts.append("constants.spine_length: no column names the spine of robot.yaml: was it 0 mm in all rows?")
     if ignored:
         g.doubts.append(f"not used: {', '.join(ignored[:20])}")
+
+
+def _frames(series: Series, headings: Sequence[Heading]) -> str | None:
+    """The column that counts the rows of a long file without times, where it leaves numbers out."""
+    if "time" in series.numbers or len(series) <= MANY or any(quantity(h) == "t" or h.kind == "s" for h in headings):
+        return None
+    counting = [h.name for h in headings if FRAME_WORDS & set(h.words) and _rises(series, h.name)]
+    return next((name for name in counting if np.ptp(np.diff(series.numbers[name])) > 0), None)
+
+
+def _rises(series: Series, name: str) -> bool:
+    """Whether a column of numbers rises from row to row."""
+    values = series.numbers.get(name, np.zeros(0))
+    values = values[np.isfinite(values)]
+    return len(values) > 1 and bool((np.diff(values) > 0).all())
 
 
 def _branches(series: Series, name: str) -> dict[str, str] | None:

@@ -11,7 +11,7 @@ from recordings.trials import column_order
 from ..files.units import KINDS
 
 WORDS = {
-    "t": "t time zeit uhrzeit temps heure tiempo hora tempo ora timestamp datetime clock seconds sec elapsed",
+    "t": "t time zeit uhrzeit temps heure tiempo hora tempo ora timestamp datetime clock seconds sec elapsed millis micros",
     "trial": "trial trials run runs experiment exp versuch inflation sweep cycle zyklus lauf messreihe essai ensayo prova",
     "repeat": "repeat repeats repetition rep reps wiederholung wdh durchlauf durchgang répétition repetición ripetizione",
     "branch": "branch direction phase richtung",
@@ -84,19 +84,20 @@ UNITS = {
     unit.casefold(): (kind, unit) for kind in ("m", "Pa", "Pa/s", "s", "kg", "N", "N/s", "deg") for unit in KINDS[kind]
 }
 UNIT_WORDS = {
-    "m": "meter meters metre metres mètres metros", "mm": "millimeter millimeters millimetre millimetres millimètres milímetros",
-    "cm": "centimeter centimeters centimetre centimetres zentimeter", "um": "µm μm micrometer micrometers",
-    "s": "sec secs second seconds sek sekunde sekunden secondes segundos", "ms": "msec millisecond milliseconds millisekunden",
-    "us": "µs μs usec microsecond microseconds", "ns": "nanosecond nanoseconds", "deg": "° degree degrees grad degrés grados",
-    "rad": "radian radians", "Pa": "pascal", "kPa": "kilopascal kpag kpa(g)", "bar": "barg bar(g)", "psi": "psig",
-    "g": "gram grams gramm", "kg": "kilogram kilograms", "N": "newton newtons", "mbar": "millibar", "hPa": "hektopascal",
-    "in": "inch inches", "MPa": "megapascal", "GPa": "gigapascal",
+    "m": "meter meters metre metres mètres metros м", "cm": "centimeter centimeters centimetre centimetres zentimeter см",
+    "mm": "millimeter millimeters millimetre millimetres millimètres milímetros мм",
+    "um": "µm μm micrometer micrometers", "s": "sec secs second seconds sek sekunde sekunden secondes segundos с сек",
+    "ms": "msec millis millisecond milliseconds millisekunden мс", "us": "µs μs usec micros microsecond microseconds",
+    "ns": "nanosecond nanoseconds", "deg": "° degree degrees grad degrés grados град", "rad": "radian radians",
+    "Pa": "pascal па", "kPa": "kilopascal kpag kpa(g) кпа", "bar": "barg bar(g) бар", "psi": "psig", "g": "gram grams gramm г",
+    "kg": "kilogram kilograms кг", "N": "newton newtons н", "mbar": "millibar мбар", "hPa": "hektopascal", "in": "inch inches",
+    "kgf/cm2": "kgf/cm² kgf/cm^2 kg/cm2 kg/cm² kg/cm^2", "d": "day days tag tage", "MPa": "megapascal мпа", "GPa": "gigapascal",
 }  # fmt: skip
 """Other ways in which units are written."""
 UNITS |= {word: UNITS[unit.casefold()] for unit, words in UNIT_WORDS.items() for word in words.split()}
 OTHER_UNIT_WORDS = """
 v mv uv ma a hz khz °c c k % 1 - -- – a.u. au n/a none n.u. frame frames sample samples # nm n·m n*m m/s mm/s rad/s deg/s °/s m/s²
-m/s^2 in/s ft inhg inh2o kgf lbf gf lb oz at kgf/cm² kgf/cm^2 kg/cm² kg/cm^2 °f °k g/s l/min ml/min sccm
+m/s^2 in/s ft kgf lbf gf lb oz at °f °k g/s l/min ml/min sccm
 v/v bool boolean unitless px counts lsb s^-1 ohm kohm nt ut mt gauss date iso8601
 hh:mm:ss hh:mm:ss.000 date/time
 """
@@ -109,6 +110,8 @@ UNSTATED = frozenset(UNSTATED_WORDS.split()) | {""}
 """Those of them that say no unit."""
 
 
+ALONE = frozenset(["mm", "s", "ms", "millis", "micros"])
+"""Units that may be all of a heading."""
 ELECTRIC = frozenset({"v", "mv", "ma", "a", "counts", "lsb"})
 """Units, in lower case, of sensors that nobody has scaled."""
 
@@ -158,7 +161,7 @@ def heading(name: str, unit: str = "") -> Heading:
         if bracketed and said.end() == len(name.rstrip()) and is_unit(said[1]) and said[1] not in UNSTATED:
             stated, rest = said[1], f"{name[: said.start()]} {name[said.end() :]}"
     parts = [w for w in re.split(r"[^0-9A-Za-zÀ-ÿ]+", rest) if w]
-    last = parts[-1].casefold() if parts and not stated and (len(parts) > 1 or parts[0] in ("mm", "s", "ms")) else ""
+    last = parts[-1].casefold() if parts and not stated and (len(parts) > 1 or parts[0] in ALONE) else ""
     if last in UNITS and last != "in":
         kind, unit = UNITS[last] if len(parts[-1]) > 1 or len(parts) == 1 else ("", "")
         parts = parts[: -1 if unit and len(parts) > 1 else None]

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 from model.actuators import Words
 from recordings.trials import TEXTS, column_order, unit_of
 
-from ..files.config import ConfigError
+from ..files.config import ConfigError, FileTable
 from ..files.units import KINDS, UnitError, to_si
 
 Array = NDArray[np.float64]
@@ -29,13 +29,7 @@ Name = Annotated[str | int, Field(description="heading of a column, or its numbe
 Point = Annotated[str | tuple[Name, Name, Name], Field(description="a marker, or its three columns")]
 
 
-class Part(BaseModel):
-    """A table of map.yaml."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class Source(Part):
+class Source(FileTable):
     """How the file is read, if its ending and first lines do not tell."""
 
     separator: str | None = Field(default=None, min_length=1, max_length=1)
@@ -57,7 +51,7 @@ class Source(Part):
     """Whose times count in a recording (default: the tip's)."""
 
 
-class Column(Part):
+class Column(FileTable):
     """Where a column of trials.csv comes from: (value - zero) * scale, from its unit to SI."""
 
     column: Name
@@ -72,7 +66,7 @@ class Column(Part):
     """The file's word -> that of trials.csv."""
 
 
-class Points(Part):
+class Points(FileTable):
     """A place on the body: the middle of markers."""
 
     of: tuple[Point, ...] = Field(min_length=1)
@@ -84,7 +78,7 @@ class Points(Part):
     """Take the tip's orientation from three markers or more."""
 
 
-class Orientation(Part):
+class Orientation(FileTable):
     """How the tip is turned."""
 
     columns: tuple[Name, ...] = Field(min_length=3, max_length=4)
@@ -101,7 +95,7 @@ class Orientation(Part):
         return self
 
 
-class Frame(Part):
+class Frame(FileTable):
     """Axes of the robot's base (x, y, z; z points from base to tip) and, for each, the axis of the file that points there."""
 
     x: str = "x"
@@ -130,7 +124,7 @@ class Frame(Part):
         return rows
 
 
-class Plateaus(Part):
+class Plateaus(FileTable):
     """States are stretches in which no pressure (and no force) changes by more than `steady` (`force`) within `shortest`;
     their mean is taken."""
 
@@ -142,7 +136,7 @@ class Plateaus(Part):
     """Left out at the start."""
 
 
-class Window(Part):
+class Window(FileTable):
     """Rows at the start or the end of each trial that make one state."""
 
     first: int | None = Field(default=None, ge=1)
@@ -157,7 +151,7 @@ class Window(Part):
         return self
 
 
-class States(Part):
+class States(FileTable):
     """Which rows make a state: each, stretches of steady pressure, or windows of each trial."""
 
     plateaus: Plateaus | None = None
@@ -170,7 +164,7 @@ class States(Part):
         return self
 
 
-class Trials(Part):
+class Trials(FileTable):
     """Where a trial begins, unless `columns.trial` says: with each file and each change of `columns.repeat`, also each time all
     pressures come back to rest, or with each state, where settings follow each other in no order.
 
@@ -191,7 +185,7 @@ class Trials(Part):
         return self
 
 
-class Stiffness(Part):
+class Stiffness(FileTable):
     """Rows of a stiffness trial from files with a `force`: deflection against the file of the same repeat without one."""
 
     specimen: Literal["spine", "body"] = "body"
@@ -226,7 +220,7 @@ class Own(BaseModel):
         return dict(self.__pydantic_extra__)
 
 
-class Map(Part):
+class Map(FileTable):
     """What a file of measurements holds."""
 
     robot: str = "robot.yaml"

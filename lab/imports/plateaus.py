@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from .map_file import Plateaus, States
 
@@ -55,17 +54,36 @@ def plateaus(wanted: Plateaus, t: Array, pressures: Array, trial: NDArray[np.int
     ]
 
 
+def _spread(values: Array, ends: NDArray[np.int64]) -> Array:
+    """(n,) largest difference within a column of (n, k) values, from each row up to the one before `ends`."""
+    n = len(values)
+    lengths = ends - np.arange(n)
+    low, high, out = values, values, np.zeros(n)
+    size = 1
+    while True:  # `low` and `high` are over `size` rows; two such stretches cover up to twice as many
+        own = np.flatnonzero((lengths >= size) & (lengths < 2 * size))
+        last = ends[own] - size
+        out[own] = (np.maximum(high[own], high[last]) - np.minimum(low[own], low[last])).max(axis=1)
+        if 2 * size > n:
+            return out
+        low, high = np.minimum(low[:-size], low[size:]), np.maximum(high[:-size], high[size:])
+        size *= 2
+
+
 def _stretches(wanted: Plateaus, t: Array, filled: Array, trial: NDArray[np.int64]) -> list[Cut]:
     n = len(t)
     if not n:
         return []
     step = float(np.median(np.diff(t))) if n > 1 else wanted.shortest
-    width = min(max(3, round(wanted.shortest / max(step, 1e-9)) | 1), 2 * n + 1)
-    low = minimum_filter1d(filled, width, axis=0, mode="nearest")
-    high = maximum_filter1d(filled, width, axis=0, mode="nearest")
-    calm = (high - low).max(axis=1) <= wanted.steady
+    # by time rather than by rows: clocks are coarse, rows come in bursts, and some are missing
+    ends = np.searchsorted(t, t + wanted.shortest * (1 + 1e-9), side="right")
+    ends = np.clip(np.maximum(ends, np.arange(n) + 3), None, n)
+    calm = (_spread(filled, ends) <= wanted.steady) & (t[-1] - t >= wanted.shortest * (1 - 1e-6) - step)
     # a row belongs to a plateau when a calm window holds it
-    steady = maximum_filter1d(calm.astype(np.int8), width) > 0
+    begun, ended = np.zeros(n + 1, np.int64), np.zeros(n + 1, np.int64)
+    begun[:n] = calm
+    np.add.at(ended, ends[calm], 1)
+    steady = np.cumsum(begun - ended)[:n] > 0
     apart = (
         (np.abs(np.diff(filled, axis=0)).max(axis=1) > wanted.steady)
         | (np.diff(trial) != 0)

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import zstandard
 from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
@@ -38,17 +39,24 @@ MOST_REASONS, MOST_SAID = 3, 160
 """Reasons that a note gives, and letters of each."""
 SHOWN = 12
 """Topics that a note lists."""
+FEWEST_OF_A_THING = 4
+"""Messages about each thing, on average; a word that changes more often is no name."""
+ZSTD = b"\x28\xb5\x2f\xfd"
+PLAIN_CDR = (b"\0\0", b"\0\1")
+"""How a message in CDR begins, by the order of its bytes; XCDR2 places its fields otherwise."""
 DECODERS = {"cdr": "mcap_ros2.decoder", "ros1": "mcap_ros1.decoder"}
 """Package by encoding; JSON and protobuf need none."""
 
 
 @dataclass
 class Topic:
-    """Messages of one topic: times (s since the epoch), and numbers by field."""
+    """Messages of one topic: times (s since the epoch), and numbers by column."""
 
     name: str
     times: list[float] = field(default_factory=list)
     rows: list[dict[str, float]] = field(default_factory=list)
+    about: list[str] = field(default_factory=list)
+    """Which thing each message names; empty where it names none."""
     left_out: int = 0
     """Messages that could not be decoded."""
     why: dict[str, None] = field(default_factory=dict)
@@ -58,6 +66,19 @@ class Topic:
         """Put the messages in the order of time."""
         order = np.argsort(self.times, kind="stable").tolist()
         self.times, self.rows = [self.times[i] for i in order], [self.rows[i] for i in order]
+        self.about = [self.about[i] for i in order]
+
+    def apart(self) -> str:
+        """Give each thing that the messages name columns of its own, where they name several; returns their names."""
+        things = [thing for thing in dict.fromkeys(self.about) if thing]
+        if not 1 < len(things) <= len(self.rows) / FEWEST_OF_A_THING:
+            return ""
+        cut = len(self.name)
+        self.rows = [
+            {f"{name[:cut]}.{thing}{name[cut:]}" if thing else name: value for name, value in row.items()}
+            for thing, row in zip(self.about, self.rows, strict=True)
+        ]
+        return ", ".join(things[:SHOWN])
 
     @property
     def reason(self) -> str:
@@ -67,7 +88,7 @@ class Topic:
         return count + "; ".join(islice(self.why, MOST_REASONS)) + more
 
     def columns(self) -> dict[str, Array]:
-        """(n,) numbers by field, NaN where a message has none."""
+        """(n,) numbers by column, NaN where a message has none."""
         names = dict.fromkeys(name for row in self.rows for name in row)
         return {name: np.array([row.get(name, np.nan) for row in self.rows]) for name in names}
 
@@ -122,6 +143,8 @@ def read_topics(paths: Sequence[Path], source: Source, named: Collection[str] | 
             raise _unreadable(p, e) from e
     for topic in found.values():
         topic.sort()
+        if things := topic.apart():
+            notes.append(f"the messages of {topic.name} are about {things}: read as columns {topic.name}.NAME")
         if topic.why:
             notes.append(f"{topic.name}: {topic.reason}")
     topics = {name: topic for name, topic in found.items() if any(topic.rows)}
@@ -138,9 +161,14 @@ def read_topics(paths: Sequence[Path], source: Source, named: Collection[str] | 
     at = np.array(leading.times)
     # Seconds since the epoch where log times are, so that the next recording keeps its distance.
     out: dict[str, Array] = {"time": at if start >= EPOCH[0] else at - start}
-    for name, topic in topics.items():
+    if len(at) > 1 and not np.ptp(at):
+        raise ConfigError(
+            f"{path}: all {len(at)} messages of {leading.name} have the log time {at[0]:g} s, so that nothing says which "
+            "belong together; record again with times, or write them by the stamps in their messages"
+        )
+    for topic in topics.values():
         for label, values in topic.columns().items():
-            out[f"{name}.{label}"] = values if topic is leading else _at(at, np.array(topic.times), values)
+            out[label] = values if topic is leading else _at(at, np.array(topic.times), values)
     return Series(path, out, "MCAP", notes=tuple(dict.fromkeys(notes)))
 
 
@@ -165,7 +193,7 @@ def _of(topic: str, column: str) -> bool:
 
 def _places(rows: list[dict[str, float]]) -> int:
     """1 for a topic whose messages hold a position."""
-    return int(any(name.endswith(("position.x", "translation.x", "tip_1", ".x")) or name == "x" for name in rows[0]))
+    return int(any(name.endswith(("tip_1", ".x")) for name in rows[0]))
 
 
 def _at(at: Array, times: Array, values: Array) -> Array:
@@ -195,13 +223,15 @@ def _decode(recording: Recording, found: Mapping[str, Topic]) -> None:
             continue
         for log_time, payload in zip(log_times.tolist(), payloads, strict=True):
             try:
-                row = dict(islice(_numbers("", decode(payload)), 5000))
+                message = decode(payload)
+                row = dict(islice(_numbers(channel.topic, message), 5000))
             except Exception as e:  # whatever a decoder raises, this is no message
                 topic.left_out += 1
                 topic.why.setdefault(_short(e))
             else:
                 topic.times.append(log_time / 1e9)
                 topic.rows.append(row)
+                topic.about.append(_name(message))
 
 
 def _decoder(channel: Channel, schema: Schema | None, tried: Sequence[bytes], topic: Topic) -> Decoder | None:
@@ -255,7 +285,17 @@ def _by_package(encoding: str, schema: Schema | None) -> Decoder:
     found: Decoder | None = factory.decoder_for(encoding, schema)
     if found is None:
         raise ValueError(f"definitions of kind {schema.encoding if schema else 'none'!r} are not read")
-    return found
+    whole = found
+    return (lambda data: whole(_plain_cdr(data))) if encoding == "cdr" else whole
+
+
+def _plain_cdr(data: bytes) -> bytes:
+    """A message in CDR, unpacked where its recorder packed each message; raises ValueError for any other."""
+    if data.startswith(ZSTD):
+        data = zstandard.ZstdDecompressor().decompressobj().decompress(data)
+    if data[:2] not in PLAIN_CDR:
+        raise ValueError(f"a message begins with {data[:2].hex()}, which is not plain CDR")
+    return data
 
 
 def _short(error: Exception) -> str:
@@ -264,22 +304,77 @@ def _short(error: Exception) -> str:
     return words[:MOST_SAID] + (" .." if len(words) > MOST_SAID else "")
 
 
+IDENTITY = re.compile(r"(?!parent|frame_id)(?:.*_)?(?:name|label|id|key|index)|(?!parent).*(?:Name|Label|Id|Key|Index)")
+"""Fields of an element of a list that say which it is."""
+
+
 def _numbers(name: str, value: Any) -> Iterator[tuple[str, float]]:
-    """Numbers of a message by the path of their fields, lists from 1; what is no number is left out."""
+    """Numbers of a message by the path of their fields; what is no number is left out.
+
+    Elements of a list go by their names where they have some, so that their order does not matter, else from 1.
+    """
     if isinstance(value, bool | int | float | np.number):
         with suppress(OverflowError):
             yield name, float(value)
-    elif isinstance(value, Mapping):
-        for key, inner in value.items():
-            yield from _numbers(f"{name}.{key}" if name else str(key), inner)
-    elif isinstance(value, str | bytes | bytearray | memoryview):
+    elif isinstance(value, str):
+        with suppress(ValueError):
+            yield name, float(value)
+    elif isinstance(value, bytes | bytearray | memoryview):
         return
-    elif hasattr(value, "DESCRIPTOR"):
-        for f in value.DESCRIPTOR.fields:
-            yield from _numbers(f"{name}.{f.name}" if name else f.name, getattr(value, f.name))
-    elif hasattr(value, "__slots__"):
-        for slot in value.__slots__:
-            yield from _numbers(f"{name}.{slot}" if name else slot, getattr(value, slot, None))
+    elif (fields := _fields(value)) is not None:
+        texts = [v for v in map(_texts, fields.values()) if v]
+        for key, inner in fields.items():
+            names = texts[0] if len(texts) == 1 and _is_list(inner) and len(inner) == len(texts[0]) else ()
+            yield from _elements(f"{name}.{key}", inner, names) if names else _numbers(f"{name}.{key}", inner)
     elif hasattr(value, "__iter__"):
-        for i, inner in enumerate(islice(value, 500), 1):
-            yield from _numbers(f"{name}.{i}" if name else str(i), inner)
+        inside = list(islice(value, 500))
+        yield from _elements(name, inside, _names(inside))
+
+
+def _elements(name: str, inside: Sequence[Any], names: Sequence[str]) -> Iterator[tuple[str, float]]:
+    """Numbers of a list under the names of its elements, or from 1."""
+    for label, inner in zip(names or range(1, len(inside) + 1), inside, strict=False):
+        yield from _numbers(f"{name}.{label}", inner)
+
+
+def _fields(value: Any) -> dict[str, Any] | None:
+    """What a message or a part of one holds, by field; without fields of protobuf that were not set. None for a list."""
+    if isinstance(value, Mapping):
+        return {str(key): inner for key, inner in value.items()}
+    if hasattr(value, "DESCRIPTOR"):
+        fields = value.DESCRIPTOR.fields
+        return {f.name: getattr(value, f.name) for f in fields if not f.has_presence or value.HasField(f.name)}
+    if hasattr(value, "__slots__"):
+        return {slot: getattr(value, slot, None) for slot in value.__slots__}
+    return None
+
+
+def _is_list(value: Any) -> bool:
+    return hasattr(value, "__len__") and not isinstance(value, str | bytes | bytearray | memoryview | Mapping)
+
+
+def _texts(value: Any) -> tuple[str, ...]:
+    """The texts of a list of texts that are all different; else nothing."""
+    if not _is_list(value) or len(value) == 0 or not isinstance(value[0], str):
+        return ()
+    texts = tuple(map(str, value))
+    return texts if all(texts) and len(set(texts)) == len(texts) else ()
+
+
+def _names(inside: Sequence[Any]) -> tuple[str, ...]:
+    """What tells the elements of a list apart; nothing where nothing does."""
+    if not inside or isinstance(inside[0], int | float | str | np.number):
+        return ()
+    elements = [_fields(inner) or {} for inner in inside]
+    said = [k for k, v in elements[0].items() if IDENTITY.fullmatch(k) and isinstance(v, str | int)]
+    ways = (
+        _texts([str(e.get(k, "")) for e in elements])
+        for k in sorted(said, key=lambda k: isinstance(elements[0][k], int))
+    )
+    return next(filter(None, ways), ())
+
+
+def _name(message: Any) -> str:
+    """The word by which a message names what it is about; empty where it has none."""
+    fields = _fields(message) or {}
+    return next((v for k, v in fields.items() if v and isinstance(v, str) and IDENTITY.fullmatch(k)), "")

@@ -167,7 +167,7 @@ def imported(
         origin = float(q.t[0]) if not number and absolute else origin
         q = replace(q, t=q.t - (origin if absolute else 0.0))
         if wanted.straight == "first row":
-            q = _straightened(q, 0, straight, wanted.sensor, arcs)
+            q = _straightened(q, straight, wanted.sensor, arcs)
         if number and ("t" not in own_map.columns and not absolute or q.t[0] < start):
             q = replace(q, t=q.t - q.t[0] + start + BETWEEN_RUNS)
         trial, doubts = trials_of_rows(series, q, own_map, robot.actuators.words)
@@ -341,19 +341,17 @@ def _straight_point(robot: Robot) -> Array:
     return np.array([stated[a].value if a in stated else 0.0 for a in "xyz"]) + [0.0, 0.0, robot.length]
 
 
-def _straightened(
-    q: Quantities, at: int, straight: Array, sensor: Sequence[float], arcs: Sequence[float]
-) -> Quantities:
-    """Places and turns against those of one row, which is the straight robot; a marker not seen there stays where it is."""
+def _straightened(q: Quantities, straight: Array, sensor: Sequence[float], arcs: Sequence[float]) -> Quantities:
+    """Places and turns against those of the first row, which is the straight robot; a marker not seen there stays where it is."""
     lever = np.array(sensor)
-    turn = None if q.turn is None else q.turn * q.turn[at].inv()
-    moved = q.tip - q.tip[at]
+    turn = None if q.turn is None else q.turn * q.turn[0].inv()
+    moved = q.tip - q.tip[0]
     if turn is not None:
         moved = moved - (turn.apply(lever) - lever)
     known = min(len(arcs), q.markers.shape[1])
     on_axis = np.array([(0.0, 0.0, s) for s in arcs[:known]]).reshape(-1, 3)
-    shift = np.zeros_like(q.markers[at])
-    shift[:known] = np.nan_to_num(on_axis - q.markers[at, :known])
+    shift = np.zeros_like(q.markers[0])
+    shift[:known] = np.nan_to_num(on_axis - q.markers[0, :known])
     return replace(q, tip=moved + straight, turn=turn, markers=q.markers + shift)
 
 

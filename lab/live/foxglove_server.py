@@ -11,7 +11,6 @@ from __future__ import annotations
 import time
 from importlib.resources import files
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from recordings.file.contents import Contents
@@ -138,7 +137,5 @@ class Foxglove:
     def __enter__(self) -> Foxglove:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._server.stop()

@@ -48,13 +48,9 @@ from .sensors_figure import sensors as draw_sensors
 
 FURTHEST, OUTLIER, SURPRISE = "furthest_from_prior", "outlier_trial", "outlier_surprise"
 MISFIT_LABELS = {
-    "discrepancy_gain": "log evidence gained by a large discrepancy",
-    "discrepancy_size": "size of the discrepancy over the noise floor",
     "lack_of_fit": "chi-square per degree of freedom",
     "prior_tension": "prior tension, standard deviations",
     FURTHEST: "parameter furthest from its prior",
-    "cross_prediction": "cross-prediction, chi-square per value",
-    "effects_named": "effects named",
     "spine_outlier": "spine outlier, standard deviations",
     "excess_scatter": "excess scatter of repeats, factor",
     OUTLIER: "trial that the others predict worst",

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Any
 
 from ..guard.pulse import SIGNAL, Pulse
@@ -33,9 +33,7 @@ class Interrupts:
         self._before = {n: signal.signal(n, self._on_signal) for n in SIGNALS if n not in kept}
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         for number, handler in self._before.items():
             # a program that was told to stop is ending: nothing is to cut its way out short
             signal.signal(number, signal.SIG_IGN if self._pressed else handler)
@@ -70,8 +68,6 @@ class Shielded:
             self._before = {}
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         for number, handler in self._before.items():
             signal.signal(number, handler)

@@ -14,7 +14,7 @@ import signal
 import termios
 import tty
 from collections.abc import Callable, Iterator
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Any
 
 import timing
@@ -113,9 +113,7 @@ class Keys:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._lent += 1
         os.write(self._wake, b"x")
         self._thread.join()

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,13 +54,6 @@ WITHIN = 30.0
 """Rig seconds for each wait."""
 
 
-@dataclass(frozen=True)
-class Expected:
-    """Where the tip should go from its place at rest: (3,) m in the base frame for each channel, for 1 Pa."""
-
-    per_pascal: tuple[Array, ...]
-
-
 def moves(bench: Bench, rig: RigFile, robot: Robot) -> Iterator[Moved]:
     """Try what the rig has, the air last, and end with the first that fails; the caller lands the rig.
 
@@ -72,10 +64,10 @@ def moves(bench: Bench, rig: RigFile, robot: Robot) -> Iterator[Moved]:
         ("spine", bench.spine, lambda: _spine(bench, rig)),
         ("arm", bench.arm, lambda: _arm(bench, rig)),
     ]
-    expected = _expected(bench, robot) if bench.pressure is not None else Expected(())
+    per_pascal = _expected(bench, robot) if bench.pressure is not None else ()
     for channel, group in enumerate(bench.chambers.channels):
         name = f"pressure channel {channel + 1} (chambers {', '.join(map(str, group))})"
-        trials.append((name, bench.pressure, lambda c=channel: _channel(bench, rig, expected, c)))  # type: ignore[misc]
+        trials.append((name, bench.pressure, lambda c=channel: _channel(bench, rig, per_pascal, c)))  # type: ignore[misc]
     for name, instrument, trial in trials:
         if instrument is None:
             continue
@@ -152,10 +144,11 @@ def _arm(bench: Bench, rig: RigFile) -> str:
 
 
 # ------------------------------------------------------------------ pressure
-def _expected(bench: Bench, robot: Robot) -> Expected:
-    """By the rod model, at no spine; no ways where it cannot say (no cameras)."""
+def _expected(bench: Bench, robot: Robot) -> tuple[Array, ...]:
+    """Where the tip should go from its place at rest, by the rod model at no spine: (3,) m in the base frame for each channel,
+    for 1 Pa; none where it cannot say (no cameras)."""
     if bench.mocap is None:
-        return Expected(())
+        return ()
     pressures = np.zeros((1 + len(bench.chambers.channels), bench.chambers.count))
     for row, group in enumerate(bench.chambers.channels, 1):
         pressures[row, [c - 1 for c in group]] = STEP
@@ -163,16 +156,16 @@ def _expected(bench: Bench, robot: Robot) -> Expected:
     states = conditions(robot, np.zeros(n), pressures, np.full(n, robot.tip_mass), np.zeros(n))
     tips = solve(rods_of(robot, states), FINE)
     if not tips.converged.all():
-        return Expected(())
-    return Expected(tuple((tip - tips.tip[0]) / STEP for tip in tips.tip[1:]))
+        return ()
+    return tuple((tip - tips.tip[0]) / STEP for tip in tips.tip[1:])
 
 
-def _channel(bench: Bench, rig: RigFile, expected: Expected, channel: int) -> str:
+def _channel(bench: Bench, rig: RigFile, per_pascal: tuple[Array, ...], channel: int) -> str:
     """One channel, from empty to 5 kPa and back; what was seen, for the report. Raises NotAsCommanded."""
     vent(bench)
     bench.wait("pressure: all channels empty", lambda: True if max(abs(_pressures(bench))) < AGREE else None, WITHIN)
     bench.pause(REST)
-    displacement = expected.per_pascal[channel] if expected.per_pascal else None
+    displacement = per_pascal[channel] if per_pascal else None
     rest = _tip(bench) if displacement is not None else None
     before = _pressures(bench)
     config = rig.instruments.pressure

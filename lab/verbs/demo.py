@@ -34,7 +34,7 @@ from ..rig.assembly import Rig
 from .check import check
 from .compare import sheet as error_sheet
 from .diagnose import Outputs, diagnose
-from .fakes import PATIENT, PATIENT_PAUSES, write_rig
+from .fakes import PATIENT, PATIENT_PAUSES, effects, write_rig
 from .fit import sheet as fit_sheet
 from .recorded import replayed
 from .run import Outcome, connect, execute, job
@@ -51,27 +51,11 @@ BENDING = [
 
 
 def draw(seed: int, chosen: str | None = None) -> Seal:
-    """One effect of a plausible size, or the chosen `ID=SIZE`; raises ConfigError when that is none."""
+    """One effect of a plausible size, or the chosen `ID[=SIZE]`; raises ConfigError when that is none."""
     rng = np.random.default_rng(seed)
-    name, size = draw_effect(rng, WITHHELD) if chosen is None else _chosen(chosen)
+    name, size = draw_effect(rng, WITHHELD) if chosen is None else next(iter(effects([chosen]).items()))
     info = next(e for e in list_effects() if e.id == name)
     return Seal(name, float(size), info.unit, info.physics, rng.bytes(16).hex())
-
-
-def _chosen(text: str) -> tuple[str, float]:
-    name, _, size = text.partition("=")
-    known = {e.id: e for e in list_effects()}
-    try:
-        number = float(size)
-    except ValueError:
-        number = float("nan")
-    if name not in known or not np.isfinite(number):
-        one = known.get(name) or known["chamber_azimuth"]
-        raise ConfigError(
-            f"--effect {text!r}: give ID=SIZE with a finite number, such as {one.id}={one.scale:g} ({one.unit}); ids: "
-            f"{', '.join(sorted(known))}"
-        )
-    return name, number
 
 
 class Story:
@@ -89,7 +73,7 @@ class Story:
 def demo(folder: Path, seed: int | None, speed: float, effect: str | None = None) -> int:
     """Run the story; 0 when every step succeeded and every replayed number equals the live one.
 
-    `effect` as `ID=SIZE` is withheld instead of a drawn one.
+    `effect` as `ID[=SIZE]` is withheld instead of a drawn one.
 
     Raises ConfigError where the instruments' libraries are not installed: the fakes are reached by them.
     """
@@ -216,7 +200,7 @@ VERBS = (
             option("--out", type=Path, default=Path("demo"), metavar="FOLDER", help="folder for recordings and report"),
             option("--seed", type=int, help="choose withheld effect and noise"),
             option("--speed", type=float, default=20.0, help="how much faster than real the rig runs (default 20)"),
-            option("--effect", metavar="ID=SIZE", help="withhold this effect instead of a drawn one"),
+            option("--effect", metavar="ID[=SIZE]", help="withhold this effect instead of a drawn one"),
         ),
         examples=("lab demo", "lab demo --out demo --seed 3"),
         page="docs/tutorials/first-day.md",

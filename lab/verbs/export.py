@@ -6,7 +6,7 @@ import argparse
 import contextlib
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from diagnosis.answer.result import Diagnosis
@@ -18,7 +18,7 @@ from recordings.campaign.resumed import tables
 from recordings.file.reader import Recording
 from recordings.own_files import copied, folder_in
 from recordings.table_file import read_csv, write_csv
-from recordings.trials import Table, TrialRow
+from recordings.trials import Table
 
 from ..console import note, out
 from ..files.arviz_file import write_inference
@@ -131,7 +131,7 @@ def _joined_case(recordings: Sequence[Recording], folder: Path) -> Table:
             raise ConfigError(
                 f"{other.path}: was recorded with a different robot.yaml than {first.path}; export them separately"
             )
-    table = joined(tables(recordings))
+    table = Table.joined(tables(recordings))
     export_case(first, folder, table)
     return table
 
@@ -174,15 +174,6 @@ def _report(files: Sequence[Path], as_json: bool, table: Table | None = None) ->
         note(marked_notes(table))
     for path in files:
         out.print(str(path))
-
-
-def joined(tables: Sequence[Table]) -> Table:
-    """Tables one after the other, trials numbered on."""
-    rows: list[TrialRow] = []
-    for table in tables:
-        before = max((r.trial for r in rows), default=0)
-        rows += [replace(r, trial=r.trial + before) for r in table]
-    return Table(tuple(rows))
 
 
 def _export_verb(a: argparse.Namespace) -> int:

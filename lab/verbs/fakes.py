@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import functools
+import math
 import signal
 import threading
 from collections.abc import Mapping
@@ -43,11 +44,12 @@ PATIENT: dict[str, Any] = {
         "valve": {"timeout": 1.0},
         "gauge": {"timeout": 1.0},
     },
-    "limits": {"max_age": 8.0, "max_hidden": 8.0},
+    "limits": {"max_age": 8.0, "max_hidden": 8.0, "pressure_error_time": 60.0},
     "safe": {"heartbeat": 10.0},
 }
 """Ages and time-outs (host s) for a demonstration or a test, whose fakes share the processors with everything else and may
-be late. An instrument is not: a rig.yaml for hardware keeps the defaults."""
+be late. An instrument is not: a rig.yaml for hardware keeps the defaults. `pressure_error_time` is rig time: on a rig of 20
+times real speed, the default of 5 s passes while the virtual robot waits 0.25 s for a processor."""
 
 PATIENT_PAUSES = ("settle.max_hidden=5 s", "settle.max_gap=10 s", "settle.within=300 s")
 """The same for the protocols' rule of rest, whose times are the rig's: on a rig of 20 times real speed 0.5 s of it are 25 ms
@@ -261,8 +263,10 @@ def effects(settings: list[str]) -> dict[str, float]:
             raise ConfigError(f"--effect {name}: unknown; one of {', '.join(known)}")
         try:
             chosen[name] = float(size) if size else known[name].scale
-        except ValueError as e:
-            raise ConfigError(f"--effect {setting}: {size!r} is not a number in {known[name].unit}") from e
+        except ValueError:
+            chosen[name] = math.nan
+        if not math.isfinite(chosen[name]):
+            raise ConfigError(f"--effect {setting}: {size!r} is not a finite number in {known[name].unit}")
     return chosen
 
 

@@ -122,7 +122,7 @@ def _predicted(robot: Robot, states: Columns, catalogue: Mapping[str, EffectSpec
 def invert(robot: Robot, targets_path: Path, wanted: Wanted, outputs: Outputs, effects: Path | None = None) -> int:
     """Pressures and spine lengths for wanted tips. Raises ConfigError, ModelError."""
     _writable(outputs)
-    table = read_numbers(targets_path, ("x", "y", "z", "wx", "wy", "wz"), "", "x, y, z (m)", empty=True)
+    table = read_numbers(targets_path, ("x", "y", "z", "wx", "wy", "wz"), "", "x, y, z (m)")
     place, weight = _coordinates(targets_path, table)
     _demand_metres(targets_path, place, robot)
     fixed = None if wanted.spine_length is None else (wanted.spine_length, wanted.spine_length)
@@ -162,9 +162,7 @@ def table_states(path: Path, words: Words) -> Columns:
     p1 .. are in Pa, `p1 [kPa]` or of tendons `p1 [N]` in that unit.
     """
     own = f"p1 [{words.unit}]"
-    found = read_numbers(
-        path, ASKED, rf"p\d+( ?\[{words.unit}\])?", f"p1 .. (Pa) or {own} .., and spine_length (m)", empty=True
-    )
+    found = read_numbers(path, ASKED, rf"p\d+( ?\[{words.unit}\])?", f"p1 .. (Pa) or {own} .., and spine_length (m)")
     for name in [name for name in found if "[" in name]:
         bare = name.partition("[")[0].strip()
         if bare in found:

@@ -114,7 +114,7 @@ def protocol_plan(
 ) -> tuple[Experiment, Parameters, Plan]:
     """A protocol with its parameters and its plan, for a robot of which so much is known; raises ConfigError."""
     source = _with(source or source_of(protocol), settings)
-    table = source.data if isinstance(source.data, dict) else {}
+    table = source.table
     name = table.get("protocol", protocol)
     experiment = _experiment(name, own, source.name)
     values, lines = _by_new_names({k: v for k, v in table.items() if k != "protocol"}, source, experiment)
@@ -310,8 +310,7 @@ def folded(steps: Sequence[Step]) -> tuple[Sequence[Step], int]:
 def keys(protocol: str, rig_path: Path | None, as_json: bool) -> int:
     """Print what can be set of a protocol: key, unit, default (for the robot of the rig, where one is given), limits."""
     source = source_of(protocol)
-    table = source.data if isinstance(source.data, dict) else {}
-    experiment = _experiment(table.get("protocol", protocol), None, source.name)
+    experiment = _experiment(source.table.get("protocol", protocol), None, source.name)
     defaults: dict[str, Any] = {}
     if rig_path is not None:
         rig = load_rig(rig_path)

@@ -89,7 +89,6 @@ class ParameterTable:
 
     infos: tuple[ParameterInfo, ...]
     sources: tuple[Source, ...]
-    slots: int
     of_row: NDArray[np.int64]
     """(slots, n) which parameter a row takes for a slot; -1 where none exists."""
 
@@ -169,7 +168,7 @@ def parameter_table(design: States, sources: tuple[Source, ...]) -> ParameterTab
                     )  # fmt: skip
                 )
             of_row.append(rows)
-    return ParameterTable(tuple(infos), sources, len(of_row), np.array(of_row))
+    return ParameterTable(tuple(infos), sources, np.array(of_row))
 
 
 def _copies(design: States, source: Source) -> list[tuple[str, int | None, NDArray[np.bool_]]]:

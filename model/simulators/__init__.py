@@ -18,7 +18,7 @@ Python file in which it stands as SIMULATOR.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
@@ -42,8 +42,6 @@ OWN: Mapping[str, tuple[str, str]] = MappingProxyType(
     }
 )
 """The project's own, by name: module and class. The name is also that of the extra that it needs."""
-Factory = Callable[[Robot], "Forward"]
-"""What an entry point gives: a class or function that takes the robot."""
 
 
 @dataclass(frozen=True)

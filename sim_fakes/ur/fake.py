@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import socket
 import struct
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,16 +15,13 @@ from ..punctual import punctual
 from .kinematics import rotation_matrix
 from .process import UrProcess
 
-if TYPE_CHECKING:
-    from .in_process import UrThread
-
 
 class UrFake:
     """Made without a process; `start` starts it and returns when it answers."""
 
     def __init__(self, plant: Plant, clock: RigClock, host: str, seed: int = 0) -> None:
         self.plant, self.clock, self.host, self.seed = plant, clock, host, seed
-        self.process: UrProcess | UrThread | None = None
+        self.process: UrProcess | None = None
         self._poses = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._poses.bind((host, 0))
         self._running = True
@@ -33,14 +29,9 @@ class UrFake:
 
     def start(self) -> None:
         """Raises RuntimeError when the controller does not start."""
-        if timing.together():
-            from .in_process import UrThread  # with the maker's library
-
-            self.process = UrThread(self.host, self.clock.speed, self._poses.getsockname(), self.seed)
-        else:
-            self.process = UrProcess(
-                self.host, speed=self.clock.speed, pose_to=self._poses.getsockname(), seed=self.seed
-            )
+        self.process = timing.made(
+            UrProcess, self.host, speed=self.clock.speed, pose_to=self._poses.getsockname(), seed=self.seed
+        )
         self._thread.start()
 
     def stop(self) -> None:

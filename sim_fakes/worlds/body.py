@@ -36,7 +36,6 @@ ORDER = (
     "hyperelastic", "precurvature", "self_weight", "tether_load", "contact", "base_tilt", "base_compliance",
 )  # fmt: skip
 """Effects that change the body, in the order in which they act; causes outside the catalogue follow."""
-TORSION = np.array([1, 1, 1, 1, 1, 2.0])
 
 Change = Callable[["Body", Array], None]
 """An effect of given sizes (n,), in plausible scales times the form's own scale, changes a body."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -39,10 +37,6 @@ def tilt_below(b: Body, x: Array) -> None:
 
 
 # ------------------------------------------------------------------ base_compliance
-def _gives(b: Body, law: Callable[[Array], tuple[Array, Array]]) -> None:
-    b.give = law
-
-
 def give_with_shift(b: Body, x: Array) -> None:
     """Turns by x (rad/(N m)) and shifts by 3 mm/N x: a plate on soft feet."""
 
@@ -54,7 +48,7 @@ def give_with_shift(b: Body, x: Array) -> None:
             c[:, i, i] = 3e-3 * x
         return np.einsum("nij,nj->ni", c, w), c
 
-    _gives(b, law)
+    b.give = law
 
 
 def give_hinge(b: Body, x: Array) -> None:
@@ -68,7 +62,7 @@ def give_hinge(b: Body, x: Array) -> None:
         c[:, 3:5, 3:5] = x[:, None, None] * shape
         return np.einsum("nij,nj->ni", c, w), c
 
-    _gives(b, law)
+    b.give = law
 
 
 def give_with_play(b: Body, x: Array) -> None:
@@ -87,4 +81,4 @@ def give_with_play(b: Body, x: Array) -> None:
         )
         return out, c
 
-    _gives(b, law)
+    b.give = law

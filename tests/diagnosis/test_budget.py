@@ -22,7 +22,7 @@ EFFECTS = ("a", "b", "c")
 
 
 def named(floors: tuple[float, ...], hypothesis: tuple[str, ...]) -> tuple[str, ...]:
-    return module._named(np.array(floors), EFFECTS, hypothesis)
+    return module._named(np.array(floors), np.zeros(3), EFFECTS, hypothesis)
 
 
 @pytest.mark.parametrize(
@@ -101,6 +101,23 @@ def test_the_answer_is_what_is_named_in_most_draws(
     counted = [set(expected) <= set(n) if expected else not n for n in named]
     assert found.ranking[0] == (expected, pytest.approx(float(np.array(weight) @ counted)))
     assert sum(p for _, p in found.ranking) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("floors", "second", "hypothesis", "expected"),
+    [
+        ((5.0, 4.0, 2.4), 0.4, ("a",), ("a", "b")),  # what is taken for a tolerance carries as much
+        ((5.0, 4.0, 2.4), 0.3, ("a",), ("a",)),  # it is no larger than tolerances are
+        ((5.0, 4.0, 2.4), 0.3, ("a", "b"), ("a", "b")),
+        ((3.0, 1.9, 0.0), 0.4, ("a",), ("a",)),
+        ((1.4, 1.9, 0.0), 0.4, ("a",), ()),  # the largest is no cause
+    ],
+)
+def test_a_tolerance_is_named_with_what_carries_most_where_it_is_as_large_as_a_cause(
+    floors: tuple[float, ...], second: float, hypothesis: tuple[str, ...], expected: tuple[str, ...]
+) -> None:
+    size = np.array([1.0, second, 0.1])
+    assert module._named(np.array(floors), size, EFFECTS, hypothesis) == expected
 
 
 def test_what_a_tolerated_stop_carries_is_not_its_slope_times_its_size() -> None:

@@ -114,7 +114,7 @@ def exchanged(case: Measured, place: int) -> Measured:
     return replace(made, table=replace(made.table, rows=tuple(rows)))
 
 
-@pytest.mark.parametrize("place", [0, 1, 2])
+@pytest.mark.parametrize("place", [0, *(pytest.param(k, marks=pytest.mark.long) for k in (1, 2))])
 def test_chambers_in_another_order_are_an_effect_of_the_robot_where_it_is_weighed(case: Measured, place: int) -> None:
     told = exchanged(case, place)
     first = calibrate_first(told.robot, states(told)[0], ("chamber_order",))
@@ -151,7 +151,7 @@ def test_an_origin_elsewhere_is_taken_off_all_positions(case: Measured) -> None:
     assert {a.name for a in first.adjusted} == {"origin of the tip's x", "origin of the tip's z"}
 
 
-@pytest.mark.parametrize("factor", [0.07, pytest.param(0.2, marks=pytest.mark.long), 6.0])
+@pytest.mark.parametrize("factor", [0.07, *(pytest.param(f, marks=pytest.mark.long) for f in (0.2, 6.0))])
 def test_a_modulus_of_another_unit_is_found_even_where_no_rod_stands(case: Measured, factor: float) -> None:
     first = calibrate_first(softer(ROBOT, factor), states(case)[0])
     (found,) = first.adjusted

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from diagnosis.answer.candidate_experiments import columns
-from diagnosis.criticism.probability_calibration import CALIBRATED
 from diagnosis.data.case import Case
 from diagnosis.inference.evidence import KNOWN, NONE, weigh
-from diagnosis.judgement import PRIOR_OF_NUMBER
+from diagnosis.judgement import PRIOR_OF_NUMBER, SAME_ODDS, TEMPERATURE
 from diagnosis.power.foreseen import additions, foreseen, of_case
 from diagnosis.power.rates import power
 from diagnosis.power.worlds import Planned, drawn, probabilities
@@ -54,9 +53,9 @@ def test_many_worlds_at_once_are_weighed_as_one_is(design: Planned) -> None:
             linear = replace(design.linear, observed=w.readings, form_error=design.form_errors(h))
             log.append(weigh(linear, KNOWN, design.problem.parameters, [h])[0].log_evidence)
         shares = [PRIOR_OF_NUMBER[len(h)] / (len(design.effects) if h != NONE else 1) for h in named]
-        score = np.array(log) / CALIBRATED.temperature + np.log(shares)
+        score = np.array(log) / TEMPERATURE + np.log(shares)
         p = np.exp(score - score.max())
-        p *= (1 - CALIBRATED.outside_without_sign) / p.sum()
+        p /= p.sum() * (1 + SAME_ODDS)
         # one cuts all parameters at their bounds, the other those of what is named
         assert named[int(found[i].argmax())] == named[int(p.argmax())]
         assert found[i] == pytest.approx(p, abs=0.08)

@@ -81,9 +81,9 @@ def test_a_body_that_hangs_and_shears_is_no_stiffer_silicone() -> None:
     ("effect", "size", "parameter"),
     [
         ("force_bias", 0.15, "force_bias.bias"),
-        ("arm_compliance", 1e-4, "arm_compliance.give"),
+        pytest.param("arm_compliance", 1e-4, "arm_compliance.give", marks=pytest.mark.long),
         ("contact_offset", 1e-3, "contact_offset.offset"),
-        ("spine_shear", 1.0, "spine_shear.blend"),
+        pytest.param("spine_shear", 1.0, "spine_shear.blend", marks=pytest.mark.long),
     ],
 )
 def test_an_effect_is_named_with_its_size(effect: str, size: float, parameter: str) -> None:

@@ -12,7 +12,6 @@ from diagnosis.answer.confounding import origins
 from diagnosis.answer.result import Absorbed, Calibration, Carries, Locate, Shrink, Simulator, Step, Waterfall
 from diagnosis.answer.sentences import Facts, beyond_tolerance, stands_for, statement, stiffness_sentence
 from diagnosis.answer.verdict import conclude, decide, rivals
-from diagnosis.criticism.probability_calibration import CALIBRATED
 from diagnosis.criticism.stage_errors import StageError
 from diagnosis.inference.posterior import Posterior
 from lab.files.config import load
@@ -45,7 +44,7 @@ def weighed(**p: float) -> Posterior:
 def facts(
     posterior: Posterior, enough: bool = True, gap: bool = True, asking: tuple[StageError, ...] = MATERIAL
 ) -> Facts:
-    d = decide(posterior, CALIBRATED, enough)
+    d = decide(posterior, enough)
     budget = tuple(c for c in BUDGET if c.role != "named" or c.effect in d.effects)
     conclusion = conclude(d, gap, asking)
     return Facts(
@@ -199,8 +198,8 @@ def test_stiffness_trials_say_where_their_floor_is_from(repeated: bool, after: f
         "floor_mm": 0.327,
         "floor_from_repeats": repeated,
     }
-    assert stiffness_sentence(detail, decide(SURE, CALIBRATED, True)).endswith(told)
-    assert stiffness_sentence(detail, decide(NONE, CALIBRATED, True)).endswith("0.327 mm).")
+    assert stiffness_sentence(detail, decide(SURE, True)).endswith(told)
+    assert stiffness_sentence(detail, decide(NONE, True)).endswith("0.327 mm).")
 
 
 def test_a_simulators_difference_says_what_remains_without_it() -> None:
@@ -221,11 +220,11 @@ def test_a_simulators_difference_says_what_remains_without_it() -> None:
 
 def test_a_cause_that_leads_but_is_probably_too_small_is_not_named() -> None:
     leading = weighed(base_tilt=0.45, none=0.35, contact=0.16, unknown=0.04)
-    small, large = (decide(leading, CALIBRATED, True, share) for share in (0.7, 0.3))
+    small, large = (decide(leading, True, share) for share in (0.7, 0.3))
     assert (small.verdict, small.effects, small.too_small) == ("none", (), ("base_tilt",))
     assert small.probability == pytest.approx(0.96 * 0.7)
     assert large.verdict == "effect" and large.effects == ("base_tilt",)
-    assert decide(weighed(base_tilt=0.76, none=0.2, unknown=0.04), CALIBRATED, True, 0.9).verdict == "effect"
+    assert decide(weighed(base_tilt=0.76, none=0.2, unknown=0.04), True, 0.9).verdict == "effect"
     told = statement(replace(facts(leading), decision=small, conclusion="none", budget=()))
     assert told.startswith("No cause stands out: probably no effect carries 2 noise floors (p = 0.67")
     assert "The most probable one is tilt of the base [base_tilt]." in told
@@ -240,5 +239,19 @@ def test_a_number_of_robot_yaml_far_beyond_its_tolerance_is_stated_and_no_cause_
     stiff = robot.model_copy(update={"bending_stiffness": 0.1})
     assert "bending stiffness [bending_stiffness], 12 % below" in next(beyond_tolerance(p, moved, stiff))
     assert "youngs modulus [youngs_modulus], 12 % below robot.yaml, 6.0 standard deviations of the 2 %" in said
-    sure = decide(SURE, CALIBRATED, True)
+    sure = decide(SURE, True)
     assert conclude(sure, True, (), tense=True) == "one of several" and conclude(sure, True, ()) == "cause"
+
+
+def test_where_a_relative_does_the_same_no_cause_is_certain_and_the_answer_says_what_tells() -> None:
+    sure = replace(decide(SURE, True), relatives=("camera_scale", "lens", "body_length"))
+    assert conclude(sure, True, ()) == "one of several"
+    told = statement(replace(facts(SURE), decision=sure, conclusion="one of several"))
+    assert "Behaves most like tilt of the base [base_tilt]" in told and told.count("would do this too") == 2
+    assert "do not exclude a cause outside the catalogue." in told
+    assert (
+        "The scale of the cameras would do this too: let the cameras read a rod of known length, to find out." in told
+    )
+    outside = replace(decide(OUTSIDE, True), relatives=("mount_creeps",))
+    told = statement(replace(facts(OUTSIDE), decision=outside))
+    assert "It may be a mount that turns during the campaign: repeat the first trial" in told

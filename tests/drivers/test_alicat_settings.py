@@ -21,11 +21,6 @@ FAR = 15e3
 
 
 @pytest.fixture
-def plant() -> Plant:
-    return Plant()
-
-
-@pytest.fixture
 def fake(plant: Plant) -> Iterator[AlicatFake]:
     fake = AlicatFake(plant, RigClock(speed=20.0), seed=2)
     fake.start()

@@ -21,11 +21,6 @@ TORQUE, WATCHDOG, MODE, GOAL = 64, 98, 11, 116
 
 
 @pytest.fixture
-def plant() -> Plant:
-    return Plant()
-
-
-@pytest.fixture
 def make(plant: Plant) -> Iterator[Make]:
     made: list[tuple[DynamixelSpine, DynamixelFake]] = []
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import timing
-from drivers.errors import DeviceFault, LimitExceeded, NotReady, StaleReading, Unreachable, WrongDevice
+from drivers.errors import DeviceFault, StaleReading, Unreachable, WrongDevice
 from drivers.ft300s.driver import FT300S, Config
-from drivers.interfaces import ForceSensor, WrenchSample
+from drivers.interfaces import WrenchSample
 from sim_fakes.alicat import AlicatFake
 from sim_fakes.ft300s import Ft300sFake
 from sim_fakes.plant import Plant
@@ -30,11 +30,6 @@ def eventually(condition: Callable[[], bool], within: float = 10.0) -> bool:
     while not condition() and timing.now() < deadline:
         timing.sleep(0.005)
     return condition()
-
-
-@pytest.fixture
-def plant() -> Plant:
-    return Plant()
 
 
 @pytest.fixture
@@ -85,29 +80,6 @@ def test_zero_takes_the_tools_weight_off_and_keeps_the_raw_reading(sensor: FT300
     assert np.allclose(sample.wrench[:3], 0.0, atol=NOISE * 0.1)
     assert np.allclose(sample.wrench[3:], 0.0, atol=NOISE * 0.005)
     assert np.allclose(sample.raw, np.add(sample.wrench, zero))
-
-
-def test_closing_twice_is_quiet_and_the_sensor_opens_again(sensor: FT300S) -> None:
-    sensor.open()
-    sensor.close()
-    sensor.close()
-    assert sensor.open().maker == "Robotiq"
-    assert abs(sensor.latest().raw[0]) < 300
-
-
-def test_before_opening_and_after_closing_it_is_not_ready(sensor: FT300S) -> None:
-    with pytest.raises(NotReady, match="open"):
-        sensor.latest()
-    sensor.open()
-    sensor.close()
-    with pytest.raises(NotReady, match="open"):
-        sensor.zero(1)
-
-
-def test_a_zero_of_no_samples_is_refused(sensor: FT300S) -> None:
-    sensor.open()
-    with pytest.raises(LimitExceeded, match="0 samples"):
-        sensor.zero(0)
 
 
 # -- these need the fake
@@ -252,14 +224,3 @@ def test_another_instrument_on_the_port_is_told_at_opening(plant: Plant) -> None
         sensor.open()
     assert timing.now() - start < 5.0
     regulators.stop()
-
-
-def test_a_port_that_is_not_there_is_unreachable() -> None:
-    sensor = FT300S("force", Config(port="/dev/nothing"), RigClock(), lambda sample: None)
-    with pytest.raises(Unreachable, match="/dev/nothing"):
-        sensor.open()
-
-
-def test_the_driver_is_a_force_sensor(sensor: FT300S) -> None:
-    instrument: ForceSensor = sensor
-    assert instrument.name == "force"

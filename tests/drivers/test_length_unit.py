@@ -14,7 +14,7 @@ import pytest
 import timing
 from drivers.dynamixel import driver as dynamixel
 from drivers.errors import DeviceFault, InstrumentError, LimitExceeded, NoReply, NotReady, Unreachable
-from drivers.interfaces import LengthUnit, SpineSample
+from drivers.interfaces import SpineSample
 from drivers.tmcl import driver as tmcl
 from sim_fakes.dynamixel import DynamixelFake
 from sim_fakes.numato import NumatoFake
@@ -116,32 +116,6 @@ def fault_of(unit: Any, within: float = 10.0) -> str:
     with pytest.raises(DeviceFault) as caught:
         watch(unit, lambda _: False, within)
     return str(caught.value)
-
-
-def test_it_is_a_length_unit_that_tells_who_it_is(bench: Bench) -> None:
-    unit = bench.unit()
-    identity = unit.open()
-    assert isinstance(unit, LengthUnit)
-    assert identity.maker in ("ROBOTIS", "Trinamic")
-    assert identity.model
-    assert identity.firmware
-
-
-def test_nothing_is_sent_for_a_motion_before_homing(bench: Bench) -> None:
-    fake = bench.fake()
-    unit = bench.unit(fake)
-    unit.open()
-    before = len(fake.requests)
-    with pytest.raises(NotReady, match="home"):
-        unit.move_to(0.1, 0.02)
-    assert len(fake.requests) == before
-
-
-def test_a_call_before_open_is_refused(bench: Bench) -> None:
-    unit = bench.unit()
-    for call in (unit.read, unit.home, unit.stop, lambda: unit.move_to(0.1, 0.01)):
-        with pytest.raises(NotReady, match="open"):
-            call()
 
 
 def test_homing_finds_length_zero_at_the_retracted_end(bench: Bench) -> None:
@@ -290,12 +264,6 @@ def test_a_lost_line_is_reported_as_unreachable(bench: Bench) -> None:
     fake.stop()
     with pytest.raises((Unreachable, NoReply)):
         unit.read()
-
-
-def test_a_port_that_is_not_there_is_unreachable(bench: Bench) -> None:
-    driver, config, _ = DRIVERS[bench.kind]
-    with pytest.raises(Unreachable, match="/dev/nowhere"):
-        driver("spine", config(port="/dev/nowhere", metres_per_turn=0.1), bench.clock).open()
 
 
 def test_another_device_on_the_port_is_reported_quickly(bench: Bench) -> None:

@@ -11,8 +11,7 @@ from typing import Any
 import pytest
 
 import timing
-from drivers.errors import BadReply, DeviceFault, NoReply, NotReady, Unreachable, WrongDevice
-from drivers.interfaces import JammingValve
+from drivers.errors import BadReply, DeviceFault, NoReply, Unreachable, WrongDevice
 from drivers.numato.driver import Config, NumatoValve
 from sim_fakes.numato import NumatoFake
 from sim_fakes.pfeiffer import PfeifferFake
@@ -22,11 +21,6 @@ from timing import RigClock
 HARDWARE = os.environ.get("LAB_TEST_NUMATO_PORT")
 RELAY = int(os.environ.get("LAB_TEST_NUMATO_RELAY", "0"))
 Make = Callable[..., NumatoValve]
-
-
-@pytest.fixture
-def plant() -> Plant:
-    return Plant()
 
 
 @pytest.fixture
@@ -61,14 +55,6 @@ def may_switch() -> None:
         pytest.skip("switches the vacuum: set LAB_TEST_ALLOW_MOTION=1")
 
 
-def test_it_is_a_jamming_valve_that_tells_who_it_is(make: Make) -> None:
-    valve = make()
-    identity = valve.open()
-    assert isinstance(valve, JammingValve)
-    assert identity.maker == "Numato"
-    assert len(identity.firmware) == 8
-
-
 def test_switching_is_read_back(make: Make, may_switch: None) -> None:
     valve = make()
     valve.open()
@@ -76,14 +62,6 @@ def test_switching_is_read_back(make: Make, may_switch: None) -> None:
     assert valve.read().on is True
     assert valve.set(False) is False
     assert valve.read().on is False
-
-
-def test_the_relay_of_the_configuration_switches_the_vacuum(make: Make, fake: NumatoFake, plant: Plant) -> None:
-    valve = make()
-    valve.open()
-    valve.set(True)
-    assert plant.valve_on
-    assert fake.coils == [i == RELAY for i in range(16)]
 
 
 def test_relays_above_nine_are_called_by_letters(make: Make, fake: NumatoFake) -> None:
@@ -136,14 +114,6 @@ def test_close_never_raises(make: Make, fake: NumatoFake) -> None:
     valve.open()
     fake.stop()
     valve.close()
-
-
-def test_a_call_before_open_is_refused(make: Make) -> None:
-    valve = make()
-    with pytest.raises(NotReady, match="open"):
-        valve.set(True)
-    with pytest.raises(NotReady, match="open"):
-        valve.read()
 
 
 def test_half_a_command_of_an_earlier_program_does_no_harm(make: Make, fake: NumatoFake) -> None:

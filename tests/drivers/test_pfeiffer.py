@@ -12,8 +12,7 @@ import pytest
 from pydantic import ValidationError
 
 import timing
-from drivers.errors import BadReply, DeviceFault, NoReply, NotReady, Unreachable, WrongDevice
-from drivers.interfaces import VacuumGauge
+from drivers.errors import BadReply, DeviceFault, NoReply, Unreachable, WrongDevice
 from drivers.pfeiffer.driver import HEALTH_EVERY, Config, PfeifferGauge
 from sim_fakes.numato import NumatoFake
 from sim_fakes.pfeiffer import PfeifferFake
@@ -23,11 +22,6 @@ from timing import RigClock
 HARDWARE = os.environ.get("LAB_TEST_PFEIFFER_PORT")
 ADDRESS = int(os.environ.get("LAB_TEST_PFEIFFER_ADDRESS", "1"))
 Make = Callable[..., PfeifferGauge]
-
-
-@pytest.fixture
-def plant() -> Plant:
-    return Plant()
 
 
 @pytest.fixture
@@ -58,15 +52,6 @@ def make(request: pytest.FixtureRequest) -> Iterator[Make]:
 def settled() -> None:
     """Let the fake's cell see the plant once."""
     timing.sleep(0.05)
-
-
-def test_it_is_a_vacuum_gauge_that_tells_who_it_is(make: Make) -> None:
-    gauge = make()
-    identity = gauge.open()
-    assert isinstance(gauge, VacuumGauge)
-    assert identity.maker == "Pfeiffer Vacuum"
-    assert identity.model in ("CPT 100", "RPT 100")
-    assert identity.firmware
 
 
 def test_an_open_gauge_reads_ambient_pressure(make: Make) -> None:
@@ -172,16 +157,6 @@ def test_a_silent_gauge_gives_no_reply(make: Make, fake: PfeifferFake) -> None:
     fake.faults.silent = True
     with pytest.raises(NoReply, match="no answer"):
         gauge.read()
-
-
-def test_a_call_before_open_is_refused_and_close_may_be_called_at_any_time(make: Make) -> None:
-    gauge = make()
-    gauge.close()
-    with pytest.raises(NotReady, match="open"):
-        gauge.read()
-    gauge.open()
-    gauge.close()
-    gauge.close()
 
 
 def test_limits_the_wrong_way_round_are_a_configuration_error() -> None:

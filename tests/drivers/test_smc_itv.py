@@ -12,8 +12,7 @@ import pytest
 from pydantic import ValidationError
 
 import timing
-from drivers.errors import BadReply, DeviceFault, InstrumentError, NotReady, Unreachable, WrongDevice
-from drivers.interfaces import PressureRegulators
+from drivers.errors import BadReply, DeviceFault, InstrumentError, Unreachable, WrongDevice
 from drivers.smc_itv.driver import REREAD_EVERY, Config, SmcItv
 from sim_fakes.alicat import AlicatFake
 from sim_fakes.plant import Plant
@@ -25,11 +24,6 @@ FULL_SCALE = float(os.environ.get("LAB_TEST_ITV_FULL_SCALE", "500e3"))
 COUNT = FULL_SCALE / 1023
 """One count, Pa."""
 CHANNELS = len(HARDWARE) or 9
-
-
-@pytest.fixture
-def plant() -> Plant:
-    return Plant()
 
 
 @pytest.fixture
@@ -110,28 +104,7 @@ def test_closing_leaves_the_units_vented_and_may_be_repeated(
     assert again.read().setpoint == (0.0,) * CHANNELS
 
 
-def test_before_opening_nothing_is_sent(make: Callable[..., SmcItv]) -> None:
-    regulators = make()
-    for call in (regulators.read, regulators.vent, lambda: regulators.set((0.0,) * CHANNELS)):
-        with pytest.raises(NotReady, match="open"):
-            call()
-
-
-def test_the_driver_is_a_set_of_pressure_regulators(make: Callable[..., SmcItv]) -> None:
-    regulators: PressureRegulators = make()
-    assert regulators.channels == CHANNELS
-
-
 # -- these need the fakes
-def test_set_points_reach_their_chambers_and_readings_come_back(
-    regulators: SmcItv, plant: Plant, clock: RigClock
-) -> None:
-    clock.sleep(1.0)
-    wanted = tuple(10e3 * i for i in range(CHANNELS))
-    regulators.set(wanted)
-    assert plant.regulator.tolist() == pytest.approx(wanted, abs=COUNT / 2)
-    plant.chamber_pressure[:] = plant.regulator
-    assert regulators.read().measured == pytest.approx(wanted, abs=4 * COUNT)
 
 
 def test_polls_keep_the_distance_that_the_units_need(regulators: SmcItv, fakes: list[SmcItvFake]) -> None:

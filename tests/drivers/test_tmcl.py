@@ -17,11 +17,6 @@ Make = Callable[..., tuple[TmclSpine, TmclFake]]
 
 
 @pytest.fixture
-def plant() -> Plant:
-    return Plant()
-
-
-@pytest.fixture
 def make(plant: Plant) -> Iterator[Make]:
     made: list[tuple[TmclSpine, TmclFake]] = []
 

@@ -61,7 +61,7 @@ def fault_of(arm: UR5, timeout: float = 5.0) -> DeviceFault:
 
 @pytest.mark.parametrize("stop", ["protective", "emergency"])
 def test_a_stop_by_the_safety_system_is_a_fault_until_it_is_cleared(rig: Rig, stop: str) -> None:
-    arm = UR5("arm", Config(host=rig.host), rig.clock)
+    arm = UR5("arm", Config(host=rig.host, watchdog_frequency=2.0), rig.clock)
     arm.open()
     try:
         arm.move_to(raised(tuple(rig.fake.backdoor()["pose"]), 0.1), SPEED, ACCELERATION)
@@ -78,7 +78,7 @@ def test_a_stop_by_the_safety_system_is_a_fault_until_it_is_cleared(rig: Rig, st
 
 
 def test_a_target_out_of_reach_ends_the_program_and_is_a_fault(rig: Rig) -> None:
-    config = Config(host=rig.host, workspace_max=(2.0, 2.0, 2.0), max_step=1.7, max_turn=3.2)
+    config = Config(host=rig.host, watchdog_frequency=2.0, workspace_max=(2.0, 2.0, 2.0), max_step=1.7, max_turn=3.2)
     arm = UR5("arm", config, rig.clock)
     arm.open()
     try:

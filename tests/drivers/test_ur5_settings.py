@@ -15,7 +15,7 @@ from drivers.ur5.driver import UR5, Config
 from drivers.ur5.safety import stop_text
 from drivers.ur5.state import Config as StateConfig
 from drivers.ur5.state import UR5State
-from sim_fakes.simulated_clock import SimulatedClock
+from tests.simulated.clock import SimulatedClock
 from timing import RigClock
 
 pytestmark = needs_the_fake

@@ -113,11 +113,6 @@ def test_a_dropped_connection_is_taken_up_again_and_its_gap_is_counted(rig: Rig,
     assert rig.fake.backdoor()["violations"] == []
 
 
-def test_reading_before_opening_is_refused(rig: Rig) -> None:
-    with pytest.raises(NotReady, match=r"call open\(\)"):
-        UR5State("arm state", Config(host=rig.host), rig.clock, lambda sample: None).latest()
-
-
 @needs_the_fake
 @pytest.mark.parametrize(
     ("joint", "shift", "turn"),

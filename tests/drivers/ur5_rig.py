@@ -9,14 +9,12 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any
 
 import pytest
 
 import timing
 from drivers.interfaces import ArmSample
-from sim_fakes.ur.in_process import UrThread
-from sim_fakes.ur.process import UrProcess, free_host
+from sim_fakes.ur.process import UrProcess
 from timing import RigClock
 
 HOST = os.environ.get("LAB_TEST_UR5_HOST")
@@ -47,12 +45,7 @@ def a_rig(speed: float = 1.0, version: str = "3.15.8.106339", dashboard: bool = 
     if HOST is not None:
         yield Rig(HOST)
         return
-    process: Any
-    if timing.together():
-        numbers = tuple(int(number) for number in version.split("."))
-        process = UrThread(free_host(), speed, None, 0, numbers, dashboard)  # type: ignore[arg-type]
-    else:
-        process = UrProcess(speed=speed, version=version, dashboard=dashboard)
+    process = timing.made(UrProcess, speed=speed, version=version, dashboard=dashboard)
     try:
         yield Rig(process.host, RigClock(speed), process)
     finally:

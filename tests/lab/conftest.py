@@ -8,6 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 from virtual_lab import VirtualLab
 
+from lab.pages import figures
 from lab.verbs.fakes import PATIENT, write_rig
 from sim_fakes.rig import FakeRig
 
@@ -37,6 +38,12 @@ def _unlocked(request: pytest.FixtureRequest) -> None:
             lab.rig.with_suffix(".latch").unlink(missing_ok=True)
 
 
+@pytest.fixture(autouse=True)
+def _one_core(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A command diagnoses in this process alone: another one would take as long to start as a small case to diagnose."""
+    monkeypatch.setattr("os.sched_getaffinity", lambda process: {0})
+
+
 @pytest.fixture
 def drawn() -> None:
     """Asked for by tests that look at pictures, or at what a picture does with names from outside."""
@@ -44,9 +51,12 @@ def drawn() -> None:
 
 @pytest.fixture(autouse=True)
 def _undrawn(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Other tests get empty pictures: most of the time of an import goes into the place of each letter of its picture."""
+    """Other tests get empty pictures: an import takes most of its time for the picture of its states."""
     if "drawn" not in request.fixturenames:
         monkeypatch.setattr(Figure, "savefig", empty)
+        monkeypatch.setattr(
+            "lab.pages.import_figure.draw", lambda made, robot, path: figures.save(Figure((1, 1)), path)
+        )
 
 
 def empty(figure: Figure, file: IO[bytes], format: str, **_: Any) -> None:

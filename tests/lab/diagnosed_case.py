@@ -31,6 +31,28 @@ AREA_FACTOR = 1.7
 TIP_NOISE, TURN_NOISE, AGAIN, JAM = 0.3e-3, math.radians(0.3), 1e-3, 0.02
 """m and rad of a reading; m of spine length and share of spine stiffness by which trials differ."""
 
+EULER = """
+from model.condition import conditions
+from model.rods import PAPER, solve
+from model.section import rods_of
+from model.simulators import Readings
+
+
+class Euler:
+    parameters = ()
+
+    def __init__(self, robot):
+        self.robot = robot
+
+    def predict(self, states, parameters):
+        at = conditions(self.robot, states.spine_length, states.pressure, states.tip_mass, states.roll, states.force)
+        return Readings(tip=solve(rods_of(self.robot, at), PAPER).tip)
+
+
+SIMULATOR = Euler
+"""
+"""A simulator of a person's own."""
+
 Effects = Mapping[str, float]
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from diagnosed_case import ROBOT, campaign, folder
+from diagnosed_case import EULER, ROBOT, campaign, folder
 
 from lab.cli import main
 from lab.files.baseline import from_simulator, from_table, simulator
@@ -23,29 +23,6 @@ from model.section import rods_of
 from model.simulators import Readings
 
 LENGTHS, PRESSURES = (0.0, 0.2), (0.0, 100e3, 200e3)
-
-OWN = """
-import numpy as np
-
-from model.condition import conditions
-from model.rods import PAPER, solve
-from model.section import rods_of
-from model.simulators import Readings
-
-
-class Euler:
-    parameters = ()
-
-    def __init__(self, robot):
-        self.robot = robot
-
-    def predict(self, states, parameters):
-        at = conditions(self.robot, states.spine_length, states.pressure, states.tip_mass, states.roll)
-        return Readings(tip=solve(rods_of(self.robot, at), PAPER).tip)
-
-
-SIMULATOR = Euler
-"""
 
 
 @pytest.fixture(scope="module")
@@ -195,7 +172,7 @@ def test_the_command_diagnoses_the_gap_of_a_simulator(
     place = folder(
         tmp_path / "case", campaign({"chamber_azimuth.angle": np.radians(8)}, lengths=LENGTHS, pressures=PRESSURES)
     )
-    (tmp_path / "euler.py").write_text(OWN)
+    (tmp_path / "euler.py").write_text(EULER)
     out = tmp_path / "out.json"
     asked = ["diagnose", str(place), "--simulator", str(tmp_path / "euler.py"), "--json", str(out)]
     assert main([*asked, "--report", str(tmp_path / "out.html")]) == 0

@@ -10,6 +10,7 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
+from diagnosed_case import EULER
 
 from lab.blind import make as making
 from lab.blind import run as bench
@@ -35,26 +36,6 @@ from sim_fakes.worlds.outside_held_out import HELD_OUT
 from sim_fakes.worlds.table import WORLDS
 
 QUIET = Crew(quiet=True)
-EULER = """
-from model.condition import conditions
-from model.rods import PAPER, solve
-from model.section import rods_of
-from model.simulators import Readings
-
-
-class Euler:
-    parameters = ()
-
-    def __init__(self, robot):
-        self.robot = robot
-
-    def predict(self, states, parameters):
-        at = conditions(self.robot, states.spine_length, states.pressure, states.tip_mass, states.roll, states.force)
-        return Readings(tip=solve(rods_of(self.robot, at), PAPER).tip)
-
-
-SIMULATOR = Euler
-"""
 
 
 @pytest.fixture(scope="module")
@@ -348,7 +329,7 @@ def test_answers_of_another_method_are_scored_on_the_same_cases(
         (theirs / f"{name}.json").write_text(
             json.dumps({"attribute": {"verdict": verdict, "effects": effects, "probability": 0.9, "ranking": []}})
         )
-    result = score(small_set, None, theirs)
+    result = score(small_set, theirs)
     assert all(c.right for c in result.cases)
     assert main(["blind", "score", str(small_set), "--answers", str(theirs)]) in (0, 1)
     assert (theirs / "score.json").exists() and (theirs / "score.png").exists()
@@ -360,7 +341,7 @@ def test_answers_of_another_method_are_scored_on_the_same_cases(
     assert "holds no answer; write {" in capsys.readouterr().err
     (theirs / f"{min(truth)}.json").unlink()
     with pytest.raises(ConfigError, match=r"have no answer .* write .*CASE\.json"):
-        score(small_set, None, theirs)
+        score(small_set, theirs)
 
 
 # ------------------------------------------------------------------ figures

@@ -13,8 +13,8 @@ from recordings.campaign.replay import table_of
 from recordings.file.reader import Recording
 from recordings.trials import Table
 from sim_fakes.rig import FakeRig
-from sim_fakes.simulated_clock import SimulatedClock
 from sim_fakes.virtual_robot import Condition, Reading, RobotTruth, VirtualRobot, walk
+from tests.simulated.clock import SimulatedClock
 
 TRUTH = RobotTruth(youngs_modulus=0.52e6, area_factor=1.55, scatter_length=1e-3, scatter_stiffness=0.02)
 SEALED = {"chamber_ballooning": 0.15}

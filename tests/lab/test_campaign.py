@@ -9,12 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from virtual_lab import VirtualLab, journal_says, meanwhile, press_ctrl_c
+from virtual_lab import VirtualLab, journal_says, lab, meanwhile, press_ctrl_c
 
 from benchmarks.faults.night import KILL, Night, Trouble, write_campaign
 from lab.campaign.design import campaign_of
 from lab.campaign.planned import planned_table
-from lab.cli import main
 from lab.files.inputs import read_case
 from recordings.campaign.labels import labels_of
 from recordings.campaign.shelf import runs
@@ -33,10 +32,6 @@ EVERY_WAY = {
         {"protocol": "elongation", "parameters": {**SHORT, "spine_lengths": [0.0], "tip_mass": "80 g"}},
     ],
 }  # fmt: skip
-
-
-def lab(*arguments: object) -> int:
-    return main([str(a) for a in arguments])
 
 
 def test_a_campaign_gives_the_table_that_was_planned(virtual_lab: VirtualLab, tmp_path: Path) -> None:

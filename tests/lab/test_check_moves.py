@@ -19,8 +19,8 @@ from recordings.file.reader import Recording
 from sim_fakes.alicat import AlicatFake
 from sim_fakes.instrument import Regulators
 from sim_fakes.rig import FakeRig
-from sim_fakes.simulated_clock import SimulatedClock
 from sim_fakes.smc_itv import STEPS, SmcItvFake
+from tests.simulated.clock import SimulatedClock
 
 Start = Callable[..., tuple[FakeRig, Path]]
 SPEED = 20.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -16,13 +17,17 @@ from lab.cluster import cluster
 from lab.files.config import ConfigError
 from tests.diagnosis.toy import toy_problem
 
-distributed = pytest.importorskip(
-    "distributed", reason="dask.distributed is not installed: pip install 'softlab[cluster]' to test the cluster"
-)
+
+@pytest.fixture(scope="module", autouse=True)
+def distributed() -> Any:
+    """Slow to import."""
+    return pytest.importorskip(
+        "distributed", reason="not installed: pip install 'softlab[cluster]' to test the cluster"
+    )
 
 
 @pytest.fixture(scope="module")
-def scheduler() -> Iterator[str]:
+def scheduler(distributed: Any) -> Iterator[str]:
     """A scheduler and two worker processes on loopback."""
     cluster = distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None, processes=True

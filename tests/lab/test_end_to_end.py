@@ -8,21 +8,16 @@ from typing import Any
 
 import pytest
 import yaml
-from virtual_lab import VirtualLab, meanwhile, press_ctrl_c
+from virtual_lab import VirtualLab, lab, meanwhile, press_ctrl_c
 
 import timing
 from drivers.errors import InstrumentError
 from lab.calibration import calibrate
-from lab.cli import main
 from lab.files.inputs import read_case
 from lab.rig.assembly import Rig
 from sim_fakes.virtual_robot.truth import TABLE_II
 
 SHORT = ["--set", "spine_lengths=[0.0, 10 cm]", "--set", "pressures=[100 kPa, 200 kPa]"]
-
-
-def lab(*arguments: object) -> int:
-    return main([str(a) for a in arguments])
 
 
 def recorded(folder: Path) -> Path:
@@ -115,7 +110,7 @@ def test_compare_draws_and_tabulates(bending: Path, tmp_path: Path, capsys: pyte
     assert (tmp_path / "compare.png").stat().st_size > 10_000
 
 
-@pytest.mark.parametrize("lengths", [(0.05, 0.2), pytest.param(tuple(TABLE_II), marks=pytest.mark.long)])
+@pytest.mark.parametrize("lengths", [(0.2,), pytest.param(tuple(TABLE_II), marks=pytest.mark.long)])
 def test_stiffness_gives_back_the_modulus_of_the_virtual_spine_at_each_length(
     virtual_lab: VirtualLab, tmp_path: Path, lengths: tuple[float, ...]
 ) -> None:
@@ -139,26 +134,6 @@ def test_safe_confirms_by_reading_back(virtual_lab: VirtualLab, capsys: pytest.C
     assert lab("safe", "--rig", virtual_lab.rig, "--json") == 0
     report = json.loads(capsys.readouterr().out)
     assert report["confirmed"] and {s["instrument"] for s in report["steps"]} == {"arm", "pressure", "spine", "valve"}
-
-
-def test_a_sweep_is_read_on_the_fly(virtual_lab: VirtualLab, tmp_path: Path) -> None:
-    settings = [
-        "--set",
-        "reading=sweep",
-        "--set",
-        "spine_lengths=[0.0]",
-        "--set",
-        "pressures=[30 kPa, 60 kPa, 90 kPa]",
-        "--set",
-        "rate=2 kPa/s",
-        "--set",
-        "settle.average=10",  # half a second of the host's
-    ]
-    assert lab("run", "bending", "--rig", virtual_lab.rig, *settings, "--out", tmp_path) in (0, 3)
-    rows = read_case([recorded(tmp_path)]).table
-    moving = [r for r in rows if r.hold == 0.0]
-    assert [round(r.pressures[0] / 1e3) for r in moving if r.branch == "load"][:3] == pytest.approx([30, 60, 90], abs=3)
-    assert {r.rate for r in moving} == {2e3, -2e3}
 
 
 def vented(virtual_lab: VirtualLab, within: float) -> bool:

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from diagnosed_case import answered_once, campaign, folder
-from rocrate.rocrate import ROCrate
 from scipy.io import loadmat
 
 from lab.cli import main
@@ -32,6 +31,8 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_crate_describes_all_that_is_in_it(case: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from rocrate.rocrate import ROCrate  # slow to import
+
     out = tmp_path / "supplement"
     assert main(["export", str(case), str(RECORDING), "--crate", "--out", str(out), "--name", "Gap of a robot"]) == 0
     assert "no licence is stated" in capsys.readouterr().err
@@ -56,6 +57,8 @@ def test_a_crate_describes_all_that_is_in_it(case: Path, tmp_path: Path, capsys:
 
 
 def test_who_ran_it_is_the_agent_of_the_recording(tmp_path: Path) -> None:
+    from rocrate.rocrate import ROCrate
+
     (tmp_path / "robot.yaml").write_text("name: finger\n")
     found = info(RECORDING)
     ran = {name: replace(found, metadata={"labels": {"operator": "Lin Ø."}}) for name in ("a.mcap", "b.mcap")}

@@ -5,14 +5,18 @@ from __future__ import annotations
 import json
 import math
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import pytest
+import zstandard
+from google.protobuf.descriptor_pb2 import FieldDescriptorProto
+from google.protobuf.timestamp_pb2 import Timestamp
 from mcap.writer import Writer
 
 from lab.cli import main
+from lab.imports.recording_topics import _numbers
 from recordings.table_file import read_csv
 from recordings.trials import Table
 
@@ -146,6 +150,102 @@ def test_single_messages_that_are_broken_are_counted(place: Path, capsys: pytest
     assert path.read_bytes() != data
     assert len(case(place, path)) == 25
     assert "/tip: 18 of 1800 messages are left out" in " ".join(capsys.readouterr().err.split())
+
+
+# ------------------------------------------------------------------ whose numbers
+Told = Callable[[int, dict[str, float], list[float]], list[Any]]
+"""Messages of a sample."""
+SOMETHING = {"x": 0.5, "y": 0.1, "z": 0.2}
+
+
+def bag_of(
+    path: Path,
+    tip: Told,
+    pressure: Told,
+    log_time: Callable[[int], int] = int,
+    schemas: Mapping[str, bytes] | None = None,
+) -> Path:
+    """The sweep in other messages: JSON, or CDR where there are `schemas` (tip, pressure)."""
+    with open(path, "wb") as file:
+        writer = Writer(file)
+        writer.start()
+        ids = [writer.register_schema(f"a/msg/{k}", ROS, text) for k, text in (schemas or {}).items()] or [0, 0]
+        kind = "cdr" if schemas else "json"
+        channels = [writer.register_channel(t, kind, k) for t, k in zip(("/tip", "/pressure"), ids, strict=True)]
+        for i, sample in enumerate(sweep()):
+            for channel, messages in zip(channels, (tip(i, *sample[1:]), pressure(i, *sample[1:])), strict=True):
+                for one in messages:
+                    data = one if isinstance(one, bytes) else json.dumps(one).encode()
+                    writer.add_message(channel, log_time(sample[0]), data, sample[0])
+        writer.finish()
+    return path
+
+
+def bodies(i: int, tip: dict[str, float], p: list[float]) -> list[Any]:
+    told = [
+        {"header": {"frame_id": "world"}, "child_frame_id": n, "at": at} for n, at in (("T", tip), ("B", SOMETHING))
+    ]
+    return [{"transforms": told[:: 1 if i % 3 else -1]}]
+
+
+def named_parts(i: int, tip: dict[str, float], p: list[float]) -> list[Any]:
+    order = 1 if i // 300 % 2 else -1
+    return [{"name": ["a", "b", "c"][::order], "position": p[::order]}]
+
+
+NAMED: dict[str, tuple[Told, Told, dict[str, str]]] = {
+    "bodies in any order": (bodies, lambda i, tip, p: [{"p": p}], {"/tip.": "/tip.transforms.T.at."}),
+    "values in the order of their names": (
+        lambda i, tip, p: [tip], named_parts, {f"p.{k}": f"position.{n}" for k, n in enumerate("abc", 1)},
+    ),
+    "a message for each body": (
+        lambda i, tip, p: [{"id": n, "at": at} for n, at in (("T", tip), ("B", SOMETHING))],
+        lambda i, tip, p: [{"p": p}], {"/tip.": "/tip.T.at."},
+    ),
+    "numbers as text": (lambda i, tip, p: [{k: str(v) for k, v in tip.items()}], lambda i, tip, p: [{"p": p}], {}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", NAMED)
+def test_what_has_a_name_is_found_by_it(place: Path, kind: str) -> None:
+    tip, pressure, changes = NAMED[kind]
+    found = case(place, bag_of(place / "bag.mcap", tip, pressure), name="found", **changes)
+    plain = case(place, bag(place / "plain.mcap"))
+    assert len(found) == len(plain)
+    for column in ("p1", "p2", "p3", "x", "y", "z"):
+        assert found[column] == pytest.approx(plain[column])
+
+
+def test_fields_of_protobuf_that_were_not_set_are_missing() -> None:
+    assert dict(_numbers("/t", Timestamp())) == {"/t.seconds": 0.0, "/t.nanos": 0.0}  # always there
+    assert dict(_numbers("/t", FieldDescriptorProto(number=0))) == {"/t.number": 0.0}
+
+
+PARTS = {"Tip": b"float32 q\nfloat64 x\nfloat64 y\nfloat64 z\n", "P": b"float64[3] p\n"}
+
+
+@pytest.mark.parametrize("packed", [False, True], ids=["another CDR", "each message packed"])
+def test_only_plain_cdr_is_read_also_where_each_message_is_packed(
+    place: Path, packed: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    head, gap, pack = (CDR, "4x", zstandard.compress) if packed else (b"\0\7\0\0", "", bytes)
+    path = bag_of(
+        place / "bag.mcap",
+        lambda i, tip, p: [pack(head + struct.pack(f"<f{gap}3d", 1.0, *tip.values()))],
+        lambda i, tip, p: [pack(head + struct.pack("<3d", *p))],
+        schemas=PARTS,
+    )
+    if packed:
+        assert len(case(place, path)) == 25
+    else:
+        assert main(["import", str(path), "--map", str(place / "map.yaml"), "--out", str(place / "case")]) == 2
+        assert "begins with 0007, which is not plain CDR" in " ".join(capsys.readouterr().err.split())
+
+
+def test_messages_without_times_are_refused(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = bag_of(place / "bag.mcap", lambda i, tip, p: [tip], lambda i, tip, p: [{"p": p}], lambda ns: 0)
+    assert main(["import", str(path), "--map", str(place / "map.yaml"), "--out", str(place / "case")]) == 2
+    assert "all 1800 messages of /tip have the log time 0 s" in " ".join(capsys.readouterr().err.split())
 
 
 # ------------------------------------------------------------------ parts

@@ -15,6 +15,7 @@ from lab.pages import import_figure
 from model.robot import Robot
 
 
+@pytest.mark.usefixtures("drawn")
 @pytest.mark.parametrize(
     ("groups", "titles"),
     [

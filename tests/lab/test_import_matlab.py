@@ -6,9 +6,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import matio
 import numpy as np
-import pandas as pd
 import pytest
 from scipy.io import savemat
 from test_import_tables import ROBOT, guessed
@@ -36,13 +34,18 @@ def check(made: Imported) -> None:
     assert np.column_stack([made.table[f"p{i}"] for i in (1, 2, 3)]) / 1e3 == pytest.approx(PRESSURES, abs=1e-6)
 
 
-def table(**more: Any) -> pd.DataFrame:
+def table(**more: Any) -> Any:
+    import pandas as pd  # the libraries of tables are slow to import, and few of the tests need them
+
     columns = {f"P{i + 1}": PRESSURES[:, i] for i in range(3)} | {f"Tip{a}": TIP[:, k] for k, a in enumerate("XYZ")}
     return pd.DataFrame(columns | more)
 
 
 @pytest.mark.parametrize("version", ["v7", "v7.3"])
 def test_a_table_of_matlab_is_columns(tmp_path: Path, version: str) -> None:
+    import matio
+    import pandas as pd
+
     when = pd.to_datetime("2024-03-01T23:59:00") + pd.to_timedelta(TIME, unit="s")
     objects = {"T": table(Direction=list(BRANCHES), when=when), "operator": "Anna"}
     matio.save_to_mat(str(tmp_path / "run.mat"), objects, version=version)
@@ -58,6 +61,8 @@ def test_a_table_of_matlab_is_columns(tmp_path: Path, version: str) -> None:
 
 
 def test_objects_are_named_where_they_cannot_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import matio
+
     objects = {"T": table(), "P": PRESSURES.T, "tip_mm": TIP.T}
     matio.save_to_mat(str(tmp_path / "new.mat"), objects, version="v7.3")
     matio.save_to_mat(str(tmp_path / "old.mat"), objects, version="v7")

@@ -281,10 +281,15 @@ def test_measured_pressures_are_preferred_to_set_points(names: tuple[str, str], 
         assert any("are set-points: no column of measured pressures" in d for d in made.doubts)
 
 
-def test_the_exit_code_of_a_file_of_an_unknown_kind_is_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "a.db3").write_bytes(b"SQLite format 3\0")
+@pytest.mark.parametrize(
+    ("name", "remedy"), [("a.xlsx", "export it as CSV"), ("a.db3", "convert"), ("a.mcap.zstd", "unpack")]
+)
+def test_the_exit_code_of_a_file_of_an_unknown_kind_is_2(
+    name: str, remedy: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / name).write_bytes(b"SQLite format 3\0")
     values = {"columns": {n: {"column": c} for n, c in COLUMNS.items()}, "robot": str(ROBOT)}
     (tmp_path / "map.yaml").write_text(yaml.safe_dump(values))
-    words = ["import", str(tmp_path / "a.db3"), "--map", str(tmp_path / "map.yaml"), "--out", str(tmp_path / "c")]
+    words = ["import", str(tmp_path / name), "--map", str(tmp_path / "map.yaml"), "--out", str(tmp_path / "c")]
     assert main(words) == 2
-    assert "export it as CSV" in " ".join(capsys.readouterr().err.split())
+    assert remedy in " ".join(capsys.readouterr().err.split())

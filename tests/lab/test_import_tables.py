@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -85,6 +86,8 @@ PLAIN = {
     "Windows code page": ("Gerät: µ-Regler\n" + text(FEW, ";")).encode("cp1252"),
     "a logger that lost its power": text(FEW).encode() + b"\0" * 300,
     "break in a heading": text(FEW, headings=['"Time\n[s]"', *HEADINGS[1:]]),
+    "Cyrillic": text(FEW, headings=["Время [с]", *(f"P{k} [кПа]" for k in (1, 2, 3)), *(f"{a} [мм]" for a in "XYZ")]),
+    "Shift JIS": text(FEW, headings=["時間[s]", *(f"圧力{k}[kPa]" for k in (1, 2, 3)), *HEADINGS[4:]]).encode("shift_jis"),
     "minus signs and signs": text(FEW, ";", change=lambda k, c: [*c[:4], *[v.replace("-", "\u2212") for v in c[4:]]]),
     "dashes as minus signs": text(FEW, ";", change=lambda k, c: [v.replace("-", "\u2013") for v in c]),
     "exponents of Fortran": text(FEW, ";", change=lambda k, c: [f"{float(v):.6E}".replace("E", "D") for v in c]),
@@ -94,6 +97,16 @@ PLAIN = {
         )
         for unit, factor in (("s", 1), ("ms", 1e3), ("us", 1e6), ("ns", 1e9))
     },
+    **{
+        f"days of {whose}": text(
+            FEW, headings=["Time", *HEADINGS[1:]], change=lambda k, c, d=day: [f"{d + 4.0 * k / 86_400:.9f}", *c[1:]]
+        )
+        for whose, day in (("a spreadsheet", 45_244.9), ("MATLAB", 739_204.9))
+    },
+    "technical atmospheres": text(
+        FEW, headings=[h.replace("kPa", "kgf/cm2") for h in HEADINGS],
+        change=lambda k, c: [c[0], *(f"{float(p) / 98.0665:.6f}" for p in c[1:4]), *c[4:]],
+    ),
     "dates": text(FEW, change=lambda k, c: [f"2024-03-01 12:{4 * k // 60:02d}:{4 * k % 60:02d}.250", *c[1:]]),
     "times of day over midnight": text(FEW, change=lambda k, c: [clock(86_350 + 4 * k), *c[1:]]),
 }  # fmt: skip
@@ -111,7 +124,26 @@ def test_a_table_gives_the_states_of_the_plain_one(kind: str, tmp_path: Path) ->
 
 @pytest.mark.parametrize(
     "word",
-    ["NA", "NaN", "-", "n/a", "#DIV/0!", "", "null", "--", "1.#QNAN", "-9999", "lost", "Inf", "?", "N.A.", "verdeckt"],
+    [
+        "NA",
+        "NaN",
+        "-",
+        "n/a",
+        "#DIV/0!",
+        "",
+        "null",
+        "--",
+        "1.#QNAN",
+        "-9999",
+        "lost",
+        "Inf",
+        "?",
+        "N.A.",
+        "verdeckt",
+        "-nan(ind)",
+        "1.#INF",
+        "\\N",
+    ],  # fmt: skip
 )
 def test_what_is_missing_is_no_state(word: str, tmp_path: Path) -> None:
     _, made = through(tmp_path / "table.csv", text(FEW, ";", change=lambda k, c: words(k, c, word)))
@@ -264,6 +296,23 @@ def test_the_unit_of_times_follows_from_their_steps_and_is_asked_about(step: int
     content = text(MANY, headings=["time", *HEADINGS[1:]], change=lambda k, c: [str(step * k), *c[1:]])
     made, result = through(tmp_path / "table.csv", content)
     assert made.values["columns"]["t"]["unit"] == unit and any("columns.t" in d for d in made.doubts)
+    assert len(result.table) == PLATEAUS
+
+
+def test_a_count_of_frames_with_gaps_tells_the_times(tmp_path: Path) -> None:
+    lines = text(MANY, headings=["Frame", *HEADINGS[1:]], change=lambda k, c: [str(3 * k), *c[1:]]).splitlines()
+    kept = [line for k, line in enumerate(lines) if k % 40 < 16 or k % 3]
+    made, result = through(tmp_path / "table.csv", "\n".join(kept) + "\n")
+    assert made.values["columns"]["t"] == {"column": "Frame", "scale": 0.01} and any(
+        "0.01 is a guess" in d for d in made.doubts
+    )
+    assert len(result.table) == PLATEAUS
+
+
+@pytest.mark.parametrize("time", [lambda k: f"{k // 25}", lambda k: f"{k // 10 * 0.4 + k % 10 * 1e-3:.3f}"],
+                         ids=["of whole seconds", "of bursts"])  # fmt: skip
+def test_times_need_not_be_evenly_spaced(time: Callable[[int], str], tmp_path: Path) -> None:
+    _, result = through(tmp_path / "table.csv", text(MANY, change=lambda k, c: [time(k), *c[1:]]))
     assert len(result.table) == PLATEAUS
 
 

@@ -7,7 +7,6 @@ import re
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 import yaml
 
@@ -65,25 +64,51 @@ def trunk(folder: Path, word: str) -> Path:
     return folder
 
 
+TIP, MIDDLE = (tuple(f"{m}_{a} [mm]" for a in "xyz") for m in ("Spitze", "Mitte"))
+COLUMNS: dict[str, dict[str, object]] = {f"p{k}": {"column": f"Seil_{k} [N]", "unit": "N"} for k in (1, 2, 3)}
+COLUMNS |= {"t": {"column": "Zeit [s]"}} | {a: {"column": column} for a, column in zip("xyz", TIP, strict=True)}
+FRAME = {"x": "x", "y": "z", "z": "-y"}
+
+
+def mapped(lab: Path, columns: dict[str, dict[str, object]] = COLUMNS, **more: object) -> None:
+    """Write the map of a trunk's table."""
+    values = {"robot": "robot.yaml", "columns": columns, "frame": FRAME, "constants": {"spine_length": 0}, **more}
+    (lab / "map.yaml").write_text(yaml.safe_dump(values))
+
+
+def by_map(lab: Path, out: Path) -> int:
+    """Import its table by its map; the exit code."""
+    return main(["import", str(lab / "table.csv"), "--map", str(lab / "map.yaml"), "--out", str(out)])
+
+
+def guessed(lab: Path, table: str = "table.csv") -> str:
+    """The map that is proposed for it."""
+    asked = ["import", str(lab / table), "--guess", "--robot", str(lab / "robot.yaml"), "--out", str(lab / "guessed")]
+    assert main(asked) == 0
+    return (lab / "guessed/map.yaml").read_text()
+
+
+def told(capsys: pytest.CaptureFixture[str]) -> str:
+    """What stands on stderr, as words between single blanks."""
+    return " ".join(capsys.readouterr().err.split())
+
+
 @pytest.mark.parametrize("word", ["Seil_", "tension ", "F", "Zugkraft", "Seilzug ", "p"])
 def test_a_map_of_tensions_is_guessed_and_the_tip_goes_to_where_they_pull(
     word: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     lab = trunk(tmp_path / "lab", word)
-    table, robot = str(lab / "table.csv"), str(lab / "robot.yaml")
-    assert main(["import", table, "--guess", "--robot", robot, "--out", str(tmp_path / "map")]) == 0
+    proposed = yaml.safe_load(guessed(lab))
     said = " ".join(capsys.readouterr().out.split())
-    proposed = yaml.safe_load((tmp_path / "map/map.yaml").read_text())
-    assert [proposed["columns"][f"p{k}"] for k in (1, 2, 3)] == [
-        {"column": f"{word}{k} [N]", "unit": "N"} for k in (1, 2, 3)
-    ]
-    assert proposed["frame"] == {"x": "x", "y": "z", "z": "-y"} and "towards the tendons pulled" in said
-    assert main(["import", table, "--map", str(tmp_path / "map/map.yaml"), "--out", str(tmp_path / "case")]) == 0
-    assert "tensions pull it" not in capsys.readouterr().err
-    proposed["frame"] = {"x": "-x", "y": "-z", "z": "-y"}
-    (tmp_path / "map/turned.yaml").write_text(yaml.safe_dump(proposed))
-    assert main(["import", table, "--map", str(tmp_path / "map/turned.yaml"), "--out", str(tmp_path / "other")]) == 0
-    assert "does not go to where the tensions pull it" in " ".join(capsys.readouterr().err.split())
+    assert (
+        proposed["columns"] | {f"p{k}": {"column": f"{word}{k} [N]", "unit": "N"} for k in (1, 2, 3)}
+        == proposed["columns"]
+    )
+    assert proposed["frame"] == FRAME and "towards the tendons pulled" in said
+    for frame, doubted in ((FRAME, False), ({"x": "-x", "y": "-z", "z": "-y"}, True)):
+        (lab / "map.yaml").write_text(yaml.safe_dump(proposed | {"frame": frame}))
+        assert by_map(lab, tmp_path / f"case{doubted}") == 0
+        assert ("does not go to where the tensions pull it" in told(capsys)) == doubted
 
 
 def test_a_frame_is_guessed_of_a_body_that_is_turned_in_its_mount(tmp_path: Path) -> None:
@@ -100,37 +125,20 @@ def test_a_frame_is_guessed_of_a_body_that_is_turned_in_its_mount(tmp_path: Path
             cells[at + k] = f"{v:.3f}".replace(".", ",")
         turned.append(";".join([*cells, "90"]))
     (lab / "table.csv").write_text("\n".join([f"{head};roll_deg", *turned]) + "\n")
-    table, robot = str(lab / "table.csv"), str(lab / "robot.yaml")
-    assert main(["import", table, "--guess", "--robot", robot, "--out", str(tmp_path / "map")]) == 0
-    proposed = yaml.safe_load((tmp_path / "map/map.yaml").read_text())
-    assert proposed["frame"] == {"x": "x", "y": "z", "z": "-y"}
+    assert yaml.safe_load(guessed(lab))["frame"] == FRAME
 
 
-def test_a_robot_with_tendons_takes_no_column_of_pressures_for_one(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_robot_with_tendons_takes_no_column_of_pressures_for_one(tmp_path: Path) -> None:
     lab = trunk(tmp_path / "lab", "Seil_")
     (lab / "table.csv").write_text((lab / "table.csv").read_text().replace("Seil_1 [N]", "Seil_1 [kPa]", 1))
-    code = main(
-        ["import", str(lab / "table.csv"), "--guess", "--robot", str(lab / "robot.yaml"), "--out", str(tmp_path / "m")]
-    )
-    proposed = tmp_path / "m/map.yaml"
-    assert code == 0 and "Seil_1 [kPa]" not in str(yaml.safe_load(proposed.read_text())["columns"].get("p1"))
+    assert "Seil_1 [kPa]" not in str(yaml.safe_load(guessed(lab))["columns"].get("p1"))
 
 
 @pytest.mark.parametrize("straight", ["first state", "first row"])
 def test_markers_too_are_taken_from_the_straight_robot(straight: str, tmp_path: Path) -> None:
     lab = trunk(tmp_path / "lab", "Seil_")
-    columns = {f"p{k}": {"column": f"Seil_{k} [N]", "unit": "N"} for k in (1, 2, 3)}
-    columns |= {"t": {"column": "Zeit [s]"}} | {a: {"column": f"Spitze_{a} [mm]"} for a in "xyz"}
-    values = {
-        "robot": "robot.yaml", "columns": columns, "frame": {"x": "x", "y": "z", "z": "-y"}, "straight": straight,
-        "constants": {"spine_length": 0}, "points": {"m1": {"of": [[f"Mitte_{a} [mm]" for a in "xyz"]], "unit": "mm"}},
-    }  # fmt: skip
-    (lab / "map.yaml").write_text(yaml.safe_dump(values))
-    assert (
-        main(["import", str(lab / "table.csv"), "--map", str(lab / "map.yaml"), "--out", str(tmp_path / "case")]) == 0
-    )
+    mapped(lab, straight=straight, points={"m1": {"of": [list(MIDDLE)], "unit": "mm"}})
+    assert by_map(lab, tmp_path / "case") == 0
     (first, *others) = read_case([tmp_path / "case"]).table.rows
     assert first.markers[0] == pytest.approx((0.0, 0.0, 0.09), abs=1e-9)
     assert max(abs(r.markers[0][0]) for r in others) > 0.005
@@ -152,16 +160,15 @@ def test_a_robot_at_rest_is_put_where_the_model_stands_under_its_weight(
         cells[5] = f"{float(cells[5].replace(',', '.')) + off:.3f}".replace(".", ",")
         rows[at] = ";".join(cells)
     (own / "table.csv").write_text("\n".join([head, *rows]) + "\n")
-    table, proposed = str(own / "table.csv"), tmp_path / "map/map.yaml"
-    assert main(["import", table, "--guess", "--robot", str(own / "robot.yaml"), "--out", str(tmp_path / "map")]) == 0
-    assert "# CHECK: straight: at rest the tip is" in proposed.read_text()
-    assert yaml.safe_load(proposed.read_text())["straight"] == "at rest"
-    assert main(["import", table, "--map", str(proposed), "--out", str(tmp_path / "case")]) == 0
+    proposed = guessed(own)
+    assert "# CHECK: straight: at rest the tip is" in proposed and yaml.safe_load(proposed)["straight"] == "at rest"
+    (own / "map.yaml").write_text(proposed)
+    assert by_map(own, tmp_path / "case") == 0
     tips = [r.tip for r in read_case([tmp_path / "case"]).table.rows if max(r.pressures) == 0 and r.step == 1]
     assert np.mean(np.array(tips), axis=0) == pytest.approx(sag, abs=1e-6)
 
 
-@pytest.mark.parametrize("gravity", [(0.0, 0.0, -9.81), (9.81, 0.0, 0.0), (0.0, -9.81, 0.0)])
+@pytest.mark.parametrize("gravity", [(0.0, 0.0, -9.81), (0.0, -9.81, 0.0)])
 def test_another_gravity_than_that_of_readings_put_at_rest_is_asked_about(
     gravity: tuple[float, float, float], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -188,57 +195,38 @@ def test_another_gravity_than_that_of_readings_put_at_rest_is_asked_about(
         (own / "robot.yaml").write_text(text.replace("markers: [130 mm]\n", ""))
         out = str(tmp_path / f"case{asked}")
         assert main(["import", str(own / "rest.csv"), "--map", str(own / "map.yaml"), "--out", out]) == 0
-        said = " ".join(capsys.readouterr().err.split())
+        said = told(capsys)
         assert ("mm with [0, 0, 9.81]: does gravity point down" in said) is asked, said
 
 
-TIP, MIDDLE = (tuple(f"{m}_{a} [mm]" for a in "xyz") for m in ("Spitze", "Mitte"))
-
-
 @pytest.mark.parametrize(
-    ("tip", "marker", "straight", "said"),
+    ("tip", "marker", "said"),
     [
-        (TIP, MIDDLE, "at rest", ""),
-        ((TIP[1], TIP[0], TIP[2]), MIDDLE, "at rest", "the tip moves along z, the robot's axis"),
-        (TIP, (MIDDLE[1], MIDDLE[0], MIDDLE[2]), "at rest", "marker 1 moves along z, the robot's axis"),
-        ((TIP[1], f"-{TIP[0]}", TIP[2]), MIDDLE, "at rest", "the tip is up to"),
-        (MIDDLE, TIP, "at rest", "was it taken for it?"),
+        (TIP, MIDDLE, ""),
+        ((TIP[1], TIP[0], TIP[2]), MIDDLE, "the tip moves along z, the robot's axis"),
+        (TIP, (MIDDLE[1], MIDDLE[0], MIDDLE[2]), "marker 1 moves along z, the robot's axis"),
+        ((TIP[1], f"-{TIP[0]}", TIP[2]), MIDDLE, "the tip is up to"),
+        (MIDDLE, TIP, "was it taken for it?"),
     ],
 )
 def test_places_that_are_no_points_along_the_body_are_asked_about(
-    tip: tuple[str, ...], marker: tuple[str, ...], straight: str, said: str, tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+    tip: tuple[str, ...], marker: tuple[str, ...], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     lab = trunk(tmp_path / "lab", "Seil_")
     head, *rows = (lab / "table.csv").read_text().splitlines()
     one_sided = [r for r in rows if r.split(";")[2:4] == ["0,000", "0,000"]]
     (lab / "table.csv").write_text("\n".join([head, *one_sided]) + "\n")
-    columns: dict[str, dict[str, object]] = {f"p{k}": {"column": f"Seil_{k} [N]", "unit": "N"} for k in (1, 2, 3)}
-    columns |= {"t": {"column": "Zeit [s]"}}
-    columns |= {
-        a: {"column": c.lstrip("-"), "scale": -1 if c[0] == "-" else 1} for a, c in zip("xyz", tip, strict=True)
-    }
-    values = {
-        "robot": "robot.yaml", "columns": columns, "frame": {"x": "x", "y": "z", "z": "-y"}, "straight": straight,
-        "constants": {"spine_length": 0}, "points": {"m1": {"of": [list(marker)], "unit": "mm"}},
-    }  # fmt: skip
-    (lab / "map.yaml").write_text(yaml.safe_dump(values))
-    code = main(["import", str(lab / "table.csv"), "--map", str(lab / "map.yaml"), "--out", str(tmp_path / "case")])
-    asked = " ".join(capsys.readouterr().err.split())
-    assert code == 0 and (said in asked if said else asked == ""), asked
+    places = {a: {"column": c.lstrip("-"), "scale": -1 if c[0] == "-" else 1} for a, c in zip("xyz", tip, strict=True)}
+    mapped(lab, COLUMNS | places, straight="at rest", points={"m1": {"of": [list(marker)], "unit": "mm"}})
+    code, doubts = by_map(lab, tmp_path / "case"), told(capsys)
+    assert code == 0 and (said in doubts if said else doubts == ""), doubts
 
 
 def test_a_base_that_the_map_places_is_subtracted_from_tip_and_markers(tmp_path: Path) -> None:
     own = trunk(tmp_path / "lab", "Seil_")
-    columns: dict[str, dict[str, object]] = {f"p{k}": {"column": f"Seil_{k} [N]", "unit": "N"} for k in (1, 2, 3)}
-    columns |= {a: {"column": c, "zero": z} for a, c, z in zip("xyz", TIP, (700.0, 0.0, 40.0), strict=True)}
-    values = {
-        "robot": "robot.yaml", "columns": columns, "frame": {"x": "x", "y": "z", "z": "-y"},
-        "points": {"m1": {"of": [list(MIDDLE)], "unit": "mm"}},
-    }  # fmt: skip
-    (own / "map.yaml").write_text(yaml.safe_dump(values))
-    argv = ["import", str(own / "table.csv"), "--map", str(own / "map.yaml"), "--out", str(tmp_path / "case")]
-    assert main(argv) == 0
+    places = {a: {"column": c, "zero": z} for a, c, z in zip("xyz", TIP, (700.0, 0.0, 40.0), strict=True)}
+    mapped(own, COLUMNS | places, points={"m1": {"of": [list(MIDDLE)], "unit": "mm"}})
+    assert by_map(own, tmp_path / "case") == 0
     (first, *_) = read_case([tmp_path / "case"]).table.rows
     assert first.tip == pytest.approx((0.0, 0.0, 0.18), abs=1e-6)
     assert first.markers[0] == pytest.approx((0.014, 0.0, 0.09), abs=1e-6)
@@ -246,30 +234,21 @@ def test_a_base_that_the_map_places_is_subtracted_from_tip_and_markers(tmp_path:
 
 def test_tensions_ten_times_too_large_are_asked_about(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     imported(tmp_path)
-    assert "times as far as a beam" not in " ".join(capsys.readouterr().err.split())
+    assert "times as far as a beam" not in told(capsys)
     text = yaml.safe_load((tmp_path / "lab/map.yaml").read_text())
     for k in (1, 2, 3):
         text["columns"][f"p{k}"]["scale"] = 10
     (tmp_path / "lab/map.yaml").write_text(yaml.safe_dump(text))
-    argv = ["import", str(tmp_path / "lab/table.csv"), "--map", str(tmp_path / "lab/map.yaml")]
-    assert main([*argv, "--out", str(tmp_path / "other")]) == 0
-    said = " ".join(capsys.readouterr().err.split())
-    assert re.search(
-        r"the tip moves 0\.\d+ times as far as a beam .* under these tensions: check the unit and scale of the", said
-    )
+    assert by_map(tmp_path / "lab", tmp_path / "other") == 0
+    wanted = r"the tip moves 0\.\d+ times as far as a beam .* under these tensions: check the unit and scale of the"
+    assert re.search(wanted, told(capsys))
 
 
 def imported(folder: Path) -> Path:
     """The case of a trunk, its map written by hand."""
     lab = trunk(folder / "lab", "Seil_")
-    columns = {f"p{k}": {"column": f"Seil_{k} [N]", "unit": "N"} for k in (1, 2, 3)}
-    columns |= {"t": {"column": "Zeit [s]"}} | {a: {"column": f"Spitze_{a} [mm]"} for a in "xyz"}
-    values = {
-        "robot": "robot.yaml", "columns": columns, "frame": {"x": "x", "y": "z", "z": "-y"}, "straight": "first state",
-        "constants": {"spine_length": 0}, "trials": {"begin": "rest"},
-    }  # fmt: skip
-    (lab / "map.yaml").write_text(yaml.safe_dump(values))
-    assert main(["import", str(lab / "table.csv"), "--map", str(lab / "map.yaml"), "--out", str(folder / "case")]) == 0
+    mapped(lab, straight="first state", trials={"begin": "rest"})
+    assert by_map(lab, folder / "case") == 0
     return folder / "case"
 
 
@@ -298,8 +277,8 @@ def test_answer_page_and_proposals_of_a_robot_with_tendons_speak_of_tendons_and_
     head, *rows = (tmp_path / f"next/{first.id}.csv").read_text().splitlines()
     highest = max(float(row.split(",")[head.split(",").index("p3 [N]")]) for row in rows)
     assert highest == pytest.approx(max(first.protocol["pressures"]) / 1e4)
-    asked = ["predict", "--robot", str(tmp_path / "case/robot.yaml"), "--table"]
-    assert main([*asked, str(tmp_path / f"next/{first.id}.csv"), "--out", str(tmp_path / "tips.csv")]) == 0
+    words = ["predict", "--robot", str(tmp_path / "case/robot.yaml"), "--table"]
+    assert main([*words, str(tmp_path / f"next/{first.id}.csv"), "--out", str(tmp_path / "tips.csv")]) == 0
     assert "p in N" in capsys.readouterr().out
 
 
@@ -317,7 +296,7 @@ def test_predict_takes_tensions_in_newtons_and_asks_about_small_pressures(
     for text, says in (("p1\n2.5\n", "name the column 'p1 [N]'"), ("p1,p1 [N]\n0,2.5\n", "name one tendon")):
         table.write_text(text)
         assert main(["predict", "--robot", str(robot), "--table", str(table)]) == 2
-        assert says in " ".join(capsys.readouterr().err.split())
+        assert says in told(capsys)
     table.write_text("p1 [N]\n6\n")
     assert main(["predict", "--robot", str(robot), "--table", str(table)]) == 0
     assert "up to 6 N are asked for, robot.yaml allows 5 N" in capsys.readouterr().err
@@ -347,8 +326,8 @@ def test_a_unit_of_the_file_that_contradicts_the_map_is_asked_about(
     values["columns"]["p1"] = {"column": heading, "unit": unit}
     (lab / "map.yaml").write_text(yaml.safe_dump(values))
     capsys.readouterr()
-    main(["import", str(lab / "table.csv"), "--map", str(lab / "map.yaml"), "--out", str(tmp_path / "case")])
-    said = " ".join(capsys.readouterr().err.split())
+    by_map(lab, tmp_path / "case")
+    said = told(capsys)
     assert (says in said) if says else ("the file says" not in said)
 
 
@@ -371,10 +350,8 @@ def test_a_resting_tip_that_no_body_reaches_asks_for_the_straight_state(
         moved.append(";".join([*cells[:4], *(f"{p:.3f}".replace(".", ",") for p in place), *cells[7:]]))
     (lab / "table.csv").write_text("\n".join([head, *moved]) + "\n")
     capsys.readouterr()
-    assert (
-        main(["import", str(lab / "table.csv"), "--map", str(lab / "map.yaml"), "--out", str(tmp_path / "case")]) == 0
-    )
-    said = " ".join(capsys.readouterr().err.split())
+    assert by_map(lab, tmp_path / "case") == 0
+    said = told(capsys)
     assert (
         "at rest the tip is 30 mm off the axis and 202 mm from the origin, the robot is 180 mm long" in said
     ) == asked
@@ -400,12 +377,10 @@ def test_exchanged_tendons_and_axes_are_asked_about_at_import_and_by_compare(
     values["frame"] = {"x": "x", "y": "-y", "z": "-z"} if "frame" in change else values["frame"]
     (lab / "map.yaml").write_text(yaml.safe_dump(values))
     capsys.readouterr()
-    assert (
-        main(["import", str(lab / "table.csv"), "--map", str(lab / "map.yaml"), "--out", str(tmp_path / "case")]) == 0
-    )
-    at_import = " ".join(capsys.readouterr().err.split())
+    assert by_map(lab, tmp_path / "case") == 0
+    at_import = told(capsys)
     assert main(["compare", str(tmp_path / "case")]) == 0
-    compared = " ".join(capsys.readouterr().err.split())
+    compared = told(capsys)
     assert all((says in said) if says else ("the tip" not in said) for said in (at_import, compared))
 
 
@@ -424,14 +399,13 @@ def test_a_marker_is_named_without_its_axes_however_the_file_writes_them(
         values["columns"].pop(axis)
     values["points"] = {"tip": {"of": ["Knoten4"], "unit": "mm"}}
     (lab / "map.yaml").write_text(yaml.safe_dump(values))
-    command = ["import", str(lab / "table.csv"), "--map", str(lab / "map.yaml"), "--out", str(tmp_path / "again")]
-    assert main(command) == 0
+    assert by_map(lab, tmp_path / "again") == 0
     assert (tmp_path / "again/trials.csv").read_text() == (tmp_path / "case/trials.csv").read_text()
     values["points"]["tip"]["of"] = ["Knoten"]
     (lab / "map.yaml").write_text(yaml.safe_dump(values))
     capsys.readouterr()
-    assert main(command) == 2
-    said = " ".join(capsys.readouterr().err.split())
+    assert by_map(lab, tmp_path / "again") == 2
+    said = told(capsys)
     assert f"there are '{spelt.format('x')}'" in said and "[[Knoten_x, Knoten_y, Knoten_z]]" in said
 
 
@@ -453,39 +427,28 @@ def test_a_note_of_the_user_among_the_tables_is_left_out(
     assert main(["import", str(measured / "a note.txt"), *way, "--out", str(tmp_path / "out")]) == 2
 
 
-def with_base(lab: Path, rows: slice = slice(None)) -> Path:
-    """The table of a trunk with a marker at its base, and these rows of it."""
+def with_base(lab: Path) -> str:
+    """The table of a trunk with a marker at its base."""
     head, *lines = (lab / "table.csv").read_text().splitlines()
     fixed = [f"{line};{700.01 + 0.02 * (k % 3):.3f};0,000;40,000".replace(".", ",") for k, line in enumerate(lines)]
-    path = lab / "with_base.csv"
-    path.write_text("\n".join([f"{head};Knoten1_x [mm];Knoten1_y [mm];Knoten1_z [mm]", *fixed[rows]]) + "\n")
-    return path
+    (lab / "with_base.csv").write_text(
+        "\n".join([f"{head};Knoten1_x [mm];Knoten1_y [mm];Knoten1_z [mm]", *fixed]) + "\n"
+    )
+    return "with_base.csv"
 
 
 def test_a_marker_that_stands_still_is_the_base_and_those_of_robot_yaml_are_points_of_the_body(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     lab = trunk(tmp_path / "lab", "Seil_")
-    command = [
-        "import",
-        str(with_base(lab)),
-        "--guess",
-        "--robot",
-        str(lab / "robot.yaml"),
-        "--out",
-        str(tmp_path / "m"),
-    ]
-    assert main(command) == 0
-    said = " ".join(capsys.readouterr().err.split())
-    points = yaml.safe_load((tmp_path / "m/map.yaml").read_text())["points"]
+    points = yaml.safe_load(guessed(lab, with_base(lab)))["points"]
+    said = told(capsys)
     fixed = [[f"Knoten1_{a} [mm]" for a in "xyz"]]
     assert points["tip"]["against"] == points["m1"]["against"] == fixed
     assert points["m1"]["of"] == [[f"Mitte_{a} [mm]" for a in "xyz"]]
     assert "stands still" in said and "not used" not in said
     (lab / "robot.yaml").write_text(ROBOT.replace("markers: [90 mm]\n", ""))
-    assert main(command) == 0
-    said = " ".join(capsys.readouterr().err.split())
-    assert said.count("Mitte_x [mm]") == 1 and "points" in yaml.safe_load((tmp_path / "m/map.yaml").read_text())
+    assert "points" in yaml.safe_load(guessed(lab, with_base(lab))) and told(capsys).count("Mitte_x [mm]") == 1
 
 
 def test_a_table_without_a_row_at_rest_has_a_map_proposed_and_marked(
@@ -495,10 +458,7 @@ def test_a_table_without_a_row_at_rest_has_a_map_proposed_and_marked(
     head, *lines = (lab / "table.csv").read_text().splitlines()
     pulled = [line for line in lines if any(float(c.replace(",", ".")) > 0 for c in line.split(";")[1:4])]
     (lab / "table.csv").write_text("\n".join([head, *pulled]) + "\n")
-    robot = ["--robot", str(lab / "robot.yaml")]
-    assert main(["import", str(lab / "table.csv"), "--guess", *robot, "--out", str(tmp_path / "m")]) == 0
-    said = " ".join(capsys.readouterr().err.split())
-    proposed = (tmp_path / "m/map.yaml").read_text()
+    proposed, said = guessed(lab), told(capsys)
     assert "in no row with a tip is the robot at rest" in said and "# CHECK: frame: in no row" in proposed
     columns = yaml.safe_load(proposed)["columns"]
     assert columns["p3"]["column"] == "Seil_3 [N]" and columns["x"]["column"] == "Spitze_x [mm]"
@@ -506,6 +466,8 @@ def test_a_table_without_a_row_at_rest_has_a_map_proposed_and_marked(
 
 
 def test_groups_of_tendons_are_no_clock_times() -> None:
+    import pandas as pd  # slow to import
+
     assert judge(pd.Series(["1:2", "2:3", "3:1"])).values.dtype.kind == "U"
     assert judge(pd.Series(["1:02", "2:03", "3:01"])).unit == "s"
 
@@ -542,9 +504,7 @@ def test_an_arm_across_gravity_that_sags_as_its_robot_yaml_says_needs_no_straigh
     lines = ["t [s],F1 [N],F2 [N],F3 [N],tip x [mm],tip y [mm],tip z [mm]"]
     lines += [",".join(map(str, (3.0 * i, *f, *tip))) for i, (f, tip) in enumerate(zip(tensions, tips, strict=True))]
     (tmp_path / "table.csv").write_text("\n".join(lines) + "\n")
-    asked = ["import", str(tmp_path / "table.csv"), "--guess", "--robot", str(tmp_path / "robot.yaml")]
-    assert main([*asked, "--out", str(tmp_path / "map")]) == 0
-    assert "straight" not in yaml.safe_load((tmp_path / "map/map.yaml").read_text())
+    assert "straight" not in yaml.safe_load(guessed(tmp_path))
 
 
 @pytest.mark.parametrize("azimuth", [0, 45])
@@ -552,9 +512,7 @@ def test_axes_that_the_data_do_not_force_are_marked(azimuth: int, tmp_path: Path
     lab = trunk(tmp_path / "lab", "Seil_")
     turned = f"[{azimuth}, {120 + azimuth}, {240 + azimuth}]"
     (lab / "robot.yaml").write_text(ROBOT.replace("[0, 120, 240]", turned))
-    asked = ["import", str(lab / "table.csv"), "--guess", "--robot", str(lab / "robot.yaml")]
-    assert main([*asked, "--out", str(tmp_path / "map")]) == 0
-    proposed = (tmp_path / "map/map.yaml").read_text()
+    proposed = guessed(lab)
     assert ("# CHECK: frame.x, frame.y: with the base's x along the file's x" in proposed) == bool(azimuth)
     assert "# axis of the robot's base (z from base to tip): axis of the file" in proposed
 
@@ -580,9 +538,8 @@ def test_a_map_takes_newtons_of_tendons_alone(
     (lab / "table.csv").write_text(with_rate(lab))
     values["columns"]["rate"] = {"column": "Rate", "unit": "mN/s"}
     (lab / "map.yaml").write_text(yaml.safe_dump(values))
-    command = ["import", str(lab / "table.csv"), "--map", str(lab / "map.yaml"), "--out", str(tmp_path / "again")]
     capsys.readouterr()
-    assert main(command) == (2 if refused else 0)
+    assert by_map(lab, tmp_path / "again") == (2 if refused else 0)
     said = capsys.readouterr()
     if refused:
         assert f"{lab / 'map.yaml'}: columns.p1.unit = 'N': p1 needs one of Pa" in said.err and refused in said.err
@@ -594,7 +551,7 @@ def test_a_map_takes_newtons_of_tendons_alone(
     values["columns"].pop("p3")
     values["constants"]["p3"] = "500 mN"
     (lab / "map.yaml").write_text(yaml.safe_dump(values))
-    assert main(command) == 0
+    assert by_map(lab, tmp_path / "again") == 0
     assert set(read_case([tmp_path / "again"]).table["p3"]) == {5e3}
 
 
@@ -615,9 +572,8 @@ def test_a_column_of_tendons_pulled_begins_trials(tmp_path: Path) -> None:
     head, *lines = (lab / "table.csv").read_text().splitlines()
     pulled = [f"{line};{1 + k // 7 % 3}" for k, line in enumerate(lines)]
     (lab / "table.csv").write_text("\n".join([f"{head};Seile", *pulled]) + "\n")
-    asked = ["import", str(lab / "table.csv"), "--guess", "--robot", str(lab / "robot.yaml")]
-    assert main([*asked, "--out", str(tmp_path / "map")]) == 0
-    assert yaml.safe_load((tmp_path / "map/map.yaml").read_text())["trials"] == {"begin": "rest", "change": ["Seile"]}
+    proposed = guessed(lab)
+    assert yaml.safe_load(proposed)["trials"] == {"begin": "rest", "change": ["Seile"]}
 
 
 @pytest.mark.parametrize("gravity", ["[0, -9.81, 0]", "[0, 9.81, 0]"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import functools
 import json
 import os
 import signal
@@ -14,13 +15,16 @@ from pathlib import Path
 import pytest
 import yaml
 from terminal import WITHIN, Terminal
-from virtual_lab import VirtualLab
+from virtual_lab import VirtualLab, journal_says, meanwhile
 
 import timing
 from lab.cli import main
+from lab.console import Screen
 from lab.files.inputs import read_case
+from lab.rig.assembly import Rig
 from lab.rig.keys import HELP, Line
 from lab.verbs.fakes import PATIENT_SETTLE
+from lab.verbs.run import connect, execute, job
 from protocols.errors import BadRequest
 from protocols.steering import LONGEST, Steering
 from recordings.campaign.journal import read
@@ -106,72 +110,37 @@ def test_a_run_is_paused_noted_in_and_goes_on_with_every_state_there_once(
         assert [row["text"] for row in csv.DictReader(lines)][2] == f"{HOSTILE} half"
 
 
-def test_a_state_read_once_more_counts_once_and_a_skipped_trial_is_not_done_again(
-    real_lab: VirtualLab, rig: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_the_last_reading_of_a_state_counts_and_a_skipped_trial_is_not_done_again(
+    virtual_lab: VirtualLab, tmp_path: Path
 ) -> None:
-    with at_terminal(rig, tmp_path) as terminal:
-        terminal.press("r")
-        terminal.until("This state is read once more (terminal)")
-        (file,) = tmp_path.glob("*.mcap")
-        wait(lambda: any(t.repeats for t in Recording.open(file, truncated=True).trials))
-        terminal.press("s")
-        terminal.until("Trial 1 is left out")
-        terminal.press("q")
-        terminal.until("Ending after this step (terminal)")
-        assert terminal.end() == 1 and "stopped: " in terminal.shown and "go on with:" in terminal.shown
-    recording, (journal,) = Recording.open(file), tmp_path.glob("*.journal")
-    again = [t for t in recording.trials if t.repeats]
-    first = {t.number: t.row for t in recording.trials}[again[0].repeats]
-    assert (again[0].row.trial, again[0].row.step) == (first.trial, first.step) and again[0].row.t > first.t
-    assert {s.number: s.repeats for s in recording.states}[again[0].number] == again[0].repeats
+    steering, rig = Steering(), virtual_lab.rig
+    words = ["spine_lengths=[0.0, 3 cm]", "pressures=[60 kPa]"]
+    first, then = '{"trial": 1, "step": 1}', '{"trial": 2, "step": 1}'
+    for seen, kind in (('"recording"', "repeat"), (first, "skip"), ('"skipped"', "repeat"), (then, "finish")):
+        meanwhile(functools.partial(journal_says, seen, tmp_path), functools.partial(steering.ask, kind, "test"))
+    asked_for = job("bending", rig, words)
+    with Rig(asked_for.rig) as opened:
+        connect(opened, asked_for.experiment.needs, quiet=True)
+        done = execute(opened, asked_for, tmp_path, Screen("test", quiet=True), steering=steering)
+    assert done.outcome == "stopped"
+    file, (journal,) = done.file, tmp_path.glob("*.journal")
+    recording = Recording.open(file)
+    again, second = [t for t in recording.trials if t.repeats]
+    before = {t.number: t.row for t in recording.trials}[again.repeats]
+    assert (again.row.trial, again.row.step) == (before.trial, before.step) and again.row.t > before.t
+    assert {s.number: s.repeats for s in recording.states}[again.number] == again.repeats
     assert read(journal).skipped == {1} and compare(recording).equal
     table = table_of(recording)
     assert not any(row.trial == 1 for row in table) and "trial 1: was skipped" in table.warnings[0]
     assert replay(file).rows == table.rows and replay(file).warnings == table.warnings
-    skips = [r for r in recording.requests if r.kind == "skip" and r.done]
-    assert [r.trial for r in skips] == [1]
+    assert [r.trial for r in recording.requests if r.kind == "skip" and r.done] == [1]
+    case = read_case([file]).table
+    assert second.row == case.rows[0] and any("was read again" in text for text in case.warnings)
 
     assert main(["run", "--resume", str(file), "--rig", str(rig)]) in (0, 3)
     (other,) = set(tmp_path.glob("*.mcap")) - {file}
     assert {e.row.trial for e in Recording.open(other).trials} == {2}
-    rows = read_case([file, other]).table
-    assert [(r.trial, r.step) for r in rows] == [(2, s) for s in range(1, 6)]
-    capsys.readouterr()
-
-
-def test_the_last_reading_of_a_state_is_the_one_that_counts(real_lab: VirtualLab, rig: Path, tmp_path: Path) -> None:
-    words = ("--set", "spine_lengths=[0.0]", "--set", "pressures=[60 kPa]", *LATE)
-    with at_terminal(rig, tmp_path, *words) as terminal:
-        terminal.press("r")
-        assert terminal.end() in (0, 3), terminal.shown
-    (file,) = tmp_path.glob("*.mcap")
-    recording = Recording.open(file)
-    (again,) = [t for t in recording.trials if t.repeats]
-    table = read_case([file]).table
-    assert len(recording.trials) == 4 and [(r.trial, r.step) for r in table] == [(1, 1), (1, 2), (1, 3)]
-    assert again.row in table.rows and any("was read again" in text for text in table.warnings)
-    assert replay(file).rows == table.rows
-
-
-def test_in_a_pause_somebody_may_stand_before_the_cameras(real_lab: VirtualLab, rig: Path, tmp_path: Path) -> None:
-    fakes = real_lab.fakes
-    with at_terminal(rig, tmp_path) as terminal:
-        terminal.press("p")
-        terminal.until("Paused: vented and stopped")
-        fakes.door.answer(b'{"tip_visible": false}')
-        try:
-            terminal.press("n")
-            terminal.until("note: _")
-            terminal.press("\x1b")  # nothing to note
-            wait(lambda: "note:" not in terminal.shown.rpartition("bending")[2])
-            terminal.press("p")
-            terminal.until("Going on")
-        finally:
-            fakes.door.answer(b'{"tip_visible": true}')
-        terminal.until("Resuming")
-        terminal.press("q")
-        assert terminal.end() == 1
-        assert terminal.mode == terminal.before
+    assert [(r.trial, r.step) for r in read_case([file, other]).table] == [(2, s) for s in range(1, 4)]
 
 
 SHELL = """
@@ -254,12 +223,18 @@ def test_what_is_typed_is_keys_or_a_note_and_nothing_that_acts_gets_into_it() ->
             "q\nq",
         ):
             line.take(piece)
-        line.take("n" + "y" * (LONGEST + 100))
-        line.take("\r")
-        line.take("pp")
+        for piece in ("n" + "y" * (LONGEST + 100), "\r", "n", "given up", "\x1b", "pp", "r", "s", "q"):
+            line.take(piece)
     notes = [text for kind, _, text, _ in run.kept if kind == "note"]
-    assert notes == ["wet", "abq", "y" * LONGEST]
-    assert run.kept[-2:] == [("pause", "terminal", "", False), ("go on", "terminal", "", False)]
+    assert notes == ["wet", "abq", "y" * LONGEST] and run.finished == 1 and run.typed[-1] is None
+    asked = [
+        ("pause", "terminal"),
+        ("go on", "terminal"),
+        ("repeat", "terminal"),
+        ("skip", "terminal"),
+        ("finish", "terminal"),
+    ]
+    assert run.kept[-5:] == [(*words, "", False) for words in asked]
     assert not any(ord(c) < 32 for text in notes for c in text)
 
 

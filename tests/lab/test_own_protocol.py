@@ -43,7 +43,7 @@ def test_a_staircase_of_a_few_lines_is_planned_run_and_replayed(
     staircase = CREEP.with_name("staircase.py")
     assert len(staircase.read_text().splitlines()) <= 30
     how = ["--rig", str(virtual_lab.rig)]
-    for setting in ("step=30 kPa", "steps=2", "chambers=[9, 1, 2]", "hold=30 s", "repeats=2"):
+    for setting in ("step=30 kPa", "steps=2", "chambers=[9, 1, 2]", "hold=10 s", "repeats=2"):
         how += ["--set", setting]
     assert main(["plan", str(staircase), *how, "--json"]) == 0
     planned = json.loads(capsys.readouterr().out)

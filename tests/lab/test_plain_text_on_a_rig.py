@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import pty
 import subprocess
@@ -30,20 +31,22 @@ SHORT = [
 """Noise looks like motion when the processors are busy."""
 
 
-@pytest.fixture
-def hostile_rig(real_lab: VirtualLab, tmp_path: Path) -> Iterator[Path]:
+@contextlib.contextmanager
+def hostile(lab: VirtualLab, folder: Path) -> Iterator[Path]:
     """A rig file and a robot with such names, and a valve with such an identity."""
     name = HOSTILE.replace("\x1b", "")  # a file that holds a control character is refused
-    rig = yaml.safe_load(real_lab.rig.read_text()) | {"name": name}
-    robot = yaml.safe_load(real_lab.rig.with_name("robot.yaml").read_text()) | {"name": name}
-    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(robot))
-    path = tmp_path / "rig.yaml"
+    rig = yaml.safe_load(lab.rig.read_text()) | {"name": name}
+    robot = yaml.safe_load(lab.rig.with_name("robot.yaml").read_text()) | {"name": name}
+    (folder / "robot.yaml").write_text(yaml.safe_dump(robot))
+    path = folder / "rig.yaml"
     path.write_text(yaml.safe_dump(rig))
-    valve = real_lab.fakes.lines["valve"]
+    valve = lab.fakes.lines["valve"]
     valve.identity = SERIAL  # type: ignore[attr-defined]
-    yield path
-    valve.identity = "SOFTLAB1"  # type: ignore[attr-defined]
-    valve.faults.extra.clear()
+    try:
+        yield path
+    finally:
+        valve.identity = "SOFTLAB1"  # type: ignore[attr-defined]
+        valve.faults.extra.clear()
 
 
 def on_a_terminal(*arguments: str) -> tuple[int, str]:
@@ -66,26 +69,21 @@ def on_a_terminal(*arguments: str) -> tuple[int, str]:
     return process.wait(60), seen.decode()
 
 
-def test_check_shows_names_and_identities_plain(hostile_rig: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["check", "--rig", str(hostile_rig), "--seconds", "0.3"]) in (0, 3)
-    said = capsys.readouterr()
-    assert "\x1b" not in said.out + said.err
-    assert SHOWN in said.out and "\\x1b[2J[/b]" in said.out
-
-
-def test_check_shows_a_foreign_answer_plain(
-    hostile_rig: Path, real_lab: VirtualLab, capsys: pytest.CaptureFixture[str]
+def test_check_shows_names_identities_and_foreign_answers_plain(
+    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    real_lab.fakes.lines["valve"].faults.extra["foreign"] = HOSTILE
-    assert main(["check", "--rig", str(hostile_rig), "--seconds", "0.3"]) == 1
-    said = capsys.readouterr()
-    assert "\x1b" not in said.out + said.err
-    assert "missing: valve" in said.err and "[/red]" in said.err and "[/red]" in said.out
+    with hostile(virtual_lab, tmp_path) as rig:
+        assert main(["check", "--rig", str(rig), "--seconds", "0.3"]) in (0, 3)
+        said = capsys.readouterr()
+        assert "\x1b" not in said.out + said.err and SHOWN in said.out and "\\x1b[2J[/b]" in said.out
+        virtual_lab.fakes.lines["valve"].faults.extra["foreign"] = HOSTILE
+        assert main(["check", "--rig", str(rig), "--seconds", "0.3"]) == 1
+        said = capsys.readouterr()
+        assert "\x1b" not in said.out + said.err
+        assert "missing: valve" in said.err and "[/red]" in said.err and "[/red]" in said.out
 
 
-def test_a_fault_in_mid_run_ends_it_with_its_error_and_a_whole_recording(
-    hostile_rig: Path, real_lab: VirtualLab, tmp_path: Path
-) -> None:
+def test_a_fault_in_mid_run_ends_it_with_its_error_and_a_whole_recording(real_lab: VirtualLab, tmp_path: Path) -> None:
     plant, valve = real_lab.fakes.plant, real_lab.fakes.lines["valve"]
     over = timing.Event()
 
@@ -97,7 +95,8 @@ def test_a_fault_in_mid_run_ends_it_with_its_error_and_a_whole_recording(
 
     thread = timing.Thread(target=spoil, daemon=True)
     thread.start()
-    code, seen = on_a_terminal("run", "bending", "--rig", str(hostile_rig), *SHORT, "--out", str(tmp_path))
+    with hostile(real_lab, tmp_path) as rig:
+        code, seen = on_a_terminal("run", "bending", "--rig", str(rig), *SHORT, "--out", str(tmp_path))
     over.set()
     thread.join()
     assert code == 1, seen

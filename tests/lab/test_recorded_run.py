@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 import yaml
 from terminal import Terminal
-from test_resume import SHORT, freed, lab
-from virtual_lab import VirtualLab, journal_says, meanwhile
+from test_resume import SHORT, freed
+from virtual_lab import VirtualLab, journal_says, lab, meanwhile
 
 import timing
 from lab.files.inputs import read_case
@@ -38,7 +38,7 @@ def truncate(folder: Path) -> None:
     os.truncate(next(folder.glob("*.mcap")), 30_000)
 
 
-@pytest.mark.parametrize("harm", [delete_file, rename_folder, truncate])
+@pytest.mark.parametrize("harm", [delete_file, truncate, pytest.param(rename_folder, marks=pytest.mark.long)])
 def test_a_run_whose_recording_is_lost_lands_after_the_state_and_goes_on_from_the_rescue_file(
     harm: Callable[[Path], None], virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

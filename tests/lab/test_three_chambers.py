@@ -20,8 +20,8 @@ from model.section import rods_of
 from recordings.campaign.replay import table_of
 from recordings.file.reader import Recording
 from sim_fakes.rig import FakeRig
-from sim_fakes.simulated_clock import SimulatedClock
 from sim_fakes.virtual_robot import Condition, VirtualRobot, walk
+from tests.simulated.clock import SimulatedClock
 
 ROBOT = Path(__file__).parents[2] / "examples/three_chambers/robot.yaml"
 SWEEP = ("pressures=[30 kPa, 60 kPa]", "repeats=2", "settle.min_samples=3")

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -181,6 +183,7 @@ def test_the_run_of_a_rig_is_found_and_one_that_is_over_is_told(
         announce(rig, recorder.path)
         recorder.push("/vacuum", 1.0, (20e3,))
         recorder.sync()
+        os.utime(recorder.path, (ahead := time.time() + 600.0, ahead))  # however long the program takes to start
         program = command("watch", rig, "--json", "--no-browser")
         try:
             assert program.stdout is not None
@@ -213,7 +216,7 @@ def until(stream: Iterator[tuple[str, dict[str, Any]]], fits: Any) -> dict[str, 
 
 
 def test_the_page_of_a_campaign_goes_on_from_run_to_run_by_itself(real_lab: VirtualLab, tmp_path: Path) -> None:
-    file = write_campaign(tmp_path / "night.yaml", (0.0, 0.03), 1, unload=False)
+    file = write_campaign(tmp_path / "night.yaml", (0.0,), 1, unload=False)
     program = command("campaign", file, "--rig", real_lab.rig, "--out", tmp_path / "night", "--watch")
     wholes: list[dict[str, Any]] = []
     try:
@@ -229,15 +232,16 @@ def test_the_page_of_a_campaign_goes_on_from_run_to_run_by_itself(real_lab: Virt
     assert program.returncode in (0, 3), out
     parts = [known for known in wholes if "about" in known]  # an early viewer was told that nothing is there yet
     assert [known["part"].partition(":")[0] for known in parts] == [
-        "Campaign night. Warm-up", "Campaign night. Run 1 of 2", "Campaign night. Run 2 of 2",
-    ]  # fmt: skip
+        "Campaign night. Warm-up",
+        "Campaign night. Run 1 of 1",
+    ]
     assert all(known["outcome"]["outcome"] == "completed" and known["steered"] for known in parts)
-    assert [known["more"] for known in parts] == [True, True, False]
-    for known, folder in zip(parts, ("warm-up", "0001-bending", "0002-bending"), strict=True):
+    assert [known["more"] for known in parts] == [True, False]
+    for known, folder in zip(parts, ("warm-up", "0001-bending"), strict=True):
         (recording,) = (tmp_path / "night" / folder).glob("*.mcap")
         assert known["about"]["file"] == recording.name
         assert [r["tip"] for r in known["rows"]] == [list(e.row.tip or ()) for e in Recording.open(recording).trials]
-    assert [len(known["rows"]) for known in parts] == [0, 3, 3]
+    assert [len(known["rows"]) for known in parts] == [0, 3]
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import timing
+from lab.cli import main
 from sim_fakes.rig import FakeRig
 
 
@@ -18,6 +19,11 @@ class VirtualLab:
 
     fakes: FakeRig
     rig: Path
+
+
+def lab(*arguments: object) -> int:
+    """The command, in this process; its exit code."""
+    return main([str(a) for a in arguments])
 
 
 def meanwhile(condition: Callable[[], object], *acts: Callable[[], object], within: float = 120.0) -> None:

@@ -31,6 +31,8 @@ def test_tables_lists_numbers_and_texts_are_read_as_before() -> None:
         ("0x" + "f" * 400, "number"),
         ("9" * 5000, "number"),
         ("0b_", "number"),
+        ("010", "number"),
+        ("1:30", "number"),
         ("1.0e+999", "too large"),
         ("9007199254740993", "exceeds"),
         ('"\\0"', "character"),
@@ -51,6 +53,17 @@ def test_everything_else_is_an_error_with_its_line(value: str, word: str) -> Non
 def test_what_is_no_yaml_at_all_is_an_error(text: str) -> None:
     with pytest.raises(BadYaml, match="not valid YAML"):
         parse(text)
+
+
+def test_a_key_is_a_name_whatever_yaml_makes_of_it_elsewhere() -> None:
+    assert parse("{on: 1, off: 2, No: 3, ~: 4, y: 5, 0.1: 6}")[0] == {
+        "on": 1,
+        "off": 2,
+        "No": 3,
+        "~": 4,
+        "y": 5,
+        0.1: 6,
+    }
 
 
 def test_a_date_is_a_text_and_a_merge_key_is_a_key_like_any_other() -> None:

@@ -12,10 +12,11 @@ from model.robot import Robot
 from model.rods import FINE, solve
 from model.section import rods_of
 from model.simulators import Forward, Readings
-from model.simulators.pyelastica import PyElastica
 
 
 def read(robot: Robot, at: States, elements: int = 20, **parameters: float) -> Readings:
+    from model.simulators.pyelastica import PyElastica  # slow to import
+
     own = PyElastica(robot, elements)
     assert isinstance(own, Forward)
     changes = {name.replace("__", "."): value for name, value in parameters.items()}

@@ -17,7 +17,7 @@ from recordings.file.writer import Recorder
 from sim_fakes.numato import NumatoFake
 from sim_fakes.pfeiffer import PfeifferFake
 from sim_fakes.plant import AMBIENT, Plant
-from sim_fakes.simulated_clock import SimulatedClock
+from tests.simulated.clock import SimulatedClock
 from timing import RigClock
 
 SPEED = 20.0

@@ -32,7 +32,9 @@ def test_none_is_left_out() -> None:
     assert set(SMALL) == set(OWN)
 
 
-@pytest.mark.parametrize("protocol", SMALL)
+@pytest.mark.parametrize(
+    "protocol", [pytest.param(p, marks=[pytest.mark.long] if p in ("bending", "stiffness") else []) for p in SMALL]
+)
 def test_it_runs_to_its_end(protocol: str, rig: Path, tmp_path: Path) -> None:
     settings = [word for setting in SMALL[protocol] for word in ("--set", setting)]
     assert main(["run", protocol, "--rig", str(rig), *settings, "--out", str(tmp_path)]) in (0, 3)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import struct
 import subprocess
@@ -58,18 +59,25 @@ def torn_bomb() -> bytes:
     return MAGIC + record(Opcode.HEADER, bytes(8)) + torn
 
 
-BOMBS = {
-    "a torn chunk that goes on and on": torn_bomb(),
-    "many chunks of the largest size": whole(definitions(), packed(bytes(SMALL_CHUNK)) * 40),
-    "messages without content": whole(definitions(), packed(empty_messages(250_000)) * 3),
-    "channels by the ten thousand": whole(
-        packed(
-            b"".join(record(Opcode.CHANNEL, struct.pack("<HHI", k, 0, 4) + b"/tip" + bytes(8)) for k in range(60_000))
-        )
-    ),
-    "a channel of half a million texts": whole(packed(entries(500_000))),
-    "records of an unknown kind": whole(definitions(), packed(record(0x80, b"") * 900_000)),
-}
+@functools.cache
+def bombs() -> dict[str, bytes]:
+    """Small files that unpack to much, by name."""
+    return {
+        "a torn chunk that goes on and on": torn_bomb(),
+        "many chunks of the largest size": whole(definitions(), packed(bytes(SMALL_CHUNK)) * 40),
+        "messages without content": whole(definitions(), packed(empty_messages(250_000)) * 3),
+        "channels by the ten thousand": whole(
+            packed(
+                b"".join(
+                    record(Opcode.CHANNEL, struct.pack("<HHI", k, 0, 4) + b"/tip" + bytes(8)) for k in range(60_000)
+                )
+            )
+        ),
+        "a channel of half a million texts": whole(packed(entries(500_000))),
+        "records of an unknown kind": whole(definitions(), packed(record(0x80, b"") * 900_000)),
+    }
+
+
 CHILD = textwrap.dedent(
     """
     import json, sys, time
@@ -98,15 +106,15 @@ CHILD = textwrap.dedent(
 
 
 def test_bombs_take_no_more_memory_than_a_small_file_may(tmp_path: Path) -> None:
-    for number, data in enumerate(BOMBS.values()):
+    for number, data in enumerate(bombs().values()):
         assert len(data) < MB
         (tmp_path / f"{number}.mcap").write_bytes(data)
-    files = [str(tmp_path / f"{number}.mcap") for number in range(len(BOMBS))]
+    files = [str(tmp_path / f"{number}.mcap") for number in range(len(bombs()))]
     done = subprocess.run(
         [sys.executable, "-c", CHILD, *files], capture_output=True, text=True, timeout=250, check=False
     )
     assert done.returncode == 0, done.stderr[-2000:]
-    found = {name: json.loads(done.stdout)[str(number)][0] for number, name in enumerate(BOMBS)}
+    found = {name: json.loads(done.stdout)[str(number)][0] for number, name in enumerate(bombs())}
     assert {name: memory for name, memory in found.items() if memory > 64} == {}
 
 
@@ -136,6 +144,6 @@ def test_a_stream_without_its_schema_is_damage(tmp_path: Path) -> None:
 
 
 def test_recovering_a_torn_bomb_says_that_nothing_could_be_kept(tmp_path: Path) -> None:
-    (tmp_path / "a.mcap").write_bytes(BOMBS["a torn chunk that goes on and on"])
+    (tmp_path / "a.mcap").write_bytes(bombs()["a torn chunk that goes on and on"])
     done = recover(tmp_path / "a.mcap")
     assert not done.messages and done.holes == 1 and verify(done.target).ok

@@ -130,8 +130,6 @@ def hostile() -> Iterator[tuple[str, bytes]]:
     )
 
 
-FILES = dict(hostile())
-
 CHILD = textwrap.dedent(
     """
     import json, resource, sys
@@ -175,9 +173,10 @@ CHILD = textwrap.dedent(
 def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, str]]:
     """What every way of reading says to every file, in a process that may take 700 MB."""
     folder = tmp_path_factory.mktemp("hostile")
-    names = {f"f{number}": name for number, name in enumerate(FILES)}
-    for stem, name in names.items():
-        (folder / f"{stem}.mcap").write_bytes(FILES[name])
+    names = {}
+    for number, (name, data) in enumerate(hostile()):
+        names[f"f{number}"] = name
+        (folder / f"f{number}.mcap").write_bytes(data)
     files = [str(folder / f"{stem}.mcap") for stem in names]
     done = subprocess.run(
         [sys.executable, "-c", CHILD, *files], capture_output=True, text=True, timeout=600, check=False
@@ -186,13 +185,11 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, str]]:
     return {names[stem]: answer for stem, answer in json.loads(done.stdout).items()}
 
 
-@pytest.mark.parametrize("name", FILES)
 def test_every_way_of_reading_stays_within_memory_and_answers_with_our_own_errors(
-    told: dict[str, dict[str, str]], name: str
+    told: dict[str, dict[str, str]],
 ) -> None:
-    assert [f"{way}: {answer}" for way, answer in told[name].items() if answer.startswith("BAD")] == []
+    assert [(name, ways) for name, ways in told.items() if any(said.startswith("BAD") for said in ways.values())] == []
 
 
-@pytest.mark.parametrize("name", FILES)
-def test_verify_finds_something_wrong_with_each(told: dict[str, dict[str, str]], name: str) -> None:
-    assert told[name]["verify"] != "ok 0"
+def test_verify_finds_something_wrong_with_each(told: dict[str, dict[str, str]]) -> None:
+    assert [name for name, ways in told.items() if ways["verify"] == "ok 0"] == []

@@ -12,6 +12,7 @@ from typing import Any
 import yaml
 
 import timing
+from lab.rig.assembly import Rig
 from lab.verbs.fakes import PATIENT_SETTLE
 from sim_fakes.rig import FakeRig
 
@@ -60,6 +61,15 @@ class House:
             process.kill()
             raise AssertionError(process.communicate()[0])
         return process
+
+
+def inflate(rig: Rig, house: House) -> None:
+    """Something to land."""
+    rig.actuators.call("valve", "set", True)
+    for _ in range(20):
+        rig.actuators.call("pressure", "set", (60e3, 60e3, 60e3))
+        timing.sleep(0.02)
+    assert until(lambda: house.highest() > 40e3)
 
 
 def until(condition: Callable[[], bool], within: float = 30.0) -> bool:

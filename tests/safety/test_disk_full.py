@@ -9,6 +9,7 @@ import pytest
 from house import House, until
 
 from lab.verbs.run import _finish
+from recordings.campaign.journal import read
 from recordings.errors import WriteFailed
 from recordings.file.reader import Recording
 from recordings.file.recover import recover
@@ -31,7 +32,9 @@ def test_a_run_whose_disk_is_full_vents_says_so_and_leaves_a_file_without_holes(
     assert "recording stopped" in text and "lab recover" in text and "Traceback" not in text
     assert not house.latch.exists()
     found = recover(file, tmp_path / "recovered.mcap")
-    assert found.holes == 0 and len(Recording.open(tmp_path / "recovered.mcap").states) > 0
+    recovered = Recording.open(tmp_path / "recovered.mcap")
+    assert found.holes == 0 and len(recovered.states) > 0 and len(recovered.stream("/tip")) > 10
+    assert read(file.with_suffix(".journal")).recordings == ((file.name, 1),)
 
 
 class Mute(Recorder):

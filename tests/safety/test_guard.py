@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from house import House, until
+from house import House, inflate, until
 
 import timing
 from drivers.errors import DeviceFault, InstrumentError
@@ -19,6 +19,7 @@ from lab.cli import main
 from lab.console import Screen
 from lab.files.inputs import read_case
 from lab.files.rig_file import load_rig
+from lab.guard import new_guard
 from lab.guard.child import PRIORITY, SESSION
 from lab.guard.guard import Guard
 from lab.guard.latch import RigLocked
@@ -62,15 +63,6 @@ def journal(house: House) -> str:
     return house.rig.with_suffix(".guard.log").read_text()
 
 
-def inflate(rig: Rig, house: House) -> None:
-    """Something to land."""
-    rig.actuators.call("valve", "set", True)
-    for _ in range(20):
-        rig.actuators.call("pressure", "set", (60e3, 60e3, 60e3))
-        timing.sleep(0.02)
-    assert until(lambda: house.highest() > 40e3)
-
-
 @pytest.mark.real
 def test_a_killed_program_leaves_the_rig_landed_and_free(house: House, tmp_path: Path) -> None:
     house.change(without=("arm", "force"))
@@ -102,6 +94,7 @@ def test_a_frozen_program_is_landed_and_finds_out_when_it_wakes(house: House, tm
     assert "was lost" not in output  # the guard was sound: the program itself had been away
 
 
+@pytest.mark.long
 @pytest.mark.real
 def test_a_computer_that_stood_still_condemns_nobody(house: House, tmp_path: Path) -> None:
     """A paused virtual machine: program and guard wake together, after longer than both wait for each other."""
@@ -141,8 +134,11 @@ def test_a_frozen_guard_is_replaced(house: House, tmp_path: Path) -> None:
 
 
 @pytest.mark.real
-def test_regulators_that_can_be_reached_are_vented_though_one_of_them_is_dead(small: House, rig: Rig) -> None:
+def test_regulators_that_can_be_reached_are_vented_though_one_of_them_is_dead(
+    small: House, rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Landed anew, by a process that finds the rig inflated: who does not answer is named, the others do not wait for it."""
+    monkeypatch.setattr(new_guard, "REACH_WITHIN", 3.0)
     inflate(rig, small)
     os.kill(rig.actuators.pid, signal.SIGKILL)
     small.fakes.lines["pressure"].faults.extra["dead"] = "B"

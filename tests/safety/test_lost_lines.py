@@ -9,7 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from house import House, until
+from house import House, inflate, until
+from test_pauses import BENDING, during, lab
 
 import timing
 from drivers.errors import InstrumentError, Unreachable
@@ -66,14 +67,6 @@ def of(house: House, second: House) -> Iterator[dict[str, House]]:
 def use(house: House, name: str) -> None:
     """Leave out what a cell does not need."""
     house.change(without=("mocap",) if name in NETWORK else ("mocap", *NETWORK))
-
-
-def inflate(rig: Rig, house: House) -> None:
-    rig.actuators.call("valve", "set", True)
-    for _ in range(20):
-        rig.actuators.call("pressure", "set", (60e3, 60e3, 60e3))
-        timing.sleep(0.02)
-    assert until(lambda: house.highest() > 40e3)
 
 
 def experiment(rig: Rig, ramps: bool) -> None:
@@ -226,17 +219,17 @@ def test_a_rescue_goes_on_after_its_program(small: House, monkeypatch: pytest.Mo
     assert until(lambda: not small.latch.exists())
 
 
-@pytest.mark.real
-def test_a_run_whose_regulators_drop_out_ends_vented_and_names_the_line(house: House, tmp_path: Path) -> None:
+def test_a_run_whose_regulators_drop_out_ends_vented_and_names_the_line(
+    house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     house.change(without=NETWORK)
-    program = house.start(tmp_path)
-    house.fakes.switch.drop_out("pressure", OUT)
-    assert house.vented()
-    output, _ = program.communicate(timeout=600)
-    assert program.returncode == 1 and "pressure: lost" in " ".join(output.split())
+    during(lambda: house.highest() > 40e3, lambda: house.fakes.switch.drop_out("pressure", OUT))
+    assert lab(house, tmp_path, "bending", *BENDING) == 1
+    assert house.vented() and "pressure: lost" in " ".join(capsys.readouterr().err.split())
     assert not house.latch.exists()
 
 
+@pytest.mark.long
 @pytest.mark.real
 def test_a_killed_program_s_guard_lands_what_comes_back(house: House, tmp_path: Path) -> None:
     house.change(without=NETWORK, safe={"within": 0.1})

@@ -109,7 +109,7 @@ def test_what_is_not_put_right_ends_the_run_with_its_cause(
 def test_in_a_pause_that_a_person_asked_for_every_instrument_must_go_on_measuring(
     house: House, tmp_path: Path, silent: bool
 ) -> None:
-    house.change(without=("arm", "force"))
+    house.change(without=("arm", "force"), limits={"max_hidden": 0.5})
     settings = [word for word in BENDING if word != "--set"]
     steering, plant = Steering(), house.fakes.plant
     during(lambda: float(plant.regulator.max()) > 50e3, lambda: steering.ask("pause", "test"))
@@ -121,7 +121,11 @@ def test_in_a_pause_that_a_person_asked_for_every_instrument_must_go_on_measurin
         if silent:
             house.fakes.switch.begin("gauge", "silence")
         else:
+            house.fakes.accidents.begin("marker_lost")  # as by somebody before the cameras
+            timing.sleep(1.0)
             steering.ask("go on", "test")
+            timing.sleep(1.0)
+            house.fakes.switch.end()
 
     during(lambda: steering.resting, in_the_pause)
     asked = job("bending", house.rig, settings)

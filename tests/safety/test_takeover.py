@@ -276,7 +276,11 @@ os.kill(os.getpid(), signal.SIGKILL)
 
 
 @pytest.mark.real
-@pytest.mark.parametrize("spoil", BAD_DAYS, ids=lambda f: f.__name__)
+@pytest.mark.parametrize(
+    "spoil",
+    [d if d in (gone, folder_moved, folder_read_only) else pytest.param(d, marks=pytest.mark.long) for d in BAD_DAYS],
+    ids=lambda f: f.__name__,
+)
 def test_what_a_crash_left_behind_is_landed(own_folder: House, spoil: Callable[[Path], Path]) -> None:
     """Program and guard are killed at the same moment; then the rig's files are spoilt."""
     done = subprocess.run([sys.executable, "-c", CRASHING, str(own_folder.rig)], check=False)

@@ -22,6 +22,18 @@ def vacuum(house: House, supply: float) -> None:
         house.fakes.plant.vacuum_supply = supply
 
 
+def lose(house: House) -> None:
+    """The vacuum goes, and the gauge does not tell: its value stands still, its noise does not."""
+    house.fakes.set_faults("gauge", {"freeze": True})
+    vacuum(house, 0.0)
+
+
+def put_right(house: House) -> None:
+    """What a person does about it."""
+    house.fakes.switch.end()
+    vacuum(house, PLANNED)
+
+
 def one(folder: Path) -> Recording:
     (file,) = folder.glob("*.mcap")
     recording = Recording.open(file)
@@ -30,7 +42,7 @@ def one(folder: Path) -> Recording:
     return recording
 
 
-@pytest.mark.parametrize("level", [0.0, pytest.param(60e3, marks=pytest.mark.long), 94e3])
+@pytest.mark.parametrize("level", [94e3, *(pytest.param(p, marks=pytest.mark.long) for p in (0.0, 60e3))])
 def test_a_bending_state_is_read_again_with_the_spine_jammed_anew(
     house: House, tmp_path: Path, level: float, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -89,13 +101,11 @@ def test_a_stiffness_trial_whose_spine_goes_soft_begins_again(
         fakes.switch.end()
         vacuum(house, PLANNED)
 
-    def lose() -> None:
-        if frozen:  # its value stands still, its noise does not
-            fakes.set_faults("gauge", {"freeze": True})
-        vacuum(house, 0.0)
-
     fakes.on_confirm = put_right
-    during(lambda: abs(fakes.plant.probe_force).max() > 2.2, lose)  # on the way from the first step to the second
+    spoil = lose if frozen else lambda house: vacuum(house, 0.0)
+    during(
+        lambda: abs(fakes.plant.probe_force).max() > 2.2, lambda: spoil(house)
+    )  # on the way from the first step to the second
     assert lab(house, tmp_path, "stiffness", *STIFFNESS) in (0, 3), "".join(capsys.readouterr())
     assert fakes.troubles and ("soft although the gauge" in fakes.troubles[0]) == frozen
     recording = one(tmp_path)
@@ -113,16 +123,8 @@ def test_a_spine_that_never_was_jammed_asks_for_a_person(
     house.change(without=("mocap",))
     fakes = house.fakes
 
-    def lose() -> None:
-        fakes.set_faults("gauge", {"freeze": True})
-        vacuum(house, 0.0)
-
-    def put_right(trouble: str) -> None:
-        fakes.switch.end()
-        vacuum(house, PLANNED)
-
-    fakes.on_confirm = put_right
-    during(lambda: fakes.plant.valve_on and fakes.plant.vacuum_absolute < 24e3, lose)
+    fakes.on_confirm = lambda trouble: put_right(house)
+    during(lambda: fakes.plant.valve_on and fakes.plant.vacuum_absolute < 24e3, lambda: lose(house))
     assert lab(house, tmp_path, "stiffness", *STIFFNESS) in (0, 3), "".join(capsys.readouterr())
     assert fakes.troubles and "jammed" in fakes.troubles[0]
     assert [row.step for row in table_of(one(tmp_path))] == [1, 2, 3]
@@ -148,16 +150,8 @@ def test_the_shape_tells_that_the_spine_went_soft_where_the_gauge_does_not(
     house.change(without=("arm", "force"))
     fakes = house.fakes
 
-    def lose() -> None:
-        fakes.set_faults("gauge", {"freeze": True})
-        vacuum(house, 0.0)
-
-    def put_right(trouble: str) -> None:
-        fakes.switch.end()
-        vacuum(house, PLANNED)
-
-    fakes.on_confirm = put_right
-    during(lambda: fakes.plant.valve_on and float(fakes.plant.regulator.max()) > 100e3, lose)
+    fakes.on_confirm = lambda trouble: put_right(house)
+    during(lambda: fakes.plant.valve_on and float(fakes.plant.regulator.max()) > 100e3, lambda: lose(house))
     assert lab(house, tmp_path, "bending", *BENDING, "--set", "spine_lengths=[0.25]") in (0, 3), "".join(
         capsys.readouterr()
     )
@@ -174,20 +168,15 @@ def test_a_spine_that_stays_soft_marks_its_trial(
     house.change(without=("arm", "force"))
     fakes = house.fakes
 
-    def lose() -> None:
-        fakes.set_faults("gauge", {"freeze": True})
-        vacuum(house, 0.0)
-
     def each_time() -> None:
         if until(lambda: fakes.plant.valve_on and float(fakes.plant.regulator.max()) > 100e3, 60.0):
-            lose()
+            lose(house)
 
-    def put_right(trouble: str) -> None:
-        fakes.switch.end()
-        vacuum(house, PLANNED)
+    def again(trouble: str) -> None:
+        put_right(house)
         during(lambda: float(fakes.plant.regulator.max()) < 1e3, each_time)
 
-    fakes.on_confirm = put_right
+    fakes.on_confirm = again
     during(lambda: True, each_time)
     settings = (*BENDING, "--set", "spine_lengths=[0.25]")
     # with a gauge that has frozen the vacuum's release is not confirmed

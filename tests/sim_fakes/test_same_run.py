@@ -11,7 +11,7 @@ from lab.cli import main
 from lab.verbs.fakes import write_rig
 from recordings.file.reader import Recording
 from sim_fakes.rig import FakeRig
-from sim_fakes.simulated_clock import SimulatedClock
+from tests.simulated.clock import SimulatedClock
 
 SHORT = ("steps=3", "min_samples=20", "zero_samples=20", "spine_lengths=[0.05]")
 

@@ -12,8 +12,8 @@ from collections.abc import Iterator
 import pytest
 
 import timing
-from sim_fakes import simulated_clock as simulated
-from sim_fakes.simulated_clock import Deadlock, SimulatedClock
+from tests.simulated import clock as simulated
+from tests.simulated.clock import Deadlock, SimulatedClock
 from timing import RigClock
 
 

@@ -39,26 +39,13 @@ class Wire:
 
 
 @pytest.fixture
-def plant() -> Plant:
-    return Plant()
-
-
-@pytest.fixture
-def wire(plant: Plant, request: pytest.FixtureRequest) -> Iterator[Wire]:
-    fake = TmclFake(plant, RigClock(getattr(request, "param", 20.0)))
+def wire(plant: Plant) -> Iterator[Wire]:
+    fake = TmclFake(plant, RigClock(20.0))
     fake.start()
     wire = Wire(fake)
     yield wire
     wire.port.close()
     fake.stop()
-
-
-def test_the_version_tells_the_module(wire: Wire) -> None:
-    assert wire.ask(136, 1) == (OK, 1260 << 16 | 0x0110)
-
-
-def test_another_address_meets_silence(wire: Wire) -> None:
-    assert wire.ask(GAP, 1, address=5, within=0.2) is None
 
 
 @pytest.mark.parametrize(
@@ -164,19 +151,6 @@ def test_a_stored_parameter_outlasts_a_power_cut(wire: Wire) -> None:
     assert wire.ask(SAP, 6, 42) == (OK, 42)
     wire.fake.restart()
     assert (wire.ask(GAP, 7), wire.ask(GAP, 6)) == ((OK, 42), (OK, 128))
-
-
-@pytest.mark.parametrize("wire", [1.0], indirect=True, ids=["slow enough to be seen"])
-def test_the_reference_search_zeroes_steps_and_encoder_at_the_switch(wire: Wire, plant: Plant) -> None:
-    wire.ask(SAP, 194, 20480)
-    assert wire.ask(RFS, 0) == (OK, 0)
-    assert wire.ask(RFS, 2) == (OK, 1)
-    deadline = timing.now() + 60
-    while wire.ask(RFS, 2) != (OK, 0) and timing.now() < deadline:
-        timing.sleep(0.01)
-    assert wire.ask(GAP, 1) == (OK, 0)
-    assert wire.ask(GAP, 209) == (OK, 0)
-    assert plant.spine_drive == 0.0
 
 
 def test_the_switch_stops_a_motion_towards_it(wire: Wire, plant: Plant) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sim_fakes.ur import kinematics as k
-from sim_fakes.ur.controller import UPTIME, Controller, Runtime
+from sim_fakes.ur.controller import Controller, Runtime
 from sim_fakes.ur.dashboard import answer
 from sim_fakes.ur.motion import START_JOINTS, Arm, JointMove, LinearMove, Motion, Profile, ProgramError, stop_linear
 
@@ -136,43 +136,6 @@ def test_a_linear_stop_needs_half_the_speed_squared_over_the_deceleration(dt: fl
 
 
 # -- controller
-def test_the_arm_and_the_stamp_advance_speed_times_as_far_in_a_cycle() -> None:
-    for speed in (1.0, 20.0):
-        controller = playing(speed)
-        goal = controller.arm.pose_vector() - [0, 0, 0.1, 0, 0, 0]
-        command(controller, MOVEL, [*goal.tolist(), 0.05, 0.5])
-        cycles = 1
-        while not np.allclose(controller.arm.pose_vector()[:3], goal[:3], atol=1e-9):
-            controller.advance()
-            cycles += 1
-        assert cycles * 0.008 * speed == pytest.approx(2.1, abs=3 * 0.008 * speed)
-        assert controller.t - UPTIME == pytest.approx(cycles * 0.008 * speed)
-
-
-def test_an_asynchronous_move_counts_up_and_reports_its_end() -> None:
-    controller = playing()
-    number = controller.out_int[2] >> 24
-    goal = controller.arm.pose_vector() - [0, 0, 0.01, 0, 0, 0]
-    command(controller, MOVEL, [*goal.tolist(), 0.05, 0.5])
-    assert controller.out_int[0] == 2
-    assert controller.out_int[2] >> 24 == number + 1 and controller.out_int[2] >> 15 & 1
-    for _ in range(60):
-        controller.advance()
-    assert controller.out_int[0] == 1
-    assert controller.out_int[2] >> 24 == number + 1 and not controller.out_int[2] >> 15 & 1
-
-
-def test_the_speed_slider_slows_the_motion_down() -> None:
-    controller = playing()
-    controller.slider = 0.5
-    goal = controller.arm.pose_vector() - [0, 0, 0.1, 0, 0, 0]
-    command(controller, MOVEL, [*goal.tolist(), 0.05, 0.5])
-    fastest = 0.0
-    for _ in range(100):
-        controller.advance()
-        fastest = max(fastest, float(np.linalg.norm(controller.arm.tcp_speed()[:3])))
-    moved = goal[2] + 0.1 - controller.arm.pose_vector()[2]
-    assert moved == pytest.approx(0.05 * (100 * 0.008 * 0.5 - 0.05), rel=0.02)
 
 
 @pytest.mark.parametrize(
@@ -202,19 +165,6 @@ def test_a_move_during_an_asynchronous_stop_is_two_threads_at_one_arm() -> None:
     controller.advance()
     command(controller, MOVEL, [*goal, 0.1, 0.5])
     assert "another thread" in controller.ended[-1]
-
-
-def test_the_watchdog_ends_a_program_that_is_no_longer_written_to() -> None:
-    controller = playing(speed=20.0)
-    command(controller, WATCHDOG, [10.0])
-    for _ in range(60):  # kicked each 40 ms of host time
-        controller.write("input_int_register_0", 0)
-        for _ in range(5):
-            controller.advance()
-    assert controller.runtime == Runtime.PLAYING
-    for _ in range(13):
-        controller.advance()
-    assert controller.runtime == Runtime.STOPPED and "watchdog" in controller.ended[-1]
 
 
 def test_cycles_that_a_late_host_makes_up_count_by_the_time_they_took() -> None:

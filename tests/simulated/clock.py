@@ -17,9 +17,15 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from types import TracebackType
-from typing import Any, Self, cast
+from typing import Any, ClassVar, Self, cast
 
+from lab.guard.child import new_process
+from sim_fakes.lines import PtyLine
+from sim_fakes.ur.process import UrProcess
 from timing import Host, Thread, live_in, readable_now
+
+from .lodger import started
+from .memory_line import MemoryLine
 
 START = 1000.0
 """Its first time, s: what never happened lies before."""
@@ -63,8 +69,16 @@ class _Waiter:
             return True
 
 
+def _arm(*args: Any, **how: Any) -> Any:
+    from .arm_thread import UrThread  # with the maker's library
+
+    return UrThread(*args, **how)
+
+
 class SimulatedClock:
     """Enter it to live in it: `with clock: ..`. It may be left and entered again; its time stands still meanwhile."""
+
+    stand_ins: ClassVar = {PtyLine: MemoryLine, UrProcess: _arm, new_process: started}
 
     def __init__(self) -> None:
         self._now = START

@@ -8,10 +8,10 @@ import serial
 
 import timing
 
-from .lines import LINES, MemoryLine
+from .memory_line import LINES, MemoryLine
 
 PAUSE = 0.001
-"""Host seconds that pass for who asks again and again whether something has come."""
+"""Host seconds that pass for who asks again and again whether something has come, where nothing is expected."""
 
 
 class Serial(serial.Serial):  # type: ignore[misc]
@@ -19,6 +19,8 @@ class Serial(serial.Serial):  # type: ignore[misc]
 
     _line: MemoryLine | None = None
     _plugs = 0
+    _asked = False
+    """Something was sent, and neither was anything read since nor has `timeout` passed in vain."""
 
     def open(self) -> None:
         """See serial.Serial."""
@@ -57,26 +59,33 @@ class Serial(serial.Serial):  # type: ignore[misc]
 
     @property
     def in_waiting(self) -> int:
-        """See serial.Serial."""
+        """See serial.Serial. A client that asks again and again until its own clock has run out asks but once: after a request,
+        with the answer there or `timeout` over."""
         line = self._alive()
         if not line.to_driver:
-            timing.sleep(PAUSE)
+            self._wait(1, (self.timeout or 0.0) if self._asked else PAUSE)
+            self._asked = bool(line.to_driver)
         return len(self._alive().to_driver)
 
     def read(self, size: int = 1) -> bytes:
         """See serial.Serial."""
-        line = self._alive()
-        within = 1e9 if self.timeout is None else self.timeout
-        timing.wait(lambda: len(line.to_driver) >= size or not line.plugged or line.plugs != self._plugs, within)
+        self._wait(size, 1e9 if self.timeout is None else self.timeout)
         line = self._alive()
         data = bytes(line.to_driver[:size])
         del line.to_driver[:size]
+        self._asked = False
         return data
 
     def write(self, data: Any, /) -> int:
         """See serial.Serial."""
         self._alive().to_fake.extend(bytes(data))
+        self._asked = True
         return len(data)
+
+    def _wait(self, size: int, within: float) -> None:
+        """Until so many bytes have come, the line is dead, or so many host seconds have passed."""
+        line = self._alive()
+        timing.wait(lambda: len(line.to_driver) >= size or not line.plugged or line.plugs != self._plugs, within)
 
     def reset_input_buffer(self) -> None:
         """See serial.Serial."""

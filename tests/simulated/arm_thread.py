@@ -16,12 +16,12 @@ import rtde_control
 import rtde_receive
 
 import timing
-
-from . import backdoor
-from .controller import Controller, Runtime
-from .script import DONE, READY
-from .server import Address, Server
-from .wire import Hub
+from sim_fakes.ur import backdoor
+from sim_fakes.ur.controller import Controller, Runtime
+from sim_fakes.ur.process import free_host
+from sim_fakes.ur.script import DONE, READY
+from sim_fakes.ur.server import Address, Server
+from sim_fakes.ur.wire import Hub
 
 SERVED: dict[str, Hub] = {}
 """Controllers in this process, by address."""
@@ -50,19 +50,21 @@ class _Loop(asyncio.SelectorEventLoop):
 
 
 class UrThread:
-    """A controller as `process.UrProcess` is one, in a thread that lives in the clock of who makes it."""
+    """Stands in for `sim_fakes.ur.process.UrProcess`: the same in a thread that lives in the clock of who makes it."""
 
     def __init__(
         self,
-        host: str,
-        speed: float,
-        pose_to: Address | None,
-        seed: int,
-        version: tuple[int, int, int, int] = (3, 15, 8, 106339),
+        host: str | None = None,
+        *,
+        speed: float = 1.0,
+        version: str = "3.15.8.106339",
+        pose_to: Address | None = None,
         dashboard: bool = True,
+        seed: int = 0,
     ) -> None:
-        self.host = host
-        self.server = Server(Controller(version, speed, seed), host, timing.now(), dashboard)
+        self.host = host = host or free_host()
+        a, b, c, d = (int(number) for number in version.split("."))
+        self.server = Server(Controller((a, b, c, d), speed, seed), host, timing.now(), dashboard)
         self._loop = _Loop()
         self._ready = timing.Event()
         self._pose_to = pose_to

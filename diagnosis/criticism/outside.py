@@ -1,0 +1,244 @@
+"""How probable is a cause outside the catalogue, and which would do the same as what is named?
+
+Three ways in which there can be one, with their prior odds against the catalogue:
+
+1. A relative of an effect (`relatives`), beside what is named or in the place of an effect: weighed like a hypothesis of the
+   catalogue with one effect more, in the linear problem of what was found.
+2. A stage's error of free form beside what is named (`stage_errors`).
+3. What looks exactly like what is named.
+
+The last two are the more probable, the more repeats scatter than instruments and re-grown spines do.
+Log evidence is divided by the temperature, as everywhere.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from model.effects.catalogue import CATALOGUE
+from model.effects.design import design_from_columns
+from model.effects.forward import ForwardModel
+from model.effects.parameters import ParameterInfo
+from model.effects.spec import EffectSpec
+
+from ..inference.candidate import Candidate
+from ..inference.evidence import KNOWN, Hypothesis, weigh
+from ..inference.fit import fit
+from ..inference.jacobian import Jacobian
+from ..inference.linear import Linear
+from ..inference.posterior import prior
+from ..inference.prepare import Prepared, least_sizes, observable_effects, parameters, table_columns
+from ..inference.problem import MaskedForward, Parameters, linearise
+from ..judgement import (
+    FIT_DISCREPANCY_SIZE,
+    FIT_TOLERATED_SIZE,
+    FREE_FORM_ODDS,
+    LARGEST_EXCESS,
+    LARGEST_ODDS,
+    LEAST_NAMED_SIZE,
+    RELATIVE_ODDS,
+    SAME_ODDS,
+    SEPARATED_EVIDENCE,
+    TEMPERATURE,
+    USUAL_EXCESS,
+)
+from .relatives import RELATIVES
+
+Array = NDArray[np.float64]
+
+TINY = 1e-300
+"""Prior of more effects than any hypothesis names."""
+LEAST_SHARE, MOST_FITTED, ROUNDS = 0.1, 3, 8
+"""Share of the best hypothesis' weight that a relative must promise to be fitted; most relatives and rounds."""
+
+
+@dataclass(frozen=True)
+class Related:
+    """A relative beside effects of the catalogue."""
+
+    relative: str
+    beside: Hypothesis
+    log_evidence: float
+
+
+def related(p: Prepared, candidates: Sequence[Candidate], known: Mapping[Hypothesis, Candidate]) -> tuple[Related, ...]:
+    """Relatives beside the effects of some candidates, and in the place of each; the most probable first.
+
+    `candidates` have the log evidence of their hypotheses and all derivatives. `known` are all hypotheses: what a linear problem
+    or a fit gives one of them beyond what its search has reached is no merit of a relative. What is promised is fitted, the
+    most promising first, until the leading one is.
+    """
+    effects = len(p.problem.parameters.ids)
+    promised: dict[tuple[str, Hypothesis], tuple[float, Candidate]] = {}
+
+    def above(beside: Hypothesis, log_evidence: float) -> float:
+        return max(log_evidence - known[beside].log_evidence, 0.0) if beside in known else 0.0
+
+    for c in candidates:
+        relatives = _relatives(p, c)
+        linear = c.linear(p.problem)
+        offset = c.log_evidence - weigh(linear, KNOWN, p.problem.parameters, [c.named])[0].log_evidence
+        for beside, around in ((c.named, linear), *_one_less(p, c)):
+            extended, own = relatives.beside(around, p.problem.parameters)
+            alone, *weighed = weigh(extended, KNOWN, own, [beside, *((*beside, r) for r in relatives.ids)])
+            too_much = above(beside, alone.log_evidence + offset)
+            for r, w in zip(relatives.ids, weighed, strict=True):
+                z = w.log_evidence + offset - too_much
+                if z > promised.get((r, beside), (-math.inf, c))[0]:
+                    promised[r, beside] = z, c
+
+    def weight(r: Related) -> float:
+        return r.log_evidence / TEMPERATURE + _log_prior((*r.beside, r.relative), effects)
+
+    found = sorted((Related(*k, z) for k, (z, _) in promised.items()), key=weight, reverse=True)
+    best = max(c.log_evidence / TEMPERATURE + math.log(prior(c.named, effects)) for c in candidates)
+    least = best + math.log(LEAST_SHARE)
+    fitted: list[Related] = []
+    while found and p.baseline is None and len(fitted) < MOST_FITTED and weight(found[0]) > least:
+        first = found.pop(0)
+        with_it, without = _fitted(p, first, promised[first.relative, first.beside][1])
+        fitted.append(replace(first, log_evidence=with_it - above(first.beside, without)))
+        if found and weight(max(fitted, key=weight)) > weight(found[0]):
+            break
+    return tuple(sorted((*fitted, *found), key=weight, reverse=True))
+
+
+def _log_prior(named: Hypothesis, effects: int) -> float:
+    """Of a hypothesis that names a relative: a catalogue of few effects makes none more probable."""
+    return math.log(max(prior(named, max(effects, len(CATALOGUE))), TINY))
+
+
+def alike(among: Sequence[Related], named: Hypothesis, log_evidence: float) -> tuple[str, ...]:
+    """Relatives that do the same as an effect of what is named, as far as these readings tell, best first; where nothing is
+    named, that explain more than the best hypothesis. `log_evidence`: of that."""
+    own = [r for r in among if set(r.beside) < set(named) and r.log_evidence > log_evidence - SEPARATED_EVIDENCE]
+    if not named and among and among[0].log_evidence > log_evidence + SEPARATED_EVIDENCE:
+        own = [r for r in among if r.log_evidence > among[0].log_evidence - SEPARATED_EVIDENCE]
+    return tuple(dict.fromkeys(r.relative for r in own))
+
+
+def _fitted(p: Prepared, r: Related, start: Candidate) -> tuple[float, float]:
+    """Log evidence of a relative and the effects beside it, fitted from a candidate's fit, and of the effects alone there."""
+    known = p.problem.parameters
+    forward = _with_relatives(p, {r.relative: RELATIVES[r.relative]})
+    infos = parameters(forward.parameters).infos
+    at = {name: i for i, name in enumerate(known.names)}
+    old = np.array([at.get(i.name, -1) for i in infos])
+    before = known.least or (LEAST_NAMED_SIZE,) * len(known.sd)
+    own = Parameters(
+        infos,
+        np.where(old < 0, [i.sd for i in infos], known.sd[old]),
+        tuple(LEAST_NAMED_SIZE if j < 0 else before[j] for j in old.tolist()),
+    )
+    problem = replace(p.problem, forward=MaskedForward(forward, _measured(p, forward)), parameters=own)
+    named = (*r.beside, r.relative)
+    theta = np.where(old < 0, 0.0, start.fit.theta[old])
+    theta[[i for i, e in enumerate(own.effects) if e in start.named and e not in named]] = 0.0
+    wide = own.prior(own.mask(named), FIT_TOLERATED_SIZE)
+    reached = fit(problem, wide, FIT_DISCREPANCY_SIZE, theta, ROUNDS)
+    predicted, slope = problem.linearise(reached.theta)
+    whole = replace(
+        reached,
+        predicted=predicted,
+        slope=Jacobian.of(slope),
+        form_error=problem.form_error(reached.theta, predicted, named),
+    )
+    with_it, without = weigh(whole.linear(problem), KNOWN, own, [named, r.beside])
+    return with_it.log_evidence - reached.predicted_decrease, without.log_evidence
+
+
+def _one_less(p: Prepared, c: Candidate) -> list[tuple[Hypothesis, Linear]]:
+    """Without each of its effects in turn, whose law cannot be wrong then."""
+    laws = c.fit.form_error
+    assert laws is not None
+    found = []
+    for effect in c.named:
+        kept = {e: done for e, done in laws.responses.items() if e != effect}
+        fit = replace(c.fit, form_error=replace(laws, responses=kept))
+        found.append((tuple(e for e in c.named if e != effect), fit.linear(p.problem)))
+    return found
+
+
+@dataclass(frozen=True)
+class _Relatives:
+    """Derivatives of the values by the relatives' parameters at a fit."""
+
+    infos: tuple[ParameterInfo, ...]
+    least: tuple[float, ...]
+    """As `Parameters.least`."""
+    white: Array
+    """(n, r) whitened, by one prior standard deviation of each."""
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        return tuple(
+            dict.fromkeys(i.source for i, column in zip(self.infos, self.white.T, strict=True) if column.any())
+        )
+
+    def beside(self, linear: Linear, p: Parameters) -> tuple[Linear, Parameters]:
+        """A linear problem and its parameters with the relatives as further effects."""
+        sd = np.array([i.sd for i in self.infos])
+        size = None if linear.effect_size is None else np.append(linear.effect_size, np.zeros(len(sd)))
+        own = p.least or (LEAST_NAMED_SIZE,) * len(p.sd)
+        return (
+            replace(linear, effects=np.hstack([linear.effects, self.white]), effect_size=size),
+            replace(p, infos=p.infos + self.infos, sd=np.append(p.sd, sd), least=own + self.least),
+        )
+
+
+def _with_relatives(p: Prepared, relatives: Mapping[str, EffectSpec]) -> ForwardModel:
+    """The rod's model of the states with further effects."""
+    design = design_from_columns(p.robot, table_columns(p.states))
+    catalogue = {**p.forward.catalogue, **relatives}
+    return ForwardModel(p.robot, design, p.forward.area, catalogue, plane_direction=p.forward.plane_direction)
+
+
+def _relatives(p: Prepared, c: Candidate) -> _Relatives:
+    """Those that are not in the catalogue and that such states can show."""
+    problem = p.problem
+    others = {id: spec for id, spec in RELATIVES.items() if id not in p.forward.catalogue}
+    shown = observable_effects(p.robot, p.forward.design, others)
+    forward = _with_relatives(p, shown)
+    known = dict(zip(problem.parameters.names, c.fit.theta.tolist(), strict=True))
+    theta = np.array([known.get(info.name, 0.0) for info in forward.parameters])
+    own = [i for i, info in enumerate(forward.parameters) if info.source in shown]
+    slope = linearise(forward, theta, own)[1][_measured(p, forward)]
+    infos = tuple(forward.parameters[i] for i in own)
+    sd = np.array([i.sd for i in infos])
+    whole = np.hstack([c.fit.derivatives(problem).whole, slope])
+    made = replace(problem.parameters, infos=problem.parameters.infos + infos, sd=np.append(problem.parameters.sd, sd))
+    least = least_sizes(made, p.labels, whole, p.noise_floor)[len(problem.parameters.sd) :]
+    return _Relatives(infos, least or (LEAST_NAMED_SIZE,) * len(infos), problem.noise.whiten(slope * sd))
+
+
+def _measured(p: Prepared, forward: ForwardModel) -> NDArray[np.bool_]:
+    """Which of a forward model's observations are among the measured values (n,)."""
+    observed = forward.observations
+    names = np.unique(observed.channel)
+    every, own = (
+        row * len(names) + np.searchsorted(names, channel.astype(names.dtype))
+        for row, channel in ((observed.row, observed.channel), (p.labels.state, p.labels.channel))
+    )
+    return np.isin(every, own)
+
+
+def odds_outside(
+    tried: Sequence[Candidate], among: Sequence[Related], free_form: float, excess_scatter: float, effects: int
+) -> float:
+    """Odds of a cause outside the catalogue, of so many effects, against all hypotheses of it that were tried.
+
+    `free_form`: log evidence that errors of free form gain; `excess_scatter`: of repeats, see `NoiseComponents`.
+    """
+    unnamed = SAME_ODDS + FREE_FORM_ODDS * math.exp(min(free_form / TEMPERATURE, LARGEST_ODDS))
+    odds = unnamed * max(min(excess_scatter, LARGEST_EXCESS) / USUAL_EXCESS, 1.0)
+    if not among:
+        return odds
+    total = logsumexp([c.log_evidence / TEMPERATURE + math.log(prior(c.named, effects)) for c in tried])
+    relatives = logsumexp([r.log_evidence / TEMPERATURE + _log_prior((*r.beside, r.relative), effects) for r in among])
+    return odds + RELATIVE_ODDS * math.exp(min(relatives - total, LARGEST_ODDS))
