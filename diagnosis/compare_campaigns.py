@@ -142,67 +142,78 @@ def _changed(name: str, value: float, units: Mapping[str, str], names: Mapping[s
 
 
 class _JointForward:
-    """Two campaigns as one forward model: parameters common to both, then the later campaign's own changes of effects."""
+    """Two campaigns as one forward model.
+
+    Its parameters theta are those of the reference; those that the later campaign has for itself (`later_only`: trials, repeats,
+    drift, what another day brings); and the change of each effect since. The later campaign is predicted with the values that it
+    shares with the reference, plus the changes, and with its own.
+    """
 
     def __init__(self, before: Prepared, after: Prepared) -> None:
         self._parts = before.problem, after.problem
         self._forwards = tuple(p.forward for p in self._parts)
-        a, b = self._parts[0].parameters, self._parts[1].parameters
+        reference, later = (p.parameters for p in self._parts)
         lasting = {i.name for i in before.forward.parameters if i.lasts and i.source not in ANOTHER_DAY}
-        shared = [i for i, name in enumerate(b.names) if name in lasting]
-        self._own = [i for i in range(len(b.names)) if i not in set(shared)]
-        self._to_before = {i: a.names.index(b.names[i]) for i in shared}
-        self._change = np.flatnonzero(b.of_effect)
-        self.parameters = self._table(a, b)
-        self._k, self._changes = len(a.names), len(self._change)
+        self._shared = {i: reference.names.index(name) for i, name in enumerate(later.names) if name in lasting}
+        """Index of a parameter in the later campaign -> in the reference."""
+        self._later_only = [i for i in range(len(later.names)) if i not in self._shared]
+        self._effects = np.flatnonzero(later.of_effect)
+        """Indices in the later campaign."""
+        k, changes = len(reference.names), len(reference.names) + len(self._later_only)
+        self._places = slice(0, k), slice(k, changes), slice(changes, None)
+        """In theta, of the reference's parameters, the later campaign's own, and the changes."""
+        self.parameters = self._table(reference, later)
 
-    def _table(self, a: Parameters, b: Parameters) -> Parameters:
-        """Parameters of the reference, those that only the later campaign has, and the change of each effect since."""
-        daily = ANOTHER_DAY.values()
-        changed = [b.infos[i] for i in self._change]
+    def _table(self, reference: Parameters, later: Parameters) -> Parameters:
+        """The parameters theta, see above, with their priors; only the changes can be named as a cause."""
         # Effects present in the reference are no change: each is free there, within its whole scale.
-        free = [replace(i, group="nuisance") for i in (*a.infos, *(b.infos[i] for i in self._own))]
+        free = [replace(i, group="nuisance") for i in (*reference.infos, *(later.infos[i] for i in self._later_only))]
+        # What another day brings anyway has tolerances of its own: such an effect has changed when it is named, or not at all.
         changes = [
-            replace(i, name=i.name + CHANGE, starts=(0.0,), tolerated=i.tolerated and i.source not in daily)
-            for i in changed
+            replace(
+                i, name=i.name + CHANGE, starts=(0.0,), tolerated=i.tolerated and i.source not in ANOTHER_DAY.values()
+            )
+            for i in (later.infos[i] for i in self._effects)
         ]
-        least = [b.least[i] if b.least else LEAST_NAMED_SIZE for i in self._change]
+        least = [later.least[i] if later.least else LEAST_NAMED_SIZE for i in self._effects]
         return Parameters(
             (*free, *changes),
-            np.concatenate([a.sd, b.sd[self._own], b.sd[self._change]]),
+            np.concatenate([reference.sd, later.sd[self._later_only], later.sd[self._effects]]),
             (*(LEAST_NAMED_SIZE,) * len(free), *least),
             changes=True,
         )
 
     def _split(self, theta: Array) -> tuple[Array, Array]:
-        """Each campaign's own parameters, within its bounds: the later campaign's are the reference's plus the changes."""
-        a, b = self._parts[0].parameters, self._parts[1].parameters
-        first = theta[: self._k]
-        second = np.zeros(len(b.names))
-        for i, j in self._to_before.items():
+        """Parameters of the reference and of the later campaign, each within its campaign's bounds, from theta."""
+        reference, later = (p.parameters for p in self._parts)
+        first, own, changes = (theta[place] for place in self._places)
+        second = np.zeros(len(later.names))
+        for i, j in self._shared.items():
             second[i] = first[j]
-        second[self._own] = theta[self._k : self._k + len(self._own)]
-        second[self._change] += theta[self._k + len(self._own) :]
-        return np.clip(first, a.lower, a.upper), np.clip(second, b.lower, b.upper)
+        second[self._later_only] = own
+        second[self._effects] += changes
+        return np.clip(first, reference.lower, reference.upper), np.clip(second, later.lower, later.upper)
 
     def predict(self, theta: Array, trial: bool = False, whole: bool = False) -> Array:
-        """Both campaigns' values, reference first."""
+        """Both campaigns' values (n,), reference first."""
         return np.concatenate(
             [f.predict(t, trial, whole) for f, t in zip(self._forwards, self._split(theta), strict=True)]
         )
 
     def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
-        """The same with derivatives by common parameters, the later campaign's own, and its changes, or some of them."""
+        """Both campaigns' values (n,), reference first, and their derivatives by theta (n, k), or by those `columns` of it."""
         first, second = self._split(theta)
-        y0, s0 = self._forwards[0].linearise(first)
-        y1, s1 = self._forwards[1].linearise(second)
-        slope = np.zeros((len(y0) + len(y1), len(theta)))
-        slope[: len(y0), : self._k] = s0
-        for i, j in self._to_before.items():
-            slope[len(y0) :, j] = s1[:, i]
-        slope[len(y0) :, self._k : self._k + len(self._own)] = s1[:, self._own]
-        slope[len(y0) :, self._k + len(self._own) :] = s1[:, self._change]
-        return np.concatenate([y0, y1]), slope if columns is None else slope[:, list(columns)]
+        (y_first, slope_first), (y_second, slope_second) = (
+            forward.linearise(t) for forward, t in zip(self._forwards, (first, second), strict=True)
+        )
+        n, (of_reference, own, changes) = len(y_first), self._places
+        slope = np.zeros((n + len(y_second), len(theta)))
+        slope[:n, of_reference] = slope_first
+        for i, j in self._shared.items():
+            slope[n:, j] = slope_second[:, i]
+        slope[n:, own] = slope_second[:, self._later_only]
+        slope[n:, changes] = slope_second[:, self._effects]
+        return np.concatenate([y_first, y_second]), slope if columns is None else slope[:, list(columns)]
 
     def near(self, theta: Array) -> _JointForward:
         """The same, made quicker close to parameters (k,)."""
@@ -232,11 +243,10 @@ def _joined(before: Prepared, after: Prepared) -> Problem:
 
 
 def _lasting(first: Noise, second: Noise) -> Lasting | None:
-    """What lasts of the errors of both; where none does in one, none of it lasts there."""
+    """Errors that last from one reading to the next (see `data.noise`), of the values of both; None where neither has any."""
     if first.lasting is None and second.lasting is None:
         return None
-    both = (x.lasting or Lasting.none(len(x.sd)) for x in (first, second))
-    before, after = both
+    before, after = (noise.lasting or Lasting.none(len(noise.sd)) for noise in (first, second))
     return before.then(after)
 
 

@@ -202,7 +202,7 @@ def _posterior(p: Prepared, c: Candidate, left: float) -> tuple[dict[str, Stated
     parameters = p.problem.parameters
     prior = c.prior(parameters)
     linear = c.linear(p.problem)
-    law_error, size = _errors(c, linear, parameters)
+    law_error, size = _model_errors(c, linear, parameters)
     covariance = Gaussian(linear, prior, size, law_error).covariance(parameters.of_effect)
     sd = parameters.sd * np.sqrt(np.diag(covariance))
     area = float(p.forward.area_factor[0])
@@ -257,20 +257,22 @@ def _lasting(p: Prepared, named: Sequence[str]) -> dict[str, int]:
     }
 
 
-def _errors(c: Candidate, linear: Linear, parameters: Parameters) -> tuple[float, float]:
-    """Model-form error (share of what the named effects do) and discrepancy (in its unit): rms over their posterior."""
+def _model_errors(c: Candidate, linear: Linear, parameters: Parameters) -> tuple[float, float]:
+    """Sizes of the model-form error (share of what the named effects do) and of the discrepancy (units of `Linear.discrepancy`):
+    the root of their mean square over the posterior, which is computed on a grid of both and of the tolerances' spike."""
     grid = replace(
         KNOWN.part(c.with_tolerances),
         form_errors=FITTED_LAW_ERRORS,
         form_error_weights=np.full(len(FITTED_LAW_ERRORS), 1 / len(FITTED_LAW_ERRORS)),
     )
     weighed = weigh(linear, grid, parameters, [c.named])[0]
-    weight = np.exp(weighed.log_terms - weighed.log_terms.max())
-    weight /= weight.sum()
-    form = FITTED_LAW_ERRORS if weight.shape[2] == len(FITTED_LAW_ERRORS) else np.zeros(1)
+    probability = np.exp(weighed.log_terms - weighed.log_terms.max())  # (spikes, sizes, form errors)
+    probability /= probability.sum()
+    # without a named effect, no law can be wrong: one form error, 0
+    form_errors = FITTED_LAW_ERRORS if probability.shape[2] == len(FITTED_LAW_ERRORS) else np.zeros(1)
     return (
-        float(np.sqrt((weight.sum(axis=(0, 1)) * form**2).sum())),
-        float(np.sqrt((weight.sum(axis=(0, 2)) * grid.sizes**2).sum())),
+        float(np.sqrt((probability.sum(axis=(0, 1)) * form_errors**2).sum())),
+        float(np.sqrt((probability.sum(axis=(0, 2)) * grid.sizes**2).sum())),
     )
 
 

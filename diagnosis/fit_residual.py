@@ -77,19 +77,24 @@ def learn_residual(robot: Robot, trial: Ints, pressure: Array, length: Array, mi
 
 
 def _scales(u: Array, length: Array, trial: Ints, missed: Array, ranges: tuple[float, float]) -> list[float]:
-    """Scales of the Gaussian process at their most probable values, from several starts: amplitude (m), scales of pressure and of
-    spine length, standard deviations (m) of trials and of readings. `missed` (n, 3) m; x are logarithms over usual values."""
-    size = max(_rms(missed) / np.sqrt(3), 1e-9)
-    unit = np.log([size, ranges[0], ranges[1], size, size])
+    """Scales of the Gaussian process at their most probable values, from several starts: amplitude (m), scales of pressure (Pa)
+    and of spine length (m), standard deviations (m) of trials and of readings.
+
+    `u` (n, 3) Pa: sums of the pressures over the section; `missed` (n, 3) m; `ranges`: the largest |u| and the largest length.
+    """
+    size = max(_rms(missed) / np.sqrt(3), 1e-9)  # m, of one axis
+    log_usual = np.log([size, ranges[0], ranges[1], size, size])
 
     def cost(x: Array) -> float:
-        amplitude, pressure_scale, length_scale, per_trial, reading = np.exp(x + unit)
+        """Minus the logarithm that is maximised, up to a constant; x (5,): logarithms of the scales over usual values."""
+        amplitude, pressure_scale, length_scale, per_trial, reading = np.exp(x + log_usual)
         correlation = kernel(u, length, u, length, pressure_scale, length_scale)
         c = covariance(amplitude, per_trial, reading, trial, correlation)
         factor = cho_factor(c / size**2, lower=True)
-        fit = float((missed * cho_solve(factor, missed)).sum()) / size**2
+        chi_square = float((missed * cho_solve(factor, missed)).sum()) / size**2  # sum over axes of y^T C^-1 y
+        log_det = 2 * float(np.log(np.diag(factor[0])).sum())  # of C, the same for each of the three axes
         prior = (((x[1:3] - np.log(SCALE_RANGE)) / SCALE_SD) ** 2).sum()
-        return 0.5 * (fit + 3 * 2 * float(np.log(np.diag(factor[0])).sum()) + float(prior))
+        return 0.5 * (chi_square + 3 * log_det + float(prior))
 
     bounds = [
         (np.log(1e-2), np.log(1e2)),
@@ -99,7 +104,7 @@ def _scales(u: Array, length: Array, trial: Ints, missed: Array, ranges: tuple[f
     ]
     found = [minimize(cost, np.log(start), method="L-BFGS-B", bounds=bounds) for start in STARTS]
     best = min(found, key=lambda f: float(f.fun))
-    return [float(f"{v:.{DIGITS}g}") for v in np.exp(best.x + unit).tolist()]
+    return [float(f"{v:.{DIGITS}g}") for v in np.exp(best.x + log_usual).tolist()]
 
 
 def _left_out(own: Residual, u: Array, length: Array, trial: Ints, missed: Array) -> Array:

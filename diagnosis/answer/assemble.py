@@ -103,18 +103,25 @@ def _markers(p: Prepared, missed: Array) -> dict[float, Array]:
 def attribute_section(f: Attribution, significant: bool, heldout: Mapping[Hypothesis, float]) -> Attribute:
     """The section `attribute`: verdict and ranking; `heldout` is the mm rms of hypotheses on unseen states, `significant` whether
     the gap is above the noise floor anywhere."""
-    p = f.prepared
+    listed, rest = f.posterior.ranking[:LISTED], f.posterior.ranking[LISTED:]
     ranked = []
-    always = [x for x in f.posterior.ranking[LISTED:] if x[0] in (NONE, UNKNOWN)]
-    for named, probability in (*f.posterior.ranking[:LISTED], *always):
-        c = f.posterior.candidates[named]
-        size = values(sizes(p, c))
-        ranked.append(Ranked(named, probability, c.log_evidence, heldout.get(named), size))
+    for named, probability in (*listed, *(x for x in rest if x[0] in (NONE, UNKNOWN))):
+        candidate = f.posterior.candidates[named]
+        size = values(sizes(f.prepared, candidate))
+        ranked.append(Ranked(named, probability, candidate.log_evidence, heldout.get(named), size))
     d = f.decision
     return Attribute(
-        d.verdict, d.effects, d.probability, f.posterior.credible_set, tuple(ranked), f.cannot_tell_apart, f.asking,
-        conclude(d, significant, f.asking, bool(f.tense)), rivals(d, f.posterior), d.relatives,
-    )  # fmt: skip
+        verdict=d.verdict,
+        effects=d.effects,
+        probability=d.probability,
+        credible_set=f.posterior.credible_set,
+        ranking=tuple(ranked),
+        cannot_tell_apart=f.cannot_tell_apart,
+        stage_errors=f.asking,
+        conclusion=conclude(d, significant, f.asking, bool(f.tense)),  # tense: far beyond a stated tolerance
+        rivals=rivals(d, f.posterior),
+        relatives=d.relatives,
+    )
 
 
 def beside(a: Attribute, certain: str) -> Attribute:
@@ -134,9 +141,13 @@ def beside(a: Attribute, certain: str) -> Attribute:
 def detail_section(
     f: Attribution, unseen: HeldOutErrors | None, holdout: Holdout | None, names: Mapping[str, str]
 ) -> dict[str, Any]:
-    """The section `detail`: what the figures show. Tips in m, base frame; states are those with a tip."""
+    """The section `detail`: what the figures show. Tips in m, base frame.
+
+    Three predictions (n,) of the measured values are compared: of the robot as given (robot.yaml), calibrated, and `explained` by
+    the best hypothesis; `unseen` are the errors of states, each predicted by a fit without its fold. `states` are those with a
+    tip; stiffness trials (`pushed`) have a section of their own.
+    """
     p = f.prepared
-    of_robot = p.states.take(~p.states.pushed)
     observed = p.problem.observed
     given, slope = p.given, p.problem.forward.linearise(p.problem.parameters.mean)[1]
     calibrated, explained = (p.problem.forward.predict(p.common(t)) for t in (f.calibrated.theta, f.best.fit.theta))
@@ -164,17 +175,7 @@ def detail_section(
         "sizes": [asdict(size) | {"impossible": size.impossible} for size in sizes(p, f.best)],
         "distinguishability": _separations(f),
         "shapes": worst_states(p, f.calibrated.theta, f.best.fit.theta),
-        "states": {
-            "trial": of_robot.trial.tolist(),
-            "spine_length": of_robot.spine_length.tolist(),
-            "pressure": of_robot.highest.tolist(),
-            "branch": of_robot.branch.tolist(),
-            "experiment": of_robot.kind.tolist(),
-            "chambers": [list(c) for c in of_robot.chambers],
-            "tip": of_robot.tip.tolist(),
-            "calibrated": p.tip(calibrated)[~p.states.pushed].tolist(),
-            "explained": p.tip(explained)[~p.states.pushed].tolist(),
-        },
+        "states": _states(p, calibrated, explained),
     }
     if (simulator := simulator_section(f)) is not None:
         made["baseline"] = asdict(simulator)
@@ -198,6 +199,23 @@ def detail_section(
     if holdout is not None:
         made["holdout"] = asdict(holdout) | {"statement": holdout.statement(names)}
     return made
+
+
+def _states(p: Prepared, calibrated: Array, explained: Array) -> dict[str, Any]:
+    """Settings and tips (m), measured and predicted, of the states with a tip; the predictions (n,) are of all values."""
+    with_tip = ~p.states.pushed
+    states = p.states.take(with_tip)
+    return {
+        "trial": states.trial.tolist(),
+        "spine_length": states.spine_length.tolist(),
+        "pressure": states.highest.tolist(),
+        "branch": states.branch.tolist(),
+        "experiment": states.kind.tolist(),
+        "chambers": [list(c) for c in states.chambers],
+        "tip": states.tip.tolist(),
+        "calibrated": p.tip(calibrated)[with_tip].tolist(),
+        "explained": p.tip(explained)[with_tip].tolist(),
+    }
 
 
 def simulator_section(f: Attribution) -> Simulator | None:

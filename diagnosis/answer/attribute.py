@@ -84,32 +84,46 @@ class Attribution:
 
 
 def attribute(p: Prepared, stages: Mapping[str, Stage], executor: Executor = SINGLE_THREAD) -> Attribution:
-    """Log evidence of the catalogue's hypotheses, their probabilities, and the decision; `stages` effect -> stage."""
-    standard = executor.ahead(standard_normal, [len(p.problem.parameters.scale)])
+    """Log evidence of the catalogue's hypotheses, their probabilities, and the decision; `stages` effect -> stage.
+
+    Hypotheses are ranked twice: `whole` by their evidence, `known` by what their effects carry of the gap (see `budget`). The
+    second is the answer, once something outside the catalogue is weighed too.
+    """
+    draws = executor.ahead(standard_normal, [len(p.problem.parameters.scale)])
     search = Search(p.problem, executor=executor)
     candidates = search.run()
     found = {c.named: c for c in candidates}
     effects = len(p.problem.parameters.ids)
     whole = posterior(candidates, effects, TEMPERATURE)
-    carried = budget(p.problem, parts(p), search.tried, TEMPERATURE, *standard())
+    carried = budget(p.problem, parts(p), search.tried, TEMPERATURE, *draws())
     known = by_what_is_carried(carried, whole)
     leading, best = search.leading_and_answer(*(k.candidates[k.ranking[0][0]] for k in (whole, known)))
     misfit = misfit_diagnostics(p.problem, leading, p.labels.trial, p.noise_components.excess_scatter, best)
     # Where a tolerance of the leading hypothesis is the cause that is named, an error of its stage is that cause.
-    free = min(
+    of_stages = min(
         (_stage_errors(p, c, stages) for c in {leading.named: leading, best.named: best}.values()), key=total_gain
     )
     asked = {c.named: c for c in (search.with_all_derivatives(found[NONE]), leading, best)}
     among = related(p, tuple(asked.values()), found)
-    odds = odds_outside(search.tried, among, total_gain(free), misfit.excess_scatter, effects)
+    odds = odds_outside(search.tried, among, total_gain(of_stages), misfit.excess_scatter, effects)
     weighed = with_unknown(known, found[NONE], odds / (1 + odds))
     decision = decide(weighed, not lacking(p.states), carried.nothing_stands_out)
     answered = best if decision.verdict == "effect" else leading
     decision = replace(decision, relatives=alike(among, decision.effects, answered.log_evidence))
     separations = _distinguishability(p, found, weighed, best)
     return Attribution(
-        p, weighed, found[NONE], replace(best, made=None), calibrated(p), misfit, decision, separations, carried, free, among
-    )  # fmt: skip
+        prepared=p,
+        posterior=weighed,
+        none=found[NONE],
+        best=replace(best, made=None),
+        calibrated=calibrated(p),
+        misfit=misfit,
+        decision=decision,
+        distinguishability=separations,
+        budget=carried,
+        stage_errors=of_stages,
+        related=among,
+    )
 
 
 def _stage_errors(p: Prepared, c: Candidate, stages: Mapping[str, Stage]) -> tuple[StageError, ...]:

@@ -64,7 +64,7 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Experiment]:
     lengths, pressures = _three(s.spine_length, 0.005), _three(s.highest[s.highest > s.pressure_gap], s.pressure_gap)
     chambers = _inflated(s)
     count, words = len(robot.actuators.azimuths_deg), robot.actuators.words
-    others = _others(chambers, count, s)
+    others = _other_chambers(chambers, count, s)
     mass = float(np.median(tip_masses(robot, s.rows)))
     default_vacuum = NOMINAL_VACUUM if robot.spine is not None else 0.0
     vacuum = float(np.median([default_vacuum if r.vacuum is None else r.vacuum for r in s.rows]))
@@ -107,13 +107,15 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Experiment]:
     return [replace(e, do=words.say(e.do)) for e in offered if not _already_recorded(e.id, s)]
 
 
-def _others(chambers: list[int], count: int, s: Campaign) -> list[int]:
-    """The same chambers turned about the axis, by a third of the ring if possible, such as were not inflated; empty where all
-    were."""
+def _other_chambers(chambers: list[int], count: int, s: Campaign) -> list[int]:
+    """The chambers shifted around the ring of `count` so that the campaign never inflated them together; empty if all were.
+
+    Chambers are numbered from 1. A shift by a third of the ring is tried first.
+    """
     third = count // 3
-    turns = sorted(range(1, count), key=lambda turn: (turn != third, turn))
-    turned = (sorted((c - 1 + turn) % count + 1 for c in chambers) for turn in turns)
-    return next((t for t in turned if tuple(t) not in s.chambers), [])
+    shifts = sorted(range(1, count), key=lambda shift: (shift != third, shift))
+    shifted = (sorted((c - 1 + shift) % count + 1 for c in chambers) for shift in shifts)
+    return next((group for group in shifted if tuple(group) not in s.chambers), [])
 
 
 def _already_recorded(id: str, s: Campaign) -> bool:

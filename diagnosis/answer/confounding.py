@@ -20,20 +20,21 @@ Array = NDArray[np.float64]
 
 
 def confounded_shares(parameters: Parameters, slope: Array, weight: Array, calibration: Array) -> dict[str, float]:
-    """Share 0..1 of each effect that `calibration` (n, c), columns of free parameters, takes over.
+    """Share 0..1 of each effect that a calibration takes over, see above; 1 for an effect that moves no value.
 
-    `slope` (n, k) derivatives by the parameters; `weight` (n,) of each value, 0 for values that are not looked at.
+    `calibration` (n, c): derivatives of the values by the c numbers that are calibrated. `slope` (n, k): by all k parameters.
+    `weight` (n,) of each value, 0 for values that do not count.
     """
-    free = weight[:, None] * calibration
-    basis, size, _ = np.linalg.svd(free, full_matrices=False)
-    basis = basis[:, size > 1e-10 * max(float(size.max(initial=0.0)), 1e-300)]
+    basis, singular, _ = np.linalg.svd(weight[:, None] * calibration, full_matrices=False)
+    # P = basis basis^T; columns that only rounding makes differ from zero span nothing
+    basis = basis[:, singular > 1e-10 * max(float(singular.max(initial=0.0)), 1e-300)]
     out = {}
     for effect in parameters.ids:
-        own = [i for i, e in enumerate(parameters.effects) if e == effect]
-        columns = weight[:, None] * slope[:, own] * parameters.sd[own]
-        total = float((columns**2).sum())
-        left = columns - basis @ (basis.T @ columns)
-        out[effect] = 1.0 - float((left**2).sum()) / total if total > 0 else 1.0
+        of_effect = [i for i, e in enumerate(parameters.effects) if e == effect]
+        moved = weight[:, None] * slope[:, of_effect] * parameters.sd[of_effect]
+        squared = float((moved**2).sum())
+        left = moved - basis @ (basis.T @ moved)
+        out[effect] = 1.0 - float((left**2).sum()) / squared if squared > 0 else 1.0
     return out
 
 

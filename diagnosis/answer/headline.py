@@ -24,7 +24,8 @@ UNITS = {
 
 
 def for_people(value: float, unit: str, words: Words = Chambers.words) -> tuple[float, str]:
-    """A value and its unit as a person reads them; the logarithm of a factor as the factor.
+    """A value and its unit as a person reads them; the logarithm of a factor (ln) as the factor. `words` holds the unit of what
+    drives the robot, a pressure or a tension, which tables hold as Pa.
 
     >>> for_people(0.1, "m"), for_people(0.0, "ln"), for_people(2e4, "Pa")
     ((100.0, 'mm'), (1.0, 'times'), (20.0, 'kPa'))

@@ -88,28 +88,28 @@ def unseen_states(diagnosed: CaseLike, other: CaseLike) -> Campaign:
             "hold out a campaign of the same robot, or give both the same robot.yaml with --robot"
         )
     try:
-        own, _ = states(other)
+        found, _ = states(other)
     except BadCase as e:
         raise BadHoldout(str(e)) from e
-    own = own.take(~own.pushed)
-    if not len(own) or all(r.tip is None or r.protocol == "stiffness" for r in diagnosed.table):
-        which = "the held-out campaign" if not len(own) else "the diagnosed campaign"
+    with_tip = found.take(~found.pushed)
+    if not len(with_tip) or all(r.tip is None or r.protocol == "stiffness" for r in diagnosed.table):
+        which = "the held-out campaign" if not len(with_tip) else "the diagnosed campaign"
         raise BadHoldout(
             f"a held-out test compares tips, and {which} has none: stiffness trials alone cannot be held out, "
             "nor tested on a bending run; diagnose and hold out bending or elongation runs"
         )
-    known = {_key(r) for r in diagnosed.table}
-    again = sum(_key(r) in known for r in own.rows)
-    if again:
+    diagnosed_readings = {_reading(r) for r in diagnosed.table}
+    shared = sum(_reading(r) in diagnosed_readings for r in with_tip.rows)
+    if shared:
         raise BadHoldout(
-            f"{again} of its {len(own)} states are among those diagnosed, so the fit saw them; "
+            f"{shared} of its {len(with_tip)} states are among those diagnosed, so the fit saw them; "
             "give a campaign that is not among the inputs"
         )
-    return own
+    return with_tip
 
 
-def _key(row: TrialRow) -> tuple[object, ...]:
-    """Identifies a reading."""
+def _reading(row: TrialRow) -> tuple[object, ...]:
+    """Identifies a reading: no two have the same tip, pressures and spine length to the last digit."""
     return row.tip, row.pressures, row.spine_length
 
 

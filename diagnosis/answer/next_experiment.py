@@ -75,26 +75,31 @@ def planned(p: Prepared, protocol: Mapping[str, Any], more: tuple[str, ...] = ()
 def _information(
     predictions: tuple[Prediction, ...], weight: Array, draws: int = 60, seed: int = 4711
 ) -> tuple[float, list[tuple[int, int]]]:
-    """Mutual information in bits, and the pairs of candidates that would be told apart."""
+    """Mutual information between candidate and outcome in bits, and the pairs (i, j) of candidates that would be told apart.
+
+    I = sum_i w_i E_i[log2 p_i(y) - log2 sum_j w_j p_j(y)], p_i the normal density that candidate i predicts of the outcome y,
+    w_i = `weight` its probability (sum 1), E_i the mean over `draws` outcomes drawn from p_i.
+    """
     rng = np.random.default_rng(seed)
     n = len(predictions)
     log_weight = np.log(weight)
     bits = 0.0
-    density = np.empty((n, n, draws))
+    log_density = np.empty((n, n, draws))  # of outcomes drawn from candidate i, under candidate j
     for i, p in enumerate(predictions):
         outcomes = p.mean + rng.normal(size=(draws, len(p.mean))) @ p.factor.T
-        density[i] = [q.log_density(outcomes) for q in predictions]
-        mixture = logsumexp(density[i] + log_weight[:, None], axis=0)
-        bits += weight[i] * float(np.mean(density[i, i] - mixture)) / np.log(2)
+        log_density[i] = [q.log_density(outcomes) for q in predictions]
+        mixture = logsumexp(log_density[i] + log_weight[:, None], axis=0)
+        bits += weight[i] * float(np.mean(log_density[i, i] - mixture)) / np.log(2)
     separated = [
         (i, j)
         for i in range(n)
         for j in range(i + 1, n)
-        if min(_pair_bits(density[i, i], density[i, j]), _pair_bits(density[j, j], density[j, i])) > SEPARATED_BITS
+        if min(_pair_bits(*log_density[i, [i, j]]), _pair_bits(*log_density[j, [j, i]])) > SEPARATED_BITS
     ]
-    return max(bits, 0.0), separated
+    return max(bits, 0.0), separated  # the mean of few draws can fall below 0
 
 
-def _pair_bits(own: Array, other: Array) -> float:
-    """Bits by which outcomes of one candidate tell it from one other, both as likely before."""
-    return float(1 - np.mean(np.logaddexp(0.0, other - own)) / np.log(2))
+def _pair_bits(true: Array, other: Array) -> float:
+    """Bits by which outcomes drawn from one candidate tell it from one other, both as likely before; `true` and `other` (draws,)
+    are the outcomes' log densities under the two."""
+    return float(1 - np.mean(np.logaddexp(0.0, other - true)) / np.log(2))

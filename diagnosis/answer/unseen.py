@@ -32,7 +32,7 @@ def unseen(f: Attribution, executor: Executor) -> Callable[[], Unseen]:
     held_out = HeldOut.of(f.prepared, executor)
     if held_out is None:
         return Unseen
-    shrinking, listing = shrink(f.prepared, f.calibrated, f.best, held_out), _rms(f, held_out)
+    shrinking, listing = shrink(f.prepared, f.calibrated, f.best, held_out), _leading_rms(f, held_out)
     falling = waterfall(f, held_out)
 
     def found() -> Unseen:
@@ -42,7 +42,7 @@ def unseen(f: Attribution, executor: Executor) -> Callable[[], Unseen]:
     return found
 
 
-def _rms(f: Attribution, held_out: HeldOut) -> Callable[[HeldOutErrors], dict[Hypothesis, float]]:
+def _leading_rms(f: Attribution, held_out: HeldOut) -> Callable[[HeldOutErrors], dict[Hypothesis, float]]:
     """Start the refits of the leading hypotheses that `shrink` does not make; the function that is returned waits for them and
     returns the rms error (mm) of each leading hypothesis on states that it did not see."""
     leading = [h for h, _ in f.posterior.ranking[:4] if h != UNKNOWN]

@@ -138,35 +138,35 @@ def calibrate_first(robot: Robot, states: Campaign, effects: Collection[str] = (
     kept = ~states.pushed
     if robot.effects or robot.tolerances or kept.sum() < 6:
         return FirstCalibration(robot, states)
-    own = states.take(kept)
+    with_tip = states.take(kept)
     # the others lie between them
-    seen = np.zeros(len(own), bool)
-    seen[spread_over(len(own), 60)] = True
-    own = own.take(seen)
+    seen = np.zeros(len(with_tip), bool)
+    seen[spread_over(len(with_tip), 60)] = True
+    fitted = with_tip.take(seen)
     # one area factor, as the diagnosis has it
-    told, robot = robot, robot.with_area_factor(float(np.mean(robot.area_factor_at(own.spine_length))))
-    near = _fitted(robot, own, FIRST_USUAL, _begin(0.0))
+    told, robot = robot, robot.with_area_factor(float(np.mean(robot.area_factor_at(fitted.spine_length))))
+    near = _fitted(robot, fitted, FIRST_USUAL, _turned(0.0))
     if near is None:
         return FirstCalibration(told, states)
-    missed = _rms(robot, own, near)
+    missed = _rms(robot, fitted, near)
     if missed < FIRST_LOSS_SCALE * robot.length and not (np.abs(near) > FIRST_NEAR_BOUND * FIRST_USUAL)[1:].any():
         return FirstCalibration(told, states)
     far, senses, least = None, (1.0, 1.0), np.inf
-    for turn, gravity, counting in dict.fromkeys(((0.0, 1.0, 1.0), _counted(robot, own), (0.0, -1.0, 1.0))):
+    for turn, gravity, counting in dict.fromkeys(((0.0, 1.0, 1.0), _counted(robot, fitted), (0.0, -1.0, 1.0))):
         if least < FIRST_CONVERGED * robot.length:
             break
         there = _sensed(robot, gravity, counting)
-        found = _fitted(there, own, FIRST_WIDEST, _standing(there, own, turn))
-        left = np.inf if found is None else _rms(there, own, found)
+        found = _fitted(there, fitted, FIRST_WIDEST, _standing(there, fitted, turn))
+        left = np.inf if found is None else _rms(there, fitted, found)
         if left < (least if min(gravity, counting) > 0 else UPSIDE_DOWN_GAIN * least):
             far, senses, least = found, (gravity, counting), left
     if far is None:
         return FirstCalibration(told, states)
-    before, after = missed, _rms(_sensed(robot, *senses), own, far)
+    before, after = missed, _rms(_sensed(robot, *senses), fitted, far)
     beyond = np.abs(far) > FIRST_USUAL
     if not (beyond.any() or min(senses) < 0) or after > FIRST_GAIN * before:
         return FirstCalibration(told, states)
-    if min(senses) > 0 and _loaded(robot, own, min(FIRST_AS_GOOD * after, FIRST_GAIN * before)):
+    if min(senses) > 0 and _weight_explains(robot, fitted, min(FIRST_AS_GOOD * after, FIRST_GAIN * before)):
         return FirstCalibration(told, states)  # a weight explains it, and the diagnosis names weights
     turned = _with(_sensed(told, *senses), far * (np.array(NAMES) == "azimuth")).actuators.azimuths_deg
     place = exchanged(told, turned) if can_name_order(told, states, effects) else None
@@ -184,43 +184,46 @@ def calibrate_first(robot: Robot, states: Campaign, effects: Collection[str] = (
     return FirstCalibration(made, moved, adjusted, (x, y, z), before, after, order)
 
 
-def _loaded(robot: Robot, own: Campaign, most: float) -> bool:
-    """Whether the robot as the diagnosis follows it and one weight more, at the tip or all along, leaves less than `most` (m) of
-    robust rms."""
-    ways = [(robot, _with_payload(robot, own, share * body_mass(robot))) for share in FIRST_PAYLOADS]
-    ways += [(robot.model_copy(update={"gravity": tuple(f * g for g in robot.gravity)}), own) for f in FIRST_WEIGHTS]
-    fits = ((there, seen, _fitted(there, seen, FIRST_USUAL, _begin(0.0))) for there, seen in ways)
-    return any(found is not None and _rms(there, seen, found) < most for there, seen, found in fits)
+def _weight_explains(robot: Robot, states: Campaign, most: float) -> bool:
+    """Whether one weight more, at the tip or all along the body, leaves less than `most` (m) of robust rms, all other numbers
+    within the bounds of the diagnosis' own fit."""
+    heavier = [(robot, _with_payload(robot, states, share * body_mass(robot))) for share in FIRST_PAYLOADS]
+    heavier += [
+        (robot.model_copy(update={"gravity": tuple(f * g for g in robot.gravity)}), states) for f in FIRST_WEIGHTS
+    ]
+    fits = ((r, s, _fitted(r, s, FIRST_USUAL, _turned(0.0))) for r, s in heavier)
+    return any(theta is not None and _rms(r, s, theta) < most for r, s, theta in fits)
 
 
-def _with_payload(robot: Robot, own: Campaign, mass: float) -> Campaign:
+def _with_payload(robot: Robot, states: Campaign, mass: float) -> Campaign:
     """The states with `mass` (kg) added at the tip."""
-    hung = (tip_masses(robot, own.rows) + mass).tolist()
-    return replace(own, rows=tuple(replace(r, tip_mass=m) for r, m in zip(own.rows, hung, strict=True)))
+    hung = (tip_masses(robot, states.rows) + mass).tolist()
+    return replace(states, rows=tuple(replace(r, tip_mass=m) for r, m in zip(states.rows, hung, strict=True)))
 
 
-def _counted(robot: Robot, own: Campaign) -> tuple[float, float, float]:
+def _counted(robot: Robot, states: Campaign) -> tuple[float, float, float]:
     """Azimuth (rad), 1 (sense of gravity) and sense of counting of the chambers, 1 or -1, with which the robot is nearest."""
     ways = [(turn, counting) for counting in (1.0, -1.0) for turn in QUARTERS]
-    missed = [_rms(_sensed(robot, 1.0, counting), own, _begin(turn)) for turn, counting in ways]
+    missed = [_rms(_sensed(robot, 1.0, counting), states, _turned(turn)) for turn, counting in ways]
     turn, counting = ways[int(np.argmin(missed))]
     return turn, 1.0, counting
 
 
-def _begin(turn: float) -> Array:
+def _turned(turn: float) -> Array:
+    """(8,) theta of the robot as it is, but for its chambers, turned by `turn` (rad)."""
     theta = np.zeros(len(NAMES))
     theta[2] = turn
     return theta
 
 
-def _standing(robot: Robot, own: Campaign, turn: float) -> Array:
+def _standing(robot: Robot, states: Campaign, turn: float) -> Array:
     """(8,) the start of a fit: modulus, and perhaps area factor, several times larger where that is nearer to the data; rods that
     do not stand have no derivative to follow."""
-    begins = [_begin(turn)]
+    begins = [_turned(turn)]
     for factor, area in itertools.product(STIFFER, (False, True)):
-        begins.append(_begin(turn))
+        begins.append(_turned(turn))
         begins[-1][:2] = np.log(factor) * area, np.log(factor)
-    return min(begins, key=lambda theta: _rms(robot, own, theta))
+    return min(begins, key=lambda theta: _rms(robot, states, theta))
 
 
 def _sensed(robot: Robot, gravity: float, counting: float) -> Robot:
@@ -230,13 +233,15 @@ def _sensed(robot: Robot, gravity: float, counting: float) -> Robot:
     return robot.with_azimuths(azimuths).model_copy(update={"gravity": (x, y, z)})
 
 
-def _fitted(robot: Robot, own: Campaign, most: Array, begin: Array) -> Array | None:
-    """(8,) the best parameters within bounds, from where it begins; None where no rod stands."""
-    begin = np.clip(begin, -0.99 * most, 0.99 * most)
+def _fitted(robot: Robot, states: Campaign, bounds: Array, start: Array) -> Array | None:
+    """(8,) theta in the order of `NAMES` at the minimum stated above, within -bounds .. bounds (8,), searched from `start` (8,);
+    None where a rod cannot be computed.
+    """
+    start = np.clip(start, -0.99 * bounds, 0.99 * bounds)  # least_squares begins inside
     try:
-        misfit = _Misfit(robot, own)
+        misfit = _Misfit(robot, states)
         found = least_squares(
-            misfit.residual, begin, misfit.slope, bounds=(-most, most), x_scale=np.minimum(FIRST_SD, 0.3), loss="soft_l1",
+            misfit.residual, start, misfit.slope, bounds=(-bounds, bounds), x_scale=np.minimum(FIRST_SD, 0.3), loss="soft_l1",
             max_nfev=25, ftol=1e-4, xtol=1e-4,
         )  # fmt: skip
     except (ModelError, ValueError):
@@ -247,8 +252,8 @@ def _fitted(robot: Robot, own: Campaign, most: Array, begin: Array) -> Array | N
 class _Misfit:
     """Residuals of a robot with numbers theta (8,), and their derivatives: forward differences by those that move the rod."""
 
-    def __init__(self, robot: Robot, own: Campaign) -> None:
-        self._robot, self._own, self._states = robot, own, settings(robot, own.rows)
+    def __init__(self, robot: Robot, states: Campaign) -> None:
+        self._robot, self._states, self._asked = robot, states, settings(robot, states.rows)
         self._last: tuple[Array, Array] = (np.full(len(NAMES), np.nan), np.zeros(0))
 
     def residual(self, theta: Array) -> Array:
@@ -263,7 +268,7 @@ class _Misfit:
         for k in range(ORIGIN):
             moved = theta.copy()
             moved[k] += np.copysign(STEP * max(1.0, abs(theta[k])), theta[k])
-            tip[..., k] = (_missed(self._robot, self._own, moved, self._states) - missed) / (moved[k] - theta[k])
+            tip[..., k] = (_missed(self._robot, self._states, moved, self._asked) - missed) / (moved[k] - theta[k])
         stands = (missed != self._robot.length).any(axis=1)
         tip[..., ORIGIN:] = self._robot.length * stands[:, None, None] * np.eye(3)
         tip /= self._unit
@@ -276,22 +281,22 @@ class _Misfit:
 
     def _missed(self, theta: Array) -> Array:
         if not np.array_equal(theta, self._last[0]):
-            self._last = theta.copy(), _missed(self._robot, self._own, theta, self._states)
+            self._last = theta.copy(), _missed(self._robot, self._states, theta, self._asked)
         return self._last[1]
 
 
-def _missed(robot: Robot, own: Campaign, theta: Array, states: States | None = None) -> Array:
-    """(n, 3) m, tip predicted minus measured; a robot length in each axis where the rod has no equilibrium. `states` are the
-    settings, where they are known."""
-    found = solve(rods_of(_with(robot, theta), states or settings(robot, own.rows), full=True), DIRECT)
-    tip = own.tip - theta[ORIGIN:] * robot.length
+def _missed(robot: Robot, states: Campaign, theta: Array, asked: States | None = None) -> Array:
+    """(n, 3) m, tip predicted minus measured; a robot length in each axis where the rod has no equilibrium. `asked`: settings of
+    the states, where they are known."""
+    found = solve(rods_of(_with(robot, theta), asked or settings(robot, states.rows), full=True), DIRECT)
+    tip = states.tip - theta[ORIGIN:] * robot.length
     return np.where(found.converged[:, None], np.nan_to_num(found.tip - tip), robot.length)
 
 
-def _rms(robot: Robot, own: Campaign, theta: Array) -> float:
+def _rms(robot: Robot, states: Campaign, theta: Array) -> float:
     """m, s sqrt(mean rho(d^2 / s^2)) over the states: the rms of distances d that are small, while large ones count less."""
     scale = FIRST_LOSS_SCALE * robot.length
-    squared = (_missed(robot, own, theta) ** 2).sum(axis=1) / scale**2
+    squared = (_missed(robot, states, theta) ** 2).sum(axis=1) / scale**2
     return scale * float(np.sqrt(np.mean(2 * (np.sqrt(1 + squared) - 1))))
 
 

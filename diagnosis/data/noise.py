@@ -111,63 +111,63 @@ class Noise:
         return Noise(self.state[kept], self.sd[kept], self.pressure_response[kept], lasting)
 
     def _applied(self, values: Array, matrix: Callable[[_Blocks], Array]) -> Array:
-        """Values (n, ..), those of each block multiplied by its `matrix`."""
+        """Values (n, ..), those of each block multiplied by that block's `matrix` (s, s)."""
         columns = values.reshape(len(values), -1)
         out = np.empty(columns.shape)
         for b in self._blocks:
-            if b.in_order:
-                own = slice(int(b.own[0, 0]), int(b.own[-1, -1]) + 1)
-                out[own] = (matrix(b) @ columns[own].reshape(*b.own.shape, -1)).reshape(b.own.size, -1)
+            if b.in_order:  # a slice copies nothing
+                rows = slice(int(b.rows[0, 0]), int(b.rows[-1, -1]) + 1)
+                out[rows] = (matrix(b) @ columns[rows].reshape(*b.rows.shape, -1)).reshape(b.rows.size, -1)
             else:
-                out[b.own] = matrix(b) @ columns[b.own]
+                out[b.rows] = matrix(b) @ columns[b.rows]
         return out.reshape(values.shape)
 
     @cached_property
     def _blocks(self) -> Sequence[_Blocks]:
-        """Blocks of equal size side by side, so that each size is one product of matrices."""
+        """Blocks with equally many values stacked, so that each size is one product of matrices."""
         order = np.argsort(self.block, kind="stable")
         begins = np.flatnonzero(np.diff(self.block[order], prepend=-1))
-        each = np.split(order, begins[1:])
+        rows_of_each = np.split(order, begins[1:])
         return [
-            _Blocks.of(own, self._covariance(own))
-            for size in sorted({len(e) for e in each})
-            for own in [np.array([e for e in each if len(e) == size])]
+            _Blocks.of(rows, self._covariance(rows))
+            for size in sorted({len(r) for r in rows_of_each})
+            for rows in [np.array([r for r in rows_of_each if len(r) == size])]
             if size
         ]
 
-    def _covariance(self, own: Ints) -> Array:
-        """(b, s, s) of b blocks of s values (b, s)."""
-        state, response = self.state[own], self.pressure_response[own]
-        same = (state[:, :, None] == state[:, None, :]).astype(float)
-        by_pressure = response @ response.swapaxes(1, 2)
-        out = np.eye(own.shape[1]) * self.sd[own][:, :, None] ** 2
+    def _covariance(self, rows: Ints) -> Array:
+        """(b, s, s) covariances C of b blocks of s values, see above; `rows` (b, s): indices of the values."""
+        state, response = self.state[rows], self.pressure_response[rows]
+        same = (state[:, :, None] == state[:, None, :]).astype(float)  # [same state]
+        by_pressure = response @ response.swapaxes(1, 2)  # sum_g s_ig s_jg
+        out = np.eye(rows.shape[1]) * self.sd[rows][:, :, None] ** 2
         if self.lasting is None:
             return np.asarray(out + same * by_pressure)
-        time, channel, sd = self.lasting.time[own], self.lasting.channel[own], self.lasting.sd[own]
-        kept = np.exp(-np.abs(time[:, :, None] - time[:, None, :]) / self.lasting.memory[own][:, :1, None])
-        kept = np.where(same > 0, 1.0, np.where(np.isfinite(kept), kept, 0.0))
-        share = self.lasting.pressure[own][:, :1, None]
-        out += kept * sd[:, :, None] * sd[:, None, :] * (channel[:, :, None] == channel[:, None, :])
-        return np.asarray(out + by_pressure * ((1 - share) * same + share * kept))
+        time, channel, slow = self.lasting.time[rows], self.lasting.channel[rows], self.lasting.sd[rows]
+        k = np.exp(-np.abs(time[:, :, None] - time[:, None, :]) / self.lasting.memory[rows][:, :1, None])
+        k = np.where(same > 0, 1.0, np.where(np.isfinite(k), k, 0.0))  # without times nothing lasts beyond a state
+        q = self.lasting.pressure[rows][:, :1, None]
+        out += k * slow[:, :, None] * slow[:, None, :] * (channel[:, :, None] == channel[:, None, :])
+        return np.asarray(out + by_pressure * ((1 - q) * same + q * k))
 
 
 @dataclass(frozen=True)
 class _Blocks:
     """b blocks of s values."""
 
-    own: Ints
-    """(b, s) their places."""
+    rows: Ints
+    """(b, s) indices of their values."""
     white: Array
-    """(b, s, s) what makes them independent, of standard deviation 1."""
+    """(b, s, s) C^-1/2: makes them independent, of standard deviation 1."""
     root: Array
-    """(b, s, s) the inverse."""
+    """(b, s, s) C^1/2, the inverse."""
     log_sd: float
     """Half the log determinant of their covariance."""
     in_order: bool
     """Whether their values follow each other without a gap."""
 
     @staticmethod
-    def of(own: Ints, covariance: Array) -> _Blocks:
+    def of(rows: Ints, covariance: Array) -> _Blocks:
         sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
         value, vector = np.linalg.eigh(covariance / sd[:, :, None] / sd[:, None, :])
         # what rounding leaves of an eigenvalue of zero
@@ -175,8 +175,8 @@ class _Blocks:
         turned = vector.swapaxes(1, 2)
         white = (vector / np.sqrt(value)[:, None, :]) @ turned / sd[:, None, :]
         root = sd[:, :, None] * ((vector * np.sqrt(value)[:, None, :]) @ turned)
-        in_order = bool((np.diff(own.ravel()) == 1).all())
-        return _Blocks(own, white, root, float(np.log(sd).sum() + 0.5 * np.log(value).sum()), in_order)
+        in_order = bool((np.diff(rows.ravel()) == 1).all())
+        return _Blocks(rows, white, root, float(np.log(sd).sum() + 0.5 * np.log(value).sum()), in_order)
 
 
 def blocks(trial: Ints, time: Array, longest: int) -> Ints:

@@ -19,7 +19,7 @@ from .noise_likelihood import Loss, Point
 Array = NDArray[np.float64]
 
 STEPS, ENOUGH = 100, 1e-9
-"""Points looked at at most, and the decrease foreseen below which none is looked for."""
+"""Most steps, and the promised decrease of the loss below which no step is taken."""
 LEAST, HELD = 0.1, 0.1
 """Least curvature along any way, and first damping, relative to the average information."""
 
@@ -38,32 +38,35 @@ def estimate_noise(data: Repeated, default: NoiseComponents) -> NoiseComponents:
 
 
 def lowest(loss: Loss) -> Array:
-    """The point (x,) of least loss within its bounds, searched from 0, the centre of the priors."""
+    """The point (x,) of least loss (minus the log posterior density) within its bounds, from 0, the centre of the priors.
+
+    The curvature is the average information at each point (`Point.curve`) plus a `remainder` (x, x) learnt on the way.
+    """
     x = np.zeros(len(loss.centre))
-    here, rest, damping = loss(x), np.zeros((len(x), len(x))), 0.0
+    here, remainder, damping = loss(x), np.zeros((len(x), len(x))), 0.0
     for _ in range(STEPS):
-        step, foreseen = _step(here, here.curve + rest, damping, loss.low - x, loss.high - x)
-        if foreseen < ENOUGH:
+        step, promised = _step(here, here.curve + remainder, damping, loss.low - x, loss.high - x)
+        if promised < ENOUGH:
             break
         there = loss(x + step)
-        # close to the end, the rest of the curvature is learnt
-        if foreseen < 1.0:
-            rest = _learnt(rest, there.slope - here.slope - there.curve @ step, step)
-        if here.value - there.value > 0.1 * foreseen:
+        if promised < 1.0:  # close to the end
+            remainder = _learnt(remainder, there.slope - here.slope - there.curve @ step, step)
+        if here.value - there.value > 0.1 * promised:
             x, here, damping = x + step, there, damping / 4 if damping > HELD else 0.0
         else:
             damping = max(4 * damping, HELD)
     return x
 
 
-def _learnt(rest: Array, change: Array, step: Array) -> Array:
-    """Symmetric rank-one update: rest + m m^T / (m . step) with m = change - rest step, so that the updated rest times the step
-    is the change of slope that average information leaves; `rest` as it is where m is nearly across the step."""
-    missed = change - rest @ step
+def _learnt(remainder: Array, change: Array, step: Array) -> Array:
+    """Symmetric rank-one update of the remainder R of the curvature: R + m m^T / (m . step) with m = change - R step, so that the
+    updated R times the step is `change`, what the slope changed by beyond average information times step. R as it is where m is
+    nearly at right angles to the step."""
+    missed = change - remainder @ step
     along = float(missed @ step)
     if abs(along) <= 1e-8 * float(np.linalg.norm(missed) * np.linalg.norm(step)):
-        return rest
-    return rest + np.outer(missed, missed) / along
+        return remainder
+    return remainder + np.outer(missed, missed) / along
 
 
 def _step(here: Point, curve: Array, damping: float, low: Array, high: Array) -> tuple[Array, float]:

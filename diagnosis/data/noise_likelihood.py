@@ -166,8 +166,11 @@ class Loss:
         return Point(total + 0.5 * float(x**2 @ prior), by + prior * x, 0.5 * information + np.diag(prior))
 
     def _moved(self, of: _ByParameter, columns: Array, along: Array) -> Array:
-        """(k c, x) what the covariance of a part, changed by each parameter, makes of what it was applied to; `along`
-        (components, u) are the products of the columns (k c, u) with it, of each component's own."""
+        """(k c, x) products (dC/dx) a of one part, for each parameter x.
+
+        `of` holds those with B. A component of the trials with standard deviation s adds U U^T ~ s^2 to C, U its `columns`
+        (k c, u); x = ln s, and the product is 2 U (U^T a). `along` (components, u) is U^T a, 0 for columns of others.
+        """
         g, (k, c) = len(self._kinds), of.others.shape[:2]
         out = np.zeros((k, c, len(self.centre)))
         channel = np.arange(c)

@@ -53,18 +53,18 @@ def implausible_values(robot: Robot, rows: Iterable[TrialRow]) -> tuple[str, ...
         factor, notes = _distances(robot, tips)
         found += notes
         if factor and not chambers:
-            found += _of_the_robot(robot, [replace(r, tip=_scaled(r, factor)) for r in tips])
+            found += _robot_states(robot, [replace(r, tip=_scaled(r, factor)) for r in tips])
     return (*found, *implausible_pushes(robot, every))
 
 
-def _of_the_robot(robot: Robot, rows: list[TrialRow]) -> Iterator[str]:
-    """Checks of rows whose tips are in m."""
+def _robot_states(robot: Robot, rows: list[TrialRow]) -> Iterator[str]:
+    """Messages about implausible pressures, roll, frame and orientation; `rows`: no stiffness trials, tips in m."""
     pressures = Pressures.of(robot, rows)
     yield from implausible_pressures(robot, pressures)
     yield from implausible_roll(robot, pressures)
     resting = [r for r, rests in zip(rows, pressures.resting, strict=True) if rests]
     if resting:
-        yield from _frame(robot, resting)
+        yield from _resting_tip(robot, resting)
     yield from _orientation(rows, resting)
 
 
@@ -152,25 +152,24 @@ def _masses(robot: Robot, rows: list[TrialRow]) -> Iterator[str]:
 
 
 # ------------------------------------------------------------------ frame and orientation
-def _frame(robot: Robot, resting: list[TrialRow]) -> Iterator[str]:
-    """Where the tip is at rest, in robot lengths; `resting`: rows without pressure."""
+def _resting_tip(robot: Robot, resting: list[TrialRow]) -> Iterator[str]:
+    """At most one message: the median tip of the rows without pressure (`resting`) is near the base, or not along +z from it."""
     tip = np.median([r.tip for r in resting], axis=0)  # type: ignore[arg-type]
-    away = float(np.linalg.norm(tip)) / robot.length
+    away = float(np.linalg.norm(tip)) / robot.length  # robot lengths from the base
     place = (
         f"{where(resting[0])}, columns x, y, z: at rest the tip lies at ({tip[0]:.3g}, {tip[1]:.3g}, {tip[2]:.3g}) m"
     )
     meant = f"at rest it must be near (0, 0, {robot.length:g}) m, the robot's length along +z from its base"
-    # a body curled up this far is no soft arm at rest
-    if away < 0.05:
+    if away < 0.05:  # no soft arm at rest is curled up this far
         yield f"{place}: looks like the displacement from the rest position; {meant}: add {robot.length:g} to z"
         return
-    # a heavier body may hang down from its base in any direction
+    # a bent arm, or one so heavy that it hangs down from its base, may point in any direction
     if away < STRAIGHT or weight_ratio(robot) > 30.0:
         return
-    off = np.degrees(np.arccos(np.clip(tip[2] / (away * robot.length), -1, 1)))
-    if off < TURNED:
+    angle = np.degrees(np.arccos(np.clip(tip[2] / (away * robot.length), -1, 1)))  # between tip and +z
+    if angle < TURNED:
         return
-    if off > 180 - TURNED:
+    if angle > 180 - TURNED:
         yield (
             f"{place}: z seems to point the wrong way; {meant}: change the sign of z and of y (half a turn about x, in "
             "orientations and robot.yaml's gravity too)"

@@ -68,19 +68,21 @@ class _Folds:
     def __init__(self, problem: Problem, fold: Ints) -> None:
         self._problem, self._fold = problem, fold
         self._known: tuple[Model, Array, Jacobian] | None = None
-        self._rests: dict[int, Problem] = {}
+        self._without: dict[int, Problem] = {}
+        """Number of a part -> the problem of all values but its own."""
 
     def __getstate__(self) -> dict[str, Any]:
         """Without what was made here."""
-        return vars(self) | {"_known": None, "_rests": {}}
+        return vars(self) | {"_known": None, "_without": {}}
 
     def left_out(self, wanted: tuple[Model, int]) -> Array:
-        """Measured minus predicted (r,) for the values of one part, by a fit to the others; `wanted`: a model, and the part."""
+        """Measured minus predicted (r,) of the r values of one part, by a fit to all others; `wanted`: a model, and the number of
+        the part."""
         model, part = wanted
         problem, seen = self._problem, self._fold != part
-        if part not in self._rests:
-            self._rests[part] = _rest(problem, seen)
-        missed = problem.observed - _predicted(problem, self._rests[part], model, self._linearised(model), seen)
+        if part not in self._without:
+            self._without[part] = _only(problem, seen)
+        missed = problem.observed - _predicted(problem, self._without[part], model, self._linearised(model), seen)
         return np.asarray(missed[~seen])
 
     def _linearised(self, model: Model) -> tuple[Array, Jacobian]:
@@ -93,7 +95,7 @@ class _Folds:
         return known[1:]
 
 
-def _rest(problem: Problem, seen: NDArray[np.bool_]) -> Problem:
+def _only(problem: Problem, seen: NDArray[np.bool_]) -> Problem:
     """The problem of the values marked `seen` alone."""
     return replace(
         problem, forward=MaskedForward(problem.forward, seen), observed=problem.observed[seen], noise=problem.noise.take(seen),

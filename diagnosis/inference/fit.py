@@ -73,7 +73,10 @@ def refit(problem: Problem, prior: Prior, size: float, start: Fit) -> Fit:
     these derivatives promise in the end may not be there: less than `CHORD_PROMISE` is not tried for."""
     known, none = start.derivatives(problem).flat, np.zeros(len(start.theta), bool)
     here = replace(start, slope=known.shared)
-    return _search(problem, prior, size, here, 6, known, none, 0.0, CHORD_PROMISE, CHORD_DAMPINGS)
+    return _search(
+        problem, prior, size, here, rounds=6, frozen=known, fresh=none, tolerance=0.0, least_promise=CHORD_PROMISE,
+        dampings=CHORD_DAMPINGS,
+    )  # fmt: skip
 
 
 def fit(
@@ -87,7 +90,8 @@ def fit(
     """Search from parameters (k,), or from another fit, whose derivatives are then used for the first step.
 
     `prior` of the effects, `size` of the discrepancy. Effects of variance 0 are left out, wherever the start has them, and
-    the slope of the result has nothing for them. With `frozen`, all derivatives but those by what is named are these.
+    the slope of the result has nothing for them. With `frozen`, derivatives by named effects alone are taken anew at each step;
+    all others are these.
     """
     fresh = problem.parameters.scaled(prior)[0] > 0
     if frozen is not None:
@@ -95,7 +99,18 @@ def fit(
         fresh[of_effect] &= prior.wide
         fresh[~of_effect] = False
     dampings = DAMPINGS if frozen is None else FIRST_DAMPINGS
-    return _search(problem, prior, size, start, rounds, frozen, fresh, 0.05, LEAST_PROMISE, dampings)
+    return _search(
+        problem,
+        prior,
+        size,
+        start,
+        rounds,
+        frozen,
+        fresh,
+        tolerance=0.05,
+        least_promise=LEAST_PROMISE,
+        dampings=dampings,
+    )
 
 
 def _search(
@@ -199,23 +214,28 @@ class _Descent:
         return None
 
     def _damped(self, local: _Local, damping: float, trial: bool) -> tuple[Array, float] | None:
-        """A point and its cost, corrected to second order where the model is curved on the way; None where it promises too
-        little."""
+        """The point (k,) that a step with this damping leads to, and its cost, which may be higher or infinite; None where the
+        linear problem promises a decrease of less than `least_promise`.
+
+        Where the decrease falls short of the promise by too much, the model is curved: the step is corrected by the difference
+        between the prediction at its end and the linear one. `trial`: see `Forward.predict`.
+        """
         goal = local.goal(damping) if damping else local.optimum
-        along = local.predicted_at(goal)
-        promised = local.cost - self.cost(goal, along)
+        linear = local.predicted_at(goal)
+        # negative where the damped step ends higher in the linear problem: that promises nothing, and is tried
+        promised = local.cost - self.cost(goal, linear)
         if 0 <= promised < self._least:
             return None
-        there = self._forward.predict(goal, trial)
-        reached = self.cost(goal, there)
+        predicted = self._forward.predict(goal, trial)
+        reached = self.cost(goal, predicted)
         if local.cost - reached >= TRUST_RATIO * promised or not np.isfinite(reached):
             return goal, reached
-        corrected = local.goal(damping, there - along)
+        corrected = local.goal(damping, predicted - linear)
         sd = self._p.sd
         if np.linalg.norm((corrected - goal) / sd) > MOST_CORRECTION * np.linalg.norm((goal - local.theta) / sd):
             return goal, reached
-        other = self.cost(corrected, self._forward.predict(corrected, trial))
-        return (corrected, other) if other < reached else (goal, reached)
+        corrected_cost = self.cost(corrected, self._forward.predict(corrected, trial))
+        return (corrected, corrected_cost) if corrected_cost < reached else (goal, reached)
 
     def _linearised(self, theta: Array) -> tuple[Array, Jacobian]:
         predicted, columns = linearise(self._forward, theta, self._fresh.tolist())

@@ -72,29 +72,32 @@ class Linear:
         return float(np.hypot(size, form_error * self.leakage))
 
     def reductions(self, sizes: Array, form_errors: Array) -> list[list[Reduced]]:
-        """The problem in theta alone, for each size (s,) of the discrepancy and (f,) of the model-form error."""
-        known, others = np.column_stack([self.effects, self.observed]), (self.discrepancy, self.form_error)
+        """The problem in theta alone, for each size g (s,) of the discrepancy and f (f,) of the model-form error.
+
+        Of X = [A y] and the error columns E = [D F], three products are enough: X^T X, E^T X and E^T E. From each, what the
+        nuisances N explain is taken off once; then, for each pair (g, f), what [g D, f F] explains.
+        """
+        x, errors = np.column_stack([self.effects, self.observed]), (self.discrepancy, self.form_error)
         m, r = self.discrepancy.shape[1], self.form_error.shape[1]
-        within = np.empty((m + r, m + r))
-        within[:m, :m] = self.discrepancy.T @ self.discrepancy if self.gram is None else self.gram
-        within[m:, :m] = self.form_error.T @ self.discrepancy
-        within[:m, m:] = within[m:, :m].T
-        within[m:, m:] = self.form_error.T @ self.form_error
-        # What is in every one of them is integrated out once.
-        pulled = np.hstack([self.nuisance.against(columns) for columns in (known, *others)])
-        half, half_log_det = _integrated_out(self.nuisance.times(self.nuisance), pulled)
-        of_known, of_other = half[:, : known.shape[1]], half[:, known.shape[1] :]
-        own = known.T @ known - of_known.T @ of_known
-        across = np.vstack([columns.T @ known for columns in others]) - of_other.T @ of_known
-        within -= of_other.T @ of_other
+        error_gram = np.empty((m + r, m + r))  # E^T E
+        error_gram[:m, :m] = self.discrepancy.T @ self.discrepancy if self.gram is None else self.gram
+        error_gram[m:, :m] = self.form_error.T @ self.discrepancy
+        error_gram[:m, m:] = error_gram[m:, :m].T
+        error_gram[m:, m:] = self.form_error.T @ self.form_error
+        along_nuisance = np.hstack([self.nuisance.against(columns) for columns in (x, *errors)])
+        half, half_log_det = _integrated_out(self.nuisance.times(self.nuisance), along_nuisance)
+        of_x, of_errors = half[:, : x.shape[1]], half[:, x.shape[1] :]
+        x_gram = x.T @ x - of_x.T @ of_x
+        errors_by_x = np.vstack([columns.T @ x for columns in errors]) - of_errors.T @ of_x
+        error_gram -= of_errors.T @ of_errors
 
         def at(size: float, form_error: float) -> Reduced:
             smooth = self.discrepancy_size(size, form_error)
-            kept = slice(0 if smooth else m, m + r if form_error else m)
+            kept = slice(0 if smooth else m, m + r if form_error else m)  # columns of size 0 are left out
             scale = np.repeat([smooth, form_error], [m, r])[kept]
-            gram = within[kept, kept] * np.outer(scale, scale)
-            half, log_det = _integrated_out(gram, scale[:, None] * across[kept])
-            return self._reduced(own - half.T @ half, half_log_det + log_det)
+            gram = error_gram[kept, kept] * np.outer(scale, scale)
+            half, log_det = _integrated_out(gram, scale[:, None] * errors_by_x[kept])
+            return self._reduced(x_gram - half.T @ half, half_log_det + log_det)
 
         return [[at(float(size), float(form_error)) for form_error in form_errors] for size in sizes]
 
@@ -102,10 +105,14 @@ class Linear:
         """The same for one size each."""
         return self.reductions(np.array([size]), np.array([form_error]))[0][0]
 
-    def _reduced(self, own: Array, half_log_det: float) -> Reduced:
+    def _reduced(self, x_gram: Array, half_log_det: float) -> Reduced:
+        """From X^T C^-1 X (p + 1, p + 1), X = [A y], C the covariance of y given theta, and half the log determinant of C."""
         n, p = self.effects.shape
-        base = -0.5 * (own[p, p] + n * np.log(2 * np.pi)) - half_log_det - self.log_noise
-        return Reduced(0.5 * (own[:p, :p] + own[:p, :p].T), own[:p, p].copy(), float(base), float(own[p, p]), n)
+        chi_square = x_gram[p, p]
+        base = -0.5 * (chi_square + n * np.log(2 * np.pi)) - half_log_det - self.log_noise
+        return Reduced(
+            0.5 * (x_gram[:p, :p] + x_gram[:p, :p].T), x_gram[:p, p].copy(), float(base), float(chi_square), n
+        )
 
 
 def _integrated_out(gram: Array, across: Array) -> tuple[Array, float]:

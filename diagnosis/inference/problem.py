@@ -50,7 +50,7 @@ class MaskedForward:
         self._forward, self._kept = forward, kept
 
     def predict(self, theta: Array, trial: bool = False, whole: bool = False) -> Array:
-        """Predicted values that are kept; NaN where the rod has no equilibrium."""
+        """Predicted values that are kept, NaN where the rod has no equilibrium; `trial` and `whole` as in `Forward.predict`."""
         try:
             return self._forward.predict(theta, trial, whole)[self._kept]
         except np.linalg.LinAlgError:

@@ -58,9 +58,14 @@ def noise_of(
 
 
 def noise_to_come(floor: NoiseComponents, observed: Observations, design: States, response: Array) -> Noise:
-    """Noise of values (n,) that states of a robot would be read with, with their response (n, r) to the pressure readings."""
+    """Noise of the values (n,) that a planned design would give, with the components `floor` of this campaign.
+
+    `response` (n, r): of each value to the pressure readings of r regulators, per Pa.
+    """
     row, channel = observed.row, observed.channel.astype(np.str_)
-    kind = np.array([1 if c.startswith("r") else 2 if c.startswith("m") else 0 for c in channel])
+    # rx, ry, rz are turns of the tip; m1x, m1y .. markers; x, y, z the tip
+    names = ("turn" if c.startswith("r") else "marker" if c.startswith("m") else "tip" for c in channel)
+    kind = np.array([KINDS.index(name) for name in names], np.int64)
     block = blocks(design.trial, design.t, LONGEST_BLOCK)[row]
     white, lasting = _of_channels(floor, kind, channel, block, design.t[row])
     return Noise(row, white, floor.pressure * response, lasting)
@@ -69,20 +74,25 @@ def noise_to_come(floor: NoiseComponents, observed: Observations, design: States
 def _of_channels(
     floor: NoiseComponents, kind: Ints, channel: NDArray[np.str_], block: Ints, time: Array
 ) -> tuple[Array, Lasting | None]:
-    """(n,) what values of kinds and channels (n,) err by at once, and what lasts of it and of pressure readings."""
+    """Standard deviation (n,) of each value's error that does not last, and the errors that do, with those of pressure readings.
 
-    def of_kind(share: Mapping[str, float], default: float) -> Array:
-        return np.array([share.get(k, default) for k in KINDS])[kind]
+    Of the variance of a channel, the share `floor.lasting` lasts. `kind` (n,): index in `KINDS` of each value.
+    """
 
-    at_once = of_kind(floor.channel, 1.0)
+    def of_kind(by_name: Mapping[str, float], default: float) -> Array:
+        return np.array([by_name.get(k, default) for k in KINDS])[kind]
+
+    sd = of_kind(floor.channel, 1.0)
     if not floor.lasting:
-        return at_once, None
+        return sd, None
     share = np.where(block < 0, 0.0, of_kind(floor.lasting, 0.0))
-    sd = of_kind(floor.channel, 0.0) * np.sqrt(share)
-    _, number = np.unique(channel, return_inverse=True)
-    every = np.ones(len(sd))
-    lasting = Lasting(block, time, number, sd, floor.lasting[PRESSURE] * every, floor.memory * every)
-    return at_once * np.sqrt(1 - share), lasting
+    lasting_sd = of_kind(floor.channel, 0.0) * np.sqrt(share)
+    _, channel_number = np.unique(channel, return_inverse=True)
+    ones = np.ones(len(sd))
+    lasting = Lasting(
+        block, time, channel_number, lasting_sd, pressure=floor.lasting[PRESSURE] * ones, memory=floor.memory * ones
+    )
+    return sd * np.sqrt(1 - share), lasting
 
 
 def _blocks(states: Campaign) -> Ints:
@@ -181,12 +191,15 @@ def pressure_response(forward: ForwardModel, states: Campaign, made: Parameters,
 
 
 def regulators(read: Array, pressure: Array) -> list[Ints]:
-    """Chambers (indices) that read the same (n, chambers) Pa wherever they are: one sensor, that of their regulator, reads them.
-    Of those that are inflated in any state (`pressure`, vented ones at zero)."""
+    """Indices of the chambers on each regulator; of regulators that inflate a chamber in any state, or one of all if none does.
+
+    `read` (n, chambers) Pa: chambers on one regulator have one sensor, so their readings are equal in all n states. `pressure`
+    (n, chambers) Pa: the same, those of vented chambers set to zero.
+    """
     _, member = np.unique(read.T, axis=0, return_inverse=True)
     groups = [np.flatnonzero(member.reshape(-1) == k) for k in range(member.max(initial=-1) + 1)]
-    found = [own for own in groups if (pressure[:, own] > 0).any()]
-    return found or [np.arange(pressure.shape[1])]
+    inflating = [chambers for chambers in groups if (pressure[:, chambers] > 0).any()]
+    return inflating or [np.arange(pressure.shape[1])]
 
 
 def with_vented_at_zero(states: Campaign) -> Array:

@@ -119,7 +119,9 @@ class Search:
         """All candidates of the catalogue, most probable data first."""
         first = self._first()
         self._add(first)
-        self._queue = first  # every start
+        self._queue = (
+            first  # all of them: `_add` queues only starts that are better than the earlier ones of a hypothesis
+        )
         self._search()
         return sorted(self.found.values(), key=lambda c: -c.log_evidence)
 
@@ -190,8 +192,11 @@ class Search:
                 self._queue.append(c)
 
     def _most_promising(self) -> list[Candidate]:
-        """Take the points that are searched on next from the queue, and drop those that promise too little: less than others
-        have reached, by the margin, or than another search of the same hypothesis."""
+        """Take the points that are searched on next, at most one of each hypothesis, from the queue.
+
+        Points that promise too little are dropped: less than the best hypothesis has reached, by the margin, or no more than
+        another search of the same hypothesis has reached.
+        """
         searched = {key: c for key, c in self._tried.items() if c.turns}
         best = max(c.log_evidence + self._log_prior(c.named) for c in searched.values())
         self._standing = Standing(best, frozenset(searched))
@@ -201,12 +206,12 @@ class Search:
 
         def worth_it(c: Candidate) -> bool:
             known = searched.get((c.named, c.with_tolerances))
-            first = known is None or known is c or c.laplace_log_evidence > known.log_evidence + UNCONVERGED
-            return first and promise(c) > best - self._margin(c)
+            gains = known is None or known is c or c.laplace_log_evidence > known.log_evidence + UNCONVERGED
+            return gains and promise(c) > best - self._margin(c)
 
         self._queue = sorted(filter(worth_it, self._queue), key=promise, reverse=True)
-        first = {(c.named, c.with_tolerances): c for c in reversed(self._queue)}
-        chosen = sorted(first.values(), key=promise, reverse=True)[:SEARCHED_AT_ONCE]
+        best_of_each = {(c.named, c.with_tolerances): c for c in reversed(self._queue)}
+        chosen = sorted(best_of_each.values(), key=promise, reverse=True)[:SEARCHED_AT_ONCE]
         self._queue = [c for c in self._queue if not any(c is x for x in chosen)]
         self._forget_derivatives()
         return chosen
@@ -347,12 +352,12 @@ class Search:
     def _as_reference(self, f: Fit) -> Fit:
         """A fit around which other hypotheses are weighed and searched: they share its derivatives and the model-form error of
         what it does not name."""
-        p, own = self.problem, f.form_error
-        assert own is not None
-        # without what the named effects do, columns are left for the laws of the others alone
-        tolerated = replace(f, form_error=FormError(own.named, {})).linear(p).form_error
-        base = replace(f.derivatives(p).flat, tolerated=tolerated)
-        return replace(f, slope=base.shared, form_error=replace(own, shared=True))
+        form_error = f.form_error
+        assert form_error is not None
+        # with no response of the named effects, only columns for the laws of the others are made
+        of_others = replace(f, form_error=FormError(form_error.named, {})).linear(self.problem).form_error
+        base = replace(f.derivatives(self.problem).flat, tolerated=of_others)
+        return replace(f, slope=base.shared, form_error=replace(form_error, shared=True))
 
     def _around(self, f: Fit, named: Sequence[Hypothesis], with_tolerances: bool) -> list[Candidate]:
         """Hypotheses in the linear problem of a fit that may have been made for another."""

@@ -47,8 +47,9 @@ def foreseen(robot: Robot, table: Columns, catalogue: Mapping[str, EffectSpec] =
     """A case as the planned columns would give it, of a robot as it is described, read with the usual noise and scatter of
     trials. Raises `BadCase` where the rod has no equilibrium."""
     design = design_from_columns(robot, table)
-    forward = ForwardModel(robot, design, "one", {})
+    forward = ForwardModel(robot, design, area="one", catalogue={})
     rng = np.random.default_rng(seed)
+    # what recurs (with trials, repeats, mountings) is drawn, all else is as described
     theta = np.array([p.sd * rng.standard_normal() if p.recurs else 0.0 for p in forward.parameters])
     low, high = np.array([[p.low, p.high] for p in forward.parameters]).T
     values = forward.predict(np.clip(theta, low, high))
@@ -59,9 +60,10 @@ def foreseen(robot: Robot, table: Columns, catalogue: Mapping[str, EffectSpec] =
     read = {name: np.array(column) for name, column in table.items()}
     observed = forward.observations
     for name in ("x", "y", "z"):
-        own = observed.channel == name
+        along_axis = observed.channel == name
+        noise = DEFAULT_NOISE["tip"] * rng.standard_normal(int(along_axis.sum()))
         read[name] = read[name].astype(float)
-        read[name][observed.row[own]] = values[own] + DEFAULT_NOISE["tip"] * rng.standard_normal(int(own.sum()))
+        read[name][observed.row[along_axis]] = values[along_axis] + noise
     rows = []
     for i in range(len(design)):
         cells: dict[str, Any] = {n: str(c[i]) if n in TEXTS else c[i].item() for n, c in read.items()}

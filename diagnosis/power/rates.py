@@ -7,9 +7,12 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..judgement import CAUSE_PROBABILITY, PRIOR_OF_NUMBER
 from .worlds import CAUSE, CLUTTER, Planned, drawn, probabilities
+
+Array = NDArray[np.float64]
 
 SIZES = ("small", "medium", "large")
 """Thirds of the range of sizes."""
@@ -59,36 +62,49 @@ class Power:
 
 
 def power(
-    d: Planned, catalogue: Sequence[str], each: int = 40, seed: int = 1, clutter: Sequence[float] = CLUTTER
+    plan: Planned, catalogue: Sequence[str], each: int = 40, seed: int = 1, clutter: Sequence[float] = CLUTTER
 ) -> Power:
-    """`each` worlds of every effect that can be drawn and of none, drawn under the design and weighed."""
+    """What the plan can tell, from worlds drawn under its design and weighed: `each` of none and of every effect it can draw.
+
+    Shares of all worlds count each world with the prior probability of its cause, as the diagnosis has it.
+    """
     rng = np.random.default_rng(seed)
-    made = [drawn(d, rng, cause, clutter) for cause in ("", *d.effects) for _ in range(each)]
+    made = [drawn(plan, rng, cause, clutter) for cause in ("", *plan.effects) for _ in range(each)]
     worlds = [w for w, _ in made]
-    named, p = probabilities(d, np.array([w.readings for w in worlds]))
-    first = p.argmax(axis=1)
-    told = ["".join(named[k]) for k in first]
-    right = np.array([w.cause == t for w, t in zip(worlds, told, strict=True)])
+    hypotheses, p = probabilities(plan, np.array([w.readings for w in worlds]))
+    named, probability = ["".join(hypotheses[k]) for k in p.argmax(axis=1)], p.max(axis=1)
+    right = np.array([w.cause == n for w, n in zip(worlds, named, strict=True)])
     weight = np.array(
-        [PRIOR_OF_NUMBER[0] if not w.cause else (1 - PRIOR_OF_NUMBER[0]) / len(d.effects) for w in worlds]
+        [PRIOR_OF_NUMBER[0] if not w.cause else (1 - PRIOR_OF_NUMBER[0]) / len(plan.effects) for w in worlds]
     )
     weight /= weight.sum()
-    share, spread = float(weight @ right), float(np.sqrt(weight**2 @ (right - weight @ right) ** 2))
+    share, sd = float(weight @ right), float(np.sqrt(weight**2 @ (right - weight @ right) ** 2))
     effects = []
-    for effect in d.effects:
-        own = np.array([w.cause == effect for w in worlds])
-        size = np.array([w.size for w in worlds])
-        edges = np.linspace(*CAUSE, len(SIZES) + 1)
-        third = np.clip(np.digitize(size, edges) - 1, 0, len(SIZES) - 1)
-        others = [t for t, o, r in zip(told, own, right, strict=True) if o and not r]
-        taken = {t or "none": float(others.count(t) / own.sum()) for t in others}
-        sure = float(np.mean(right[own] & (p.max(axis=1)[own] > CAUSE_PROBABILITY)))
-        carries = float(
-            np.median([d.floors(done[effect]) / w.size for (w, done), o in zip(made, own, strict=True) if o])
-        )
-        cells = {name: own & (third == k) for k, name in enumerate(SIZES)}
-        by_size = {name: float(right[cell].mean()) if cell.any() else None for name, cell in cells.items()}
-        effects.append(EffectPower(effect, carries, by_size, sure, tuple(sorted(taken.items(), key=lambda x: -x[1]))))
-    unseen = tuple(e for e in catalogue if e not in d.effects)
-    interval = (max(share - 1.96 * spread, 0.0), min(share + 1.96 * spread, 1.0))
-    return Power(len(worlds), share, interval, float(weight @ p.max(axis=1)), tuple(effects), unseen)
+    for effect in plan.effects:
+        caused = np.array([w.cause == effect for w in worlds])
+        floors = [plan.floors(done[effect]) / w.size for w, done in made if w.cause == effect]
+        size, mistaken = np.array([w.size for w in worlds])[caused], [n for n in np.array(named)[caused] if n != effect]
+        effects.append(_effect_power(effect, floors, size, right[caused], probability[caused], mistaken))
+    unseen = tuple(e for e in catalogue if e not in plan.effects)
+    interval = (max(share - 1.96 * sd, 0.0), min(share + 1.96 * sd, 1.0))
+    return Power(len(worlds), share, interval, float(weight @ probability), tuple(effects), unseen)
+
+
+def _effect_power(
+    effect: str,
+    floors: Sequence[float],
+    size: Array,
+    right: NDArray[np.bool_],
+    probability: Array,
+    mistaken: Sequence[str],
+) -> EffectPower:
+    """Of the w worlds that one effect causes: the noise floors that it carries, per plausible scale; its size, plausible scales;
+    whether it alone is most probable; the largest probability (w, each); and the names that are most probable where it is not.
+    """
+    edges = np.linspace(*CAUSE, len(SIZES) + 1)
+    third = np.clip(np.digitize(size, edges) - 1, 0, len(SIZES) - 1)
+    by_size = {name: float(right[third == k].mean()) if (third == k).any() else None for k, name in enumerate(SIZES)}
+    sure = float(np.mean(right & (probability > CAUSE_PROBABILITY)))
+    taken_for = {str(n) or "none": mistaken.count(n) / len(right) for n in mistaken}
+    ordered = tuple(sorted(taken_for.items(), key=lambda x: -x[1]))
+    return EffectPower(effect, float(np.median(floors)), by_size, sure, ordered)

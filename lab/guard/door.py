@@ -88,12 +88,12 @@ class Door:
     """The names of one guard, and the thread that answers at them."""
 
     def __init__(self, names: Collection[str], guard: Guarding, rig: str = "", about: str = "") -> None:
-        """`about`: the command that the guard serves."""
+        """`rig`: path of rig.yaml; `about`: the command that the guard serves. Both are answers to who owns the rig."""
         self._names, self._guard = frozenset(names), guard
         self._about = {"guard": f"{os.getpid()}-{id(self):x}", "rig": rig, "about": about, "names": sorted(names)}
         self._sockets: list[socket.socket] = []
         self._turns = timing.Queue()
-        """A turn for each that may be answered now."""
+        """One for each question that may still be answered at the same time; its number means nothing."""
         for turn in range(MOST_AT_ONCE):
             self._turns.put(turn)
 
@@ -123,6 +123,8 @@ class Door:
 
     # -- answering
     def _serve(self) -> None:
+        """Accept connections at all names until the door is closed; each is answered by a thread of its own, so that a slow one
+        delays nobody. While MOST_AT_ONCE are being answered, others wait."""
         while self._sockets:
             try:
                 asked_at = timing.readable(self._sockets.copy(), SLICE)

@@ -91,7 +91,9 @@ class Guard:
         self.under_force: UnderForce | None = None
         if "arm" in self.own.drivers:
             arm = self.own.drivers["arm"]
-            self.under_force = UnderForce(arm, self.rig.limits, self._go_on, self._say_waiting, self._not_stopped)
+            self.under_force = UnderForce(
+                arm, self.rig.limits, self._begin_motion, self._say_waiting, self._not_stopped
+            )
             self.own.drivers["arm"] = self.under_force
         own = self.own
         self.settings = Settings(own.drivers)
@@ -282,7 +284,8 @@ class Guard:
         return report
 
     def _confirmed_late(self, step: SafeStep, seconds: float) -> None:
-        """An instrument is safe that was not when its landing was reported."""
+        """Take note and report that an instrument is safe that was not when its landing was reported; `seconds` after that
+        landing began. Where it was the last one, the latch goes."""
         late = SafeReport((step,), seconds)
         with self._landing_lock:
             if self._closed:
@@ -336,7 +339,7 @@ class Guard:
                 arm = self.own.drivers["arm"]
                 try:
                     arm.moving()
-                except InstrumentError:
+                except InstrumentError:  # after a protective or emergency stop it must be connected anew
                     arm.close()
                     arm.open()
         self.landed = ""
@@ -375,9 +378,7 @@ class Guard:
     def _checked(self, name: str, sample: Any) -> Any:
         """The reading, or the error that takes its place. What is wrong with it is acted on here: where a pause is enough the
         program is told and keeps the reading, everything else lands a rig that is energised."""
-        if self.settings.may_have_changed(
-            name, sample
-        ):  # of an instrument whose unit may have been changed at its panel
+        if self.settings.may_have_changed(name, sample):  # its unit of measure, at the instrument's panel
             self.settings.confirm(name, trial=False)
         finding = self.monitor.check(name, sample)
         if finding is None:
@@ -390,8 +391,8 @@ class Guard:
         return finding.error
 
     # -- the arm under force
-    def _go_on(self, motion: Callable[[], Any]) -> Any:
-        """A motion that had to wait begins as a command of the program does: not when the rig was landed meanwhile."""
+    def _begin_motion(self, motion: Callable[[], Any]) -> Any:
+        """Begin a motion of the arm that had waited for force samples; as a command, it is refused when the rig was landed."""
         self.own.busy.add("arm")
         try:
             self._energise()
@@ -428,9 +429,8 @@ class Guard:
         while self.landing.going and timing.now() < until:
             timing.sleep(LOOK)
         with self._landing_lock:
-            self._closed = (
-                True  # from here on `land` does nothing: what another thread may still ask for has been tried
-            )
+            # from here on `land` does nothing: what another thread may still ask for has been tried
+            self._closed = True
             self.landing.end()
         self.running = False
         self._disconnect(list(self.own.drivers))

@@ -49,9 +49,10 @@ class Hosted:
         self._connected = False
 
     def open(self) -> Any:
-        """Start the process if there is none, and connect; what was connected before gets a process anew.
+        """Start the process if there is none, connect the driver there, and return the instrument's identity. A driver that is
+        connected is closed first, and gets a new process.
 
-        Connecting moves nothing, so what hung, crashed or was not answered is tried once more, in a process anew.
+        A driver that hangs, crashes or does not answer is tried once more in a new process: connecting moves nothing.
         """
         if self._connected:
             self.close()
@@ -152,7 +153,8 @@ class Hosted:
         process.wait(2.0)
 
     def _ping(self, line: Connection) -> None:
-        """Between the calls, as long as this is the line to the process."""
+        """Send a ping every PING_PERIOD while `line` is the one to the process, except while a call is being sent, which shows by
+        itself that the guard lives."""
         timing.sleep(PING_PERIOD)
         while self._line is line:
             if self._sending.acquire(blocking=False):

@@ -42,14 +42,13 @@ class LimitMonitor:
         self._limits = rig.limits
         pressure = rig.instruments.pressure
         self.chambers = ChamberMap(pressure.chambers if pressure is not None else ())
-        # chambers of each channel
-        self._sizes = [len(group) for group in self.chambers.channels]
+        self._sizes = [len(group) for group in self.chambers.channels]  # number of chambers on each channel
         lag = pressure.time_constant if pressure is not None else math.inf
         error, patience = self._limits.pressure_error, self._limits.pressure_error_time
         self._envelopes = [PressureEnvelope(lag, error, patience) for _ in self._sizes]
         self.setpoints_confirmed: tuple[float, ...] | None = None
         """Set-points that the regulators confirmed last, Pa; None while they are not known."""
-        self._lost_in_row = 0  # readings
+        self._differed: set[int] = set()  # channels whose last reading showed another set-point than the confirmed one
 
     def confirmed(self, setpoints: Sequence[float]) -> None:
         """The regulators confirmed these set-points (Pa a channel)."""
@@ -120,18 +119,22 @@ class LimitMonitor:
         return self._setpoint_lost(name, sample) or self._holds(name, sample)
 
     def _setpoint_lost(self, name: str, sample: PressureSample) -> Finding | None:
-        """A regulator that holds another set-point than it confirmed has restarted, or has a second master."""
+        """Land if a regulator holds another set-point than it confirmed: it has restarted, or something else commands it too.
+        While none are confirmed (a command is under way) nothing is lost."""
         known = self.setpoints_confirmed or sample.setpoint
-        off = [
+        differing = [
             (channel, confirmed, held)
             for channel, (confirmed, held) in enumerate(zip(known, sample.setpoint, strict=True), 1)
             # Pa; regulators round the set-points that they hold
             if abs(confirmed - held) > 2e3
         ]
-        self._lost_in_row = self._lost_in_row + 1 if off else 0
-        if self._lost_in_row < 2:
+        twice = [
+            found for found in differing if found[0] in self._differed
+        ]  # a single reading of a channel may be wrong
+        self._differed = {channel for channel, _, _ in differing}
+        if not twice:
             return None
-        channel, confirmed, held = off[0]
+        channel, confirmed, held = twice[0]
         return _landing(
             name,
             f"channel {channel} was set to {confirmed / 1e3:.1f} kPa but its set-point is {held / 1e3:.1f} kPa: it "

@@ -22,10 +22,13 @@ class PressureEnvelope:
         """`time_constant` of the regulator (s), `error` that is tolerated (Pa), for how long (`patience`, s of `t`)."""
         self._tau, self._error, self._patience = time_constant, error, patience
         self._low = self._high = math.nan
-        self._setpoint = math.nan
-        self._t = math.nan
+        """Bounds at the last reading, Pa."""
+        self._setpoint = self._t = math.nan
+        """Of the last reading: Pa and s."""
         self._off_since = self._near_since = math.inf
+        """Times s since when it is away from its set-point, or near it."""
         self._outside = 0
+        """Readings in a row outside of the bounds."""
         self._lowest, self._highest = math.inf, -math.inf
         """Range of the set-points that were told since the last reading."""
 

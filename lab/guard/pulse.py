@@ -32,15 +32,17 @@ class Pulse:
         self._pipe = pipe
         self.awake = Awake()
         """Clock that runs only while this process is awake; silences and long steps are measured on it."""
-        self._last = self.awake.now
+        self._last_step = self.awake.now
+        """When the experiment last moved on, s of `awake`."""
         self._waits = 0
+        """How many `waiting_for_person` are entered: they nest."""
         self._ended = timing.Event()
         self._thread = timing.Thread(target=self._beat, name="pulse", daemon=True)
         self._thread.start()
 
     def mark(self) -> None:
         """The experiment has moved on."""
-        self._last = self.awake.now
+        self._last_step = self.awake.now
 
     @property
     def waiting(self) -> bool:
@@ -71,7 +73,7 @@ class Pulse:
     def _beat(self) -> None:
         while not self._ended.wait(PERIOD):
             now = self.awake.look()
-            self.send(BEAT, 0.0 if self._waits else now - self._last)
+            self.send(BEAT, 0.0 if self._waits else now - self._last_step)
 
 
 class Listener:
@@ -89,14 +91,15 @@ class Listener:
         os.close(self.pipe)
 
     def take(self) -> list[tuple[bytes, float]]:
-        """All records that have come."""
+        """All records that have come since the last call: kind (see BEAT ..) and its value. Never waits; notes when the sender is
+        `gone`. A record of which only a part has come is kept for the next call."""
         try:
             data = os.read(self.pipe, 65536)
-        except BlockingIOError:
+        except BlockingIOError:  # nothing has come
             return []
         except OSError:
             data = b""
-        if not data:
+        if not data:  # the other end is closed
             self.gone = True
             return []
         self._rest += data

@@ -169,10 +169,10 @@ class UnderForce:
             self._stood = self._stood + past if self._waits else max(0.0, self._stood - past)
 
     def _hold(self, last: bool) -> bool:
-        """Stop the arm unless its motion has ended or a sample has come by now; False when the arm refuses, which the last try
-        reports to the guard (`fail`).
+        """Stop the arm unless its motion has ended or a sample has come by now; False when the arm refuses, which a `last` try
+        reports to the guard (`fail`). The motion then waits for samples.
 
-        A call to the arm that takes longer than STOP_WAITS is not waited for: the stop goes ahead of it, without the lock.
+        An earlier call to the arm is waited for up to STOP_WAITS; then the stop goes ahead of it, without the lock.
         """
         locked = self._turn.acquire(timeout=STOP_WAITS)
         try:
@@ -194,7 +194,7 @@ class UnderForce:
                 self._turn.release()
 
     def _say(self, late: float) -> None:
-        """One line for a motion, however often it waits."""
+        """Log that the arm waits, once a motion, however often it waits; `late`: age of the newest sample, host s."""
         if not self._reported:
             self._reported = True
             self._log(

@@ -234,7 +234,7 @@ def _about() -> str:
 
 @contextlib.contextmanager
 def _held_back() -> Any:
-    """Start a process with these signals blocked; it inherits that."""
+    """Block the signals HELD_BACK while this is entered: a process that is started meanwhile inherits that."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, HELD_BACK)
     try:
         yield

@@ -170,7 +170,8 @@ class Rig:
         self._take(name, sample)
 
     def _guard_event(self, event: Event) -> None:
-        """What the guard says by itself."""
+        """Act on a message that the guard sends by itself (kinds: see `Event`): leave a landing or a pause in `vital`, where the
+        watch finds it, and record a warning."""
         if event.kind == "landed":
             self.vital.landed = event
         elif event.kind == "pause":

@@ -27,21 +27,22 @@ def newly_lost(before: int, now: int) -> int:
 
 
 def losses(files: Sequence[Path]) -> tuple[str, list[str], list[list[str]]]:
-    """A sentence, and head and rows of the table. Raises what `recordings.campaign.info.info` raises."""
-    rows, gone, total, anew = [], 0, 0, 0
+    """A sentence, and head and rows of the table, one row for each stream that had samples. Raises what `info` raises.
+
+    A sample counts as lost when the recorder dropped it or it never came; numbers that are unknown count as 0.
+    """
+    rows, lost, total, restarts = [], 0, 0, 0
     for file in files:
         for topic, stream in info(file).streams.items():
-            if is_stream(topic) and stream.timing.count + (stream.dropped or 0) + (stream.lost or 0):
+            lost_here = (stream.dropped or 0) + (stream.lost or 0)
+            if is_stream(topic) and stream.timing.count + lost_here:
                 rows.append([file.name, topic, *_row(stream)])
-                anew += stream.restarts
-                missing = stream.lost or 0
-                gone += (stream.dropped or 0) + missing
-                total += stream.timing.count + (stream.dropped or 0) + missing
-    said = f"{gone} of {total} samples were lost" if gone else f"No sample was lost; {total} were recorded"
-    if anew:
-        said += (
-            f"; streams restarted {anew} times (their sample numbers went back), losses at those moments are not known"
-        )
+                restarts += stream.restarts
+                lost += lost_here
+                total += stream.timing.count + lost_here
+    said = f"{lost} of {total} samples were lost" if lost else f"No sample was lost; {total} were recorded"
+    if restarts:
+        said += f"; streams restarted {restarts} times (their sample numbers went back), losses at those moments are not known"
     return f"{said}. A gap is an interval longer than 2.5 times the usual one.", HEAD, rows
 
 

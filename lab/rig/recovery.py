@@ -56,9 +56,9 @@ class Recovery:
         self._actuators, self._watch, self._operator, self._limits, self._say = actuators, watch, operator, limits, say
 
     def __call__(self, cause: InstrumentError, ask: bool = True) -> None:
-        """Pause, and go on when the readings are good again; `ask`: after a person has confirmed.
+        """Pause for `cause`, and return when the readings are good again; with `ask`, a person must confirm first.
 
-        Raises the cause, with what came to it, when the pause is not confirmed safe or the readings do not recover.
+        Raises the cause, with the reason added, when the pause is not confirmed safe or the readings do not recover.
         """
         self._say(f"Paused: {cause}")
         report = self._actuators.pause()

@@ -11,13 +11,15 @@ LEARNED = 40
 
 
 class Repeats:
-    """Counts the equal readings on end of one gauge."""
+    """Counts the equal readings in a row of one gauge."""
 
     def __init__(self) -> None:
         self._before: deque[float] = deque(maxlen=LEARNED)
-        self._value = 0.0
-        self._count = 0
+        """Latest readings before the run of equal ones that is under way."""
+        self._value, self._count = 0.0, 0
+        """Of that run."""
         self._since = self._at = 0.0
+        """Host times of its first and newest reading, s."""
 
     def take(self, value: float, at: float) -> None:
         """One reading, at host time `at` (s)."""

@@ -293,11 +293,11 @@ def _boundary(q: Quantities, out: RodColumns) -> None:
     out[col.BASE_STIFFENING] = q.base_stiffening
     if not q.rest_curvature.any():
         return
-    bottom = np.zeros((1, 1))
+    begin = np.zeros((1, 1))  # arc length m at which the element begins
     for element in q.layout.elements:
-        long = out[element + col.LENGTH]
+        length = out[element + col.LENGTH]
         for k in range(3):
-            start = 1 + q.rest_growth * (2 * bottom / q.length - 1)
-            out.add(element + col.REST_CURVATURE + k, q.rest_curvature[..., k] * start)
-            out.add(element + col.RISE + k, q.rest_curvature[..., k] * q.rest_growth * 2 * long / q.length)
-        bottom = bottom + long
+            factor_at_begin = 1 + q.rest_growth * (2 * begin / q.length - 1)
+            out.add(element + col.REST_CURVATURE + k, q.rest_curvature[..., k] * factor_at_begin)
+            out.add(element + col.RISE + k, q.rest_curvature[..., k] * q.rest_growth * 2 * length / q.length)
+        begin = begin + length

@@ -34,10 +34,10 @@ PAUSE = 3600.0
 
 
 def design_from_columns(robot: Robot, columns: Columns, channels: tuple[str, ...] | None = None) -> States:
-    """The design behind a trials table; `channels` limits what counts as observed (default: what the table holds).
+    """The states of a trials table of n rows; `channels` limits what counts as observed (default: what the table holds).
 
-    Needs trial and spine_length, and p1..pN unless all rows are stiffness rows. Raises `BadCondition` naming the
-    column that is missing, not finite or does not fit the robot.
+    Needs trial and spine_length, and p1..pN unless all rows are stiffness rows; other columns have defaults, which stand where a
+    cell is empty. Raises `BadCondition` naming the column that is missing, not finite or does not fit the robot.
     """
     if "trial" not in columns or len(columns["trial"]) == 0:
         raise BadCondition("trial: the table has no such column, or no rows")
@@ -52,8 +52,7 @@ def design_from_columns(robot: Robot, columns: Columns, channels: tuple[str, ...
     vacuum = _numbers(columns, "vacuum", NOMINAL_VACUUM, n)
     _within("vacuum", vacuum, 0.0, 101_325.0, "Pa below ambient")
     ids, trial = _trials(columns["trial"], spine_length)
-    used = highest_of_trial(trial, pressure) > USED
-    spined = spine_length > 0
+    with_spine = spine_length > 0
     observed = _channels(robot, columns, stiffness)
     if channels is not None:
         unknown = sorted(set(channels) - set(observed))
@@ -74,12 +73,12 @@ def design_from_columns(robot: Robot, columns: Columns, channels: tuple[str, ...
         progress=_progress(_numbers(columns, "t", np.nan, n), trial, ~stiffness),
         spine_length=spine_length,
         vacuum=vacuum,
-        nominal_vacuum=_usual(vacuum[spined]) if spined.any() else NOMINAL_VACUUM,
+        nominal_vacuum=_usual(vacuum[with_spine]) if with_spine.any() else NOMINAL_VACUUM,
         tip_mass=_numbers(columns, "tip_mass", robot.tip_mass, n),
         force=np.where(stiffness, 0.0, [_numbers(columns, f"force_{a}", 0.0, n) for a in "xyz"]).T,
         roll=np.deg2rad(_numbers(columns, "roll_deg", 0.0, n)),
         pressure=pressure,
-        used=used,
+        used=highest_of_trial(trial, pressure) > USED,
         deflection=np.where(stiffness, _numbers(columns, "deflection", 0.0, n), 0.0),
         channels=observed,
     )
@@ -132,18 +131,18 @@ def with_rest(design: States) -> tuple[States, NDArray[np.int64]]:
         if np.abs(design.pressure[own[0]]).max() > 1e3:
             rest[k] = len(design) + len(extra)
             extra.append(int(own[0]))
-    long = design[np.concatenate([np.arange(len(design)), np.array(extra, int)])]
-    long.pressure[len(design) :] = 0.0
-    long.hold[len(design) :] = HOLD
-    return long, rest
+    extended = design[np.concatenate([np.arange(len(design)), np.array(extra, int)])]
+    extended.pressure[len(design) :] = 0.0
+    extended.hold[len(design) :] = HOLD
+    return extended, rest
 
 
 def with_own_rest(states: States) -> States:
     """Single states and, behind them, the rest of each: its chambers vented, all else the same."""
-    long = states[np.tile(np.arange(len(states)), 2)]
-    long.pressure[len(states) :] = 0.0
-    long.hold[len(states) :] = HOLD
-    return long
+    extended = states[np.tile(np.arange(len(states)), 2)]
+    extended.pressure[len(states) :] = 0.0
+    extended.hold[len(states) :] = HOLD
+    return extended
 
 
 def _numbers(columns: Columns, name: str, default: float | None, n: int) -> Array:

@@ -178,7 +178,7 @@ class History:
         return self.path.lag(self.drive, time)
 
     def extremes(self, rate: Array) -> Array:
-        """(v, n, DRIVES) largest plus least drive of each place, fading at `rate` (v, 1) 1/s."""
+        """(v, n, DRIVES) see `Path.extremes`, of this drive, fading at `rate` (v, 1) 1/s."""
         q = self.quantities
         edges = np.linspace(0.0, 1.0, CELLS + 1) * np.asarray(q.length)[..., None]
         covered = np.clip((q.spine_length[..., None] - edges[..., :-1]) / np.diff(edges), 0.0, 1.0)
@@ -252,9 +252,13 @@ def _lag(
     drive: Array, before: Order, after: Order, first: NDArray[np.bool_], stay: Array, ramp: Array, hold: Array,
     time: float, out: Array,
 ) -> None:  # fmt: skip
-    """Exact solution of x' = (drive - x) / time for a drive that stays, ramps linearly and holds in each step; `out` is
-    drive - x. Between trials the lag is kept and fades; it is measured from the drive at rest."""
-    follower, resting = np.zeros(drive.shape[2]), np.zeros(drive.shape[2])
+    """Write drive - x (v, n, c) into `out`, x the exact solution of x' = (drive - x) / time.
+
+    In step k the `drive` (v, n, c) stays at state before[k] for stay[k], ramps linearly to state after[k] in ramp[k], and is held
+    there for hold[k] (s each; `time` too). Where first[k], a trial begins: its drive at rest may differ from that of the trial
+    before, and x shifts with it, so that the lag x - drive is kept and fades.
+    """
+    follower, resting = np.zeros(drive.shape[2]), np.zeros(drive.shape[2])  # x, and the drive at rest of this trial
     all_kept, all_faded, all_settled = np.exp(-stay / time), np.exp(-ramp / time), np.exp(-hold / time)
     for v in range(drive.shape[0]):
         follower[:], resting[:] = 0.0, 0.0

@@ -71,14 +71,20 @@ UNIFORM = Layout((0, 0), (INNER, OUTER), {})
 
 
 def layout_of(body: Body, spine: bool) -> Layout:
-    """Elements of a body of k pieces: 2 k with spine, k + 1 without."""
+    """Elements of a body of k pieces, 2 k with spine and k + 1 without, and which of their columns are `tied`.
+
+    Sections are round: bending about y is as stiff as about x, torsion J / I times, and the hyperelastic strain term is half the
+    coupling. Inner elements hold the spine and are tied to nothing else. Outer ones are silicone alone: their columns are those
+    of the `first` times the ratio of the sections' I (bending), A (stretching), r^2 (hyperelastic curvature) or weighing area.
+    """
     order = [(k, part) for k in range(len(body)) for part in (INNER, OUTER) if spine or part == OUTER or k == 0]
     pieces, parts = zip(*order, strict=True)
     first = ELEMENTS + ELEMENT_WIDTH * order.index((0, OUTER))
     tied: dict[int, dict[int, float]] = {first + col.BEND: {}, first + col.STRETCH: {}, first + col.STRETCH + 2: {}}
     tied |= {first + col.SERIES: {}, first + col.SERIES + 1: {}, **{first + col.LOAD + k: {} for k in range(3)}}
     for e, (piece, part) in enumerate(order):
-        own, twisting = ELEMENTS + ELEMENT_WIDTH * e, float(body.polar[piece] / body.second[piece])
+        own = ELEMENTS + ELEMENT_WIDTH * e  # the element's first column
+        twisting = float(body.polar[piece] / body.second[piece])  # J / I
         if part == INNER:
             tied[own + col.BEND] = {own + col.BEND + 1: 1.0, own + col.BEND + 2: twisting}
             tied[own + col.STRETCH] = {own + col.STRETCH + 1: 1.0}
@@ -96,5 +102,6 @@ def layout_of(body: Body, spine: bool) -> Layout:
             for k in range(3):
                 tied[first + col.LOAD + k] |= {own + col.LOAD + k: weight}
     tied[col.BASE_COMPLIANCE] = {col.BASE_COMPLIANCE + 1: 1.0}
-    clean = {c: {o: f for o, f in others.items() if o != c} for c, others in tied.items()}
-    return Layout(pieces, parts, {c: others for c, others in clean.items() if others})
+    # no column is tied to itself
+    others = {c: {o: f for o, f in times.items() if o != c} for c, times in tied.items()}
+    return Layout(pieces, parts, {c: times for c, times in others.items() if times})

@@ -25,7 +25,7 @@ TOLERANCES: Mapping[str, EffectSpec] = {source.spec.id: source.spec for source i
 
 
 def stated_effects(robot: Robot, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> dict[str, EffectSpec]:
-    """The effects that robot.yaml states, by id, those of the project besides the given ones.
+    """Effects that robot.yaml states, by id, of the project's own catalogue and the given one.
 
     Raises `BadRobot` for an effect, tolerance, parameter or unit that is not known, and a value out of its bounds.
     """

@@ -37,7 +37,7 @@ def cantilever_force(q: Quantities, shear: ShearSpine) -> Array:
     of_spine = np.full((1, 1), NO_SPECIMEN)
     if q.robot.spine is not None:
         second = annulus_second_moment(q.robot.spine.radius)
-        of_spine = np.maximum(q.spine_length, SHORTEST) ** 3 / (3 * np.maximum(moduli(q, shear)[2], SOFTEST) * second)
+        of_spine = np.maximum(q.spine_length, SHORTEST) ** 3 / (3 * np.maximum(moduli(q, shear).bare, SOFTEST) * second)
     specimen = np.where(design.body, _body_compliance(q, shear), of_spine) if design.body.any() else of_spine
     compliance = specimen + q.arm_compliance
     reached = design.deflection - q.contact_offset

@@ -93,7 +93,9 @@ def solve(
     """
     rods = plain_rods(layout, rows) if plain else full_rods(layout, rows)
     method = replace(METHOD, steps=steps, remember=not plain)
-    solution = rod.solve(rods, method) if start is None else _go_on(layout, rows, steps, start, trial, whole, followed)
+    solution = (
+        rod.solve(rods, method) if start is None else _solve_from(layout, rows, steps, start, trial, whole, followed)
+    )
     result = np.full((len(rows), at.MARKERS + 3 * len(arcs)), np.nan)
     result[:, at.TIP : at.TIP + 3] = solution.tip
     result[:, at.ORIENTATION : at.ORIENTATION + 4] = solution.orientation
@@ -129,50 +131,57 @@ def _fill_stations(solved: Solved, rods: rod.Rods, inside: bool) -> None:
         result[:, at.STRAIN : at.STRAIN + 2] = np.einsum("nep,p,nqe->nq", strain, weights, shares)
 
 
-def _go_on(
+def _solve_from(
     layout: at.Layout, rows: Array, steps: Steps, start: Solved, trial: bool, whole: bool, followed: Solved | None
 ) -> rod.Solution:
     """Solve from a solution close by. Where that misleads, from others that were followed, from nothing, by way of rods in
     between, or as the load grows."""
     rods = full_rods(layout, rows)
     found = _nearby(rods, steps, start.solution)
-    left = _open(found)
-    if left.size and followed is not None:
-        here = _nearby(rods[left], steps[left], followed.solution.take(left))
+    unsolved = _unsolved(found)
+    if unsolved.size and followed is not None:
+        here = _nearby(rods[unsolved], steps[unsolved], followed.solution.take(unsolved))
         here.status[here.status == rod.Status.SOLVED] = rod.Status.SOLVED_IN_STEPS
-        left = _put(found, left, here)
-    if left.size:
-        left = _put(found, left, rod.solve(rods[left], replace(METHOD, steps=steps[left], follow=False)))
+        unsolved = _put(found, unsolved, here)
+    if unsolved.size:
+        unsolved = _put(
+            found, unsolved, rod.solve(rods[unsolved], replace(METHOD, steps=steps[unsolved], follow=False))
+        )
     for parts in PARTS:
-        if not left.size:
+        if not unsolved.size:
             break
-        here = start.solution.take(left)
+        here = start.solution.take(unsolved)
         for k in range(1, parts + 1):
-            between = start.rows[left] + k / parts * (rows[left] - start.rows[left])
-            here = _nearby(full_rods(layout, between), steps[left], here)
-        left = _put(found, left, here)
+            between = start.rows[unsolved] + k / parts * (rows[unsolved] - start.rows[unsolved])
+            here = _nearby(full_rods(layout, between), steps[unsolved], here)
+        unsolved = _put(found, unsolved, here)
     if whole:
-        left = _all_or_none(found, rods, steps, left, start, followed)
-    elif left.size and not trial:
-        _put(found, left, rod.solve(rods[left], replace(METHOD, steps=steps[left])))
-        left = left[:0]
+        unsolved = _all_or_none(found, rods, steps, unsolved, start, followed)
+    elif unsolved.size and not trial:
+        _put(found, unsolved, rod.solve(rods[unsolved], replace(METHOD, steps=steps[unsolved])))
+        unsolved = unsolved[:0]
     # Not trusted, so not to be read either: a step would be taken there that the next solve takes back.
-    found.values[left] = np.nan
+    found.values[unsolved] = np.nan
     return found
 
 
 def _all_or_none(
-    found: rod.Solution, rods: rod.Rods, steps: Steps, left: NDArray[np.intp], start: Solved, followed: Solved | None
+    found: rod.Solution,
+    rods: rod.Rods,
+    steps: Steps,
+    unsolved: NDArray[np.intp],
+    start: Solved,
+    followed: Solved | None,
 ) -> NDArray[np.intp]:
     """Follow the loads of rods until one has no equilibrium that had one at the start; returns those that are then not solved."""
     # what had none the last time comes first
-    for i in left if followed is None else left[np.argsort(followed.converged[left], kind="stable")]:
+    for i in unsolved if followed is None else unsolved[np.argsort(followed.converged[unsolved], kind="stable")]:
         if start.converged[i]:
             one = np.array([i])
             if _put(found, one, rod.solve(rods[one], replace(METHOD, steps=steps[one]))).size:
                 break
-            left = left[left != i]
-    return left
+            unsolved = unsolved[unsolved != i]
+    return unsolved
 
 
 def _nearby(rods: rod.Rods, steps: Steps, start: rod.Solution) -> rod.Solution:
@@ -184,7 +193,7 @@ def _nearby(rods: rod.Rods, steps: Steps, start: rod.Solution) -> rod.Solution:
     return found
 
 
-def _open(found: rod.Solution) -> NDArray[np.intp]:
+def _unsolved(found: rod.Solution) -> NDArray[np.intp]:
     """Rods without a solution."""
     return np.flatnonzero(found.status > rod.Status.SOLVED_IN_STEPS)
 
@@ -192,7 +201,7 @@ def _open(found: rod.Solution) -> NDArray[np.intp]:
 def _put(into: rod.Solution, rows: NDArray[np.intp], found: rod.Solution) -> NDArray[np.intp]:
     """Take over what was found of some rods; which of them are still open."""
     into.values[rows], into.memory[rows], into.status[rows] = found.values, found.memory, found.status
-    return rows[_open(found)]
+    return rows[_unsolved(found)]
 
 
 def differentiate(solved: Solved, directions: Array) -> Array:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,36 +49,48 @@ class ShearSpine:
 
 
 def shear_spine(spine: Spine) -> ShearSpine:
-    """The shear-soft spine that comes closest to the table; from one length, a tenth of its compliance is shear."""
+    """The shear-soft spine that comes closest to the table; where that has one length, 10 % of the compliance there is shear."""
     length = np.array(sorted(spine.modulus))
-    table = np.log([spine.modulus[x] for x in length])
+    log_modulus = np.log([spine.modulus[x] for x in length])
     kept = length > SHORTEST
-    length, table = length[kept], table[kept]
+    length, log_modulus = length[kept], log_modulus[kept]
     if length.size < 2:
-        modulus = math.exp(float(table[0])) / 0.9 if table.size else next(iter(spine.modulus.values()))
-        a = 0.1 / modulus * (float(length[0]) ** 2 if length.size else 0.01)
-    else:
-        start = [-table.max(), math.log(length.min() ** 2) - table.min()]
-        found = least_squares(lambda x: table + np.log(np.exp(x[0]) + np.exp(x[1]) / length**2), start)
+        modulus = math.exp(float(log_modulus[0])) / 0.9 if log_modulus.size else next(iter(spine.modulus.values()))
+        a = 0.1 / modulus * (float(length[0]) ** 2 if length.size else 0.01)  # 0.1 m where no length is known
+    else:  # x = (ln 1/E0, ln a)
+        start = [-log_modulus.max(), math.log(length.min() ** 2) - log_modulus.min()]
+        found = least_squares(lambda x: log_modulus + np.log(np.exp(x[0]) + np.exp(x[1]) / length**2), start)
         modulus, a = math.exp(-found.x[0]), math.exp(found.x[1])
     shear = 3 * spine.radius**2 / (4 * a)
     return ShearSpine(modulus, shear, math.sqrt(modulus * spine.radius**2 / (4 * shear)))
 
 
-def moduli(q: Quantities, shear: ShearSpine) -> tuple[Array, Array, Array]:
-    """Of the spine, (v, n) Pa: Young's modulus E and shear modulus G within the body, apparent E of the bare spine; 0 without."""
+class SpineModuli(NamedTuple):
+    """(v, n) Pa; 0 without spine."""
+
+    young: Array
+    """Within the body."""
+    shear: Array
+    """Within the body."""
+    bare: Array
+    """Young's modulus that the bare spine, a cantilever, seems to have."""
+
+
+def moduli(q: Quantities, shear: ShearSpine) -> SpineModuli:
+    """Moduli of the spine: those of the table blended with those of the shear-soft spine, times stiffness and jamming."""
     spine = q.robot.spine
     if spine is None:
         nothing = np.zeros((1, 1))
-        return nothing, nothing, nothing
+        return SpineModuli(nothing, nothing, nothing)
     table = spine.modulus_at(q.tabulated_length)
     ratio = q.robot.shear_modulus / q.robot.youngs_modulus
     engaged = shear.modulus * (1 + q.shear_lag * (shear.engaged(q.spine_length) - 1))
     jammed = q.spine_stiffness * jamming(q)
-    within = jammed * _blend(q, table, engaged)
-    sideways = jammed * _blend(q, ratio * table, np.asarray(shear.shear))
-    bare = jammed * _blend(q, table, shear.apparent(q.spine_length))
-    return within, sideways, bare
+    return SpineModuli(
+        young=jammed * _blend(q, table, engaged),
+        shear=jammed * _blend(q, ratio * table, np.asarray(shear.shear)),
+        bare=jammed * _blend(q, table, shear.apparent(q.spine_length)),
+    )
 
 
 def _blend(q: Quantities, table: Array, other: Array) -> Array:
@@ -97,8 +110,8 @@ def _blend(q: Quantities, table: Array, other: Array) -> Array:
 def jamming(q: Quantities) -> Array:
     """Factor (v, n) on the spine's moduli: (vacuum that reaches the granules / nominal)^`jamming_exponent`."""
     share = (q.design.vacuum - q.vacuum_loss) / q.design.nominal_vacuum
-    # Granules without vacuum still pack under the sleeve's tension: they count as 0.02 of the nominal vacuum. Far above, this
-    # is the share itself; it levels off there instead of becoming negative.
+    # Granules without vacuum still pack under the sleeve's tension: a small share levels off near 0.02 of the nominal vacuum,
+    # over a width of 0.05, instead of becoming negative.
     low, width = 0.02, 0.05
     if (share > 0.25).all():
         return share**q.jamming_exponent

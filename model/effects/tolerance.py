@@ -160,8 +160,8 @@ JAMMING = _tolerance("jamming", "structure", Law(before=_jamming), Parameter("ex
 
 
 def _as_stated(source: Source, uncertainty: Mapping[str, float]) -> Source:
-    """A tolerance with the standard deviation that is stated of it, by source, for each of its parameters, in their unit; a
-    relative one never reaches minus the whole."""
+    """A tolerance whose parameters have the standard deviation that robot.yaml states, if it does (`uncertainty`: id -> sd, in
+    their unit). Bounds are 10 sd; a relative change (unit 1) stays above -80 %, so that the quantity stays positive."""
     sd = uncertainty.get(source.spec.id)
     if sd is None:
         return source

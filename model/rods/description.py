@@ -234,6 +234,7 @@ def rods(form: Form, n: int, **fields: ArrayLike) -> Rods:
 
 
 def _filled(made: Rods, fields: Mapping[str, ArrayLike]) -> Rods:
+    """The rods with these fields written into them, checked; raises `BadCondition` for a shape or value that does not fit."""
     for name, value in fields.items():
         view = made.field(name)
         given = np.asarray(value, dtype=np.float64)

@@ -112,6 +112,14 @@ def test_a_regulator_that_forgot_its_setpoint_lands_the_rig() -> None:
     assert found[2] is not None and found[2].act == "land" and "restarted" in str(found[2].error)
 
 
+def test_one_wrong_reading_of_two_channels_each_lands_nothing() -> None:
+    monitor = LimitMonitor(RIG)
+    monitor.confirmed((0.0, 0.0, 0.0))
+    for k, wrong in enumerate((0, 1, 2, 0)):
+        held = tuple(50e3 if channel == wrong else 0.0 for channel in range(3))
+        assert monitor.check("pressure", PressureSample(0.1 * k, held, (0.0, 0.0, 0.0))) is None
+
+
 # -- one channel that does not follow, while others and itself are ramped
 Setpoints = Callable[[float], float]
 LIMIT, PATIENCE = RIG.limits.pressure_error, RIG.limits.pressure_error_time

@@ -168,7 +168,8 @@ def see_largest_moment(rod: Rod) -> None:
 
 @routine
 def exchange(rod: Rod, springs: int, memory: Array, row: int, keep: bool) -> None:
-    """Keep the pose, Jacobians and largest moment of a rod in a row of `memory`, or start from those of an earlier solve."""
+    """Copy tip pose, Jacobians and largest moment of a rod into a row of `memory` (`keep`), or from there into the rod, which
+    then starts from an earlier solve."""
     unknowns = 6 if springs > 0 else 3
     at = carry(rod.tip, 1 + unknowns, memory, row, 0, keep)
     at = carry_rows(rod.jacobian.turn, unknowns, memory, row, at, keep)

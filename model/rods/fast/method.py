@@ -68,20 +68,20 @@ class Fast:
             memory = start.memory.copy()
         fixed = steps_of(rods, self.steps)
         values = self._direct(rods, fixed, memory, start is not None)
-        good = (values[:, AT_RESIDUAL] < self.close) & (values[:, AT_MARGIN] > self.least_margin)
-        if start is not None and not good.all():
+        converged = (values[:, AT_RESIDUAL] < self.close) & (values[:, AT_MARGIN] > self.least_margin)
+        if start is not None and not converged.all():
             # Far from its start the Jacobian from there may mislead; what a solve from nothing finds and trusts is as good.
-            again = np.flatnonzero(~good)
-            anew = memory[again]
-            found_anew = self._direct(rods[again], fixed[again] if len(fixed) else fixed, anew, False)
-            trusted = (found_anew[:, AT_RESIDUAL] < self.close) & (found_anew[:, AT_MARGIN] > LEAST_MARGIN)
-            values[again[trusted]], memory[again[trusted]] = found_anew[trusted], anew[trusted]
-            good[again[trusted]] = True
+            again = np.flatnonzero(~converged)
+            memory_anew = memory[again]
+            anew = self._direct(rods[again], fixed[again] if len(fixed) else fixed, memory_anew, False)
+            trusted = (anew[:, AT_RESIDUAL] < self.close) & (anew[:, AT_MARGIN] > LEAST_MARGIN)
+            values[again[trusted]], memory[again[trusted]] = anew[trusted], memory_anew[trusted]
+            converged[again[trusted]] = True
         status = np.zeros(n, np.int8)
-        if self.follow and not good.all():
-            self._follow(rods, np.flatnonzero(~good), memory, values, status)
-        elif not good.all():
-            status[~good], values[~good, :AT_RESIDUAL] = Status.FAILED, np.nan
+        if self.follow and not converged.all():
+            self._follow(rods, np.flatnonzero(~converged), memory, values, status)
+        elif not converged.all():
+            status[~converged], values[~converged, :AT_RESIDUAL] = Status.FAILED, np.nan
         found = Solution(values, status, no_shape(n), memory)
         if arcs is None:
             return found

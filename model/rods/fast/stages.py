@@ -72,7 +72,8 @@ def keep_stage(stage: Stage | None, y: State, n: Vector, s: Strains, section: Se
 
 @inline
 def keep_softening(to: Softening, m: Vector, n: Vector, s: Strains, section: Section, terms: Terms | None) -> None:
-    """Keep how D and e of a hyperelastic section answer at its solution."""
+    """Keep how D and e of a hyperelastic section answer at its solution F1 = F2 = 0: d(D, e) = -J^-1 d(F1, F2) with
+    J = d(F1, F2) / d(D, e), and the derivatives of F1 and F2 by the numbers of the section at the same D and e."""
     if terms is not None:
         law = law_of(m, n, section, terms)
         f = balance(law, s.soft)

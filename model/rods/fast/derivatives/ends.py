@@ -148,7 +148,14 @@ def springs_by_motion(rod: Rod, springs: int, turn: Vector, shift: Vector) -> tu
 
 @inline
 def springs_by_parameters(rod: Rod, springs: int, change: list[Spring]) -> tuple[Vector, Vector]:
-    """The same when the numbers of the springs change by those of `change`, the tip held still."""
+    """Change of the springs' force F (N) and moment M (N m) at the tip, mount frame, when their numbers change by `change`, the
+    tip held still. Each spring, attached at p - R a, adds F = -P e and M = -(R a) x F, P its pull (see `spring_force`):
+
+        dF = -dP e - P de,   dM = -(R da) x F - (R a) x dF,
+        dP = dP/dk dk + dP/dsoftness dsoftness + dP/dstretch (de . (p - R a) - e . (R da) - dorigin).
+
+    In the code, `longer` is R da, `held` -P, `grown` dP and `pulled` dF.
+    """
     force, moment = NOTHING, NOTHING
     for j in range(springs):
         spring, d, e = rod.springs[j], change[j], rod.springs[j].direction
