@@ -211,5 +211,5 @@ def test_a_payload_on_an_arm_across_gravity_is_no_modulus(monkeypatch: pytest.Mo
     seen = tuple(replace(r, tip=tuple(t)) for r, t in zip(rows, tip.tolist(), strict=True))
     own = states(Measured(arm, Table(seen)))[0]
     assert calibrate_first(arm, own).robot is arm
-    monkeypatch.setattr(first_calibration, "_loaded", lambda robot, own, most: False)
+    monkeypatch.setattr(first_calibration, "_weight_explains", lambda robot, own, most: False)
     assert calibrate_first(arm, own).adjusted
