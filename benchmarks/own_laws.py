@@ -30,7 +30,7 @@ from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.special import logsumexp
 
 from diagnosis.criticism.stage_errors import smooth_functions
-from diagnosis.inference.posterior import prior
+from diagnosis.inference.posterior import hypothesis_prior
 from diagnosis.judgement import CAUSE_PROBABILITY, PRIOR_OF_NUMBER
 from lab.blind.answers import Answer
 from lab.blind.by_mm import APART, FLOORS, HALF, Weighed
@@ -314,7 +314,7 @@ def answer(
     hypotheses = [(h, level) for h in ((), *((e,) for e in laws), *combinations(laws, 2)) for level in LEVELS]
     variances = [variance(h, {}, level) for h, level in hypotheses]
     score = np.array([evidence.log(v) for v in variances])
-    score += [np.log(prior(h, len(laws)) / len(LEVELS)) for h, _ in hypotheses]
+    score += [np.log(hypothesis_prior(h, len(laws)) / len(LEVELS)) for h, _ in hypotheses]
     within = float(logsumexp(score))
     share_of = np.exp(score - within)
     counts = rng.multinomial(DRAWS, share_of / share_of.sum())

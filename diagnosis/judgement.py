@@ -1,9 +1,12 @@
 """Every number that decides an answer: its meaning, its reason, and how it was chosen.
 
-*Chosen on the practice robots* means on robots with known causes whose laws the catalogue does not contain, none of which
-counts in a published score. Unless a line says so, a number is a convention, or the number at which a test of its own purpose
-still passes. Numbers that only buy speed stand next to the loop they bound, those of an instrument come from robot.yaml,
-rig.yaml or the defaults of `data.noise_estimate` and `inference.reading_noise`.
+`Chosen on` marks what was tuned; *the practice robots* have known causes whose laws the catalogue does not contain, and none of
+them counts in a published score. Every other number is a convention, or one at which a test of its own purpose still passes.
+
+Elsewhere stand the plausible sizes of effects and tolerances, the widest part of the prior: with each law (`model/effects/laws`,
+`model/effects/tolerance`); numbers of an instrument: robot.yaml, rig.yaml, or `data.noise_estimate` and
+`inference.reading_noise`; which readings were meant to be the same: `data.levels`; limits beyond which a table is refused:
+`data.plausible`; and what only buys speed: next to the loop that it bounds.
 """
 
 from __future__ import annotations
@@ -98,8 +101,8 @@ FAR_START = 10.0
 TEMPERATURE = 4.0
 """Divisor of log evidence: laws of another form make readings less independent than the likelihood says. Chosen on the practice
 robots."""
-BENCHMARK = "calibrated on the blind bench, docs/explanations/blind.md"
-"""What probabilities were calibrated on; shown with every probability."""
+BENCHMARK = "checked on sealed robots, docs/explanations/blind.md"
+"""How probabilities were checked; shown with every one."""
 SIZE_SD_FACTOR = 1.2
 """Factor on the standard deviation of a size in the linear problem. Chosen on the practice robots."""
 CREDIBLE_SHARE = 0.95

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..inference.linear import Linear, Prior
+from ..inference.linear import Linear, SizePrior
 from ..judgement import INFORMED_SHARE
 
 Array = NDArray[np.float64]
@@ -16,7 +16,7 @@ Flags = NDArray[np.bool_]
 class Gaussian:
     """A linear problem with everything integrated out: y ~ N(0, I + X X^T)."""
 
-    def __init__(self, linear: Linear, prior: Prior, size: float, form_error: float) -> None:
+    def __init__(self, linear: Linear, prior: SizePrior, size: float, form_error: float) -> None:
         self.linear = linear
         blocks = [linear.effects * np.sqrt(prior.variance), linear.nuisance.whole]
         self.form_columns = linear.form_error.shape[1] if form_error else 0

@@ -32,7 +32,7 @@ from ..inference.evidence import KNOWN, Hypothesis, weigh
 from ..inference.fit import fit
 from ..inference.jacobian import Jacobian
 from ..inference.linear import Linear
-from ..inference.posterior import prior
+from ..inference.posterior import hypothesis_prior
 from ..inference.prepare import Prepared, least_sizes, observable_effects, parameters, table_columns
 from ..inference.problem import MaskedForward, Parameters, linearise
 from ..judgement import (
@@ -97,7 +97,7 @@ def related(p: Prepared, candidates: Sequence[Candidate], known: Mapping[Hypothe
         return r.log_evidence / TEMPERATURE + _log_prior((*r.beside, r.relative), effects)
 
     found = sorted((Related(*k, z) for k, (z, _) in promised.items()), key=weight, reverse=True)
-    best = max(c.log_evidence / TEMPERATURE + math.log(prior(c.named, effects)) for c in candidates)
+    best = max(c.log_evidence / TEMPERATURE + math.log(hypothesis_prior(c.named, effects)) for c in candidates)
     least = best + math.log(LEAST_SHARE)
     fitted: list[Related] = []
     while found and p.baseline is None and len(fitted) < MOST_FITTED and weight(found[0]) > least:
@@ -111,7 +111,7 @@ def related(p: Prepared, candidates: Sequence[Candidate], known: Mapping[Hypothe
 
 def _log_prior(named: Hypothesis, effects: int) -> float:
     """Of a hypothesis that names a relative: a catalogue of few effects makes none more probable."""
-    return math.log(max(prior(named, max(effects, len(CATALOGUE))), TINY))
+    return math.log(max(hypothesis_prior(named, max(effects, len(CATALOGUE))), TINY))
 
 
 def alike(among: Sequence[Related], named: Hypothesis, log_evidence: float) -> tuple[str, ...]:
@@ -239,6 +239,6 @@ def odds_outside(
     odds = unnamed * max(min(excess_scatter, LARGEST_EXCESS) / USUAL_EXCESS, 1.0)
     if not among:
         return odds
-    total = logsumexp([c.log_evidence / TEMPERATURE + math.log(prior(c.named, effects)) for c in tried])
+    total = logsumexp([c.log_evidence / TEMPERATURE + math.log(hypothesis_prior(c.named, effects)) for c in tried])
     relatives = logsumexp([r.log_evidence / TEMPERATURE + _log_prior((*r.beside, r.relative), effects) for r in among])
     return odds + RELATIVE_ODDS * math.exp(min(relatives - total, LARGEST_ODDS))

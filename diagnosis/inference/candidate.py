@@ -12,7 +12,7 @@ from .evidence import GridPoint, Hypothesis, Weighed
 from .executor import FirstLook
 from .fit import Fit
 from .jacobian import Jacobian
-from .linear import Linear, Prior
+from .linear import Linear, SizePrior
 from .problem import Parameters, Problem
 
 Array = NDArray[np.float64]
@@ -40,7 +40,7 @@ class Candidate:
     made: Linear | None = None
     """The linear problem in which it was weighed, where it is kept: it is as large as the derivatives."""
 
-    def prior(self, p: Parameters) -> Prior:
+    def prior(self, p: Parameters) -> SizePrior:
         """Of the effects, at the most probable point of the grid, in the linear problem of the fit."""
         return p.prior(p.mask(self.named), self.grid_point.spike, p.effect_size(self.fit.theta))
 

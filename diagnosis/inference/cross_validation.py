@@ -19,7 +19,7 @@ from .columns import Columns
 from .executor import SINGLE_THREAD, DiagnosisStep, Executor
 from .fit import Fit, fit, refit
 from .jacobian import Jacobian
-from .linear import Prior
+from .linear import SizePrior
 from .problem import MaskedForward, Problem
 
 Array = NDArray[np.float64]
@@ -30,7 +30,7 @@ Ints = NDArray[np.int64]
 class Model:
     """A model that is refitted to parts of the data: prior of the effects, size of the discrepancy, a start."""
 
-    prior: Prior
+    prior: SizePrior
     """A variance of 0 leaves an effect as it is in the fit."""
     size: float
     theta: Array

@@ -21,7 +21,7 @@ from ..judgement import (
     LAW_ERRORS,
     TOLERATED_SIZES,
 )
-from .linear import Linear, Prior
+from .linear import Linear, SizePrior
 from .problem import Parameters
 
 Array = NDArray[np.float64]
@@ -139,7 +139,7 @@ def weigh(linear: Linear, grid: Grid, parameters: Parameters, named: Sequence[Hy
     return [Weighed(*own) for own in each]
 
 
-def _log_allowed_share(mean: Array, variance: Array, prior: Prior, parameters: Parameters) -> Array:
+def _log_allowed_share(mean: Array, variance: Array, prior: SizePrior, parameters: Parameters) -> Array:
     """log of the share (h,) of a normal (h, p) that lies within the bounds and off the small sizes of what is named, and
     within the bounds and the small sizes of what is tolerated."""
     sd = np.sqrt(np.maximum(variance, 1e-300))

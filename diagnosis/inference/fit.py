@@ -19,7 +19,7 @@ from model.prediction.box_minima import box_minima
 
 from .columns import Columns
 from .jacobian import Jacobian
-from .linear import Linear, Prior
+from .linear import Linear, SizePrior
 from .problem import FormError, Problem, linearise
 
 Array = NDArray[np.float64]
@@ -68,7 +68,7 @@ class Fit:
         )
 
 
-def refit(problem: Problem, prior: Prior, size: float, start: Fit) -> Fit:
+def refit(problem: Problem, prior: SizePrior, size: float, start: Fit) -> Fit:
     """A search that ends near its start, whose derivatives are used throughout (chord method): one prediction a step. What
     these derivatives promise in the end may not be there: less than `CHORD_PROMISE` is not tried for."""
     known, none = start.derivatives(problem).flat, np.zeros(len(start.theta), bool)
@@ -81,7 +81,7 @@ def refit(problem: Problem, prior: Prior, size: float, start: Fit) -> Fit:
 
 def fit(
     problem: Problem,
-    prior: Prior,
+    prior: SizePrior,
     size: float,
     start: Array | Fit,
     rounds: int = 6,
@@ -114,7 +114,7 @@ def fit(
 
 
 def _search(
-    problem: Problem, prior: Prior, size: float, start: Array | Fit, rounds: int, frozen: Jacobian | None,
+    problem: Problem, prior: SizePrior, size: float, start: Array | Fit, rounds: int, frozen: Jacobian | None,
     fresh: NDArray[np.bool_], tolerance: float, least_promise: float, dampings: Sequence[float] = DAMPINGS,
 ) -> Fit:  # fmt: skip
     """Minimise the cost, half the squared misfit with the discrepancy of `size` integrated out and half the squared distance from
@@ -156,7 +156,7 @@ class _Descent:
     """The cost of one problem, and steps that lower it."""
 
     def __init__(
-        self, problem: Problem, prior: Prior, size: float, frozen: Jacobian | None, fresh: NDArray[np.intp],
+        self, problem: Problem, prior: SizePrior, size: float, frozen: Jacobian | None, fresh: NDArray[np.intp],
         least_promise: float, dampings: Sequence[float],
     ) -> None:  # fmt: skip
         self._p, self._forward, self._misfit = problem.parameters, problem.forward, _Misfit(problem, size)

@@ -1,7 +1,8 @@
 """The Jacobian: derivatives of the measured values by the parameters, of which many searches share most.
 
 Most searches take anew the derivatives by what they name alone; all others are those of one point, the base. Those are kept once,
-whitened once, and go to another process once; a fit keeps what it took anew.
+whitened once, and go to another process once; a fit keeps what it took anew. Derivatives are made by
+`ForwardModel.linearise` (model/effects/forward.py), asked by `Problem.jacobian` and `fit`.
 """
 
 from __future__ import annotations

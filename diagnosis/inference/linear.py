@@ -26,7 +26,7 @@ ROUNDING = (0.0, 1e-14, 1e-12, 1e-10, 1e-8)
 
 
 @dataclass(frozen=True)
-class Prior:
+class SizePrior:
     """Normal prior of the effects' p parameters, in units of their scale; a variance of 0 leaves a parameter at its mean."""
 
     mean: Array
@@ -159,7 +159,7 @@ class Reduced:
         """Slope (..., p) of log p(y | theta) at theta (..., p)."""
         return np.asarray(self.score - theta @ self.information)
 
-    def update(self, prior: Prior) -> tuple[Array, Array, Array]:
+    def update(self, prior: SizePrior) -> tuple[Array, Array, Array]:
         """log p(y) (...), and mean (..., p) and covariance (..., p, p) of theta, under priors (..., p)."""
         root = np.sqrt(prior.variance)
         inner = np.eye(len(self.score)) + root[..., :, None] * self.information * root[..., None, :]
@@ -174,10 +174,10 @@ class Reduced:
         mean = prior.mean + (turned @ pulled[..., None])[..., 0]
         return np.asarray(there - log_det + 0.5 * (pulled**2).sum(axis=-1)), mean, turned @ half
 
-    def log_evidence(self, prior: Prior) -> Array:
+    def log_evidence(self, prior: SizePrior) -> Array:
         """log p(y) (...) for priors (..., p) of theta."""
         return self.update(prior)[0]
 
-    def posterior(self, prior: Prior) -> tuple[Array, Array]:
+    def posterior(self, prior: SizePrior) -> tuple[Array, Array]:
         """Mean (..., p) and covariance (..., p, p) of theta under priors (..., p)."""
         return self.update(prior)[1:]

@@ -2,7 +2,8 @@
 
 Prior: none, one effect, two or three have fixed shares; within a share all combinations of the catalogue are equally probable. A
 pair must therefore pay not only for its free parameters but also for being one of several hundred. The probability of a cause
-outside the catalogue is that of `criticism.outside`; the catalogue shares what is left.
+outside the catalogue is that of `criticism.outside`; the catalogue shares what is left. Those that an answer states are made
+of these: `budget.by_what_is_carried`, then `with_unknown`.
 """
 
 from __future__ import annotations
@@ -60,14 +61,14 @@ class Posterior:
         return out
 
 
-def prior(named: Hypothesis, effects: int) -> float:
+def hypothesis_prior(named: Hypothesis, effects: int) -> float:
     """Prior probability of a hypothesis of a catalogue of that many effects."""
     return PRIOR_OF_NUMBER.get(len(named), 0.0) / comb(effects, len(named))
 
 
 def shares(candidates: Sequence[Candidate], effects: int, temperature: float) -> Array:
     """Probabilities of candidates that exclude each other, within a catalogue of so many effects; see `posterior`."""
-    score = np.array([c.log_evidence / temperature + np.log(prior(c.named, effects)) for c in candidates])
+    score = np.array([c.log_evidence / temperature + np.log(hypothesis_prior(c.named, effects)) for c in candidates])
     share = np.exp(score - score.max())
     return np.asarray(share / share.sum())
 

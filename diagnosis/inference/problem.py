@@ -20,7 +20,7 @@ from ..data.noise import Noise
 from ..judgement import GEOMETRY_LAW_ERROR, LEAKAGE, LEAST_NAMED_SIZE, TENSE_SD
 from .columns import Columns
 from .jacobian import Jacobian
-from .linear import Linear, Prior
+from .linear import Linear, SizePrior
 
 Array = NDArray[np.float64]
 
@@ -176,7 +176,7 @@ class Parameters:
         own = [e for e in self.effects if e]
         return np.array([[float(e == one) for one in self.ids] for e in own]).reshape(len(own), len(self.ids))
 
-    def prior(self, named: NDArray[np.bool_], spike: float, effect_size: Array | None = None) -> Prior:
+    def prior(self, named: NDArray[np.bool_], spike: float, effect_size: Array | None = None) -> SizePrior:
         """Prior with the parameters marked `named` (..., p) wide and the sizes of all other effects narrow.
 
         The narrow prior of a one-sided effect has the mean and variance of a size uniform up to a limit. Shape parameters
@@ -188,9 +188,9 @@ class Parameters:
         narrowing = np.maximum(effect_size / (LIMIT * spike), 1.0) if effect_size is not None and spike > 0 else 1.0
         mean, variance = np.where(self.sizes, mean, 0.0), np.where(self.sizes, sd**2, float(spike > 0) / narrowing**2)
         mean, variance = np.where(self.tolerable, mean, 0.0), np.where(self.tolerable, variance, 0.0)
-        return Prior(np.where(named, 0.0, mean), np.where(named, 1.0, variance), named)
+        return SizePrior(np.where(named, 0.0, mean), np.where(named, 1.0, variance), named)
 
-    def scaled(self, prior: Prior) -> tuple[Array, Array]:
+    def scaled(self, prior: SizePrior) -> tuple[Array, Array]:
         """Standard deviation and mean (k,) of all parameters, in their units, under a prior of the effects."""
         sd, mean = self.sd.copy(), self.mean.copy()
         sd[self.of_effect] *= np.sqrt(prior.variance)
@@ -202,7 +202,7 @@ class Parameters:
         size = np.where(self.sizes, theta[self.of_effect] / self.scale, 0.0)
         return np.where(self.sizes, 0.0, np.sqrt(size**2 @ self.members) @ self.members.T)
 
-    def no_effects(self) -> Prior:
+    def no_effects(self) -> SizePrior:
         """Prior without any effect."""
         return self.prior(self.mask(()), 0.0)
 

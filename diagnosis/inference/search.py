@@ -45,7 +45,7 @@ from .evidence import KNOWN, NONE, Hypothesis, weigh
 from .executor import SINGLE_THREAD, DiagnosisStep, Executor
 from .fit import Fit, fit
 from .jacobian import Jacobian
-from .posterior import prior
+from .posterior import hypothesis_prior
 from .problem import FormError, Problem
 from .starts import Starts
 
@@ -167,7 +167,7 @@ class Search:
 
     def _log_prior(self, named: Hypothesis) -> float:
         """In units of log evidence."""
-        return TEMPERATURE * float(np.log(prior(named, len(self.problem.parameters.ids))))
+        return TEMPERATURE * float(np.log(hypothesis_prior(named, len(self.problem.parameters.ids))))
 
     def _margin(self, c: Candidate) -> float:
         """How far below the best hypothesis a point may lie: of one that was searched, so that one effect more would be within

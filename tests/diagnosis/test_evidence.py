@@ -11,7 +11,7 @@ from scipy.stats import multivariate_normal, norm, uniform
 
 from diagnosis.inference.columns import Columns
 from diagnosis.inference.evidence import Grid, weigh
-from diagnosis.inference.linear import Linear, Prior
+from diagnosis.inference.linear import Linear, SizePrior
 from diagnosis.inference.problem import Parameters
 from diagnosis.judgement import LARGEST_TOLERATED_SIZE, LEAST_NAMED_SIZE
 from tests.diagnosis import toy
@@ -32,7 +32,7 @@ def parameters(p: int, lower: float = -np.inf) -> Parameters:
     return toy.parameters(*(toy.parameter(f"e{i}", f"e{i}", low=lower) for i in range(p)))
 
 
-def dense_log_evidence(linear: Linear, prior: Prior, size: float) -> float:
+def dense_log_evidence(linear: Linear, prior: SizePrior, size: float) -> float:
     a, n, d = linear.effects, linear.nuisance.whole, size * linear.discrepancy
     covariance = np.eye(len(a)) + (a * prior.variance) @ a.T + n @ n.T + d @ d.T
     return float(multivariate_normal(a @ prior.mean, covariance).logpdf(linear.observed)) - linear.log_noise
@@ -44,7 +44,7 @@ def dense_log_evidence(linear: Linear, prior: Prior, size: float) -> float:
 def test_log_evidence_equals_the_gaussian_marginal_likelihood(
     size: float, variance: list[float], mean: list[float]
 ) -> None:
-    linear, prior = small_problem(), Prior(np.array(mean), np.array(variance), WIDE)
+    linear, prior = small_problem(), SizePrior(np.array(mean), np.array(variance), WIDE)
     got = linear.reduced(size, 0.0).log_evidence(prior)
     assert got == pytest.approx(dense_log_evidence(linear, prior, size), abs=1e-9)
 
@@ -53,7 +53,7 @@ def test_what_a_law_gets_wrong_widens_the_marginal_likelihood_as_columns_of_nois
     plain, columns = small_problem(), RNG.normal(size=(12, 2))
     wrong = replace(plain, form_error=columns)
     noisy = replace(plain, nuisance=Columns.of(np.hstack([plain.nuisance.whole, 0.3 * columns])))
-    v = Prior(np.zeros(3), np.ones(3), WIDE)
+    v = SizePrior(np.zeros(3), np.ones(3), WIDE)
     assert wrong.reduced(0.5, 0.3).log_evidence(v) == pytest.approx(float(noisy.reduced(0.5, 0.0).log_evidence(v)))
 
 
@@ -77,7 +77,7 @@ def test_the_grid_is_averaged_and_its_shares_sum_to_one() -> None:
     grid = Grid(np.array([0.0, 0.02]), np.array([0.3, 0.7]), np.array([0.0, 1.0]), np.array([0.5, 0.5]), *NO_FORM)
     found = weigh(linear, grid, parameters(3), [()])[0]
     log_terms = [
-        w * v * np.exp(dense_log_evidence(linear, Prior(np.zeros(3), np.full(3, k**2), WIDE), g))
+        w * v * np.exp(dense_log_evidence(linear, SizePrior(np.zeros(3), np.full(3, k**2), WIDE), g))
         for k, w in zip(grid.spikes, grid.spike_weights, strict=True)
         for g, v in zip(grid.sizes, grid.size_weights, strict=True)
     ]
@@ -108,7 +108,7 @@ def test_what_is_averaged_over_the_grid_is_a_mixture_of_its_points() -> None:
 
 
 def test_posterior_mean_and_covariance_are_those_of_the_full_problem() -> None:
-    linear, prior = small_problem(), Prior(np.array([0.0, 0.2, -0.1]), np.array([1.0, 0.04, 0.04]), WIDE)
+    linear, prior = small_problem(), SizePrior(np.array([0.0, 0.2, -0.1]), np.array([1.0, 0.04, 0.04]), WIDE)
     mean, covariance = linear.reduced(0.5, 0.0).posterior(prior)
     n, d = linear.nuisance.whole, 0.5 * linear.discrepancy
     noise = np.eye(12) + n @ n.T + d @ d.T
