@@ -114,9 +114,7 @@ def another_day(robot: Built, rng: np.random.Generator) -> Built:
     where = robot.world
     sizes = dict(robot.sizes)
     for effect in SET_UP:
-        sizes[effect] = sizes.get(effect, 0.0) + where.tolerance * TOLERANCES[effect] * float(
-            tails(rng, where.heavy, ())
-        )
+        sizes[effect] = sizes.get(effect, 0.0) + where.tolerance * TOLERANCES[effect] * float(tails(rng, where.heavy, ()))
     a, b, c = (float(x) for x in np.array(robot.offset) + where.tolerance * SMALL * tails(rng, where.heavy, (3,)))
     drift = abs(robot.drift) * (1 if rng.random() < 0.7 else -1)
     return replace(robot, sizes=sizes, offset=(a, b, c), drift=drift)

@@ -100,12 +100,8 @@ def main() -> int:
     """Measure, print, write JSON."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--out", type=Path, required=True, help="a folder for commands.json")
-    parser.add_argument(
-        "--repeats", type=int, nargs="+", default=REPEATS, help="of the sweep, for the growth with rows"
-    )
-    parser.add_argument(
-        "--case", type=Path, action="append", default=[], help="a case folder that is diagnosed too; repeatable"
-    )
+    parser.add_argument("--repeats", type=int, nargs="+", default=REPEATS, help="of the sweep, for the growth with rows")
+    parser.add_argument("--case", type=Path, action="append", default=[], help="a case folder that is diagnosed too; repeatable")
     parser.add_argument("--beside", type=Path, help="another checkout, whose code does the same in turn")
     a = parser.parse_args()
     a.out.mkdir(parents=True, exist_ok=True)

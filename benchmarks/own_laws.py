@@ -151,9 +151,7 @@ class Campaign:
         tip, turns = (np.swapaxes(a[:, self.where], 0, 1) for a in response.by[name][:2])
         found = np.concatenate([tip, turns], axis=-1) / size
         cause = OUTSIDE.get(name)
-        return (
-            found if cause is None or cause.course is None else cause.course(self.walked.passed)[:, None, None] * found
-        )
+        return found if cause is None or cause.course is None else cause.course(self.walked.passed)[:, None, None] * found
 
     def nuisances(self, response: Response) -> list[Array]:
         """What calibration, trials, mounting, drift and the camera's place change, for one standard deviation each."""
@@ -185,9 +183,7 @@ class Campaign:
         world, flat = self.robot.world, t.reshape(-1)
         kernel = np.exp(-np.abs(flat[:, None] - flat) / MEMORY)
         sd = np.array([world.camera * 1e-3] * 3 + [np.radians(world.camera)] * 3)
-        return Whitening(
-            cholesky((1 - world.correlated) * np.eye(flat.size) + world.correlated * kernel, lower=True), sd
-        )
+        return Whitening(cholesky((1 - world.correlated) * np.eye(flat.size) + world.correlated * kernel, lower=True), sd)
 
 
 @dataclass(frozen=True)
@@ -229,9 +225,7 @@ def case(recipe: Recipe, place: int, stratum: Stratum, causes: Sequence[str]) ->
     robot, walked = made.robot, made.walked
     absent = {e: TRIED for e in EFFECTS if e not in robot.present}
     known = replace(robot, causes=OUTSIDE)
-    response = respond(
-        known, walked, tuple(robot.present), absent | {o: TRIED for o in OUTSIDE if o not in robot.outside}
-    )
+    response = respond(known, walked, tuple(robot.present), absent | {o: TRIED for o in OUTSIDE if o not in robot.outside})
     c = Campaign(robot, walked, response.of(walked))
     size = {**absent, **dict.fromkeys(OUTSIDE, TRIED), **robot.present}
     own = {e: c.column(response, e, size[e]) for e in size}
@@ -350,12 +344,8 @@ def figures(cases: Sequence[Case]) -> dict[str, dict[str, str]]:
             "right by mm, clean": counted([r for cluttered, _, r in right if not cluttered]),
             "right by mm, cluttered": counted([r for cluttered, _, r in right if cluttered]),
             "stated with p > 0.9: right": counted([r for _, p, r in right if p > CAUSE_PROBABILITY]),
-            "pairs of comparable mm, clean: both named": counted(
-                [c <= found for cluttered, c, found in both if not cluttered]
-            ),
-            "pairs of comparable mm, cluttered: both named": counted(
-                [c <= found for cluttered, c, found in both if cluttered]
-            ),
+            "pairs of comparable mm, clean: both named": counted([c <= found for cluttered, c, found in both if not cluttered]),
+            "pairs of comparable mm, cluttered: both named": counted([c <= found for cluttered, c, found in both if cluttered]),
             "pairs of comparable mm: exactly both": counted([c == found for _, c, found in both]),
             "known cause: outside more probable": counted([a.outside > 0 for _, a in known]),
             "outside: more probable": counted([odds > 0 for _, odds in outer]),

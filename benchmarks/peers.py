@@ -144,9 +144,7 @@ def first_solves() -> tuple[float, float]:
     with tempfile.TemporaryDirectory() as cache:
         environment = {**os.environ, "NUMBA_CACHE_DIR": cache}
         taken = [
-            subprocess.run(
-                [sys.executable, "-c", FIRST + TIMED], env=environment, check=True, capture_output=True
-            ).stdout
+            subprocess.run([sys.executable, "-c", FIRST + TIMED], env=environment, check=True, capture_output=True).stdout
             for _ in range(2)
         ]
     return float(taken[0]), float(taken[1])
@@ -199,9 +197,7 @@ def figures(quick: bool) -> list[Row]:
     measured = Measured(rods, solve(rods, REFERENCE).trusted().tip)
     for way in ways(quick):
         measured.add(way)
-        print(
-            f"{way.method}, {way.setting}: {measured.rows[-1].absent or shown(measured.rows[-1].solve_s)}", flush=True
-        )
+        print(f"{way.method}, {way.setting}: {measured.rows[-1].absent or shown(measured.rows[-1].solve_s)}", flush=True)
     coarse, fine = measured.finest(PYELASTICA, 2)
     measured.own_errors(PYELASTICA, 2.0 * fine - coarse)  # its error halves with twice the elements
     return [*fast_ways(rods, quick), *measured.rows]
@@ -249,9 +245,7 @@ def all_rows(rows: list[Row]) -> Table:
 
 def at_equal_error(rows: list[Row]) -> Table:
     """What a person waits at each level."""
-    table = Table(
-        title="At equal error: the quickest setting within so many mm, or the most exact", title_justify="left"
-    )
+    table = Table(title="At equal error: the quickest setting within so many mm, or the most exact", title_justify="left")
     for column in (
         "within, mm",
         "way",

@@ -81,9 +81,7 @@ def solve_bvp_peer(rods: Rods, tolerance: float = TOLERANCE) -> Peer:
     for i in range(len(rods)):
         rod = Equations(rods, i)
         ends = (rod.joint, rod.length - rod.joint)
-        straight = np.concatenate(
-            [np.zeros(3), np.eye(3).ravel(), rod.force + rod.dead + rod.load * rod.length, rod.moment]
-        )
+        straight = np.concatenate([np.zeros(3), np.eye(3).ravel(), rod.force + rod.dead + rod.load * rod.length, rod.moment])
 
         def slope(_: Array, y: Array, rod: Equations = rod, ends: tuple[float, float] = ends) -> Array:
             return np.concatenate([ends[0] * rod.slopes(y[:18], 0), ends[1] * rod.slopes(y[18:], 1)])

@@ -115,9 +115,7 @@ def sparse(problem: Problem) -> dict[str, Any]:
     linear = problem.at(none.theta)
     nuisance = linear.nuisance.whole
     base = np.linalg.qr(np.vstack([nuisance, np.eye(nuisance.shape[1])]))[0]
-    padded = [
-        np.vstack([x, np.zeros((nuisance.shape[1], x.shape[1]))]) for x in (linear.effects, linear.observed[:, None])
-    ]
+    padded = [np.vstack([x, np.zeros((nuisance.shape[1], x.shape[1]))]) for x in (linear.effects, linear.observed[:, None])]
     x, y = (v - base @ (base.T @ v) for v in padded)
     groups = [np.flatnonzero(p.mask((e,)) & p.sizes) for e in p.ids]
     blocks = [np.linalg.qr(x[:, g])[0] for g in groups]
@@ -137,9 +135,7 @@ def sparse(problem: Problem) -> dict[str, Any]:
             if moved < 1e-3:
                 break
         named = tuple(e for e, s in zip(p.ids, signs, strict=True) if s.any())
-        chosen = (
-            np.hstack([b for b, s in zip(blocks, signs, strict=True) if s.any()]) if named else np.zeros((len(y), 0))
-        )
+        chosen = np.hstack([b for b, s in zip(blocks, signs, strict=True) if s.any()]) if named else np.zeros((len(y), 0))
         rest = y[:, 0] - chosen @ np.linalg.lstsq(chosen, y[:, 0], rcond=None)[0]
         value = float(rest @ rest) + chosen.shape[1] * float(np.log(len(problem.observed)))
         criteria[named] = min(value, criteria.get(named, np.inf))
@@ -178,9 +174,7 @@ def main() -> None:
     asked = a.parse_args()
     folder = SetFolder(asked.set)
     names = folder.names()
-    for _ in spread(
-        partial(answer, asked.set.resolve(), asked.out.resolve()), names, Crew(asked.workers, None), "cases"
-    ):
+    for _ in spread(partial(answer, asked.set.resolve(), asked.out.resolve()), names, Crew(asked.workers, None), "cases"):
         pass
     truth = open_seal(folder)
     kinds = sorted({str(t["stratum"]) for t in truth.values()})

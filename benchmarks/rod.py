@@ -28,9 +28,7 @@ from model.rods.solution import RESULT
 Array = NDArray[np.float64]
 
 
-def measure(
-    call: Callable[[], object], rounds: int, clock: Callable[[], float] = time.thread_time
-) -> tuple[float, float]:
+def measure(call: Callable[[], object], rounds: int, clock: Callable[[], float] = time.thread_time) -> tuple[float, float]:
     """Median and least seconds of a call."""
     call()
     times = []
@@ -41,9 +39,7 @@ def measure(
     return float(np.median(times)), min(times)
 
 
-def row(
-    name: str, seconds: tuple[float, float], solves: int, target: str = "", error: float = float("nan")
-) -> dict[str, object]:
+def row(name: str, seconds: tuple[float, float], solves: int, target: str = "", error: float = float("nan")) -> dict[str, object]:
     """One line: microseconds a solve (median, least), solves per second, worst error in mm."""
     median, least = (1e6 * s / solves for s in seconds)
     return {"name": name, "us": median, "us_least": least, "per_s": 1e6 / median, "error_mm": error, "target": target}
@@ -78,18 +74,14 @@ def figures(quick: bool) -> list[dict[str, object]]:
     lines.append(row("batch, cold, two threads", measure(lambda: solve(rods, two), rounds, time.perf_counter), n))
     one = paper_rods(35, seed=2)[22:23]
     lines.append(row("single, kernel called", kernel_seconds(one, 3000), 1, "<= 6 us"))
-    lines.append(
-        row("single, Python call", measure(lambda: solve(one), 3000, time.perf_counter), 1, "<= 15 us", error_of(one))
-    )
+    lines.append(row("single, Python call", measure(lambda: solve(one), 3000, time.perf_counter), 1, "<= 15 us", error_of(one)))
     part = rods[: n // 4]
     along, solved = directions(part), solve(part)
     both = measure(lambda: (solve(part), sensitivities(part, solved, along)), rounds)
     lines.append(row("batch with 8 sensitivities", both, len(part), "<= 3x plain"))
     soft = paper_rods(n // 4, seed=1, form=Form(elements=2, full=True))
     soft.field("series")[:, 1] = (0.02, 0.0, 1.0)
-    lines.append(
-        row("hyperelastic section", measure(lambda: solve(soft), rounds), n // 4, "<= 10x plain", error_of(soft))
-    )
+    lines.append(row("hyperelastic section", measure(lambda: solve(soft), rounds), n // 4, "<= 10x plain", error_of(soft)))
     for size in (100, 1_000, 10_000) if quick else (100, 1_000, 10_000, 100_000, 1_000_000):
         many = Rods(rods.form, np.resize(rods.values, (size, rods.form.width)))
         lines.append(row(f"batch of {size}", measure(lambda many=many: solve(many), 3), size))  # type: ignore[misc]

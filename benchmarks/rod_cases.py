@@ -101,6 +101,4 @@ def wild_rods(n: int, seed: int) -> Rods:
     roll = r.uniform(0, 2 * np.pi, n)
     angle, size = r.uniform(0, 2 * np.pi, n), r.uniform(0, 5, n)
     dead = (size * np.cos(angle), size * np.sin(angle), 0.053 * GRAVITY * r.uniform(0, 3, n))
-    return _robots(
-        spine, (mixed, body), pressure * CHAMBER, roll, dead, 1300.0 * AREA * GRAVITY * r.uniform(0.8, 1.2, n)
-    )
+    return _robots(spine, (mixed, body), pressure * CHAMBER, roll, dead, 1300.0 * AREA * GRAVITY * r.uniform(0.8, 1.2, n))

@@ -134,9 +134,7 @@ def cost(folder: Path, seconds: float) -> list[Figure]:
             beside.append(paced_run(file, seconds, seconds, 1.0))
         ages += [np.array(viewer["ages"][20:]) for viewer in seen]
         whole &= all(viewer["count"] == beside[-1].messages for viewer in seen)
-    before, after = (
-        np.quantile(np.concatenate([p.delays for p in part]), (0.5, 0.99, 0.999)) for part in (alone, beside)
-    )
+    before, after = (np.quantile(np.concatenate([p.delays for p in part]), (0.5, 0.99, 0.999)) for part in (alone, beside))
     hosts = [float(np.quantile(np.concatenate([p.bare for p in part]), 0.999)) for part in (alone, beside)]
     spread = [np.quantile(p.delays, 0.999) for p in alone]
     age = np.quantile(np.concatenate(ages), (0.5, 0.99))

@@ -170,9 +170,7 @@ class _JointForward:
         free = [replace(i, group="nuisance") for i in (*reference.infos, *(later.infos[i] for i in self._later_only))]
         # What another day brings anyway has tolerances of its own: such an effect has changed when it is named, or not at all.
         changes = [
-            replace(
-                i, name=i.name + CHANGE, starts=(0.0,), tolerated=i.tolerated and i.source not in ANOTHER_DAY.values()
-            )
+            replace(i, name=i.name + CHANGE, starts=(0.0,), tolerated=i.tolerated and i.source not in ANOTHER_DAY.values())
             for i in (later.infos[i] for i in self._effects)
         ]
         least = [later.least[i] if later.least else LEAST_NAMED_SIZE for i in self._effects]
@@ -196,9 +194,7 @@ class _JointForward:
 
     def predict(self, theta: Array, trial: bool = False, whole: bool = False) -> Array:
         """Both campaigns' values (n,), reference first."""
-        return np.concatenate(
-            [f.predict(t, trial, whole) for f, t in zip(self._forwards, self._split(theta), strict=True)]
-        )
+        return np.concatenate([f.predict(t, trial, whole) for f, t in zip(self._forwards, self._split(theta), strict=True)])
 
     def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
         """Both campaigns' values (n,), reference first, and their derivatives by theta (n, k), or by those `columns` of it."""

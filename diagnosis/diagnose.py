@@ -95,9 +95,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     own, concerns = states(case)
     other = unseen_states(case, wanted.holdout) if wanted.holdout is not None else None
     predicted = wanted.baseline.of(own.rows, case.table.rows) if wanted.baseline is not None else None
-    first = (
-        calibrate_first(case.robot, own, wanted.catalogue) if predicted is None else FirstCalibration(case.robot, own)
-    )
+    first = calibrate_first(case.robot, own, wanted.catalogue) if predicted is None else FirstCalibration(case.robot, own)
     try:
         prepared = prepare(first.robot, first.states, catalogue=wanted.catalogue, baseline=predicted)
     except np.linalg.LinAlgError as error:
@@ -114,9 +112,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     # Other processes predict what was held out while this one does the rest.
     predicting = unseen(found, wanted.executor) if wanted.quantify else Unseen
     rivals = Rivals.of(prepared, found.posterior, found.distinguishability)
-    proposals = (
-        next_experiment.propose(prepared, rivals, found.posterior, wanted.executor) if wanted.experiments else ()
-    )
+    proposals = next_experiment.propose(prepared, rivals, found.posterior, wanted.executor) if wanted.experiments else ()
     tested = evaluate_holdout(found, other) if other is not None else None
     where = assemble.locate_section(found, stages)
     held_out = predicting()

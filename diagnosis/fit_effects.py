@@ -81,10 +81,7 @@ class Fitted:
     """With effects and learnt residual, on trials that the residual did not learn from."""
 
     def __repr__(self) -> str:
-        sizes = [
-            f"{n} = {p.value:.4g} ± {p.sd:.2g}{'' if p.unit == '1' else f' {p.unit}'}"
-            for n, p in self.parameters.items()
-        ]
+        sizes = [f"{n} = {p.value:.4g} ± {p.sd:.2g}{'' if p.unit == '1' else f' {p.unit}'}" for n, p in self.parameters.items()]
         return (
             f"<Fitted: {self.robot.name} with {', '.join(self.effects) or 'no effect'}, {self.states} states in {self.trials} "
             f"trials: {self.fitted_mm:.3g} mm rms, {self.calibrated_mm:.3g} mm without (in-sample); {'; '.join(sizes[:8])}>"
@@ -137,9 +134,7 @@ def fit_effects(
     found_before = tuple(id for id in named if id in robot.effects)
     named = tuple(id for id in named if id not in found_before)
     if ORDER in named and not contradicted(robot, own):
-        raise BadEffect(
-            f"effect {ORDER}: tips go to where the chambers push them, there is no other order; leave it out"
-        )
+        raise BadEffect(f"effect {ORDER}: tips go to where the chambers push them, there is no other order; leave it out")
     considered = {*named, *stated_effects(robot, catalogue), ALWAYS_CONSIDERED}
     p = prepare(robot, own, catalogue={id: spec for id, spec in catalogue.items() if id in considered})
     progress("step 1 of 4: starting points", 0.0)
@@ -156,9 +151,7 @@ def fit_effects(
     learnt = None
     if residual:
         main = own.main
-        learnt = learn_residual(
-            written, own.trial[main], with_vented_at_zero(own)[main], own.spine_length[main], missed[main]
-        )
+        learnt = learn_residual(written, own.trial[main], with_vented_at_zero(own)[main], own.spine_length[main], missed[main])
         written = written.model_copy(update={"residual": learnt.residual})
     parameters = p.problem.parameters
     concerns = (*concerns, *beyond_tolerance(parameters, parameters.tense(found.fit.theta), robot))

@@ -189,11 +189,7 @@ def investigate(
             case = more
             break
         else:
-            ended = (
-                "nothing that can be done is expected to tell more"
-                if refused
-                else "no experiment is expected to tell more"
-            )
+            ended = "nothing that can be done is expected to tell more" if refused else "no experiment is expected to tell more"
             return Investigation((*rounds, replace(here, refused=refused)), ended)
 
 

@@ -241,18 +241,14 @@ def instruments() -> Iterator[str]:
                 yield from (f"#### {key}", "", *prose, *_list(rows))
     samples = [k for n, k in vars(interfaces).items() if n.endswith("Sample")]
     yield from ("## Samples", "", "`t`: when it arrived, s of the rig's clock.", "")
-    yield from _list(
-        (_code(f"{k.__name__}({', '.join(inspect.get_annotations(k))})"), "", k.__doc__ or "") for k in samples
-    )
+    yield from _list((_code(f"{k.__name__}({', '.join(inspect.get_annotations(k))})"), "", k.__doc__ or "") for k in samples)
     yield ""
 
 
 def _calls(interface: type) -> list[Row]:
     own = [vars(one) for one in reversed(interface.__mro__) if one.__module__ == interfaces.__name__]
     found = {name: f for members in own for name, f in members.items() if inspect.isfunction(f)}
-    return [
-        (_code(f"{name}{_signature(f)}"), "", inspect.getdoc(f) or "") for name, f in found.items() if name[0] != "_"
-    ]
+    return [(_code(f"{name}{_signature(f)}"), "", inspect.getdoc(f) or "") for name, f in found.items() if name[0] != "_"]
 
 
 def effects() -> Iterator[str]:
@@ -467,9 +463,7 @@ Row = tuple[str, str, str]
 
 def _several(tables: Iterable[Sequence[Row]]) -> list[Row]:
     """The rows with a meaning that most of several tables have, one for each name, whether required there or not."""
-    counts = Counter(
-        (name, form.removeprefix("required"), text) for rows in tables for name, form, text in rows if text
-    )
+    counts = Counter((name, form.removeprefix("required"), text) for rows in tables for name, form, text in rows if text)
     found = [row for row, count in counts.most_common() if count > 1]
     names = [row[0].strip("`").split()[0] for row in found]
     return [row for n, row in enumerate(found) if names[n] not in names[:n]]

@@ -65,9 +65,7 @@ class ChamberMap:
         Raises ValueError when the number of values is not the number of channels.
         """
         if len(channel_values) != len(self.channels):
-            raise ValueError(
-                f"{len(channel_values)} values for {len(self.channels)} channels; give one value per channel"
-            )
+            raise ValueError(f"{len(channel_values)} values for {len(self.channels)} channels; give one value per channel")
         values = [0.0] * self.count
         for chamber, channel in self._channel_of.items():
             values[chamber - 1] = float(channel_values[channel])

@@ -259,6 +259,4 @@ class SerialLine:
                 try:
                     yield self._serial
                 except serial.SerialTimeoutException as e:
-                    raise NoReply(
-                        self.name, f"{self.port} accepts no bytes within {self.timeout} s; check the cable"
-                    ) from e
+                    raise NoReply(self.name, f"{self.port} accepts no bytes within {self.timeout} s; check the cable") from e

@@ -79,9 +79,7 @@ def calibrate(case: Case, progress: Progress = no_progress) -> Calibration:
     spine = _spine_modulus(case)
     if spine and robot.spine is not None:
         modulus = {**robot.spine.modulus, **{k: e.value for k, e in spine.items()}}
-        robot = robot.model_copy(
-            update={"spine": robot.spine.model_copy(update={"modulus": dict(sorted(modulus.items()))})}
-        )
+        robot = robot.model_copy(update={"spine": robot.spine.model_copy(update={"modulus": dict(sorted(modulus.items()))})})
     body = _body_modulus(case)
     one, by_length = None, dict[float, AreaFit]()
     if any(r.tip is not None and r.protocol != "stiffness" for r in case.table):
@@ -97,9 +95,7 @@ def _spine_modulus(case: Case) -> dict[float, Estimate]:
     if not rows or case.robot.spine is None:
         return {}
     nominal = np.round([r.spine_length for r in rows], 3)
-    lengths = {
-        x: float(np.mean([r.spine_length for r, n in zip(rows, nominal, strict=True) if n == x])) for x in set(nominal)
-    }
+    lengths = {x: float(np.mean([r.spine_length for r, n in zip(rows, nominal, strict=True) if n == x])) for x in set(nominal)}
     found = fit_spine_modulus(
         case.robot.spine.radius, [lengths[x] for x in nominal], *_pushes(rows),
         trial=[r.trial for r in rows],
@@ -123,6 +119,4 @@ def _body_modulus(case: Case) -> Estimate | None:
 def _pushes(rows: Sequence[TrialRow]) -> tuple[list[float], list[float]]:
     """Deflections (m) and forces (N) of stiffness rows; NaN where one is missing."""
     nan = float("nan")
-    return [nan if r.deflection is None else r.deflection for r in rows], [
-        nan if r.force is None else r.force for r in rows
-    ]
+    return [nan if r.deflection is None else r.deflection for r in rows], [nan if r.force is None else r.force for r in rows]

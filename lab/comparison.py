@@ -33,9 +33,7 @@ class Comparison:
 
     def __repr__(self) -> str:
         missed = f", {self.unsolved} without an equilibrium" if self.unsolved else ""
-        return (
-            f"<Comparison: {len(self.measured)} tips missed by {self.table.rmse * 1e3:.3g} mm rms (in-sample){missed}>"
-        )
+        return f"<Comparison: {len(self.measured)} tips missed by {self.table.rmse * 1e3:.3g} mm rms (in-sample){missed}>"
 
 
 @dataclass(frozen=True)

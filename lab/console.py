@@ -94,9 +94,7 @@ def plain_failures() -> None:
     handler = logging.StreamHandler()
     handler.setFormatter(_PlainFormatter("%(name)s: %(message)s"))
     logging.basicConfig(level=logging.ERROR, handlers=[handler])
-    sys.excepthook = lambda kind, error, trace: complain(
-        "".join(traceback.format_exception(kind, error, trace)).rstrip("\n")
-    )
+    sys.excepthook = lambda kind, error, trace: complain("".join(traceback.format_exception(kind, error, trace)).rstrip("\n"))
 
 
 class _PlainFormatter(logging.Formatter):

@@ -505,8 +505,7 @@ def hands_over_none(unit: Unit, line: contextlib.AbstractContextManager[list[byt
         within = unit.config.max_age + SLACK
         still = not until(lambda: bool(crashed) or refused(), within) and not unit.quiet()
     assert not crashed, (
-        f"a thread of the driver ended by {crashed[0]} on the answer {sent[-1:]}; {remedy}, count a damaged one in lost and "
-        "go on"
+        f"a thread of the driver ended by {crashed[0]} on the answer {sent[-1:]}; {remedy}, count a damaged one in lost and go on"
     )
     assert not still, (
         f"the driver still hands over samples, the last is {unit.samples[-1]}, while {what}, such as {sent[-1:]}; {remedy} "
@@ -587,9 +586,7 @@ def test_each_channel_fills_its_own_chambers_and_no_other(unit: Unit) -> None:
         )
     sample = unit.driver.read()
     assert isinstance(sample, PressureSample)
-    assert len(sample.setpoint) == len(sample.measured) == unit.driver.channels, (
-        f"{sample}: one value per channel is needed"
-    )
+    assert len(sample.setpoint) == len(sample.measured) == unit.driver.channels, f"{sample}: one value per channel is needed"
     assert near(sample.setpoint, asked), f"read() gives set-points {sample.setpoint} Pa after set({asked})"
 
 
@@ -618,9 +615,7 @@ def test_set_points_keep_range_and_rate(unit: Unit) -> None:
     slow.open()
     try:
         confirmed = slow.set((ASKED,) * slow.channels)
-        assert max(confirmed) < ASKED / 2, (
-            f"at max_rate 1 Pa/s the first set() confirmed {confirmed} Pa: the rate is not kept"
-        )
+        assert max(confirmed) < ASKED / 2, f"at max_rate 1 Pa/s the first set() confirmed {confirmed} Pa: the rate is not kept"
         for wrong in ((math.nan,) * slow.channels, (math.inf,) * slow.channels, (0.0,) * (slow.channels + 1)):
             with pytest.raises(LimitExceeded):
                 slow.set(wrong)

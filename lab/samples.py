@@ -23,18 +23,14 @@ Array = NDArray[np.float64]
 LEAST_AREA, MOST_AREA = 1e-6, 20.0
 
 
-def drawn(
-    robot: Robot, catalogue: Mapping[str, EffectSpec], n: int, seed: int
-) -> tuple[tuple[str, ...], Array, list[Robot]]:
+def drawn(robot: Robot, catalogue: Mapping[str, EffectSpec], n: int, seed: int) -> tuple[tuple[str, ...], Array, list[Robot]]:
     """Names (k), values (n, k) and robots (n) of the normal posterior cut at the parameters' bounds.
 
     Raises ConfigError for a robot of which nothing is uncertain.
     """
     names, covariance = robot.joint_uncertainty()
     if not names:
-        raise ConfigError(
-            f"robot {robot.name!r}: nothing of it is uncertain, so there is nothing to draw; see `lab fit --with`"
-        )
+        raise ConfigError(f"robot {robot.name!r}: nothing of it is uncertain, so there is nothing to draw; see `lab fit --with`")
     stated, known = robot.stated, {**TOLERANCES, **stated_effects(robot, catalogue)}
     bounds = {f"{id}.{p.name}": (p.low, p.high) for id, spec in known.items() for p in spec.parameters}
     limits = np.array([bounds.get(name, (LEAST_AREA, MOST_AREA)) for name in names], float)
@@ -58,9 +54,7 @@ def _within(mean: Array, half: Array, limits: Array, rng: np.random.Generator) -
     return np.clip(value, low, high)
 
 
-def write_samples(
-    names: tuple[str, ...], values: Array, robots: list[Robot], folder: Path, given: str = ""
-) -> Iterator[Path]:
+def write_samples(names: tuple[str, ...], values: Array, robots: list[Robot], folder: Path, given: str = "") -> Iterator[Path]:
     """One robot.yaml each, and samples.csv with a line for each and a column for each parameter, in its unit.
 
     `given`: the robot.yaml that they were derived from, see `lab.files.robot_file`.

@@ -23,9 +23,7 @@ def source() -> dict[str, str]:
 
     def ask(*arguments: str) -> str:
         try:
-            done = subprocess.run(
-                ["git", "-C", str(folder), *arguments], capture_output=True, text=True, timeout=5, check=True
-            )
+            done = subprocess.run(["git", "-C", str(folder), *arguments], capture_output=True, text=True, timeout=5, check=True)
         except (OSError, subprocess.SubprocessError):
             return ""
         return done.stdout.strip()

@@ -104,9 +104,7 @@ class Robot(BaseModel):
     outer_radius: FiniteFloat = Field(gt=0, le=1, json_schema_extra={"unit": "m"})
     inner_radius: FiniteFloat = Field(ge=0, le=1, json_schema_extra={"unit": "m"})
     density: FiniteFloat = Field(ge=0, le=20_000, json_schema_extra={"unit": "kg/m^3", "uncertainty": "density"})
-    youngs_modulus: FiniteFloat = Field(
-        ge=1e3, le=1e12, json_schema_extra={"unit": "Pa", "uncertainty": "youngs_modulus"}
-    )
+    youngs_modulus: FiniteFloat = Field(ge=1e3, le=1e12, json_schema_extra={"unit": "Pa", "uncertainty": "youngs_modulus"})
     """`505e3 +- 30 %` also states its uncertainty."""
     shear_modulus: FiniteFloat = Field(ge=1e2, le=1e12, json_schema_extra={"unit": "Pa"})
     tip_mass: FiniteFloat = Field(ge=0, le=50, json_schema_extra={"unit": "kg"})
@@ -115,9 +113,7 @@ class Robot(BaseModel):
         Annotated[FiniteFloat, Field(ge=-30, le=30)],
         Annotated[FiniteFloat, Field(ge=-30, le=30)],
     ] = Field(json_schema_extra={"unit": "m/s^2"})
-    bending_stiffness: Positive | None = Field(
-        default=None, json_schema_extra={"unit": "N m^2", "uncertainty": "youngs_modulus"}
-    )
+    bending_stiffness: Positive | None = Field(default=None, json_schema_extra={"unit": "N m^2", "uncertainty": "youngs_modulus"})
     """EI of the body, in place of that from E and radii; `+- 15 %` states the uncertainty of all stiffnesses."""
     axial_stiffness: Positive | None = Field(default=None, json_schema_extra={"unit": "N"})
     """EA of the body, likewise."""
@@ -182,18 +178,14 @@ class Robot(BaseModel):
         return [*found, *(f"{kind}.ends: {s:g} m is beyond length {self.length:g} m" for s in beyond)]
 
     def _length_problems(self) -> list[str]:
-        found = [
-            f"markers: arc length {s:g} m is beyond length {self.length:g} m" for s in self.markers if s > self.length
-        ]
+        found = [f"markers: arc length {s:g} m is beyond length {self.length:g} m" for s in self.markers if s > self.length]
         tables: dict[str, Mapping[float, float]] = {"spine.modulus": self.spine.modulus if self.spine else {}}
         if isinstance(self.area_factor, dict):
             tables["area_factor"] = self.area_factor
             if not self.area_factor:
                 found.append("area_factor: the table is empty, give a number or at least one spine length")
         for field, table in tables.items():
-            found += [
-                f"{field}: spine length {s:g} m is beyond length {self.length:g} m" for s in table if s > self.length
-            ]
+            found += [f"{field}: spine length {s:g} m is beyond length {self.length:g} m" for s in table if s > self.length]
         return found
 
     def area_factor_at(self, spine_length: ArrayLike) -> Array:

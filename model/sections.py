@@ -28,13 +28,9 @@ class Section(BaseModel):
     inner_radius: Radius | tuple[Radius, Radius] | None = Field(default=None, json_schema_extra={"unit": "m"})
     youngs_modulus: Positive | tuple[Positive, Positive] | None = Field(default=None, json_schema_extra={"unit": "Pa"})
     density: Weight | tuple[Weight, Weight] | None = Field(default=None, json_schema_extra={"unit": "kg/m^3"})
-    bending_stiffness: Positive | tuple[Positive, Positive] | None = Field(
-        default=None, json_schema_extra={"unit": "N m^2"}
-    )
+    bending_stiffness: Positive | tuple[Positive, Positive] | None = Field(default=None, json_schema_extra={"unit": "N m^2"})
     axial_stiffness: Positive | tuple[Positive, Positive] | None = Field(default=None, json_schema_extra={"unit": "N"})
-    torsional_stiffness: Positive | tuple[Positive, Positive] | None = Field(
-        default=None, json_schema_extra={"unit": "N m^2"}
-    )
+    torsional_stiffness: Positive | tuple[Positive, Positive] | None = Field(default=None, json_schema_extra={"unit": "N m^2"})
     mass_per_length: Weight | tuple[Weight, Weight] | None = Field(default=None, json_schema_extra={"unit": "kg/m"})
     chamber_radius: Radius | tuple[Radius, Radius] | None = Field(default=None, json_schema_extra={"unit": "m"})
     """0: the chambers do not reach here."""

@@ -81,9 +81,7 @@ class Posterior(BaseModel):
     parameters: tuple[Name, ...] = Field(min_length=1, max_length=200)
     """area_factor, or EFFECT.PARAMETER of `effects` or `tolerances`."""
     area_factor_sd: FiniteFloat = Field(default=0.0, ge=0, json_schema_extra={"unit": "1"})
-    correlation: tuple[tuple[Correlation, ...], ...] = Field(
-        min_length=1, max_length=200, json_schema_extra={"unit": "1"}
-    )
+    correlation: tuple[tuple[Correlation, ...], ...] = Field(min_length=1, max_length=200, json_schema_extra={"unit": "1"})
     """Lower triangle with diagonal, in the order of `parameters`."""
     law_error: FiniteFloat = Field(default=0.0, ge=0, le=1, json_schema_extra={"unit": "1"})
     """Model-form error, as a share of what each effect does."""
@@ -105,9 +103,7 @@ class Posterior(BaseModel):
             )
         odd = [i for i, row in enumerate(self.correlation) if row[-1] != 1]
         if odd:
-            raise ValueError(
-                f"correlation: {self.correlation[odd[0]][-1]:g} of {self.parameters[odd[0]]} with itself, must be 1"
-            )
+            raise ValueError(f"correlation: {self.correlation[odd[0]][-1]:g} of {self.parameters[odd[0]]} with itself, must be 1")
         least = float(np.linalg.eigvalsh(self.matrix).min())
         if least < LEAST_EIGENVALUE:
             raise ValueError(
@@ -150,9 +146,7 @@ class Residual(BaseModel):
 
 def problems(effects: Table, tolerances: Table, posterior: Posterior | None, area_is_number: bool) -> list[str]:
     """What contradicts itself between the three."""
-    found = [
-        f"{both}: stands in effects and in tolerances, keep one" for both in sorted(set(effects) & set(tolerances))
-    ]
+    found = [f"{both}: stands in effects and in tolerances, keep one" for both in sorted(set(effects) & set(tolerances))]
     found += [
         f"{key}.{id}: states no parameter, leave it out"
         for key, table in (("effects", effects), ("tolerances", tolerances))
@@ -169,9 +163,7 @@ def problems(effects: Table, tolerances: Table, posterior: Posterior | None, are
             elif not posterior.area_factor_sd > 0:
                 found.append("posterior.area_factor_sd = 0: must be above 0 where area_factor is among the parameters")
         elif name not in known:
-            found.append(
-                f"posterior.parameters: {name} is not stated in effects or tolerances, state it or leave it out"
-            )
+            found.append(f"posterior.parameters: {name} is not stated in effects or tolerances, state it or leave it out")
         elif not known[name].sd > 0:
             found.append(f"{name}: sd = 0 {known[name].unit}, must be above 0 for a parameter of the posterior")
     return found

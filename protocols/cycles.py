@@ -74,10 +74,7 @@ def plan(p: Cycles) -> Plan:
         asks = (Ask(up, p.rate), Ask((0.0,) * len(up), p.rate))
         for k in range(1, p.cycles + 1):
             label = f"chambers {', '.join(map(str, end))}, cycle {k} of {p.cycles}: {top / 1e3:g} kPa"
-            steps += [
-                Step(f"{label} {way}", top / p.rate + p.hold, ask)
-                for way, ask in zip(("up", "down"), asks, strict=True)
-            ]
+            steps += [Step(f"{label} {way}", top / p.rate + p.hold, ask) for way, ask in zip(("up", "down"), asks, strict=True)]
     limits = {
         "pressure_pa": max(p.pressures), "pressure_rate_pa_s": p.rate, "spine_speed_m_s": p.spine.speed,
         "tip_mass_kg": p.tip_mass,

@@ -150,9 +150,7 @@ class ProbeMotion:
             return max(float(force[samples - 1]), float(arm[0])) if len(force) >= samples and len(arm) else None
 
         span = begin, self.bench.wait(f"force and arm: {samples} samples", come, 30.0 + samples / 10)
-        read = self.bench.wait(
-            "force and arm: the sample after those", lambda: unloaded(buffers, self.stand.push, span), 30.0
-        )
+        read = self.bench.wait("force and arm: the sample after those", lambda: unloaded(buffers, self.stand.push, span), 30.0)
         return ZeroReading(span, read)
 
     def approach(self, along: float) -> Contact:
@@ -215,8 +213,5 @@ def waypoints(start: Sequence[float], goal: Sequence[float]) -> list[list[float]
     way = np.subtract(goal[:3], start[:3])
     parts = max(1, math.ceil(np.linalg.norm(way) / LONGEST_MOVE), math.ceil(np.linalg.norm(turn) / LARGEST_TURN))
     shares = [i / parts for i in range(1, parts)]
-    between = [
-        [*(start[:3] + way * x), *vector_from_rotation(rotation_from_vector((turn * x).tolist()) @ first)]
-        for x in shares
-    ]
+    between = [[*(start[:3] + way * x), *vector_from_rotation(rotation_from_vector((turn * x).tolist()) @ first)] for x in shares]
     return [*between, list(goal)]

@@ -90,14 +90,9 @@ def plan(p: Stiffness) -> Plan:
         if not steps:
             grow = replace(grow, setup=_setup(p))
         reads = (Reading("load", p.dwell + p.average / 2, 0.0, repeat),)
-        steps.append(
-            Step(f"release, grow, jam: {label}", 8.0 + abs(spine - before) / p.spine.speed + p.spine.settle, grow)
-        )
+        steps.append(Step(f"release, grow, jam: {label}", 8.0 + abs(spine - before) / p.spine.speed + p.spine.settle, grow))
         steps.append(Step(f"zero and approach: {label}", 15.0, approach))
-        steps += [
-            Step(f"deflection {i}: {label}", p.dwell + p.average + 0.5, deflect(i), reads)
-            for i in range(1, p.steps + 1)
-        ]
+        steps += [Step(f"deflection {i}: {label}", p.dwell + p.average + 0.5, deflect(i), reads) for i in range(1, p.steps + 1)]
         before = spine
     limits = {
         "force_n": p.max_force, "arm_speed_m_s": p.speed, "spine_length_m": max(p.spine_lengths),
@@ -206,9 +201,7 @@ def _push(bench: Bench, p: Stiffness, trial: Trial, trials: Trials, work: Pushin
         if force > p.max_force:
             bench.say(f"Force {force:.1f} N is above {p.max_force:g} N: no further deflection at this length")
             break
-    through_pauses(
-        bench, partial(_retreat, bench, trial, trials, work, contact), partial(work.come_back, -probe.stand.standoff)
-    )
+    through_pauses(bench, partial(_retreat, bench, trial, trials, work, contact), partial(work.come_back, -probe.stand.standoff))
 
 
 def _deflect(
@@ -251,9 +244,7 @@ def _feel(trial: Trial, trials: Trials, work: Pushing, depth: float, least: floa
     """
     held = work.probe.held(work.length, depth)
     if held >= least:
-        work.probe.bench.say(
-            f"{why}; but it pushes back with {held:.2f} N: the sensor drifts, and the state is read again"
-        )
+        work.probe.bench.say(f"{why}; but it pushes back with {held:.2f} N: the sensor drifts, and the state is read again")
         return
     work.probe.retreat()  # it may become stiff while a person puts it right
     raise trials.soft(trial, f"it pushes back with {held:.2f} N, expected are {least:.2f} N or more")

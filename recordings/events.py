@@ -96,9 +96,7 @@ TRIAL = _ours(
 PROGRESS = _ours(
     "Progress", "/progress", "t double s, steps int64, steps_planned int64, seconds double s, seconds_planned double s"
 )
-REQUEST = _ours(
-    "Request", "/request", "t double s, kind string, by string, text string, done bool, trial int64, step int64"
-)
+REQUEST = _ours("Request", "/request", "t double s, kind string, by string, text string, done bool, trial int64, step int64")
 ZERO = _ours(
     "Zero", "/zero",
     "t double s, trial int64, direction double*, before double* s, start double* s, end double* s, offset_at double s, "
@@ -194,9 +192,7 @@ class Mark:
 
 def marked(rows: Iterable[TrialRow], marks: Sequence[Mark]) -> list[TrialRow]:
     """Rows with the doubts that are recorded about them."""
-    return [
-        next((replace(row, doubt=m.doubt) for m in marks if m.trial == row.trial and row.t < m.t), row) for row in rows
-    ]
+    return [next((replace(row, doubt=m.doubt) for m in marks if m.trial == row.trial and row.t < m.t), row) for row in rows]
 
 
 # -- to bytes
@@ -244,9 +240,7 @@ def _trial(log_time: int, m: Any) -> TrialEvent:
 
 def _zero(log_time: int, m: Any) -> ZeroEvent:
     numbers = (*m.direction, *m.before, *m.start, *m.end, m.offset_at, m.drift, m.rate)
-    if tuple(map(len, (m.direction, m.before, m.start, m.end))) != (3, 2, 2, 2) or not all(
-        abs(x) <= LARGEST for x in numbers
-    ):
+    if tuple(map(len, (m.direction, m.before, m.start, m.end))) != (3, 2, 2, 2) or not all(abs(x) <= LARGEST for x in numbers):
         raise BadMessage(f"/zero at {m.t:g} s: is not three spans of time, a direction and a drift")
     x, y, z = m.direction
     before, start, end = ((float(a), float(b)) for a, b in (m.before, m.start, m.end))

@@ -186,9 +186,7 @@ class MessageType:
         parts: list[tuple[tuple[bytes, ...], int | None, Field]] = []
         for head, field in zip(self._heads[1:], self.fields[1:], strict=True):
             flat = len(field.shape) == 1 or not field.count
-            parts.append(
-                ((head,) if field.count else (), (field.count if flat else -1) if field.shape else None, field)
-            )
+            parts.append(((head,) if field.count else (), (field.count if flat else -1) if field.shape else None, field))
         return self._heads[0], parts, self._struct.pack
 
     @cached_property

@@ -110,9 +110,7 @@ def _check_header(path: Path, header: list[str]) -> tuple[str, ...]:
 
 def _row(where: str, header: list[str], known: frozenset[str], line: list[str]) -> TrialRow:
     if len(line) != len(header):
-        split = (
-            "; a decimal comma splits one number into two cells: write points (0.40)" if len(line) > len(header) else ""
-        )
+        split = "; a decimal comma splits one number into two cells: write points (0.40)" if len(line) > len(header) else ""
         raise BadTable(f"{where}: {len(line)} cells under {len(header)} columns{split}")
     cells: dict[str, Cell] = {}
     for name, text in zip(header, (cell.strip() for cell in line), strict=True):
@@ -143,11 +141,7 @@ def _value(where: str, name: str, text: str) -> Cell:
     try:
         number = float(text)
     except ValueError:
-        comma = (
-            f"; looks like a decimal comma: write {text.replace(',', '.')}"
-            if _DECIMAL_COMMA.fullmatch(text[:80])
-            else ""
-        )
+        comma = f"; looks like a decimal comma: write {text.replace(',', '.')}" if _DECIMAL_COMMA.fullmatch(text[:80]) else ""
         raise BadTable(f"{where}, {name}: {text[:80]!r} is not a number{comma}") from None
     if not math.isfinite(number):
         raise BadTable(f"{where}, {name}: is {text[:80]}; leave the cell empty where nothing was measured")

@@ -185,9 +185,7 @@ class TrialRow:
             pressures=tuple(given[f"p{i}"] for i in range(1, chambers + 1)),
             tip=_group(given, TIP),
             orientation=_group(given, ORIENTATION),
-            markers=tuple(
-                _group(given, [f"m{i}{axis}" for axis in "xyz"]) or (math.nan,) * 3 for i in range(1, markers + 1)
-            ),
+            markers=tuple(_group(given, [f"m{i}{axis}" for axis in "xyz"]) or (math.nan,) * 3 for i in range(1, markers + 1)),
             sensors={name: value for name, value in given.items() if name.startswith("sensor_")},
             sd={name[3:]: value for name, value in given.items() if name.startswith("sd_")},
         )

@@ -48,9 +48,7 @@ def _pose(log_time: int, tip: np.void) -> bytes | None:
 
 def _markers(log_time: int, tip: np.void) -> bytes | None:
     """Of body markers only the positions: a marker has no orientation of its own."""
-    seen = [
-        _placed(marker, (1.0, 0.0, 0.0, 0.0)) for marker in tip["markers"].tolist() if all(map(math.isfinite, marker))
-    ]
+    seen = [_placed(marker, (1.0, 0.0, 0.0, 0.0)) for marker in tip["markers"].tolist() if all(map(math.isfinite, marker))]
     return _stamped(PosesInFrame(frame_id=BASE_FRAME, poses=seen), log_time) if seen else None
 
 

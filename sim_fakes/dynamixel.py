@@ -273,11 +273,7 @@ class DrumMotor(Device):
         pwm = min(abs(self.get(100)), self.get(36))
         allowed = min(abs(self.get(102)), self.get(38), MOTOR.stall_current * pwm / MOTOR.full_pwm)
         stiffness = MOTOR.stiffness * self.get(84) / MOTOR.p_gain
-        push = (
-            0.0
-            if self.stuck or abs(error) < 2
-            else stiffness * error + (MOTOR.friction if error > 0 else -MOTOR.friction)
-        )
+        push = 0.0 if self.stuck or abs(error) < 2 else stiffness * error + (MOTOR.friction if error > 0 else -MOTOR.friction)
         current = min(max(push, -allowed), allowed)
         self.put(126, round(current))
         self._overloaded_for = self._overloaded_for + dt if abs(current) >= MOTOR.overload_current else 0.0
@@ -480,11 +476,7 @@ class DynamixelFake(PtyFake):
             return
         length = sum(size + 4 for *_, size in asked) + 1
         alert = ALERT if self.motor.get(70) else 0
-        packet = (
-            HEADER
-            + struct.pack("<BHBBB", BROADCAST, length, Instruction.STATUS, alert, servo)
-            + self._held(address, size)
-        )
+        packet = HEADER + struct.pack("<BHBBB", BROADCAST, length, Instruction.STATUS, alert, servo) + self._held(address, size)
         self.send(packet + struct.pack("<H", crc16(packet)))
 
     def _meant(self, address: int) -> int:

@@ -59,9 +59,7 @@ class FaultSwitch:
         elif isinstance(part, UrFake) and part.process is not None:
             self._arm(part.process, fault)
         else:
-            raise ValueError(
-                f"{instrument}: this rig has none, or a fake of an installed package that supports no faults"
-            )
+            raise ValueError(f"{instrument}: this rig has none, or a fake of an installed package that supports no faults")
 
     def drop_out(self, instrument: str, seconds: float) -> None:
         """Pull out the cable of an instrument, or of one of its serial lines ("pressure2"), for `seconds` of host time; what

@@ -127,9 +127,7 @@ class Ft300sFake(PtyFake):
     }
     checked: ClassVar[slice | None] = slice(0, -2)
 
-    def __init__(
-        self, plant: Plant, clock: RigClock, seed: int = 0, lever: tuple[float, float, float] = (0.0, 0.0, 0.1)
-    ) -> None:
+    def __init__(self, plant: Plant, clock: RigClock, seed: int = 0, lever: tuple[float, float, float] = (0.0, 0.0, 0.1)) -> None:
         """`lever`: probe tip in the sensor frame, m."""
         super().__init__("ft300s", clock, 19200, seed)
         self.device = Ft300sDevice(plant, np.random.default_rng(seed), np.array(lever))

@@ -91,6 +91,4 @@ def faults(fake: object) -> str:
     if not isinstance(fake, Fake):
         return f"is of type {type(fake).__name__}, not sim_fakes.instrument.Fake"
     found = [] if isinstance(fake.role, str) and fake.role else [f"role {fake.role!r} must be a key of rig.yaml"]
-    return "; ".join(
-        found + [f"{name} must be callable" for name in ("plug", "table") if not callable(getattr(fake, name))]
-    )
+    return "; ".join(found + [f"{name} must be callable" for name in ("plug", "table") if not callable(getattr(fake, name))])

@@ -344,9 +344,7 @@ class MotiveFake(timing.Thread):
             return struct.pack("<f", self.rate if name == "FrameRate" else 1000.0)
         if name in ("StartRecording", "StopRecording"):
             self.mode = Mode.RECORDING if name == "StartRecording" else Mode.LIVE
-        numbers = dict.fromkeys(
-            ("CurrentMode", "StartRecording", "StopRecording", "LiveMode", "SetRecordTakeName"), DONE
-        )
+        numbers = dict.fromkeys(("CurrentMode", "StartRecording", "StopRecording", "LiveMode", "SetRecordTakeName"), DONE)
         numbers |= {"CurrentMode": self.mode, "AnalogSamplesPerMocapFrame": 0}
         return struct.pack("<i", numbers.get(name, FAILED))
 
@@ -393,9 +391,7 @@ class MotiveFake(timing.Thread):
             return
         for client in [(self._group, self._data_port)] if self._group else self.clients:
             payload = self._last_frames[self.versions.get(client, self.version)]
-            self._send(
-                self._data, client, Message.FRAME, payload[: len(payload) // 2] if self.faults.truncate else payload
-            )
+            self._send(self._data, client, Message.FRAME, payload[: len(payload) // 2] if self.faults.truncate else payload)
 
     def _look(self) -> None:
         """The cameras' view of the plant, with noise."""

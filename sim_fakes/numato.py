@@ -34,9 +34,7 @@ class NumatoFake(PtyFake):
         "over_range": ("garbled", "2"),
     }
 
-    def __init__(
-        self, plant: Plant, clock: RigClock, relays: int = 4, valve: int = 0, baud: int = 19200, seed: int = 0
-    ) -> None:
+    def __init__(self, plant: Plant, clock: RigClock, relays: int = 4, valve: int = 0, baud: int = 19200, seed: int = 0) -> None:
         super().__init__("numato", clock, baud, seed)
         self.plant = plant
         self.coils = [False] * relays

@@ -72,15 +72,11 @@ def _natnet(site: Site, parts: Sequence[MotiveFake]) -> dict[str, Any]:
 OWN: Mapping[str, Fake] = MappingProxyType(
     {
         "ur5": Fake("arm", lambda s: [UrFake(s.plant, s.clock, s.host, s.seed)], lambda s, parts: {"host": s.host}),
-        "natnet": Fake(
-            "mocap", lambda s: [MotiveFake(s.plant, s.clock, s.host, markers=s.markers, seed=s.seed)], _natnet
-        ),
+        "natnet": Fake("mocap", lambda s: [MotiveFake(s.plant, s.clock, s.host, markers=s.markers, seed=s.seed)], _natnet),
         "ft300s": Fake("force", lambda s: [Ft300sFake(s.plant, s.clock, seed=s.seed)], _port),
         "alicat": Fake("pressure", _alicat, _alicat_table, full_scale=400e3),
         "smc_itv": Fake("pressure", _smc_itv, _ports),
-        "dynamixel": Fake(
-            "spine", lambda s: [DynamixelFake(s.plant, s.clock, METRES_PER_TURN, seed=s.seed)], _length_unit
-        ),
+        "dynamixel": Fake("spine", lambda s: [DynamixelFake(s.plant, s.clock, METRES_PER_TURN, seed=s.seed)], _length_unit),
         "tmcl": Fake("spine", lambda s: [TmclFake(s.plant, s.clock, METRES_PER_TURN, seed=s.seed)], _length_unit),
         "numato": Fake("valve", lambda s: [NumatoFake(s.plant, s.clock, seed=s.seed)], _port),
         "pfeiffer": Fake("gauge", lambda s: [PfeifferFake(s.plant, s.clock, seed=s.seed)], _port),

@@ -56,9 +56,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             trial = len({r.trial for r in rows}) + 1
             for step, p in enumerate(PRESSURES, 1):
                 pressures = (p,) * 3 + (0.0,) * (len(robot.chambers.azimuths_deg) - 3)
-                tip = solve(rods_of(robot, conditions(robot, length, pressures)), FINE).tip[0] + 0.2e-3 * rng.normal(
-                    size=3
-                )
+                tip = solve(rods_of(robot, conditions(robot, length, pressures)), FINE).tip[0] + 0.2e-3 * rng.normal(size=3)
                 rows.append(
                     TrialRow(
                         trial=trial,

@@ -20,9 +20,7 @@ ROOMS = ("lab", "drivers", "sim_fakes", "protocols", "recordings", "model", "dia
 
 
 def test_import_contracts_hold() -> None:
-    done = subprocess.run(
-        [Path(sys.executable).parent / "lint-imports"], cwd=ROOT, capture_output=True, text=True, check=False
-    )
+    done = subprocess.run([Path(sys.executable).parent / "lint-imports"], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
 
 
@@ -65,9 +63,7 @@ def test_no_room_but_its_own_speaks_of_fakes(room: str) -> None:
 
 
 def test_in_lab_only_the_modules_that_start_them_import_the_fakes() -> None:
-    users = {
-        p.stem for p in (ROOT / "lab").rglob("*.py") if re.search(r"^\s*(from|import) sim_fakes", p.read_text(), re.M)
-    }
+    users = {p.stem for p in (ROOT / "lab").rglob("*.py") if re.search(r"^\s*(from|import) sim_fakes", p.read_text(), re.M)}
     assert users == {"fakes", "demo", "driver_contract", *BLIND_BENCH}
 
 
@@ -87,9 +83,7 @@ def test_no_file_names_a_machine_path_or_a_package_index() -> None:
     assert found == []
 
 
-PAGES = sorted(
-    {ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")} | set((ROOT / "docs").rglob("*.md"))
-)
+PAGES = sorted({ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")} | set((ROOT / "docs").rglob("*.md")))
 MOST_WORDS = 35_000
 """Of all pages together."""
 
@@ -122,9 +116,7 @@ def calls(path: Path, name: str) -> list[ast.Call]:
 
 
 def test_text_reaches_the_screen_through_the_plain_console_alone() -> None:
-    parts = re.compile(
-        r"^\s*(from rich(\.(console|text|markup|progress|live|panel|logging))? import|import rich)", re.M
-    )
+    parts = re.compile(r"^\s*(from rich(\.(console|text|markup|progress|live|panel|logging))? import|import rich)", re.M)
     assert [str(p) for p in LAB if p != CONSOLE and parts.search(p.read_text())] == []
     assert [str(p) for p in LAB if calls(p, "Text") and p != CONSOLE] == []
 
@@ -138,9 +130,7 @@ THEIR_OWN_TIME = (
 
 def test_all_else_waits_on_the_one_clock() -> None:
     """So that it can jump over the time in which everything waits, see `timing`."""
-    waits = re.compile(
-        r"\btime\.(sleep|monotonic)\b|\bthreading\.(Event|R?Lock|Condition|Thread|Timer)\(|\bselect\.select\("
-    )
+    waits = re.compile(r"\btime\.(sleep|monotonic)\b|\bthreading\.(Event|R?Lock|Condition|Thread|Timer)\(|\bselect\.select\(")
     files = [p for room in (*ROOMS, "tests") for p in (ROOT / room).rglob("*.py")]
     found = [
         f"{path.relative_to(ROOT)}:{number}"
@@ -194,12 +184,7 @@ def test_the_wheel_holds_whatever_the_rooms_hold_and_nothing_else() -> None:
     build = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
     assert build["packages"]["find"]["include"] == [f"{room}*" for room in ROOMS]
     patterns = ("*.py", *build["package-data"]["*"])
-    files = [
-        path
-        for room in ROOMS
-        for path in (ROOT / room).rglob("*")
-        if path.is_file() and "__pycache__" not in path.parts
-    ]
+    files = [path for room in ROOMS for path in (ROOT / room).rglob("*") if path.is_file() and "__pycache__" not in path.parts]
     left_out = [str(p) for p in files if not any(p.match(pattern) for pattern in patterns)]
     assert left_out == []
     away = [str(p) for p in files if p.suffix == ".py" and re.search(r"/ \"(examples|tests|docs)\b", p.read_text())]

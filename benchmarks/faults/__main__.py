@@ -95,9 +95,7 @@ def main() -> int:
     parser.add_argument("--phase", action="append", default=[], choices=PHASES)
     parser.add_argument("--jobs", type=int, default=2, help="processes, each with fakes of its own")
     parser.add_argument("--report", type=Path, default=Path("out/faults.jsonl"))
-    parser.add_argument(
-        "--resume", action="store_true", help="keep what the report holds; try what is missing or failed"
-    )
+    parser.add_argument("--resume", action="store_true", help="keep what the report holds; try what is missing or failed")
     parser.add_argument("--share", help="I/N: every N-th cell from the I-th on, in this process")
     a = parser.parse_args()
     if a.share:

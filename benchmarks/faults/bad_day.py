@@ -132,9 +132,7 @@ def one(fakes: FakeRig, day: str, scene: str) -> Cell:
         if scene == "after a crash":
             crash(program)
         called = DAYS[day](rig)
-        words = (
-            ["-c", ANOTHER, str(called)] if day == "another user" else ["-m", "lab.cli", "safe", "--rig", str(called)]
-        )
+        words = ["-c", ANOTHER, str(called)] if day == "another user" else ["-m", "lab.cli", "safe", "--rig", str(called)]
         witness = Witness(fakes)
         witness.start()
         began = time.monotonic()
@@ -210,9 +208,7 @@ def main() -> int:
     if a.json:
         a.json.write_text(json.dumps([asdict(c) for c in cells], indent=1))
     late = [c for c in cells if not c.safe_s <= LIMIT]
-    print(
-        f"{len(cells) - len(late)} of {len(cells)} safe within {LIMIT:g} s, slowest {max(c.safe_s for c in cells):.2f} s"
-    )
+    print(f"{len(cells) - len(late)} of {len(cells)} safe within {LIMIT:g} s, slowest {max(c.safe_s for c in cells):.2f} s")
     return 1 if late else 0
 
 

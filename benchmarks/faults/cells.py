@@ -97,9 +97,7 @@ class Verdict:
     tries: int = 1
 
 
-def cells(
-    subjects: tuple[str, ...] = SUBJECTS, faults: tuple[str, ...] = FAULTS, phases: tuple[str, ...] = PHASES
-) -> list[Cell]:
+def cells(subjects: tuple[str, ...] = SUBJECTS, faults: tuple[str, ...] = FAULTS, phases: tuple[str, ...] = PHASES) -> list[Cell]:
     """All cells, phase by phase; those of one rig together."""
     every = [Cell(s, f, p) for s in subjects for f in faults for p in phases]
     return sorted(every, key=lambda c: (ORDER.index(c.phase), c.second_rig))

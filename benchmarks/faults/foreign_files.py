@@ -31,12 +31,8 @@ CELLS = (
     "1e308", "0", "-0", "9" * 400, "\u0663", "50 kPa", "12 mm", '"', "=1+1", "TRUE", "O.5", "1.2.3", "[mm]", "Tip X [mm]", "\0",
 )  # fmt: skip
 """What stands in a cell where nobody expects it."""
-LABVIEW = (
-    "LabVIEW Measurement\t\nSeparator\tTab\nDate\t2024/03/01\n***End_of_Header***\t\n\t\nChannels\t6\t\t\t\t\t\t\t\n"
-)
-MOTIVE = (
-    "Format Version,1.23,Take Name,Take 1,Capture Frame Rate,2.5,Rotation Type,Quaternion,Length Units,Millimeters\n\n"
-)
+LABVIEW = "LabVIEW Measurement\t\nSeparator\tTab\nDate\t2024/03/01\n***End_of_Header***\t\n\t\nChannels\t6\t\t\t\t\t\t\t\n"
+MOTIVE = "Format Version,1.23,Take Name,Take 1,Capture Frame Rate,2.5,Rotation Type,Quaternion,Length Units,Millimeters\n\n"
 
 
 def binary_files(folder: Path) -> dict[str, bytes]:
@@ -72,9 +68,7 @@ def text_tables() -> dict[str, bytes]:
     pose = text(rows, headings=(), change=lambda k, c: [str(k), c[0], "0", "0", "0", "1", *c[4:]])
     vicon = "Trajectories\n2.5\n,,,,,Rig:Tip,,\nFrame,Time,P1,P2,P3,X,Y,Z\n,s,kPa,kPa,kPa,mm,mm,mm\n"
     named = ["rep", "chambers", "Roll", "Pitch", "Yaw"]
-    counted = text(
-        rows, ";", [*HEADINGS, *named], lambda k, c: [*c, str(1 + k // 45), "ABC"[k // 15 % 3], c[5], c[4], "0"]
-    )
+    counted = text(rows, ";", [*HEADINGS, *named], lambda k, c: [*c, str(1 + k // 45), "ABC"[k // 15 % 3], c[5], c[4], "0"])
     return {
         "counted.csv": counted.encode(),
         "spreadsheet.csv": ("Ger\xe4t;7\n" + text(rows, ";", german, lambda k, c: comma(c, *range(7)))).encode("latin-1"),

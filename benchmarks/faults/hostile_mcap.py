@@ -101,9 +101,7 @@ def _payload(inner: list[Record], rng: random.Random) -> None:
         at = rng.randrange(max(1, len(body)))
         match rng.randrange(4):
             case 0:
-                body[at : at + 8] = struct.pack(
-                    "<d", rng.choice((float("nan"), float("inf"), -1e308, 1e308, 0.0, -1.0))
-                )
+                body[at : at + 8] = struct.pack("<d", rng.choice((float("nan"), float("inf"), -1e308, 1e308, 0.0, -1.0)))
             case 1:
                 body[at : at + 1] = rng.randbytes(1)
             case 2:
@@ -185,9 +183,7 @@ def _shape(inner: list[Record], rng: random.Random) -> None:
         key = struct.unpack_from("<I", body, at - 4)[0]
         value = at + key
         old = struct.unpack_from("<I", body, value)[0]
-        text = rng.choice((*TEXTS, "0", "3", "8", "9999", "0x1000000000", "2x3", "3x3", "3x0")).encode(
-            "utf-8", "replace"
-        )
+        text = rng.choice((*TEXTS, "0", "3", "8", "9999", "0x1000000000", "2x3", "3x3", "3x0")).encode("utf-8", "replace")
         new = body[:value] + struct.pack("<I", len(text)) + text + body[value + 4 + old :]
         topic = struct.unpack_from("<I", new, 4)[0]
         encoding = 8 + topic + 4 + struct.unpack_from("<I", new, 8 + topic)[0]

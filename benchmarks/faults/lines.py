@@ -104,9 +104,7 @@ def main() -> int:
         a.json.write_text(json.dumps([asdict(c) for c in cells], indent=1))
     late = [c for c in cells if not c.safe_s <= LIMIT]
     slowest = max(c.safe_s for c in cells)
-    print(
-        f"{len(cells) - len(late)} of {len(cells)} safe within {LIMIT:g} s of the line's return, slowest {slowest:.2f} s"
-    )
+    print(f"{len(cells) - len(late)} of {len(cells)} safe within {LIMIT:g} s of the line's return, slowest {slowest:.2f} s")
     return 1 if late else 0
 
 

@@ -181,9 +181,7 @@ class Night:
         wanted = [_state(planned, i) for i in range(len(planned["trial"]))]
         had = [_state({name: table[name] for name in planned}, i) for i in range(len(table))]
         missing = [state for state in wanted if not any(_same(state, other) for other in had)]
-        beyond = [
-            s for k, s in enumerate(had) if any(s[:2] == o[:2] for o in had[:k]) or not any(_same(w, s) for w in wanted)
-        ]
+        beyond = [s for k, s in enumerate(had) if any(s[:2] == o[:2] for o in had[:k]) or not any(_same(w, s) for w in wanted)]
         again = [compare(Recording.open(file)) for file in files]
         outcomes = [json.loads(line) for line in self._journal() if '"outcome"' in line]
         return Report(

@@ -175,9 +175,7 @@ def summary(trials: list[Trial]) -> int:
     late = [t for t in trials if not t.told_ms <= LIMIT_MS]
     for regulators, way in sorted({(t.regulators, t.way) for t in trials}):
         values = np.array([t.told_ms for t in trials if (t.regulators, t.way) == (regulators, way)])
-        figures = (
-            f"median {np.nanmedian(values):.0f}, p99 {np.nanpercentile(values, 99):.0f}, worst {values.max():.0f} ms"
-        )
+        figures = f"median {np.nanmedian(values):.0f}, p99 {np.nanpercentile(values, 99):.0f}, worst {values.max():.0f} ms"
         print(f"{regulators}, {way}: {figures} (n = {len(values)}, limit {LIMIT_MS:g} ms)")
     for t in late:
         print(f"LATE: {t}")

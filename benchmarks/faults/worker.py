@@ -57,9 +57,7 @@ def work(todo: Job, line: Connection) -> Result:
             if failures:
                 error, ended = failures[0], time.monotonic()
             else:
-                outcome = execute(
-                    rig, planned, Path(todo.folder), Screen(todo.protocol, planned.rig.clock.speed, quiet=True)
-                )
+                outcome = execute(rig, planned, Path(todo.folder), Screen(todo.protocol, planned.rig.clock.speed, quiet=True))
                 error, report, ended, rows = outcome.error, rig.report, rig.ended, len(outcome.table)
             landed = time.monotonic()
     except RigLocked as e:

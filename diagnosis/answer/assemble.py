@@ -37,9 +37,7 @@ def data_section(p: Prepared, table: Table) -> Data:
     """The section `data`: what was diagnosed."""
     repeated = p.noise_components.contrasts + (p.pushes.noise_components.contrasts if p.pushes is not None else 0)
     source = (
-        f"{repeated} differences between repeats"
-        if repeated
-        else "default noise of settled readings, since nothing was repeated"
+        f"{repeated} differences between repeats" if repeated else "default noise of settled readings, since nothing was repeated"
     )
     channels = tuple(dict.fromkeys(p.labels.channel.tolist()))
     noise = p.noise_components.channel["tip"]
@@ -55,9 +53,7 @@ def locate_section(f: Attribution, stages: Mapping[str, str]) -> Locate:
     gap = p.gap(missed)
     seen = np.asarray(np.isfinite(gap).all(axis=1))
     own = p.states.take(seen)
-    by = locate.cells(
-        own, gap[seen], p.noise_floor, {s: m[seen] for s, m in _markers(p, missed).items()}, _pushes(p, missed)
-    )
+    by = locate.cells(own, gap[seen], p.noise_floor, {s: m[seen] for s, m in _markers(p, missed).items()}, _pushes(p, missed))
     rmse = float(np.sqrt((gap[seen] ** 2).sum(axis=1).mean()))
     significant = any(c.significant for group in by.values() for c in group)
     stage = dict.fromkeys(STAGES, 0.0) | f.posterior.by_stage(stages)
@@ -190,9 +186,7 @@ def detail_section(
                 "explained_unseen": (p.states.tip - unseen.after.vector)[~p.states.pushed].tolist(),
             }
     if p.pushes is not None:
-        made["stiffness"] = _stiffness(
-            p, p.pushes, {"as given": given, "calibrated": calibrated, "explained": explained}
-        )
+        made["stiffness"] = _stiffness(p, p.pushes, {"as given": given, "calibrated": calibrated, "explained": explained})
         if unseen is not None:
             pairs = (("unseen: calibrated", unseen.before.deflection), ("unseen: explained", unseen.after.deflection))
             made["stiffness"]["waterfall_mm"] |= {name: _rms_of(error) for name, error in pairs}

@@ -77,9 +77,7 @@ class Attribution:
         """Groups of probable, detectable effects that these data cannot tell apart."""
         seen = [e for e in self.distinguishability.effects if self.distinguishability.detectable(e)]
         probable = [e for e in seen if self.posterior.of_effect(e) > RIVAL_PROBABILITY]
-        groups = (
-            tuple(e for e in probable if e == one or e in self.distinguishability.rivals(one)) for one in probable
-        )
+        groups = (tuple(e for e in probable if e == one or e in self.distinguishability.rivals(one)) for one in probable)
         return tuple(dict.fromkeys(g for g in groups if len(g) > 1))
 
 
@@ -100,9 +98,7 @@ def attribute(p: Prepared, stages: Mapping[str, Stage], executor: Executor = SIN
     leading, best = search.leading_and_answer(*(k.candidates[k.ranking[0][0]] for k in (whole, known)))
     misfit = misfit_diagnostics(p.problem, leading, p.labels.trial, p.noise_components.excess_scatter, best)
     # Where a tolerance of the leading hypothesis is the cause that is named, an error of its stage is that cause.
-    of_stages = min(
-        (_stage_errors(p, c, stages) for c in {leading.named: leading, best.named: best}.values()), key=total_gain
-    )
+    of_stages = min((_stage_errors(p, c, stages) for c in {leading.named: leading, best.named: best}.values()), key=total_gain)
     asked = {c.named: c for c in (search.with_all_derivatives(found[NONE]), leading, best)}
     among = related(p, tuple(asked.values()), found)
     odds = odds_outside(search.tried, among, total_gain(of_stages), misfit.excess_scatter, effects)

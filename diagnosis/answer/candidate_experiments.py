@@ -94,9 +94,7 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Experiment]:
         offered.insert(3, Experiment("other_chambers", f"inflate {words.group(others)} instead", turned, 0.0))
     if robot.spine is not None and (between := _between(s.spine_length, 0.005)):
         shown = ", ".join(f"{x * 100:g}" for x in between)
-        offered.append(
-            Experiment("lengths", f"spine lengths in between: {shown} cm", {**base, "spine_lengths": between}, 0.0)
-        )
+        offered.append(Experiment("lengths", f"spine lengths in between: {shown} cm", {**base, "spine_lengths": between}, 0.0))
     if between := _between(s.highest[s.highest > s.pressure_gap], s.pressure_gap):
         offered.append(Experiment("pressures", "pressures in between", {**base, "pressures": between}, 0.0))
     if robot.spine is not None:

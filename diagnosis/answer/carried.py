@@ -17,9 +17,7 @@ def carried(f: Attribution) -> tuple[Carries, ...]:
     linear = c.linear(f.prepared.problem)
     reduced = linear.reduced(c.grid_point.size, c.grid_point.form_error)
     seen = visible(reduced, p, p.ids, c.grid_point.spike, linear.effect_size)
-    floor = 1e3 * (
-        f.prepared.pushes.noise_floor if f.prepared.pushes and f.prepared.pushes_only else f.prepared.noise_floor
-    )
+    floor = 1e3 * (f.prepared.pushes.noise_floor if f.prepared.pushes and f.prepared.pushes_only else f.prepared.noise_floor)
     out = []
     for effect in p.ids:
         low, middle, high = (x * 1e3 for x in f.budget.interval(effect, *INTERVAL))

@@ -98,9 +98,7 @@ def headline(
         if a.conclusion != "one of several":
             return _start(words.say(f"{said} {sure}."))
         if closed is not None and closed <= 0:
-            return _start(
-                words.say(f"unclear: nothing closes the gap; nearest is {_name_all(a.effects, catalogue)} {sure}.")
-            )
+            return _start(words.say(f"unclear: nothing closes the gap; nearest is {_name_all(a.effects, catalogue)} {sure}."))
         return _start(words.say(_tied(a, catalogue, words) or f"most likely {said} {sure}."))
     if a.verdict == "unknown":
         found = stage(asking)
@@ -161,9 +159,7 @@ def _says_all(
     return f"{said[0]}, and {len(said) - 1} more"
 
 
-def _says(
-    effect: str, catalogue: Mapping[str, EffectSpec], sizes: Mapping[str, Value], words: Words, spread: bool
-) -> str:
+def _says(effect: str, catalogue: Mapping[str, EffectSpec], sizes: Mapping[str, Value], words: Words, spread: bool) -> str:
     spec = catalogue.get(effect)
     if spec is None or not spec.says:
         return f"{effect.replace('_', ' ') if spec is None else spec.name} is at work"
@@ -172,9 +168,7 @@ def _says(
         return re.sub(r"\[(\w+)\|(\w+)\]", r"\1 or \2", spec.says).replace("{}", "some amount")
     own = [sizes[f"{effect}.{p.name}"] for p in parts if p.unit == parts[0].unit]
     total = parts[0].sign == "positive" and len(own) > 1
-    size = (
-        own[0].value if len(own) == 1 else sum(v.value for v in own) if total else math.hypot(*(v.value for v in own))
-    )
+    size = own[0].value if len(own) == 1 else sum(v.value for v in own) if total else math.hypot(*(v.value for v in own))
     # of a vector's length, its parts independent; of a sum they are not
     sd = 0.0 if total or not size else math.hypot(*(v.value / size * v.sd for v in own))
     said = re.sub(r"\[(\w+)\|(\w+)\]", r"\1" if size >= 0 else r"\2", spec.says)

@@ -66,9 +66,7 @@ def cells(
     found["branch"] = [cell(name, own, gap) for name, own in branches.items() if own.any()]
     found["time"] = [cell(_mean(states.time, m), m, gap) for m in _bins(states.time)]
     found["arc_length"] = [
-        cell(s, np.asarray(np.isfinite(missed).all(axis=1)), missed)
-        for s, missed in markers.items()
-        if np.isfinite(missed).any()
+        cell(s, np.asarray(np.isfinite(missed).all(axis=1)), missed) for s, missed in markers.items() if np.isfinite(missed).any()
     ]
     if pushes is not None:
         found["stiffness"] = _specimens(pushes, rng)

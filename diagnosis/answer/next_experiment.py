@@ -27,9 +27,7 @@ Array = NDArray[np.float64]
 CHANNELS = ("x", "y", "z", "qw", "qx", "qy", "qz")
 
 
-def propose(
-    p: Prepared, rivals: Rivals, weighed: Posterior, executor: Executor = SINGLE_THREAD
-) -> tuple[Proposal, ...]:
+def propose(p: Prepared, rivals: Rivals, weighed: Posterior, executor: Executor = SINGLE_THREAD) -> tuple[Proposal, ...]:
     """Experiments that are not in the campaign; none after stiffness trials alone.
 
     Those that separate candidates with a probability above `RIVAL_WORTH_SEPARATING` come first, then best bits for their time;
@@ -38,9 +36,7 @@ def propose(
     if len(rivals.candidates) < 2 or p.pushes_only:
         return ()
     menu = candidate_experiments(p.robot, p.states.take(~p.states.pushed))
-    possible = frozenset(
-        " + ".join(h) or "none" for h, probability in weighed.ranking if probability > RIVAL_WORTH_SEPARATING
-    )
+    possible = frozenset(" + ".join(h) or "none" for h, probability in weighed.ranking if probability > RIVAL_WORTH_SEPARATING)
     found = executor.map(partial(_proposal, p, rivals, possible), menu, DiagnosisStep.EXPERIMENTS)
     by_rig = p.robot.actuators.words.by_rig
 

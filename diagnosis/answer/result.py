@@ -373,9 +373,7 @@ def _names(lists: list[list[str]]) -> tuple[tuple[str, ...], ...]:
 def _read(d: dict[str, Any]) -> Diagnosis:
     where, which, far = d["locate"], d["attribute"], d["shrink"]
     ranking = tuple(
-        Ranked(
-            **{**r, "effects": tuple(r["effects"]), "parameters": {k: Value(**v) for k, v in r["parameters"].items()}}
-        )
+        Ranked(**{**r, "effects": tuple(r["effects"]), "parameters": {k: Value(**v) for k, v in r["parameters"].items()}})
         for r in which["ranking"]
     )
     shrink = None

@@ -172,9 +172,7 @@ def _errors(p: Prepared, forward: ForwardModel) -> tuple[Array, Array]:
     """Columns (n, m) of a discrepancy of size 1 over new values, the basis (n, b) of a law's error."""
     channel, design = forward.observations.channel, forward.design
     highest = design.pressure.max(axis=1)
-    where = settings(
-        design.spine_length, highest, np.where(design.unload, -1.0, 1.0), np.zeros(len(design)), p.robot.length
-    )
+    where = settings(design.spine_length, highest, np.where(design.unload, -1.0, 1.0), np.zeros(len(design)), p.robot.length)
     names = sorted(set(channel.tolist()))
     size = np.array([2 * p.unit / p.robot.length if n.startswith("r") else p.unit for n in names])
     number = np.array([names.index(c) for c in channel])

@@ -107,9 +107,7 @@ def _what(f: Facts) -> tuple[str, int]:
 
 def _sure(f: Facts) -> str:
     d = f.decision
-    given = (
-        "" if d.verdict == "unknown" or d.outside < OUTSIDE_STATED else f"; {d.within:.2f} if it is in the catalogue"
-    )
+    given = "" if d.verdict == "unknown" or d.outside < OUTSIDE_STATED else f"; {d.within:.2f} if it is in the catalogue"
     return f"p = {d.probability:.2f}{given}; {f.benchmark}"
 
 
@@ -231,9 +229,7 @@ def stands_for(c: Calibration | None, words: Words) -> str:
         if o.probability >= LEAST_STATED or o is c.origins[0]
     ]
     stiff = any(o.name in ("youngs_modulus", "bending_stiffness") for o in c.origins)
-    by_mass = (
-        "measure the body's stiffness without pressures (a stiffness trial, or a mass at the tip), " if stiff else ""
-    )
+    by_mass = "measure the body's stiffness without pressures (a stiffness trial, or a mass at the tip), " if stiff else ""
     return words.say(
         f"An area factor of {c.area_factor:.2f} instead of {c.given:.2f}, with {c.modulus:.2f} times the modulus, may stand for "
         f"another number of the robot (p that it makes most of it, as uncertain as all are): {', '.join(each)}. To tell, "
@@ -340,8 +336,7 @@ def _closing(f: Facts) -> str:
         return ""
     if share < EXPLAINS:
         return (
-            f"Closest: {nearest}, which does not explain the gap ({before} mm without it, {after} mm with it on unseen "
-            "states)."
+            f"Closest: {nearest}, which does not explain the gap ({before} mm without it, {after} mm with it on unseen states)."
         )
     return (
         f"Closest: {nearest}, which closes {percent(share)} % of the reducible gap on unseen states but leaves errors that "
@@ -405,9 +400,7 @@ def disorder(ranking: Sequence[Ranked]) -> str:
     That a cause lies outside the catalogue has no evidence of its own.
     """
     known = [r for r in ranking if r.effects != UNKNOWN and r.probability >= LEAST_STATED]
-    over = [
-        (a, b) for a, b in combinations(known, 2) if a.probability > b.probability and a.log_evidence < b.log_evidence
-    ]
+    over = [(a, b) for a, b in combinations(known, 2) if a.probability > b.probability and a.log_evidence < b.log_evidence]
     if not over:
         return ""
     if any(len(b.effects) <= len(a.effects) and b.effects for a, b in over):

@@ -90,9 +90,7 @@ class HeldOut:
         return lambda: [missed(residual) for residual in residuals()]
 
 
-def shrink(
-    p: Prepared, calibrated: Fit, best: Candidate, held_out: HeldOut
-) -> Callable[[], tuple[Shrink, HeldOutErrors]]:
+def shrink(p: Prepared, calibrated: Fit, best: Candidate, held_out: HeldOut) -> Callable[[], tuple[Shrink, HeldOutErrors]]:
     """Start the refits of the baseline and of the named hypothesis; the function that is returned waits for them."""
     both = held_out.errors([baseline_model(p, calibrated), candidate_model(p, best)], DiagnosisStep.HELD_OUT_STATES)
 
@@ -102,9 +100,7 @@ def shrink(
         seen = np.isfinite(before) & np.isfinite(after)
         share, interval = closed_with_interval(before[seen], after[seen], p.noise_floor, p.states.trial[seen])
         by = by_length(p.states.spine_length[seen], before[seen], after[seen])
-        made = Shrink(
-            held_out.how, 1e3 * rms(before[seen]), 1e3 * rms(after[seen]), 1e3 * p.noise_floor, share, interval, by
-        )
+        made = Shrink(held_out.how, 1e3 * rms(before[seen]), 1e3 * rms(after[seen]), 1e3 * p.noise_floor, share, interval, by)
         return made, HeldOutErrors(of_baseline, of_best, held_out.how)
 
     return shrunk
@@ -115,9 +111,7 @@ def by_length(spine_length: Array, before: Array, after: Array) -> tuple[LengthS
     level = levels(spine_length, SPINE_GAP)
     parts = (level == k for k in np.unique(level))
     return tuple(
-        LengthShrink(
-            float(np.round(spine_length[i].mean(), 6)), 1e3 * rms(before[i]), 1e3 * rms(after[i]), int(i.sum())
-        )
+        LengthShrink(float(np.round(spine_length[i].mean(), 6)), 1e3 * rms(before[i]), 1e3 * rms(after[i]), int(i.sum()))
         for i in parts
     )
 

@@ -120,9 +120,7 @@ class _Errors:
         self._given: Array = np.linalg.norm(p.gap(p.problem.observed - p.given), axis=1)
         self._by_causes, self._tolerant, self._smooth = by_causes, tolerant, smooth
         self.simulator = simulator
-        every = np.array(
-            [self._given, *by_causes.values(), tolerant, smooth, *([simulator] if simulator is not None else ())]
-        )
+        every = np.array([self._given, *by_causes.values(), tolerant, smooth, *([simulator] if simulator is not None else ())])
         self.seen: NDArray[np.bool_] = np.asarray(np.isfinite(every).all(axis=0))
         """(states,) predicted by every model."""
         again = resampled(p.states.trial[self.seen])
@@ -157,9 +155,7 @@ class _Errors:
         """rms by level of a factor (states,)."""
         level = levels(values, gap)
         parts = [np.flatnonzero(self.seen & (level == k)) for k in np.unique(level[self.seen])]
-        return tuple(
-            Level(float(np.round(values[i].mean(), 6)), len(i), tuple(1e3 * rms(c[i]) for c in columns)) for i in parts
-        )
+        return tuple(Level(float(np.round(values[i].mean(), 6)), len(i), tuple(1e3 * rms(c[i]) for c in columns)) for i in parts)
 
     def _with(self, causes: Sequence[str]) -> Array:
         return self._by_causes[frozenset(causes)]

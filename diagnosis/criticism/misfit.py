@@ -81,9 +81,7 @@ def misfit_diagnostics(
         # A tolerance of the best hypothesis may be strained because it is the cause that the answer names.
         point = answer.grid_point
         named = Gaussian(of_answer, answer.prior(p), point.size, point.form_error)
-        prior_tension, furthest_from_prior = min(
-            (prior_tension, furthest_from_prior), _prior_tension(named, p, answer.named)[:2]
-        )
+        prior_tension, furthest_from_prior = min((prior_tension, furthest_from_prior), _prior_tension(named, p, answer.named)[:2])
     return MisfitDiagnostics(
         lack_of_fit=lack_of_fit,
         prior_tension=prior_tension,

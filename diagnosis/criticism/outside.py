@@ -177,9 +177,7 @@ class _Relatives:
 
     @property
     def ids(self) -> tuple[str, ...]:
-        return tuple(
-            dict.fromkeys(i.source for i, column in zip(self.infos, self.white.T, strict=True) if column.any())
-        )
+        return tuple(dict.fromkeys(i.source for i, column in zip(self.infos, self.white.T, strict=True) if column.any()))
 
     def beside(self, linear: Linear, p: Parameters) -> tuple[Linear, Parameters]:
         """A linear problem and its parameters with the relatives as further effects."""

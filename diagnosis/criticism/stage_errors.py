@@ -100,9 +100,7 @@ def _gain(g: Gaussian, columns: Array) -> float:
     value, vector = np.linalg.eigh(g.inner(columns))
     value = np.maximum(value, 0.0)
     along = (vector.T @ (columns.T @ g.residual)) ** 2
-    gains = [
-        0.5 * float((along * s**2 / (1 + s**2 * value)).sum() - np.log1p(s**2 * value).sum()) for s in STAGE_ERROR_SIZES
-    ]
+    gains = [0.5 * float((along * s**2 / (1 + s**2 * value)).sum() - np.log1p(s**2 * value).sum()) for s in STAGE_ERROR_SIZES]
     return _mean(gains)
 
 

@@ -50,7 +50,5 @@ class Baseline:
             f"q{name}": column for name, column in zip("wxyz", self.orientation.T, strict=True)
         }
         return out | {
-            f"m{k + 1}{axis}": self.markers[:, k, i]
-            for k in range(self.markers.shape[1])
-            for i, axis in enumerate("xyz")
+            f"m{k + 1}{axis}": self.markers[:, k, i] for k in range(self.markers.shape[1]) for i, axis in enumerate("xyz")
         }

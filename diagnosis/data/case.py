@@ -60,9 +60,7 @@ def states(case: CaseLike) -> tuple[Campaign, tuple[str, ...]]:
         bad = every - len(usable) - len(usable_pushes)
         concerns.append(f"{bad} of {every} states have values that are not finite and are left out")
     if not usable and not usable_pushes:
-        raise BadCase(
-            f"all {len(of_robot) + len(of_trials)} states have values that are not finite: nothing can be compared"
-        )
+        raise BadCase(f"all {len(of_robot) + len(of_trials)} states have values that are not finite: nothing can be compared")
     plausible.require_plausible(robot, usable + usable_pushes)
     pushes.require_plausible(robot, usable_pushes)
     arrays = _arrays(usable, usable_pushes)
@@ -179,13 +177,11 @@ def _concerns(s: Campaign, spine: bool) -> list[str]:
     pressures = len(np.unique(levels(own.highest, s.pressure_gap)))
     if spine and lengths < 2:
         notes.append(
-            "only one spine length: effects of the spine and of the body cannot be distinguished; record at least "
-            "two lengths"
+            "only one spine length: effects of the spine and of the body cannot be distinguished; record at least two lengths"
         )
     if pressures < 2:
         notes.append(
-            "only one pressure: no cause can be distinguished from an error of the chambers' area; record "
-            "at least two pressures"
+            "only one pressure: no cause can be distinguished from an error of the chambers' area; record at least two pressures"
         )
     if s.highest.max() < s.pressure_gap:
         notes.append("no state is bent: chambers, spine and material cannot be judged; record a bending sweep")
@@ -199,7 +195,6 @@ def _concerns(s: Campaign, spine: bool) -> list[str]:
         )
     if not (own.branch < 0).any():
         notes.append(
-            "no unload branch: friction, creep and a time lag cannot be distinguished; read the states on the way "
-            "down too"
+            "no unload branch: friction, creep and a time lag cannot be distinguished; read the states on the way down too"
         )
     return notes

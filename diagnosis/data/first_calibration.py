@@ -188,9 +188,7 @@ def _weight_explains(robot: Robot, states: Campaign, most: float) -> bool:
     """Whether one weight more, at the tip or all along the body, leaves less than `most` (m) of robust rms, all other numbers
     within the bounds of the diagnosis' own fit."""
     heavier = [(robot, _with_payload(robot, states, share * body_mass(robot))) for share in FIRST_PAYLOADS]
-    heavier += [
-        (robot.model_copy(update={"gravity": tuple(f * g for g in robot.gravity)}), states) for f in FIRST_WEIGHTS
-    ]
+    heavier += [(robot.model_copy(update={"gravity": tuple(f * g for g in robot.gravity)}), states) for f in FIRST_WEIGHTS]
     fits = ((r, s, _fitted(r, s, FIRST_USUAL, _turned(0.0))) for r, s in heavier)
     return any(theta is not None and _rms(r, s, theta) < most for r, s, theta in fits)
 
@@ -325,9 +323,7 @@ def _told(
         given, now = robot.actuators.azimuths_deg[second], made.actuators.azimuths_deg[second]
         out.append(Adjusted("chambers counted the other way round, azimuth of the second", given, now, "deg", False))
     if beyond[1]:
-        out.append(
-            Adjusted("youngs_modulus", robot.youngs_modulus / 1e3, made.youngs_modulus / 1e3, "kPa", bool(at_bound[1]))
-        )
+        out.append(Adjusted("youngs_modulus", robot.youngs_modulus / 1e3, made.youngs_modulus / 1e3, "kPa", bool(at_bound[1])))
     if beyond[2]:
         first, now = robot.actuators.azimuths_deg[0], made.actuators.azimuths_deg[0]
         out.append(Adjusted("azimuth of the first chamber", first, now, "deg", False))
@@ -336,9 +332,7 @@ def _told(
         out.append(Adjusted("gravity, turned from the one stated by", 0.0, tilt, "deg", bool(at_bound[3:5].any())))
     for k, axis in enumerate("xyz"):
         if beyond[ORIGIN + k]:
-            out.append(
-                Adjusted(f"origin of the tip's {axis}", 0.0, float(shift[k]) * 1e3, "mm", bool(at_bound[ORIGIN + k]))
-            )
+            out.append(Adjusted(f"origin of the tip's {axis}", 0.0, float(shift[k]) * 1e3, "mm", bool(at_bound[ORIGIN + k])))
     return tuple(out)
 
 

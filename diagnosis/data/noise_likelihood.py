@@ -80,9 +80,7 @@ class Loss:
                 [np.log(default.memory)],
             ]
         )
-        self._prior_sd = np.concatenate(
-            [np.full(count, COMPONENT_LOG_SD), np.full(g + 1, LASTING_LOGIT_SD), [MEMORY_LOG_SD]]
-        )
+        self._prior_sd = np.concatenate([np.full(count, COMPONENT_LOG_SD), np.full(g + 1, LASTING_LOGIT_SD), [MEMORY_LOG_SD]])
         lasts = bool((data.block >= 0).any())
         self._lasts = float(lasts)
         most = float(np.log(LONGEST_MEMORY_S / default.memory))
@@ -137,9 +135,7 @@ class Loss:
         factor = cho_factor(inner, lower=True)
         total = sum(s.log_det for s in solved) + float(np.log(np.diag(factor[0])).sum())
         weight = cho_solve(factor, pulled)
-        total += 0.5 * (
-            sum(float(p.value @ s.value) for p, s in zip(self._parts, solved, strict=True)) - float(pulled @ weight)
-        )
+        total += 0.5 * (sum(float(p.value @ s.value) for p, s in zip(self._parts, solved, strict=True)) - float(pulled @ weight))
         inverse = cho_solve(factor, np.eye(len(scale)))
         by = np.zeros(len(x))
         along, spread = np.zeros(len(scale)), np.zeros(len(scale))
@@ -249,8 +245,7 @@ class _Part:
         lasting, _ = self._lasting(found.memory)
         (c, k, r), q, quiet = self._response.shape, found.lasting.get(PRESSURE, 0.0), self._quiet(found)
         by_kind = {
-            kind: _inverse(kind.sd**2 * (kind.lasting * lasting + (1 - kind.lasting) * np.diag(quiet)))
-            for kind in set(channels)
+            kind: _inverse(kind.sd**2 * (kind.lasting * lasting + (1 - kind.lasting) * np.diag(quiet))) for kind in set(channels)
         }
         apart = np.array([by_kind[kind][0] for kind in channels])
         # Two axes for R: k and r are put side by side as k r.
@@ -280,9 +275,7 @@ class _Part:
         """(k,) white variance, as a factor on that of states read while ramping."""
         return np.asarray(1 + (found.rest**2 - 1) * self._resting)
 
-    def gradient(
-        self, solved: _Solved, left: Array, right: Array, channels: list[_Kind], found: NoiseComponents
-    ) -> _ByParameter:
+    def gradient(self, solved: _Solved, left: Array, right: Array, channels: list[_Kind], found: NoiseComponents) -> _ByParameter:
         """sum(half * dB) with half = (B^-1 - left right^T) / 2, of columns (k c, u)."""
         lasting, grown = self._lasting(found.memory)
         (c, k, r), quiet = self._response.shape, self._quiet(found)
@@ -369,8 +362,6 @@ def _together(contrast: Array, block: Ints) -> tuple[Ints, list[slice]]:
     cuts = {0, k, *(np.flatnonzero(np.diff(part[order])) + 1).tolist()}
     ends = sorted(cuts)
     each = [
-        slice(a, min(a + MOST_CONTRASTS, e))
-        for b, e in zip(ends, ends[1:], strict=False)
-        for a in range(b, e, MOST_CONTRASTS)
+        slice(a, min(a + MOST_CONTRASTS, e)) for b, e in zip(ends, ends[1:], strict=False) for a in range(b, e, MOST_CONTRASTS)
     ]
     return order, each

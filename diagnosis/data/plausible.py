@@ -117,9 +117,7 @@ def _spines(robot: Robot, rows: list[TrialRow]) -> Iterator[str]:
     if not len(lengths) or not np.nanmax(lengths) > 1.001 * robot.length:
         return
     worst = int(np.nanargmax(lengths))
-    head = (
-        f"{where(rows[worst])}, column spine_length: {lengths[worst]:g} m, longer than the robot ({robot.length:g} m)"
-    )
+    head = f"{where(rows[worst])}, column spine_length: {lengths[worst]:g} m, longer than the robot ({robot.length:g} m)"
     times = float(lengths[worst]) / robot.length
     # a longer spine is another unit rather than another robot
     if times < 4.0:
@@ -142,13 +140,9 @@ def _masses(robot: Robot, rows: list[TrialRow]) -> Iterator[str]:
     carried = robot.youngs_modulus * body_area(robot) / 9.81
     if (described > 0 and abs(mass / described / 1000 - 1) < 0.05) or mass > carried:
         beside = (
-            f"robot.yaml has {described:g} kg"
-            if described > 0
-            else f"the body would be twice as long under {carried:.3g} kg"
+            f"robot.yaml has {described:g} kg" if described > 0 else f"the body would be twice as long under {carried:.3g} kg"
         )
-        yield (
-            f"{where(rows[heaviest])}, column tip_mass: {mass:g} kg, {beside}: looks like g; masses are in kg: divide by 1000"
-        )
+        yield (f"{where(rows[heaviest])}, column tip_mass: {mass:g} kg, {beside}: looks like g; masses are in kg: divide by 1000")
 
 
 # ------------------------------------------------------------------ frame and orientation
@@ -156,9 +150,7 @@ def _resting_tip(robot: Robot, resting: list[TrialRow]) -> Iterator[str]:
     """At most one message: the median tip of the rows without pressure (`resting`) is near the base, or not along +z from it."""
     tip = np.median([r.tip for r in resting], axis=0)  # type: ignore[arg-type]
     away = float(np.linalg.norm(tip)) / robot.length  # robot lengths from the base
-    place = (
-        f"{where(resting[0])}, columns x, y, z: at rest the tip lies at ({tip[0]:.3g}, {tip[1]:.3g}, {tip[2]:.3g}) m"
-    )
+    place = f"{where(resting[0])}, columns x, y, z: at rest the tip lies at ({tip[0]:.3g}, {tip[1]:.3g}, {tip[2]:.3g}) m"
     meant = f"at rest it must be near (0, 0, {robot.length:g}) m, the robot's length along +z from its base"
     if away < 0.05:  # no soft arm at rest is curled up this far
         yield f"{place}: looks like the displacement from the rest position; {meant}: add {robot.length:g} to z"

@@ -39,20 +39,14 @@ def implausible_pushes(robot: Robot, rows: Iterable[TrialRow]) -> Iterator[str]:
 def rows_of(rows: Iterable[TrialRow], specimen: str) -> list[TrialRow]:
     """Stiffness rows of a specimen with finite numbers."""
     own = [r for r in rows if r.protocol == "stiffness" and r.specimen == specimen]
-    return [
-        r
-        for r in own
-        if r.force is not None and r.deflection is not None and np.isfinite((r.force, r.deflection)).all()
-    ]
+    return [r for r in own if r.force is not None and r.deflection is not None and np.isfinite((r.force, r.deflection)).all()]
 
 
 def _long(robot: Robot, row: TrialRow) -> float:
     return robot.length if row.specimen == "body" else row.spine_length
 
 
-def _forces(
-    robot: Robot, specimen: str, own: list[TrialRow], deflection: np.ndarray, long: np.ndarray
-) -> Iterator[str]:
+def _forces(robot: Robot, specimen: str, own: list[TrialRow], deflection: np.ndarray, long: np.ndarray) -> Iterator[str]:
     """The slope of force over deflection against 3 E I / L^3."""
     if robot.spine is not None and specimen == "spine":
         bending = robot.spine.modulus_at(long) * annulus_second_moment(robot.spine.radius)

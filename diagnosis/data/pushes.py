@@ -35,8 +35,7 @@ def require_plausible(robot: Robot, given: list[TrialRow]) -> None:
         body = r.specimen == "body"
         if not body and robot.spine is None:
             raise BadCase(
-                f"{where}: a stiffness trial of a spine, but robot {robot.name!r} has none: add the spine's moduli "
-                "to robot.yaml"
+                f"{where}: a stiffness trial of a spine, but robot {robot.name!r} has none: add the spine's moduli to robot.yaml"
             )
         if r.spine_length > robot.length * 1.001:
             raise BadCase(
@@ -44,8 +43,7 @@ def require_plausible(robot: Robot, given: list[TrialRow]) -> None:
             )
         if not body and r.spine_length < SHORTEST:
             raise BadCase(
-                f"{where}: a stiffness trial of a spine of {r.spine_length:g} m: check spine_length (m), or write "
-                "specimen body"
+                f"{where}: a stiffness trial of a spine of {r.spine_length:g} m: check spine_length (m), or write specimen body"
             )
         long = robot.length if body else r.spine_length
         if abs(r.deflection or 0.0) > FARTHEST * long:
@@ -101,8 +99,7 @@ def concerns(given: list[TrialRow], s: Campaign, beside: bool) -> list[str]:
     if own.repeats < 3:
         word = "no deflection was repeated" if own.repeats < 2 else "deflections were repeated only once"
         notes.append(
-            f"stiffness trials: {word}: default scatter of touch point, zero and jamming is assumed; repeat them "
-            "three times"
+            f"stiffness trials: {word}: default scatter of touch point, zero and jamming is assumed; repeat them three times"
         )
     if len(np.unique(levels(own.spine_length, SPINE_GAP))) < 2:
         notes.append(

@@ -250,15 +250,12 @@ class _Carrying:
         done = {} if fit.form_error is None else dict(fit.form_error.responses)
         slope = fit.derivatives(self._problem).whole
         own = {e: [i for i, x in enumerate(p.effects) if x == e] for e in p.ids}
-        columns = {
-            e: np.column_stack([slope[:, i] * p.sd[i], done.get(e, slope[:, i] @ at[i])]) for e, i in own.items()
-        }
+        columns = {e: np.column_stack([slope[:, i] * p.sd[i], done.get(e, slope[:, i] @ at[i])]) for e, i in own.items()}
         found = self._left(slope, columns)
         again: dict[str, Array] = {}
         for effect in p.ids:
             if effect not in done and any(
-                m[effect][-1, -1] > (LEAST_NAMED_FLOORS * part.floor) ** 2
-                for m, part in zip(found, self._parts, strict=True)
+                m[effect][-1, -1] > (LEAST_NAMED_FLOORS * part.floor) ** 2 for m, part in zip(found, self._parts, strict=True)
             ):
                 # A stop that is hardly stiff already holds the tip: what it does is not its slope times its size.
                 response = self._problem.response(fit.theta, fit.predicted, effect)

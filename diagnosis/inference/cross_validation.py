@@ -103,9 +103,7 @@ def _only(problem: Problem, seen: NDArray[np.bool_]) -> Problem:
     )  # fmt: skip
 
 
-def _predicted(
-    problem: Problem, rest: Problem, model: Model, around: tuple[Array, Jacobian], seen: NDArray[np.bool_]
-) -> Array:
+def _predicted(problem: Problem, rest: Problem, model: Model, around: tuple[Array, Jacobian], seen: NDArray[np.bool_]) -> Array:
     """Prediction (n,) of all values by a fit to `rest`, the values marked `seen`; `around`: prediction and derivatives at the
     model's parameters, where the fit begins."""
     predicted, slope = around

@@ -27,9 +27,7 @@ class Settings:
     """(n,) relative size of the discrepancy."""
 
 
-def settings(
-    spine_length: Array, pressure: Array, branch: Array, kind: NDArray[np.generic], robot_length: float
-) -> Settings:
+def settings(spine_length: Array, pressure: Array, branch: Array, kind: NDArray[np.generic], robot_length: float) -> Settings:
     """Coordinates of states: spine length m, pressure Pa (highest chamber), branch -1 or 1, kind any number a family."""
     highest = max(float(np.max(np.abs(pressure), initial=0.0)), 1.0)
     share = pressure / highest

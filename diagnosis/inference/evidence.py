@@ -75,9 +75,7 @@ def _equal(values: Array) -> Array:
     return np.full(len(values), 1 / len(values))
 
 
-KNOWN = Grid(
-    TOLERATED_SIZES, _equal(TOLERATED_SIZES), DISCREPANCY_SIZES, DISCREPANCY_WEIGHTS, LAW_ERRORS, _equal(LAW_ERRORS)
-)
+KNOWN = Grid(TOLERATED_SIZES, _equal(TOLERATED_SIZES), DISCREPANCY_SIZES, DISCREPANCY_WEIGHTS, LAW_ERRORS, _equal(LAW_ERRORS))
 """For hypotheses of the catalogue, none included; sizes in units of the noise floor."""
 
 

@@ -94,9 +94,7 @@ class Executor:
         here = self if len(items) > 1 else replace(self, remote_map=None)
         return here.ahead(do, items, step)()
 
-    def ahead(
-        self, do: Callable[[A], B], items: Sequence[A], step: DiagnosisStep | None = None
-    ) -> Callable[[], list[B]]:
+    def ahead(self, do: Callable[[A], B], items: Sequence[A], step: DiagnosisStep | None = None) -> Callable[[], list[B]]:
         """Start `map` in other processes; the function that is returned waits for the results, or computes them here: call it
         once."""
         there = None if self.remote_map is None else self.remote_map(do, items)

@@ -63,9 +63,7 @@ class Fit:
         slope = self.derivatives(problem)
         linear = problem.whitened(self.theta, self.predicted, slope.white(problem.white))
         known = None if slope.base is None else slope.base.tolerated
-        return (
-            linear if self.form_error is None else problem.with_form_error(linear, self.theta, self.form_error, known)
-        )
+        return linear if self.form_error is None else problem.with_form_error(linear, self.theta, self.form_error, known)
 
 
 def refit(problem: Problem, prior: SizePrior, size: float, start: Fit) -> Fit:
@@ -130,11 +128,7 @@ def _search(
         descent.go_to(local.theta)
     level = 0  # of the dampings
     for _ in range(rounds):
-        away = (
-            np.abs((local.optimum - local.theta) / problem.parameters.sd)
-            if np.isfinite(local.cost)
-            else np.array([np.inf])
-        )
+        away = np.abs((local.optimum - local.theta) / problem.parameters.sd) if np.isfinite(local.cost) else np.array([np.inf])
         if away.max(initial=0.0) < tolerance:
             break
         found = descent.step_down(local, level)

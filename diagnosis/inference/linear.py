@@ -110,9 +110,7 @@ class Linear:
         n, p = self.effects.shape
         chi_square = x_gram[p, p]
         base = -0.5 * (chi_square + n * np.log(2 * np.pi)) - half_log_det - self.log_noise
-        return Reduced(
-            0.5 * (x_gram[:p, :p] + x_gram[:p, :p].T), x_gram[:p, p].copy(), float(base), float(chi_square), n
-        )
+        return Reduced(0.5 * (x_gram[:p, :p] + x_gram[:p, :p].T), x_gram[:p, p].copy(), float(base), float(chi_square), n)
 
 
 def _integrated_out(gram: Array, across: Array) -> tuple[Array, float]:

@@ -96,9 +96,7 @@ class Prepared:
             bent = ~self.states.pushed
             tip = np.full((len(self.states), 3), np.nan)
             robot, states = self.described or (self.robot, self.states)
-            tip[bent] = predict_campaign(
-                robot.without_residual, table_columns(states.take(bent)), self.forward.catalogue
-            ).tip
+            tip[bent] = predict_campaign(robot.without_residual, table_columns(states.take(bent)), self.forward.catalogue).tip
             tip += self.states.tip - states.tip
             out[own] = tip[self.labels.state[own], self.labels.axis[own]]
         return out
@@ -154,9 +152,7 @@ def prepare(
     observed = forward.observe(table)
     kept = np.isfinite(observed) & np.isfinite(predicted)
     if not kept.any():
-        raise BadCase(
-            "the rod model has no equilibrium at any measured state: check robot.yaml's stiffness and area factor"
-        )
+        raise BadCase("the rod model has no equilibrium at any measured state: check robot.yaml's stiffness and area factor")
     labels = _labels(forward, states, kept)
     made = parameters(forward.parameters)
     missed, response = (observed - predicted)[kept], pressure_response(forward, states, made, slope)[kept]
@@ -173,9 +169,7 @@ def prepare(
     smooth, shared_basis, channel_basis = _discrepancy_bases(robot, states, labels, unit, pushes)
     problem = Problem(
         MaskedForward(whole, kept),
-        replace(
-            made, sd=_prior_sd(forward.parameters, floor, pushes), least=least_sizes(made, labels, slope[kept], known)
-        ),
+        replace(made, sd=_prior_sd(forward.parameters, floor, pushes), least=least_sizes(made, labels, slope[kept], known)),
         observed[kept],
         noise,
         smooth,

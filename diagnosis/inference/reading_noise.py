@@ -40,9 +40,7 @@ PRESSURE_STEP = 500.0
 """Pa by which pressures are moved for a derivative."""
 
 
-def noise_of(
-    states: Campaign, labels: Labels, floor: NoiseComponents, pushes: StiffnessTrials | None, response: Array
-) -> Noise:
+def noise_of(states: Campaign, labels: Labels, floor: NoiseComponents, pushes: StiffnessTrials | None, response: Array) -> Noise:
     """Noise of the robot's values, with their response (n, r) to the pressure readings, and of the stiffness trials' forces."""
     block = _blocks(states)[labels.state]
     white, lasting = _of_channels(floor, labels.kind, labels.channel, block, states.time[labels.state])
@@ -132,9 +130,7 @@ def floor_of(
     def response_to(source: str) -> Array:
         """(n, a): each row takes one copy of each of its a parameters."""
         own = [(p.slot, i) for i, p in enumerate(infos) if p.source == source]
-        return np.column_stack(
-            [slope[:, [i for s, i in own if s == slot]].sum(axis=1) for slot in sorted({s for s, _ in own})]
-        )
+        return np.column_stack([slope[:, [i for s, i in own if s == slot]].sum(axis=1) for slot in sorted({s for s, _ in own})])
 
     kinds = tuple(KINDS[int(labels.kind[labels.channel == name][0])] for name in names)
     data = Repeated(

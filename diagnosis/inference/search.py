@@ -93,9 +93,7 @@ class Search:
 
     def _begin_at(self, none: Fit, with_tolerances: bool) -> None:
         """Keep a fit of none, around which the search begins."""
-        (found,) = self._around(
-            self._as_reference(replace(none, form_error=FormError(NONE, {}))), [NONE], with_tolerances
-        )
+        (found,) = self._around(self._as_reference(replace(none, form_error=FormError(NONE, {}))), [NONE], with_tolerances)
         self._none[with_tolerances] = replace(found, turns=1, ended=True)
         self._add([self._none[with_tolerances]])
 
@@ -119,9 +117,7 @@ class Search:
         """All candidates of the catalogue, most probable data first."""
         first = self._first()
         self._add(first)
-        self._queue = (
-            first  # all of them: `_add` queues only starts that are better than the earlier ones of a hypothesis
-        )
+        self._queue = first  # all of them: `_add` queues only starts that are better than the earlier ones of a hypothesis
         self._search()
         return sorted(self.found.values(), key=lambda c: -c.log_evidence)
 

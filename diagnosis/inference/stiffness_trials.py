@@ -84,9 +84,7 @@ def stiffness_trials(
         np.zeros(len(own)),
     )
     default = {source: next(p.sd for p in infos if p.source == source) for source in by_source}
-    floor = estimate_noise(
-        data, NoiseComponents({"force": DEFAULT_FORCE_NOISE}, DEFAULT_DEFLECTION_NOISE, default, 1.0, 0)
-    )
+    floor = estimate_noise(data, NoiseComponents({"force": DEFAULT_FORCE_NOISE}, DEFAULT_DEFLECTION_NOISE, default, 1.0, 0))
     alone = np.hypot(floor.channel["force"], floor.pressure * stiff)
     erring = np.sqrt(alone**2 + sum((floor.trial[k] * by_source[k]) ** 2 for k in by_source))
     repeated = reading_rms(replace(data, residual=data.residual / stiff[:, None]), np.ones(1, bool))

@@ -54,9 +54,7 @@ def foreseen(robot: Robot, table: Columns, catalogue: Mapping[str, EffectSpec] =
     low, high = np.array([[p.low, p.high] for p in forward.parameters]).T
     values = forward.predict(np.clip(theta, low, high))
     if not np.isfinite(values).all():
-        raise BadCase(
-            "the rod model has no equilibrium at a planned state: check pressures, and robot.yaml's stiffness"
-        )
+        raise BadCase("the rod model has no equilibrium at a planned state: check pressures, and robot.yaml's stiffness")
     read = {name: np.array(column) for name, column in table.items()}
     observed = forward.observations
     for name in ("x", "y", "z"):

@@ -61,9 +61,7 @@ class Power:
         return {"schema": "power/1", **asdict(self), "pairs": [list(p) for p in self.pairs]}
 
 
-def power(
-    plan: Planned, catalogue: Sequence[str], each: int = 40, seed: int = 1, clutter: Sequence[float] = CLUTTER
-) -> Power:
+def power(plan: Planned, catalogue: Sequence[str], each: int = 40, seed: int = 1, clutter: Sequence[float] = CLUTTER) -> Power:
     """What the plan can tell, from worlds drawn under its design and weighed: `each` of none and of every effect it can draw.
 
     Shares of all worlds count each world with the prior probability of its cause, as the diagnosis has it.
@@ -74,9 +72,7 @@ def power(
     hypotheses, p = probabilities(plan, np.array([w.readings for w in worlds]))
     named, probability = ["".join(hypotheses[k]) for k in p.argmax(axis=1)], p.max(axis=1)
     right = np.array([w.cause == n for w, n in zip(worlds, named, strict=True)])
-    weight = np.array(
-        [PRIOR_OF_NUMBER[0] if not w.cause else (1 - PRIOR_OF_NUMBER[0]) / len(plan.effects) for w in worlds]
-    )
+    weight = np.array([PRIOR_OF_NUMBER[0] if not w.cause else (1 - PRIOR_OF_NUMBER[0]) / len(plan.effects) for w in worlds])
     weight /= weight.sum()
     share, sd = float(weight @ right), float(np.sqrt(weight**2 @ (right - weight @ right) ** 2))
     effects = []

@@ -76,9 +76,7 @@ class Planned:
         """Noise floors that a whitened response (n,) carries after calibration."""
         done = self.problem.noise.colour(white)[:, None]
         left = after_calibration(self.problem, self.where, self.none.fit.derivatives(self.problem).whole, done)
-        return max(
-            float(np.sqrt((x**2).sum() / part.states)) / part.floor for x, part in zip(left, self.where, strict=True)
-        )
+        return max(float(np.sqrt((x**2).sum() / part.states)) / part.floor for x, part in zip(left, self.where, strict=True))
 
     def form_errors(self, named: Hypothesis) -> Array:
         """Columns of what may be wrong with the laws: of what is named at its plausible scale, of all else at its tolerance."""

@@ -34,9 +34,7 @@ class Config(RegulatorsConfig):
     def _fits_together(self) -> Config:
         ChamberMap(self.chambers)
         if len(self.units) != len(self.chambers):
-            raise ValueError(
-                f"{len(self.units)} units but {len(self.chambers)} lists of chambers; give one unit for each list"
-            )
+            raise ValueError(f"{len(self.units)} units but {len(self.chambers)} lists of chambers; give one unit for each list")
         for unit in self.units:
             if not re.fullmatch("[A-Z]", unit) or self.units.count(unit) > 1:
                 raise ValueError(f"units {', '.join(self.units)}: {unit!r} must be one letter A to Z, used once")

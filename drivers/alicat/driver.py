@@ -129,9 +129,7 @@ class Alicat:
                 )
             for unit, frame in zip(self._units, frames, strict=True):
                 self._raise_fault(unit, frame)
-            return PressureSample(
-                self._clock.now(), tuple(f.setpoint for f in frames), tuple(f.measured for f in frames)
-            )
+            return PressureSample(self._clock.now(), tuple(f.setpoint for f in frames), tuple(f.measured for f in frames))
 
     def vent(self) -> None:
         """All set-points to zero, not rate-limited, held valves released; whatever else is on the line gives way.
@@ -287,9 +285,7 @@ class Alicat:
         if abs(frame.setpoint - pressure) > 0.6 * digit:
             asked = f"unit {unit.letter} was set to {pressure / 1e3:.2f} kPa but holds {frame.setpoint / 1e3:.2f} kPa"
             if abs(frame.setpoint - before) <= 0.6 * digit:
-                raise DeviceFault(
-                    self.name, f"{asked} as before: it ignores the serial line; set its set-point source to serial"
-                )
+                raise DeviceFault(self.name, f"{asked} as before: it ignores the serial line; set its set-point source to serial")
             raise BadReply(self.name, f"{asked}: it was clamped or misread; check its set-point limits and the cable")
         self._raise_fault(unit, frame)
 

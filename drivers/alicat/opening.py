@@ -14,9 +14,7 @@ UNASKED = 0.2
 """Host seconds in which a unit in streaming mode sends by itself; it does so every 50 ms unless told otherwise."""
 
 
-def find_units(
-    name: str, line: SerialLine, units: Sequence[AlicatUnit], twice: Callable[[Callable[[], str]], str]
-) -> list[str]:
+def find_units(name: str, line: SerialLine, units: Sequence[AlicatUnit], twice: Callable[[Callable[[], str]], str]) -> list[str]:
     """Firmware of each unit; `twice` makes a request that may be repeated.
 
     Raises `Unreachable` naming the silent ones, `WrongDevice` for foreign answers and for what sends unasked.

@@ -176,9 +176,7 @@ class AlicatUnit:
             raise NoReply(self.name, f"unit {self.letter}: {e.message}") from e
         text = raw.decode("ascii", "replace").strip()
         if text.lstrip(f"{self.letter} ") == "?":
-            raise BadReply(
-                self.name, f"unit {self.letter} rejects {show(request)}; check whether its firmware supports that"
-            )
+            raise BadReply(self.name, f"unit {self.letter} rejects {show(request)}; check whether its firmware supports that")
         head, _, rest = text.partition(" ")
         if head != self.letter or not rest.strip():
             raise self._unexpected(f"an answer to {show(request)}", text)

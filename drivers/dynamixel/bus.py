@@ -200,9 +200,7 @@ class Servo:
                 port.clearPort()
         where = self._where
         if result == COMM_RX_CORRUPT:
-            raise BadReply(
-                self.name, f"damaged answer from {where} to a {what}, {attempts} times; check cable and baud rate"
-            )
+            raise BadReply(self.name, f"damaged answer from {where} to a {what}, {attempts} times; check cable and baud rate")
         if result != COMM_SUCCESS:
             raise self._no_reply(what, result)
         self.alert = bool(error & ALERT)

@@ -72,9 +72,7 @@ class Config(LengthUnitConfig):
     @model_validator(mode="after")
     def _homing_is_gentle(self) -> Config:
         if self.homing_current > self.current_limit:
-            raise ValueError(
-                f"homing_current {self.homing_current} A is above current_limit {self.current_limit} A; lower it"
-            )
+            raise ValueError(f"homing_current {self.homing_current} A is above current_limit {self.current_limit} A; lower it")
         return self
 
 
@@ -117,9 +115,7 @@ class DynamixelSpine:
         with self._lock:
             if not self._servo.is_open:
                 self._servo.open()
-                self._homing = self._zero = self._end_stop = (
-                    None  # while nobody listened the servo may have lost its count
-                )
+                self._homing = self._zero = self._end_stop = None  # while nobody listened the servo may have lost its count
             with meeting(self.name, self._servo.close, "no Dynamixel servo"):
                 return self._meet()
 
@@ -158,9 +154,7 @@ class DynamixelSpine:
             self._set_goal(start, self._config.homing_speed)  # before torque: the old goal may be far away
             self._limit_current(self._config.homing_current)
             self._servo.write(table.TORQUE, 1)
-            target = (
-                start - self._counts(1.2 * self._config.max_length) - self._config.direction * table.COUNTS_PER_TURN
-            )
+            target = start - self._counts(1.2 * self._config.max_length) - self._config.direction * table.COUNTS_PER_TURN
             self._set_goal(target, self._config.homing_speed)
             self._homing = target
             self._goal = 0.0

@@ -23,9 +23,7 @@ NO_SECONDARY_ID, FIRST_INVALID_ID = 255, 253
 def settings(servo: Servo) -> Kept:
     """All of them."""
 
-    def one(
-        name: str, register: Register, needed: int | Callable[[int], int], why: str, written: bool = True
-    ) -> Setting:
+    def one(name: str, register: Register, needed: int | Callable[[int], int], why: str, written: bool = True) -> Setting:
         def write(value: int) -> None:
             if register.address < table.Address.EEPROM_END:
                 servo.write(table.TORQUE, 0)

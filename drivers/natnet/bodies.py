@@ -29,8 +29,6 @@ def found(names: Sequence[str], told: Definitions) -> dict[str, int]:
         sharing = [known for known, number in told.bodies if number == numbers[0]]
         if len(sharing) > 1:
             of = " and ".join(map(repr, sharing))
-            raise NotOne(
-                f"rigid bodies {of} have the same streaming ID {numbers[0]}. Give each an ID of its own in Motive"
-            )
+            raise NotOne(f"rigid bodies {of} have the same streaming ID {numbers[0]}. Give each an ID of its own in Motive")
         ids[name] = numbers[0]
     return ids

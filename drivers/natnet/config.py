@@ -79,9 +79,7 @@ class Config(MocapConfig):
     def _each_once(self) -> Config:
         names = (self.body, *self.markers)
         if twice := sorted({name for name in names if names.count(name) > 1}):
-            raise ValueError(
-                f"body and markers name {', '.join(map(repr, twice))} more than once; each is a body of its own"
-            )
+            raise ValueError(f"body and markers name {', '.join(map(repr, twice))} more than once; each is a body of its own")
         return self
 
 

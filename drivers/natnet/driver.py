@@ -221,9 +221,7 @@ class NatNetMocap:
             f"{self._config.server} answers, but within {self._config.timeout} s sent no {what}{f' ({odd})' if odd else ''}",
         )
 
-    def _wait(
-        self, server: Server, done: Callable[[], bool], ask: int, failure: Callable[[], Unreachable | WrongDevice]
-    ) -> None:
+    def _wait(self, server: Server, done: Callable[[], bool], ask: int, failure: Callable[[], Unreachable | WrongDevice]) -> None:
         """Ask, and take what comes until `done`; raises the failure after `TRIES`, of which a computer that stands still
         spends one."""
         for _ in range(TRIES):
@@ -316,9 +314,7 @@ class NatNetMocap:
         body, to_base = bodies[self._config.body], self._config.mocap_to_base
         why = remedy(body)
         if self._config.body in shared:
-            why = (
-                f"Motive has {' and '.join(map(repr, shared))} at the same place: tell their patterns of markers apart"
-            )
+            why = f"Motive has {' and '.join(map(repr, shared))} at the same place: tell their patterns of markers apart"
         sample = BodySample(
             t=self._clock.now(),
             device_time=frame.stamp,

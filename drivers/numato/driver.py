@@ -101,9 +101,7 @@ class NumatoValve:
         """The one line a query returns, which must look like `pattern`."""
         value = self._answer(command, lines=1)[0]
         if not re.fullmatch(pattern, value):
-            raise BadReply(
-                self.name, f"answered {value!r} to {command!r}, which is not {pattern!r}; check the relay number"
-            )
+            raise BadReply(self.name, f"answered {value!r} to {command!r}, which is not {pattern!r}; check the relay number")
         return value
 
     def _answer(self, command: str, lines: int) -> list[str]:

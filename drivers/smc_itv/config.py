@@ -37,9 +37,7 @@ class Config(RegulatorsConfig):
     def _fits_together(self) -> Config:
         ChamberMap(self.chambers)
         if len(self.ports) != len(self.chambers):
-            raise ValueError(
-                f"{len(self.ports)} ports but {len(self.chambers)} lists of chambers; give one port for each list"
-            )
+            raise ValueError(f"{len(self.ports)} ports but {len(self.chambers)} lists of chambers; give one port for each list")
         if len(set(self.ports)) != len(self.ports):
             raise ValueError(f"ports {', '.join(self.ports)}: a port is listed twice")
         if self.max_pressure > self.full_scale:

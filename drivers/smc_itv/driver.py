@@ -66,9 +66,7 @@ class SmcItv:
         self.chambers = ChamberMap(config.chambers)
         self._clock = clock
         self._lock = StopFirst(name)
-        self._lines = [
-            SerialLine(name, port, BAUD, config.timeout, lock=self._lock, skip_echo=True) for port in config.ports
-        ]
+        self._lines = [SerialLine(name, port, BAUD, config.timeout, lock=self._lock, skip_echo=True) for port in config.ports]
         self._limits = PressureLimits(name, self.channels, config.max_pressure, config.max_rate, clock)
         self._retries = [Retries(line) for line in self._lines]
         self._counts = [0] * self.channels
@@ -96,9 +94,7 @@ class SmcItv:
                 lost = bool(line.watch.lost)
                 try:
                     line.open()
-                    if (
-                        lost
-                    ):  # what was asked before is not answered by the new port; the next answer is marked all the same
+                    if lost:  # what was asked before is not answered by the new port; the next answer is marked all the same
                         self._behind[channel] = _Behind()
                 except Unreachable as e:
                     failed.append(e)
@@ -254,9 +250,7 @@ class SmcItv:
         for channel, answer in answers.items():
             before, self._counts[channel] = self._counts[channel], answer
             if answer != counts[channel]:
-                same = (
-                    " as before: it ignores the serial line, take it out of local operation" if answer == before else ""
-                )
+                same = " as before: it ignores the serial line, take it out of local operation" if answer == before else ""
                 errors[channel] = DeviceFault(
                     self.name,
                     f"{self.config.ports[channel]} was set to {counts[channel] * self.step / 1e3:.2f} kPa but holds "

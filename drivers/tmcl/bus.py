@@ -126,9 +126,7 @@ class Axis:
 
     def restarted(self) -> bool:
         """Whether the tick timer has gone back, which it does without power only; it is asked twice."""
-        return all(
-            self._send(TMCLCommand.GGP, Global.TICK_TIMER, 0, bank=0) & 0xFFFFFFFF < self._tick for _ in range(ATTEMPTS)
-        )
+        return all(self._send(TMCLCommand.GGP, Global.TICK_TIMER, 0, bank=0) & 0xFFFFFFFF < self._tick for _ in range(ATTEMPTS))
 
     def move_to(self, position: int) -> None:
         """Start moving to a position, microsteps."""
@@ -178,9 +176,7 @@ class Axis:
                 except TMCLReplyChecksumError:
                     failure = BadReply(self.name, f"damaged answer from {where} to {what}; check cable and baud rate")
                 except RuntimeError:  # how pytrinamic tells a time-out
-                    failure = NoReply(
-                        self.name, f"no answer from {where} to {what}; check its power, address and baud rate"
-                    )
+                    failure = NoReply(self.name, f"no answer from {where} to {what}; check its power, address and baud rate")
                 self._behind = True
                 timing.sleep(self._timeout)
                 line.reset_input_buffer()

@@ -50,9 +50,7 @@ def _settings(axis: Axis, needs: Needs) -> Kept:
 
         return Setting(f"{name} (global parameter {number})", lambda: axis.get_global(number), needed, why, write)
 
-    def of_axis(
-        name: str, number: Parameter, needed: int | Callable[[int], int], why: str, written: bool = True
-    ) -> Setting:
+    def of_axis(name: str, number: Parameter, needed: int | Callable[[int], int], why: str, written: bool = True) -> Setting:
         def write(value: int) -> None:
             axis.put(number, value)
 

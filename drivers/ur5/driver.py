@@ -75,9 +75,7 @@ class UR5:
         another in control, speed slider too low).
         """
         if self._control is not None and self._control.alive:
-            raise NotReady(
-                self.name, "is already open, or its last connection has not ended; close it, or restart its process"
-            )
+            raise NotReady(self.name, "is already open, or its last connection has not ended; close it, or restart its process")
         config = self.config
         seen = ur5_wire.snapshot(self.name, config.host, config.timeout)
         identity = ur5_wire.identify(self.name, config.host, config.timeout, seen)
@@ -140,9 +138,7 @@ class UR5:
         here = self._healthy(control).tcp_pose
         ur5_motion.check_step(self.name, self.config, here, goal)
         if self._state.speed_slider <= 0:
-            raise NotReady(
-                self.name, "the speed slider is at 0 %: the arm would not move; set it to 100 % at the pendant"
-            )
+            raise NotReady(self.name, "the speed slider is at 0 %: the arm would not move; set it to 100 % at the pendant")
         if self._move is not None and self.moving():
             raise NotReady(self.name, "still moving; wait until moving() is False, or call stop()")
         before = control.operation().number
@@ -167,9 +163,7 @@ class UR5:
             return False
         if operation.number != move.operation:
             self._move = None
-            raise DeviceFault(
-                self.name, "the motion was replaced by another one; is a second program in control of the arm?"
-            )
+            raise DeviceFault(self.name, "the motion was replaced by another one; is a second program in control of the arm?")
         if operation.running:
             if move.deadline.expired:
                 self._take_too_long(move)
@@ -258,9 +252,7 @@ class UR5:
         if stop := stop_text(seen.safety_bits, seen.safety_mode):
             raise DeviceFault(self.name, stop)
         if seen.robot_mode != 7:  # powered, brakes released
-            raise NotReady(
-                self.name, f"robot mode {seen.robot_mode}; power the arm on at the pendant and release its brakes"
-            )
+            raise NotReady(self.name, f"robot mode {seen.robot_mode}; power the arm on at the pendant and release its brakes")
 
     def _fresh(self, control: ControlThread) -> ArmSample:
         """The newest state; NoReply when there is none, or when the connection was lost, which no program survives."""
@@ -316,9 +308,7 @@ class UR5:
         while (number := control.operation().number) == before:
             self._healthy(control)
             if timing.now() > give_up:
-                raise NoReply(
-                    self.name, "the controller accepted the motion but did not start it; see the log on the pendant"
-                )
+                raise NoReply(self.name, "the controller accepted the motion but did not start it; see the log on the pendant")
             timing.sleep(LOOK_INTERVAL)
         return number
 

@@ -46,9 +46,7 @@ def check_request(name: str, limits: Config, pose: Sequence[float], speed: float
             f"pose {goal}, speed {speed}, acceleration {acceleration}: the pose needs six numbers, and all must be finite",
         )
     if not 0 < speed <= limits.max_speed:
-        raise LimitExceeded(
-            name, f"speed {speed:g} m/s outside 0..{limits.max_speed:g} m/s; reduce it or raise max_speed"
-        )
+        raise LimitExceeded(name, f"speed {speed:g} m/s outside 0..{limits.max_speed:g} m/s; reduce it or raise max_speed")
     if not 0 < acceleration <= limits.max_acceleration:
         raise LimitExceeded(
             name,

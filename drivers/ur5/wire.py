@@ -82,9 +82,7 @@ def snapshot(name: str, host: str, timeout: float) -> Snapshot:
             names = _ASKED
             kinds = rtde.subscribe(names)
         if len(kinds) != len(names) or not set(kinds) <= set(_FORMATS):
-            raise WrongDevice(
-                name, f"{host}:{RTDE_PORT} does not offer {', '.join(names)} (it says {','.join(kinds)!r})"
-            )
+            raise WrongDevice(name, f"{host}:{RTDE_PORT} does not offer {', '.join(names)} (it says {','.join(kinds)!r})")
         if rtde.ask(_START, b"", 1) != b"\x01":
             raise WrongDevice(name, f"{host}:{RTDE_PORT} does not start its stream; restart the controller")
         layout, data = struct.Struct(">B" + "".join(_FORMATS[kind] for kind in kinds)), rtde.receive(_DATA)
@@ -192,9 +190,7 @@ def _dashboard(name: str, host: str, timeout: float, seen: Snapshot) -> Iterator
                 while b"\n" not in come and len(come) < LONGEST_LINE and (piece := timing.recv(line, LONGEST_LINE)):
                     come += piece
             except TimeoutError as error:
-                raise Unreachable(
-                    name, f"dashboard {where} is silent for {timeout:g} s; restart the controller"
-                ) from error
+                raise Unreachable(name, f"dashboard {where} is silent for {timeout:g} s; restart the controller") from error
             except OSError as error:
                 raise Unreachable(name, f"dashboard {where} closed the connection ({error})") from error
             text, _, come = come.partition(b"\n")

@@ -41,8 +41,7 @@ def plan(p: Creep) -> Plan:
     first = Step("vent, grow, jam and ramp", 10.0 + p.spine_length / p.spine.speed + p.pressure / p.rate, asks)
     waits = [later - earlier for earlier, later in zip([0.0, *p.times], p.times, strict=False)]
     reads = [
-        Step(f"read after {t:g} s", wait, reads=(Reading("load", t, p.rate),))
-        for t, wait in zip(p.times, waits, strict=True)
+        Step(f"read after {t:g} s", wait, reads=(Reading("load", t, p.rate),)) for t, wait in zip(p.times, waits, strict=True)
     ]
     return Plan("creep", [first, *reads])
 

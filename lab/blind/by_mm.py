@@ -136,11 +136,7 @@ def _outside(name: str, own: Sequence[Weighed], known: Sequence[Weighed]) -> lis
     apart = [c for c in own if c.nearest is not None and float(c.nearest["leaves_mm"]) >= APART * c.floor]
     cluttered = name.startswith("cluttered")
     comparable = [c for c in known if c.stratum.startswith("cluttered") == cluttered] or known
-    limit = (
-        float(np.quantile([c.answer.unknown_probability for c in comparable], 0.9, method="higher"))
-        if comparable
-        else np.nan
-    )
+    limit = float(np.quantile([c.answer.unknown_probability for c in comparable], 0.9, method="higher")) if comparable else np.nan
     figures = [
         ("flagged", "verdict unknown", _share(own, lambda c: c.answer.verdict == "unknown")),
         ("flagged_apart", "verdict unknown where the nearest effect leaves 1.5 floors",

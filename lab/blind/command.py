@@ -91,9 +91,7 @@ MAKE = (
         help="only cases of this kind (repeatable; default: a mixture)",
     ),
     option("--held-out", action="store_true", help="held-out outside causes, for a final score"),
-    option(
-        "--sizes", type=float, nargs=2, default=(0.5, 1.5), metavar=("LOW", "HIGH"), help="effects, in plausible scales"
-    ),
+    option("--sizes", type=float, nargs=2, default=(0.5, 1.5), metavar=("LOW", "HIGH"), help="effects, in plausible scales"),
     option("--settled", action="store_true", help="stop and read, instead of reading while ramping slowly"),
     option(
         "--simulator",

@@ -213,9 +213,7 @@ def walk_of(sweep: Sweep, late: float = 0.0) -> Walked:
     first = [s for s in states if s.trial == 1]
     legs: list[Leg] = []
     for before, s in zip([None, *first[:-1]], first, strict=True):
-        waited = (
-            before.hold if sweep.reading == "hold" and before is not None and before.pressure == s.pressure else 0.0
-        )
+        waited = before.hold if sweep.reading == "hold" and before is not None and before.pressure == s.pressure else 0.0
         legs.append(Leg(_pressures(sweep, s.pressure), sweep.rate, s.hold - waited))
         if s.hold > 0 and sweep.reading != "hold":
             # What is told of a settled state is the middle of what was averaged.
@@ -227,9 +225,7 @@ def walk_of(sweep: Sweep, late: float = 0.0) -> Walked:
     # s between trials: vent, grow, jam
     period = 40.0 + ramps
     count = max(s.trial for s in states)
-    trials = tuple(
-        Trial(s.spine_length, s.vacuum, s.repeat, late + (s.trial - 1) * period) for s in states if s.step == 1
-    )
+    trials = tuple(Trial(s.spine_length, s.vacuum, s.repeat, late + (s.trial - 1) * period) for s in states if s.step == 1)
     return Walked(trials, tuple(legs), sweep.tip_mass, float(np.radians(sweep.roll_deg)), count * period)
 
 

@@ -200,9 +200,7 @@ def confusion(cases: Sequence[Scored]) -> tuple[list[str], list[str], NDArray[np
     """Rows: single truths, pairs, none, outside; columns: what was named; counts."""
     rows = [*sorted({_one(c.truth) for c in cases if c.kind == "single"}), "pair", "none", "outside"]
     rows = [r for r in rows if r not in ("pair", "none", "outside") or any(c.kind == r for c in cases)]
-    named = sorted(
-        {x for c in cases for x in c.answer.effects} | {r for r in rows if r not in ("pair", "none", "outside")}
-    )
+    named = sorted({x for c in cases for x in c.answer.effects} | {r for r in rows if r not in ("pair", "none", "outside")})
     columns = [*named, "several", "none", "unknown", "failed"]
     counts = np.zeros((len(rows), len(columns)), np.int64)
     for c in cases:

@@ -88,9 +88,7 @@ def run(root: Path, diagnose: Diagnose, further: Further = Further(), crew: Crew
     folder = SetFolder(root.resolve())
     folder.public()
     if folder.score.exists():
-        raise ConfigError(
-            f"{folder.score} exists: the seal was opened, answers given now are not blind; make a new set"
-        )
+        raise ConfigError(f"{folder.score} exists: the seal was opened, answers given now are not blind; make a new set")
     todo = [n for n in folder.names() if not (folder.answers(n) / "rounds.json").exists()]
     done = spread(partial(answer, folder, diagnose, further), todo, crew, "cases diagnosed")
     return sum(1 for _ in done)
@@ -181,10 +179,7 @@ def granted(table: Table, menu: Path, wish: str) -> Table:
     extra = read_csv(menu / f"{wish}.csv")
     orientation = any(r.orientation is not None for r in table)
     markers = any(r.markers for r in table)
-    rows = [
-        replace(r, orientation=r.orientation if orientation else None, markers=r.markers if markers else ())
-        for r in extra
-    ]
+    rows = [replace(r, orientation=r.orientation if orientation else None, markers=r.markers if markers else ()) for r in extra]
     return Table.joined([table, Table(tuple(rows))])
 
 

@@ -50,9 +50,7 @@ def rows(result: Score) -> list[tuple[str, str, str, str, str, str]]:
             continue
         aim = result.aims.get(m.key)
         met = "" if aim is None else ("met" if aim.met(m.found.value) else "missed")
-        out.append(
-            (m.label, _number(m.found.value), _range(m.found), str(m.found.n), "" if aim is None else str(aim), met)
-        )
+        out.append((m.label, _number(m.found.value), _range(m.found), str(m.found.n), "" if aim is None else str(aim), met))
     return out
 
 
@@ -81,9 +79,7 @@ def _confusion(axis: Axes, true: list[str], named: list[str], counts: np.ndarray
     share = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
     agrees = np.array([[t == n or (t, n) in AGREE for n in named] for t in true])
     for cells, colours in ((agrees, "Blues"), (~agrees, "Reds")):
-        axis.imshow(
-            np.ma.masked_where(~cells | (counts == 0), share), cmap=colours, vmin=-0.25, vmax=1.15, aspect="auto"
-        )
+        axis.imshow(np.ma.masked_where(~cells | (counts == 0), share), cmap=colours, vmin=-0.25, vmax=1.15, aspect="auto")
     for i, j in zip(*np.nonzero(counts), strict=True):
         ink = "white" if share[i, j] > 0.6 else "0.1"
         axis.text(j, i, str(counts[i, j]), ha="center", va="center", fontsize=7, color=ink)

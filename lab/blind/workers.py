@@ -29,9 +29,7 @@ def spread(do: Callable[[A], B], items: Sequence[A], crew: Crew, title: str) -> 
     """`do` for every item, results as they come; with one worker in this process. Raises what `do` raises."""
     began = time.monotonic()
     with Screen(title, quiet=crew.quiet) as screen:
-        results = (
-            _results(do, items, crew.workers) if crew.scheduler is None else _on_cluster(do, items, crew.scheduler)
-        )
+        results = _results(do, items, crew.workers) if crew.scheduler is None else _on_cluster(do, items, crew.scheduler)
         for done, result in enumerate(results, 1):
             yield result
             spent = time.monotonic() - began

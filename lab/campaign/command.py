@@ -57,9 +57,7 @@ def plan(path: Path, rig_path: Path, as_json: bool) -> int:
     out.print(
         f"{len(c.runs)} runs, {said['states']} states, about {clock(rig_s)} of rig time{fast}, a person's hands not counted"
     )
-    out.print(
-        f"seed {c.file.seed}{'' if said['seed_given'] else ' (drawn now; write it into the file to keep this order)'}"
-    )
+    out.print(f"seed {c.file.seed}{'' if said['seed_given'] else ' (drawn now; write it into the file to keep this order)'}")
     out.print(f"hands are needed {c.hands} times, the first time included")
     for number, task in enumerate(tasks, 1):
         out.print(f"  task {number}, {task}", soft_wrap=True)

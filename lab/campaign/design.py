@@ -196,9 +196,7 @@ def _jobs(
 def _as_list(experiment: Experiment | None, key: str, value: Any) -> Any:
     """One value of a parameter that is a list stands for a list of it alone."""
     field = None if experiment is None else experiment.parameters.model_fields.get(key)
-    return (
-        [value] if field is not None and get_origin(field.annotation) is list and not isinstance(value, list) else value
-    )
+    return [value] if field is not None and get_origin(field.annotation) is list and not isinstance(value, list) else value
 
 
 def _lines(source: Source, place: Loc, picked: Mapping[str, int]) -> dict[Loc, int]:

@@ -86,9 +86,7 @@ class Journal:
                 f"{folder}: holds a campaign already; go on with it by --resume {folder}, or give another --out"
             ) from None
         journal = cls(path, fd, Done(campaign, design, dict(labels)))
-        journal._append(
-            {"campaign_journal": VERSION, "campaign": campaign, "design": design, "labels": dict(labels)}, sync=False
-        )
+        journal._append({"campaign_journal": VERSION, "campaign": campaign, "design": design, "labels": dict(labels)}, sync=False)
         return journal
 
     @classmethod

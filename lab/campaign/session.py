@@ -153,9 +153,7 @@ class Session:
     def _found(self, run: Run) -> Found:
         return found_of(self.folder / run.folder)
 
-    def _one(
-        self, run: Run | None, job: Job, needs: Sequence[str], folder: Path, broken: Broken | None
-    ) -> Ended | None:
+    def _one(self, run: Run | None, job: Job, needs: Sequence[str], folder: Path, broken: Broken | None) -> Ended | None:
         """One recording, with the instruments that are needed open; None: it failed, and may be tried again."""
         if why := self.stops.before(job.plan, self.journal.done):
             return Ended(False, why)

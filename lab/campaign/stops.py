@@ -61,9 +61,7 @@ class Stops:
         if self.rules.max_lost is not None and done.lost > self.rules.max_lost:
             return f"stop.max_lost = {self.rules.max_lost}: {done.lost} samples were lost"
         if self.failed >= self.rules.max_failed:
-            return (
-                f"stop.max_failed = {self.rules.max_failed}: {self.failed} run{'s' if self.failed > 1 else ''} failed"
-            )
+            return f"stop.max_failed = {self.rules.max_failed}: {self.failed} run{'s' if self.failed > 1 else ''} failed"
         most = self.rules.max_scatter
         if most is None:
             return ""

@@ -60,9 +60,7 @@ def _by_step(path: Path, found: Columns, case: Case) -> NDArray[np.int64]:
     line = {key: i for i, key in enumerate(keys)}
     place = np.array([line.get((float(r.trial), float(r.step)), -1) for r in case.table])
     if (place < 0).all():
-        raise ConfigError(
-            f"{path}: predicts none of the {len(place)} states of the table; match its columns trial and step"
-        )
+        raise ConfigError(f"{path}: predicts none of the {len(place)} states of the table; match its columns trial and step")
     return place
 
 
@@ -119,9 +117,7 @@ def _baseline(name: str, found: Columns, place: NDArray[np.int64], case: Case) -
         np.column_stack([column(f"p{i + 1}", np.array([r.pressures[i] for r in rows])) for i in range(chambers)]),
         np.column_stack([column(axis, nothing) for axis in "xyz"]),
         np.column_stack([column(f"q{k}", nothing) for k in "wxyz"]),
-        np.stack(
-            [np.column_stack([column(f"m{k + 1}{axis}", nothing) for axis in "xyz"]) for k in range(markers)], axis=1
-        )
+        np.stack([np.column_stack([column(f"m{k + 1}{axis}", nothing) for axis in "xyz"]) for k in range(markers)], axis=1)
         if markers
         else np.zeros((len(rows), 0, 3)),
     )
@@ -133,9 +129,7 @@ def _demand_plausible(name: str, made: Baseline, case: Case) -> None:
     for i, row in enumerate(case.table):
         if np.isfinite(made.tip[i]).all():
             x, y, z = made.tip[i].tolist()
-            rows.append(
-                replace(row, tip=(x, y, z), orientation=None, markers=(), pressures=tuple(made.pressure[i].tolist()))
-            )
+            rows.append(replace(row, tip=(x, y, z), orientation=None, markers=(), pressures=tuple(made.pressure[i].tolist())))
     try:
         require_plausible(case.robot, Table(tuple(rows)), name)
     except DiagnosisError as e:
@@ -200,9 +194,7 @@ def from_simulator(
     scale = {f"{spec.id}.{p.name}": p.scale for spec in known for p in spec.parameters}
     unknown = [p for p in own.parameters if p not in scale]
     if unknown:
-        raise ConfigError(
-            f"simulator {name}: parameter {unknown[0]!r} is not known; `lab effects --json` lists the names"
-        )
+        raise ConfigError(f"simulator {name}: parameter {unknown[0]!r} is not known; `lab effects --json` lists the names")
     settings = np.array([_setting(r, case) for r in case.table])
     distinct, place = _distinct(settings)
     states = [distinct[i : i + 8] for i in range(0, len(distinct), 8)]

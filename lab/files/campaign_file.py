@@ -113,9 +113,7 @@ def load_campaign(path: Path) -> tuple[CampaignFile, Source]:
     source = read_yaml(path)
     found = check(source, CampaignFile)
     parts = [
-        p.model_copy(update={"protocol": str((path.parent / p.protocol).resolve())})
-        if p.protocol.endswith(".py")
-        else p
+        p.model_copy(update={"protocol": str((path.parent / p.protocol).resolve())}) if p.protocol.endswith(".py") else p
         for p in found.protocols
     ]
     return found.model_copy(update={"protocols": parts}), source

@@ -119,9 +119,7 @@ def check(source: Source, model: type[M]) -> M:
     told = []
     for loc in order[:MOST_PROBLEMS]:
         problem = problems[loc]
-        told.append(
-            f"{source.at(loc)}: {problem if isinstance(problem, str) else _describe(problem, loc, data, model)}"
-        )
+        told.append(f"{source.at(loc)}: {problem if isinstance(problem, str) else _describe(problem, loc, data, model)}")
     if len(order) > len(told):
         told.append(f"{source.name}: and {len(order) - len(told)} more problems")
     raise ConfigError("\n".join(told))
@@ -210,11 +208,7 @@ def _spread(
 ) -> float | None:
     """What stands behind +- in "505 kPa +- 30 %" or "40 cm +- 1 mm": a share or a difference, as the table has it."""
     table = model.model_fields["uncertainty"].annotation
-    share = (
-        isinstance(table, type)
-        and issubclass(table, BaseModel)
-        and unit_of(table.model_fields[_uncertain(field)]) == "1"
-    )
+    share = isinstance(table, type) and issubclass(table, BaseModel) and unit_of(table.model_fields[_uncertain(field)]) == "1"
     try:
         whole = to_si(value, unit_of(field) or "1")
         if beside.endswith("%"):
@@ -239,15 +233,11 @@ def _convert(value: Any, field: FieldInfo, loc: Loc, problems: dict[Loc, Any]) -
         try:
             value = to_si(value, unit or "")  # YAML takes 1e3 for a text
         except UnitError as e:
-            problems[loc] = (
-                f"{_dotted(loc)}: {e}" if unit is not None else f"{_dotted(loc)} = {_short(value)}: must be a number"
-            )
+            problems[loc] = f"{_dotted(loc)}: {e}" if unit is not None else f"{_dotted(loc)} = {_short(value)}: must be a number"
     if isinstance(value, bool) and number:
         problems[loc] = f"{_dotted(loc)} = {str(value).lower()}: must be a number{f' in {unit}' if unit else ''}"
     elif isinstance(value, float) and 0 < abs(value) < SMALLEST:
-        problems[loc] = (
-            f"{_dotted(loc)} = {f'{_short(value)} {unit or str()}'.strip()}: must be 0, or at least {SMALLEST:.1e}"
-        )
+        problems[loc] = f"{_dotted(loc)} = {f'{_short(value)} {unit or str()}'.strip()}: must be 0, or at least {SMALLEST:.1e}"
     return value
 
 
@@ -327,9 +317,7 @@ def _describe(error: ErrorDetails, loc: Loc, data: object, model: type[BaseModel
     if kind in ("union_tag_invalid", "literal_error"):
         allowed = str(context.get("expected_tags") or context.get("expected", ""))
         tag = context.get("tag", error["input"])
-        near = difflib.get_close_matches(
-            str(tag), [a.strip(" '") for a in allowed.replace(" or ", ",").split(",")], n=1
-        )
+        near = difflib.get_close_matches(str(tag), [a.strip(" '") for a in allowed.replace(" or ", ",").split(",")], n=1)
         return f"{key} = {_short(tag)}: must be one of {allowed}" + (f"; did you mean '{near[0]}'?" if near else "")
     if kind == "union_tag_not_found":
         return f"{key}: needs a key {context.get('discriminator', '')} that says which kind it is"
@@ -338,11 +326,7 @@ def _describe(error: ErrorDetails, loc: Loc, data: object, model: type[BaseModel
     if kind == "finite_number":
         return f"{key} = {number}: must be a finite number"
     message = error["msg"].removeprefix("Value error, ")
-    return (
-        f"{key} = {number}: {message}"
-        if key and not isinstance(error["input"], dict)
-        else f"{key or 'the file'}: {message}"
-    )
+    return f"{key} = {number}: {message}" if key and not isinstance(error["input"], dict) else f"{key or 'the file'}: {message}"
 
 
 def _within(field: FieldInfo | None, value: float) -> bool:

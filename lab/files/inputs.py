@@ -67,9 +67,7 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
     for path in inputs:
         if path.is_dir():
             if not (path / "trials.csv").exists() and any(path.glob("*.mcap")):
-                raise ConfigError(
-                    f"{path}: is a folder of recordings, not a case folder; give its files, {path}/*.mcap"
-                )
+                raise ConfigError(f"{path}: is a folder of recordings, not a case folder; give its files, {path}/*.mcap")
             if robot_path is None:
                 robots.append(_robot_in(read_yaml(path / "robot.yaml")))
             parts.append((str(path / "trials.csv"), read_csv(path / "trials.csv")))
@@ -184,9 +182,7 @@ CLIPPED = (
 def marked_notes(table: Table) -> list[str]:
     """One line that names the states on whose way the rig's limits clipped set-points, and one for each doubt about states."""
     notes = [("set-points were clipped to the rig's limits before", table.clipped, CLIPPED)]
-    notes += [
-        (f"{text} in", tuple(row for row in table.doubtful if row.doubt == doubt), "") for doubt, text in DOUBTS.items()
-    ]
+    notes += [(f"{text} in", tuple(row for row in table.doubtful if row.doubt == doubt), "") for doubt, text in DOUBTS.items()]
     return [f"{text} {len(rows)} of {len(table)} states: {_named(rows)}{more}" for text, rows, more in notes if rows]
 
 

@@ -60,9 +60,7 @@ class Entry:
         return f"repair it or remove it: pip uninstall {self.package}"
 
 
-def installed(
-    group: str, own: Mapping[str, T], unpack: Unpack[T], missing: Mapping[str, str] = MappingProxyType({})
-) -> Found[T]:
+def installed(group: str, own: Mapping[str, T], unpack: Unpack[T], missing: Mapping[str, str] = MappingProxyType({})) -> Found[T]:
     """The project's own things and those of installed packages; `missing`: the own ones that cannot be used here, and why."""
     offers: dict[str, list[tuple[Entry, T]]] = {}
     faults: dict[str, list[str]] = {}
@@ -97,9 +95,7 @@ def _settled(
     for name in {**offers, **faults}:
         offered, wrong = offers.get(name, []), faults.get(name, [])
         if name in own or name in missing:
-            taken = [
-                f"{e}: the name {name} belongs to this software and is not replaced; {e.remedy}" for e, _ in offered
-            ]
+            taken = [f"{e}: the name {name} belongs to this software and is not replaced; {e.remedy}" for e, _ in offered]
             doubts[name] = "\n".join([*taken, *wrong])
         elif len(offered) == 1:
             usable[name] = offered[0][1]
@@ -145,9 +141,7 @@ def python_file(path: Path) -> tuple[ModuleType, bytes]:
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # where the annotations of its classes are looked up
     try:
-        exec(
-            compile(text, path, "exec"), module.__dict__
-        )  # not by its loader, which would read it again, or an older one
+        exec(compile(text, path, "exec"), module.__dict__)  # not by its loader, which would read it again, or an older one
     except (Exception, SystemExit) as error:
         raise ConfigError(told_at(error, path)) from error
     finally:

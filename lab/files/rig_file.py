@@ -256,9 +256,7 @@ class RigFile(FileTable):
         found: Robot = self._body
         return found
 
-    def read_from(
-        self, path: Path | None, texts: Mapping[str, bytes] | None = None, body: Robot | None = None
-    ) -> RigFile:
+    def read_from(self, path: Path | None, texts: Mapping[str, bytes] | None = None, body: Robot | None = None) -> RigFile:
         """The same, known to have been read from this file, with this robot."""
         found = self.model_copy()
         found._path, found._texts, found._body = path, texts or {}, body
@@ -275,9 +273,7 @@ def load_rig(path: Path) -> RigFile:
     rig = check(source, RigFile)
     robot = (path.parent / rig.robot).resolve()
     if not robot.is_file():
-        raise ConfigError(
-            f"{path}: robot = {rig.robot}: no such file; give the path of robot.yaml relative to this file"
-        )
+        raise ConfigError(f"{path}: robot = {rig.robot}: no such file; give the path of robot.yaml relative to this file")
     of_robot = read_yaml(robot)
     texts = {"rig.yaml": source.text, "robot.yaml": of_robot.text}
     return rig.model_copy(update={"robot": robot}).read_from(path.resolve(), texts, check(of_robot, Robot))
@@ -343,9 +339,7 @@ def _sound_tables(source: Source, last: RigFile | None) -> tuple[RigFile, list[s
                 found = getattr(_with(source, {}, **{key: source.data[key]}), key)
             except ConfigError as e:
                 found = getattr(last or rig, key)
-                notes.append(
-                    f"{e}\nusing {key} {'as the rig was last used with it' if last else 'as it is by default'}"
-                )
+                notes.append(f"{e}\nusing {key} {'as the rig was last used with it' if last else 'as it is by default'}")
             rig = rig.model_copy(update={key: found})
     return rig, notes
 

@@ -156,9 +156,7 @@ class _Edited:
     ) -> Iterator[_Edit]:
         """Edits that turn a table into another one: of values that differ, and of entries that only one of the two has."""
         by_number = all(isinstance(key, float) for key in (*before, *after))
-        there = {
-            float(own) if by_number else own: _There(own, *pair) for own, pair in zip(data, node.value, strict=True)
-        }
+        there = {float(own) if by_number else own: _There(own, *pair) for own, pair in zip(data, node.value, strict=True)}
         gone = [key for key in there if key in before and key not in after]
         added = {key: value for key, value in after.items() if key not in there and before.get(key) != value}
         edits: dict[Any, list[_Edit]] = {key: [] for key in there}

@@ -66,9 +66,7 @@ def to_si(text: str, unit: str, known: Mapping[str, float] | None = None) -> flo
         return value
     factors = KINDS.get(unit, {unit: 1.0}) if known is None else known
     if name not in factors:
-        raise UnitError(
-            f"{text!r} has the unit {name!r}, but a value in {unit} is needed; use one of {', '.join(factors)}"
-        )
+        raise UnitError(f"{text!r} has the unit {name!r}, but a value in {unit} is needed; use one of {', '.join(factors)}")
     return value * factors[name]
 
 
@@ -106,9 +104,7 @@ def sized(value: float, unit: str) -> str:
     ('1 kPa', '100 GPa', '0.5 m', '5')
     """
     multiples = {f"{prefix}{unit}" for prefix in "kMG"} & set(KINDS.get(unit, ()))
-    size, name = max(
-        [(1.0, unit), *((f, n) for n, f in KINDS.get(unit, {}).items() if n in multiples and f <= abs(value))]
-    )
+    size, name = max([(1.0, unit), *((f, n) for n, f in KINDS.get(unit, {}).items() if n in multiples and f <= abs(value))])
     return f"{value / size:g}{unit_text(name)}"
 
 

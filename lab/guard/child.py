@@ -35,9 +35,7 @@ def start_child(module: str, passed: Sequence[int] = (), *more: str, **streams: 
 
 def new_process(module: str, passed: Sequence[int], more: Sequence[str], streams: Mapping[str, Any]) -> Child:
     command = [sys.executable, "-P", "-m", module, *map(str, passed), *more]
-    return subprocess.Popen(
-        command, pass_fds=passed, start_new_session=True, **{"stdin": subprocess.DEVNULL, **streams}
-    )
+    return subprocess.Popen(command, pass_fds=passed, start_new_session=True, **{"stdin": subprocess.DEVNULL, **streams})
 
 
 def start_served(module: str, first: object) -> tuple[Child, Connection]:

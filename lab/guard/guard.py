@@ -72,9 +72,7 @@ class Owned:
 class Guard:
     """One rig's guard."""
 
-    def __init__(
-        self, rig: RigFile, clock: RigClock, despite_latch: bool = False, tell: Tell = nobody, about: str = ""
-    ) -> None:
+    def __init__(self, rig: RigFile, clock: RigClock, despite_latch: bool = False, tell: Tell = nobody, about: str = "") -> None:
         """`despite_latch`: also a locked rig may be commanded, by a person who sees to it. `about`: the command served."""
         self.rig, self.clock, self.tell = rig, clock, tell
         self.latch = Latch(rig.path) if rig.path is not None else None
@@ -91,9 +89,7 @@ class Guard:
         self.under_force: UnderForce | None = None
         if "arm" in self.own.drivers:
             arm = self.own.drivers["arm"]
-            self.under_force = UnderForce(
-                arm, self.rig.limits, self._begin_motion, self._say_waiting, self._not_stopped
-            )
+            self.under_force = UnderForce(arm, self.rig.limits, self._begin_motion, self._say_waiting, self._not_stopped)
             self.own.drivers["arm"] = self.under_force
         own = self.own
         self.settings = Settings(own.drivers)
@@ -252,9 +248,7 @@ class Guard:
         return held
 
     # -- landing
-    def make_safe(
-        self, why: str, keep_vacuum: bool, names: Sequence[str] | None = None, reach: float = 0.0
-    ) -> SafeReport:
+    def make_safe(self, why: str, keep_vacuum: bool, names: Sequence[str] | None = None, reach: float = 0.0) -> SafeReport:
         """Land what is open, or `names`, and read it back; the latch goes when all of it is confirmed. Never raises.
 
         What is not open is opened, trying for `reach` host seconds.

@@ -128,9 +128,7 @@ class LimitMonitor:
             # Pa; regulators round the set-points that they hold
             if abs(confirmed - held) > 2e3
         ]
-        twice = [
-            found for found in differing if found[0] in self._differed
-        ]  # a single reading of a channel may be wrong
+        twice = [found for found in differing if found[0] in self._differed]  # a single reading of a channel may be wrong
         self._differed = {channel for channel, _, _ in differing}
         if not twice:
             return None

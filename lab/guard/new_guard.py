@@ -21,9 +21,7 @@ from .report import SafeReport, SafeStep
 from .rescue import go_on_landing
 
 
-def make_safe_with_new_guard(
-    file: RigFile, clock: RigClock, names: Sequence[str], why: str, unlock: bool
-) -> SafeReport:
+def make_safe_with_new_guard(file: RigFile, clock: RigClock, names: Sequence[str], why: str, unlock: bool) -> SafeReport:
     """Own the rig, open these actuators and make them safe; what cannot be reached is reported as not confirmed.
 
     `unlock` the rig when everything is confirmed. A rig that somebody keeps who does not land it is landed all the same.

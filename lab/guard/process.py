@@ -115,9 +115,7 @@ class ProgramWatch(timing.Thread):
 
     def _overloaded(self, text: str) -> None:
         if self._guard.energised:
-            self._guard.land(
-                f"force: {text}", DeviceFault("force", f"{text}; free what the tool pushes on, then run again")
-            )
+            self._guard.land(f"force: {text}", DeviceFault("force", f"{text}; free what the tool pushes on, then run again"))
 
 
 def _serve(guard: Guard, commands: Connection) -> None:

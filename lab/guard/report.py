@@ -42,9 +42,9 @@ class SafeReport:
         return f"safe state NOT confirmed: {left}. Use the vent valve and the emergency stop"
 
     def __str__(self) -> str:
-        return "; ".join(
-            f"{s.instrument} {'safe' if s.confirmed else 'NOT CONFIRMED'}: {s.text}" for s in self.steps
-        ) or ("nothing was open")
+        return "; ".join(f"{s.instrument} {'safe' if s.confirmed else 'NOT CONFIRMED'}: {s.text}" for s in self.steps) or (
+            "nothing was open"
+        )
 
     @classmethod
     def parsed(cls, steps: Any) -> SafeReport:

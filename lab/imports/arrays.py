@@ -52,11 +52,7 @@ def columns_of(path: Path, given: Mapping[str, Any], source: Source, form: str, 
         raise ConfigError(f"{path}: holds no table of numbers" + (f"; not read: {', '.join(left)}" if left else ""))
     numbers = [part.values for part in judged.values() if part.values.dtype.kind == "f"]
     rows = _rows([*arrays.values(), *numbers] or [part.values for part in judged.values()])
-    named = {
-        len(p.values): p.values.tolist()
-        for p in judged.values()
-        if p.values.dtype.kind == "U" and len(p.values) != rows
-    }
+    named = {len(p.values): p.values.tolist() for p in judged.values() if p.values.dtype.kind == "U" and len(p.values) != rows}
     headed = [n for a in arrays.values() if a.ndim == 2 for n in named if n in a.shape]
     columns: dict[str, Judged] = {}
     told = list(notes)
@@ -69,18 +65,14 @@ def columns_of(path: Path, given: Mapping[str, Any], source: Source, form: str, 
             continue
         assert isinstance(part, np.ndarray)
         if len(part) != rows and rows in part.shape:
-            told.append(
-                f"{label} ({' x '.join(map(str, part.shape))}) is read with its rows along the second dimension"
-            )
+            told.append(f"{label} ({' x '.join(map(str, part.shape))}) is read with its rows along the second dimension")
             part = part.T
         if len(part) != rows:
             left.append(f"{label} ({len(part)} instead of {rows} rows)")
             continue
         for k, column in enumerate(np.atleast_2d(part.T), 1):
             heading = k if part.ndim == 1 or part.shape[1] not in named else named[part.shape[1]][k - 1] or k
-            columns[str(heading) if source.variable else label if part.ndim == 1 else f"{label}.{heading}"] = Judged(
-                column
-            )
+            columns[str(heading) if source.variable else label if part.ndim == 1 else f"{label}.{heading}"] = Judged(column)
     if left:
         told.append(f"not read: {', '.join(left)}")
     made = of_judged(path, columns, form)
@@ -93,9 +85,7 @@ def parts_of(name: str, value: Any, alone: bool) -> Iterator[tuple[str, Array | 
 
     if isinstance(value, pd.DataFrame):
         value = (
-            value.reset_index()
-            if pd.api.types.is_datetime64_any_dtype(value.index) or value.index.dtype.kind == "m"
-            else value
+            value.reset_index() if pd.api.types.is_datetime64_any_dtype(value.index) or value.index.dtype.kind == "m" else value
         )
         units = dict(zip(value.columns, value.attrs.get("VariableUnits", ()), strict=False))
         for label in value.columns:
@@ -143,9 +133,7 @@ def _cells(cells: NDArray[np.object_]) -> Array | Judged | str:
         if one.size > 1 or one.dtype.kind not in "fiubUO":
             return "cells that hold more than one number or text"
         one = one.reshape(-1)
-        words.append(
-            "" if not one.size or one[0] is None else str(one[0]) if one.dtype.kind == "U" else repr(float(one[0]))
-        )
+        words.append("" if not one.size or one[0] is None else str(one[0]) if one.dtype.kind == "U" else repr(float(one[0])))
     return judge(pd.Series(words, dtype=str))
 
 

@@ -107,11 +107,7 @@ def number(word: str, mark: str = ".", grouped: bool = False) -> float | None:
 def looks_like_value(word: str) -> bool:
     """Whether a cell is a number with any decimal mark, one with a unit, or a time."""
     word = word.strip()
-    return (
-        any(number(word, mark, grouped=True) is not None for mark in ".,")
-        or _are_times([word])
-        or bool(_with_unit([word])[1])
-    )
+    return any(number(word, mark, grouped=True) is not None for mark in ".,") or _are_times([word]) or bool(_with_unit([word])[1])
 
 
 def judge(cells: pd.Series[str], missing: Sequence[str | float] = (), decimal: str | None = None, *,
@@ -160,9 +156,7 @@ def judge(cells: pd.Series[str], missing: Sequence[str | float] = (), decimal: s
         times = _times(cells, words)
         return Judged(np.array(cells, dtype=np.str_)) if times is None else Judged(times, "s")
     found = tuple(dict.fromkeys(map(str, cells[open_].head(1000))))[:MOST_WORDS]
-    return Judged(
-        values, unit, Strange(int(np.argmax(open_)), found, int(open_.sum()), np.array(cells, dtype=np.str_)), note
-    )
+    return Judged(values, unit, Strange(int(np.argmax(open_)), found, int(open_.sum()), np.array(cells, dtype=np.str_)), note)
 
 
 def without_fillers(values: Array, missing: Sequence[str | float] = ()) -> tuple[Array, dict[float, int]]:
@@ -194,9 +188,7 @@ def of_frame(cells: pd.Series[Any], missing: Sequence[str | float] = ()) -> Judg
         return Judged(np.array(cells / pd.Timedelta(seconds=1), np.float64), "s")
     if pd.api.types.is_numeric_dtype(cells) and not pd.api.types.is_complex_dtype(cells):
         return Judged(cells.astype("float64").to_numpy(np.float64, na_value=np.nan))
-    return judge(
-        cells.map(lambda v: "" if v is None or v is pd.NA or v is pd.NaT or v != v else str(v)).astype(str), missing
-    )
+    return judge(cells.map(lambda v: "" if v is None or v is pd.NA or v is pd.NaT or v != v else str(v)).astype(str), missing)
 
 
 # ------------------------------------------------------------------ decimal marks

@@ -58,8 +58,8 @@ READERS: Mapping[str, Callable[[Path, Source], Series]] = {
 }  # fmt: skip
 """By ending."""
 RECORDING = ".mcap"
-REMEDIES: Mapping[str, str] = dict.fromkeys(
-    (".zstd", ".zst", ".lz4", ".gz", ".zip"), "unpack it first"
-) | dict.fromkeys((".bag", ".db3"), "convert it with `mcap convert`")
+REMEDIES: Mapping[str, str] = dict.fromkeys((".zstd", ".zst", ".lz4", ".gz", ".zip"), "unpack it first") | dict.fromkeys(
+    (".bag", ".db3"), "convert it with `mcap convert`"
+)
 """.. by ending, where a table is not the remedy."""
 KNOWN = (*READERS, RECORDING)

@@ -122,9 +122,7 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
                 "{PATTERN: {p1: 50 kPa, ..}}"
             )
             return []
-        wants = (
-            "a pressure (p1, P2 [kPa], pressure_3 ..)" if robot.tendons is None else "a tension (tendon1 [N], Zug_2 ..)"
-        )
+        wants = "a pressure (p1, P2 [kPa], pressure_3 ..)" if robot.tendons is None else "a tension (tendon1 [N], Zug_2 ..)"
         raise ConfigError(
             f"{series.path}: no heading names {wants}; there are "
             f"{', '.join(map(repr, series.names[:12]))}. Write map.yaml by hand (docs: data from elsewhere)"
@@ -151,13 +149,9 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
             "name measured ones where there are any"
         )
     if again:
-        g.doubts.append(
-            f"{', '.join(again)} name chambers that other columns name too: check which are the measured pressures"
-        )
+        g.doubts.append(f"{', '.join(again)} name chambers that other columns name too: check which are the measured pressures")
     if len(names) != wanted:
-        g.doubts.append(
-            f"{len(names)} columns of pressure for {wanted} chambers of robot.yaml: check which feeds which"
-        )
+        g.doubts.append(f"{len(names)} columns of pressure for {wanted} chambers of robot.yaml: check which feeds which")
     if set(found) - set(chosen):
         g.doubts.append(f"set-points are left out: {', '.join(sorted(set(found) - set(chosen)))}")
     return names
@@ -178,9 +172,7 @@ def _tension_units(series: Series, headings: Sequence[Heading]) -> dict[str, _Un
     """By column the unit of a tension."""
     said = {h.name: h.unit if h.kind == "N" else series.unit_of(h.name, KINDS["N"]) for h in headings}
     return {
-        name: _Unit(unit, f"the file says {unit} of {name!r}")
-        if unit
-        else _Unit("N", "usual for tensions", guessed=True)
+        name: _Unit(unit, f"the file says {unit} of {name!r}") if unit else _Unit("N", "usual for tensions", guessed=True)
         for name, unit in said.items()
     }
 
@@ -231,9 +223,7 @@ def _others(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot)
             ignored.append(h.name)
             continue
         if column == "roll_deg" and changes_throughout(series.numbers[h.name]):
-            g.doubts.append(
-                f"{h.name!r} changes from row to row: it is not how the body is mounted (roll_deg) and is not used"
-            )
+            g.doubts.append(f"{h.name!r} changes from row to row: it is not how the body is mounted (roll_deg) and is not used")
             continue
         entry: dict[str, Any] = {"column": h.name}
         why = f"the heading {h.name!r}"
@@ -287,9 +277,7 @@ def _branches(series: Series, name: str) -> dict[str, str] | None:
         return None
     known = {w: branch for branch, words in WORDS_OF_BRANCH.items() for w in words.split()}
     said = {
-        str(w): known.get(str(w).strip().casefold())
-        for w in dict.fromkeys(series.words[name].tolist())
-        if not is_missing(str(w))
+        str(w): known.get(str(w).strip().casefold()) for w in dict.fromkeys(series.words[name].tolist()) if not is_missing(str(w))
     }
     return {w: b for w, b in said.items() if b} if all(said.values()) else None
 

@@ -89,9 +89,7 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
     unit, why = _length_unit(g, common, tips[0], between[rest], robot.length)
     names = [c for t in tips for c in t.columns]
     if bases or len(tips) > 1:
-        g.say(
-            "points.tip.of", [list(t.columns) for t in tips], f"{len(tips)} group(s) of columns that move with the tip"
-        )
+        g.say("points.tip.of", [list(t.columns) for t in tips], f"{len(tips)} group(s) of columns that move with the tip")
         if bases:
             g.say("points.tip.against", [list(t.columns) for t in bases], "they are at the base")
             names += [c for t in bases for c in t.columns]
@@ -220,9 +218,7 @@ def _frame(g: Guess, tip: Array, resting: Sequence[Array], robot: Robot, rests: 
         first, arc = at_rest, robot.length
     told = _aside(first) <= 0.5 * arc
     lies = _axis(first)
-    frames = [
-        Frame(x=x, y=y, z=z) for z in ([lies] if told else ["z", "-z", "x", "-x", "y", "-y"]) for x, y in _turned(z)
-    ]
+    frames = [Frame(x=x, y=y, z=z) for z in ([lies] if told else ["z", "-z", "x", "-x", "y", "-y"]) for x, y in _turned(z)]
     agreement = [_agreement(pushed.aside, tip - at_rest, frame) for frame in frames]
     best = int(np.argmax(agreement))
     found = frames[best]

@@ -80,9 +80,7 @@ WORDS_OF_BRANCH = {
     "load": "load up loading inflate inflating inflation rise rising increase auf hin forward",
     "unload": "unload down unloading deflate deflating deflation fall falling decrease ab zurueck backward",
 }
-UNITS = {
-    unit.casefold(): (kind, unit) for kind in ("m", "Pa", "Pa/s", "s", "kg", "N", "N/s", "deg") for unit in KINDS[kind]
-}
+UNITS = {unit.casefold(): (kind, unit) for kind in ("m", "Pa", "Pa/s", "s", "kg", "N", "N/s", "deg") for unit in KINDS[kind]}
 UNIT_WORDS = {
     "m": "meter meters metre metres mètres metros м", "cm": "centimeter centimeters centimetre centimetres zentimeter см",
     "mm": "millimeter millimeters millimetre millimetres millimètres milímetros мм",

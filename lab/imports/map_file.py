@@ -237,9 +237,7 @@ class Map(FileTable):
     """How the tip is turned."""
     frame: Frame = Frame()
     """Which axis of the file each axis of the robot's base is."""
-    sensor: tuple[FiniteFloat, FiniteFloat, FiniteFloat] = Field(
-        default=(0.0, 0.0, 0.0), json_schema_extra={"unit": "m"}
-    )
+    sensor: tuple[FiniteFloat, FiniteFloat, FiniteFloat] = Field(default=(0.0, 0.0, 0.0), json_schema_extra={"unit": "m"})
     """Tracked point on the straight robot, from the end of the body; needs an orientation."""
     forces: Literal["base", "tip"] = "base"
     """Axes of force_x, force_y, force_z: of the base, or of a sensor that turns with the tip."""

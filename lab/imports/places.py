@@ -41,9 +41,7 @@ WRONG, RIGHT = 0.05, 0.25
 def lever_off(rows: Sequence[TrialRow], length: float) -> tuple[float, float, float] | None:
     """h (m), and the rms (m) that are missed without and with it, where readings that start from the straight robot contradict
     the map; None otherwise."""
-    kept = [
-        (np.array(r.tip), Rotation.from_quat(r.orientation, scalar_first=True)) for r in rows if r.tip and r.orientation
-    ]
+    kept = [(np.array(r.tip), Rotation.from_quat(r.orientation, scalar_first=True)) for r in rows if r.tip and r.orientation]
     kept = [(tip, turn) for tip, turn in kept if np.hypot(*turn.as_rotvec()[:2]) > LEAST_TURN]
     n = len(kept)
     if n < FEWEST:

@@ -85,9 +85,7 @@ def _stretches(wanted: Plateaus, t: Array, filled: Array, trial: NDArray[np.int6
     np.add.at(ended, ends[calm], 1)
     steady = np.cumsum(begun - ended)[:n] > 0
     apart = (
-        (np.abs(np.diff(filled, axis=0)).max(axis=1) > wanted.steady)
-        | (np.diff(trial) != 0)
-        | (np.diff(steady.astype(int)) != 0)
+        (np.abs(np.diff(filled, axis=0)).max(axis=1) > wanted.steady) | (np.diff(trial) != 0) | (np.diff(steady.astype(int)) != 0)
     )
     edges = [0, *(np.flatnonzero(apart) + 1).tolist(), n]
     out = []

@@ -96,8 +96,7 @@ class _File:
         if gone.any():
             first = self.series.place(int(np.argmax(gone)))
             self.notes.append(
-                f"{name} is exactly 0, 0, 0 in {int(gone.sum())} of {len(gone)} rows "
-                f"(first in {first}): taken as missing"
+                f"{name} is exactly 0, 0, 0 in {int(gone.sum())} of {len(gone)} rows (first in {first}): taken as missing"
             )
         return np.where(gone[:, None], np.nan, xyz)
 
@@ -151,9 +150,7 @@ def _without_gaps(q: Quantities, file: _File) -> Quantities:
         file.notes.append(f"{between} of {len(q.t)} rows have no time: taken as between their neighbours")
     if outside := len(q.t) - (inside.stop - inside.start):
         place = file.series.place(0 if inside.start else inside.stop)
-        file.notes.append(
-            f"{outside} of {len(q.t)} rows stand before or behind all times (such as {place}) and are left out"
-        )
+        file.notes.append(f"{outside} of {len(q.t)} rows stand before or behind all times (such as {place}) and are left out")
     return replace(q, t=np.interp(rows, known, q.t[known])).of(rows[inside])
 
 
@@ -238,10 +235,7 @@ def _mixed_units(file: _File, wanted: Map, *groups: Sequence[str]) -> Iterator[s
     """About columns of one kind that the map reads in several units, where the file does not say so."""
     for names in groups:
         given = {n: wanted.columns[n] for n in names if n in wanted.columns}
-        stated = {
-            n: unit_in(file.series, name_of(file.series, c.column, n), units_for(n, file.drive))
-            for n, c in given.items()
-        }
+        stated = {n: unit_in(file.series, name_of(file.series, c.column, n), units_for(n, file.drive)) for n, c in given.items()}
         units = [c.unit or stated[n] for n, c in given.items()]
         if len(set(units)) > 1 and not all(stated.values()):
             yield f"columns {', '.join(given)} are read in {', '.join(u or 'SI' for u in units)}, and the file does not say so"
@@ -341,9 +335,7 @@ def _turn(file: _File, wanted: Map, frame: Array) -> tuple[Rotation | None, NDAr
     return onto * made * onto.inv(), there
 
 
-def misfits(
-    series: Series, given: Orientation, frame: Array, tip: Array, resting: NDArray[np.bool_]
-) -> dict[str, float]:
+def misfits(series: Series, given: Orientation, frame: Array, tip: Array, resting: NDArray[np.bool_]) -> dict[str, float]:
     """By order of three angles, deg (rms) by which the tip, (n, 3) m, turns about another axis than the one across its
     displacement; empty where it hardly turns.
 
@@ -354,9 +346,7 @@ def misfits(
     for order in OF_ANGLES:
         made, there = stated(series, given.model_copy(update={"order": order}))
         kept = there & np.isfinite(tip).all(axis=1)
-        if (kept & resting).any() and (
-            off := turn_misfit(tip[kept], onto * made[kept] * onto.inv(), resting[kept])
-        ) is not None:
+        if (kept & resting).any() and (off := turn_misfit(tip[kept], onto * made[kept] * onto.inv(), resting[kept])) is not None:
             out[order] = float(np.degrees(off))
     return out
 
@@ -388,9 +378,7 @@ def stated(series: Series, given: Orientation) -> tuple[Rotation, NDArray[np.boo
         kept = np.where(there[:, None], values, [1.0, 0, 0, 0] if given.order == "wxyz" else [0, 0, 0, 1.0])
         return Rotation.from_quat(kept, scalar_first=given.order == "wxyz"), there
     kept = np.where(there[:, None], values, 0.0)
-    unit = (
-        given.unit or unit_in(series, name_of(series, given.columns[0], "orientation.columns"), KINDS["deg"]) or "rad"
-    )
+    unit = given.unit or unit_in(series, name_of(series, given.columns[0], "orientation.columns"), KINDS["deg"]) or "rad"
     # rad, about two turns: larger angles without a unit are asked about
     if given.unit is None and unit == "rad" and (largest := float(np.abs(kept).max(initial=0.0))) > 12.0:
         raise ConfigError(

@@ -160,6 +160,4 @@ def at_rest(pressures: Array) -> NDArray[np.bool_]:
 
 def _range(pressures: Array) -> tuple[Array, Array]:
     finite = np.where(np.isfinite(pressures), pressures, np.inf)
-    return finite.min(axis=0, initial=np.inf), np.where(np.isfinite(pressures), pressures, -np.inf).max(
-        axis=0, initial=-np.inf
-    )
+    return finite.min(axis=0, initial=np.inf), np.where(np.isfinite(pressures), pressures, -np.inf).max(axis=0, initial=-np.inf)

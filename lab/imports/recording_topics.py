@@ -134,9 +134,7 @@ def read_topics(paths: Sequence[Path], source: Source, named: Collection[str] | 
     found = {name: Topic(name) for name in wanted}
     for p, recording in zip(paths, recordings, strict=True):
         channels = Counter(c.topic for c in recording.contents.channels.values() if c.topic in found)
-        notes += [
-            f"{n} channels carry {topic}; read as one, in order of time" for topic, n in channels.items() if n > 1
-        ]
+        notes += [f"{n} channels carry {topic}; read as one, in order of time" for topic, n in channels.items() if n > 1]
         try:
             _decode(recording, found)
         except RecordingError as e:
@@ -153,9 +151,7 @@ def read_topics(paths: Sequence[Path], source: Source, named: Collection[str] | 
         raise ConfigError(f"{path}: no topic holds numbers that can be read{f' ({why})' if why else ''}")
     if source.topic is not None and source.topic not in topics:
         why = f" ({found[source.topic].reason})" if source.topic in found and found[source.topic].why else ""
-        raise ConfigError(
-            f"{path}: has no topic {source.topic!r} with numbers (source.topic){why}; it has {', '.join(topics)}"
-        )
+        raise ConfigError(f"{path}: has no topic {source.topic!r} with numbers (source.topic){why}; it has {', '.join(topics)}")
     leading = topics[source.topic or max(topics, key=lambda t: (_places(topics[t].rows), len(topics[t].rows)))]
     start = min(topic.times[0] for topic in topics.values())
     at = np.array(leading.times)
@@ -383,10 +379,7 @@ def _names(inside: Sequence[Any]) -> tuple[str, ...]:
         return ()
     elements = [_fields(inner) or {} for inner in inside]
     said = [k for k, v in elements[0].items() if IDENTITY.fullmatch(k) and isinstance(v, str | int)]
-    ways = (
-        _texts([str(e.get(k, "")) for e in elements])
-        for k in sorted(said, key=lambda k: isinstance(elements[0][k], int))
-    )
+    ways = (_texts([str(e.get(k, "")) for e in elements]) for k in sorted(said, key=lambda k: isinstance(elements[0][k], int)))
     return next(filter(None, ways), ())
 
 

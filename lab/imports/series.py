@@ -48,11 +48,7 @@ class Series:
     @cached_property
     def numbers(self) -> dict[str, Array]:
         """Columns that hold numbers, at least one."""
-        return {
-            n: np.asarray(c, np.float64)
-            for n, c in self.columns.items()
-            if c.dtype.kind == "f" and np.isfinite(c).any()
-        }
+        return {n: np.asarray(c, np.float64) for n, c in self.columns.items() if c.dtype.kind == "f" and np.isfinite(c).any()}
 
     @cached_property
     def words(self) -> dict[str, Texts]:

@@ -144,9 +144,7 @@ def _read(
             made = ordered
             notes.append(f"files are read in the order of their times: {names}")
         elif apart:
-            notes.append(
-                f"files are read in the order of their names; by their times, unless over midnight, it is: {names}"
-            )
+            notes.append(f"files are read in the order of their names; by their times, unless over midnight, it is: {names}")
     return made, notes
 
 
@@ -180,9 +178,7 @@ def imported(
         made = [_state(number, group + k, q, c) for k, c in zip(numbers, own, strict=True) if c not in torn]
         kept = [s for s in made if s is not None]
         if len(kept) < len(made):
-            notes.append(
-                f"{path.name}: {len(made) - len(kept)} of {len(made)} states have no tip or pressure and are left out"
-            )
+            notes.append(f"{path.name}: {len(made) - len(kept)} of {len(made)} states have no tip or pressure and are left out")
         if not kept:
             raise ConfigError(f"{path}: no state was found; {_why(wanted, q)}")
         states += kept
@@ -436,9 +432,7 @@ def _state(file: int, group: int, q: Quantities, cut: Cut) -> _State | None:
     turned = q.turned[own] & seen
     turn = q.turn[own][turned].mean() if q.turn is not None and turned.any() else None
     markers = tuple(
-        tuple(m[np.isfinite(m).all(axis=1)].mean(axis=0).tolist())
-        if np.isfinite(m).all(axis=1).any()
-        else (np.nan,) * 3
+        tuple(m[np.isfinite(m).all(axis=1)].mean(axis=0).tolist()) if np.isfinite(m).all(axis=1).any() else (np.nan,) * 3
         for m in np.swapaxes(q.markers[own], 0, 1)
     )
     cells: dict[str, Any] = dict(q.constants)
@@ -521,9 +515,7 @@ def _kinds(trials: Sequence[Sequence[TrialRow]]) -> list[tuple[int, ...]]:
     return [tuple(int(v) for v in kind) for kind in zip(*settings, strict=True)]
 
 
-def _pushes(
-    rows: Sequence[TrialRow], files: Sequence[tuple[Series, Quantities, tuple[Cut, ...]]], wanted: Map
-) -> list[TrialRow]:
+def _pushes(rows: Sequence[TrialRow], files: Sequence[tuple[Series, Quantities, tuple[Cut, ...]]], wanted: Map) -> list[TrialRow]:
     """Stiffness rows: what each file's force adds to the place of the tip without it."""
     assert wanted.stiffness is not None
     axis, sign = AXES[wanted.stiffness.along]

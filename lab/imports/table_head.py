@@ -38,15 +38,11 @@ class Head:
 
 def head_of(path: Path, above: Sequence[Line], width: int, source: Source) -> Head:
     """Judge the lines above the data; `source.heading` and `source.units` name lines by number."""
-    above = [
-        (line, [re.sub(r"\s+", " ", c).strip().strip('"').strip() for c in cells], text) for line, cells, text in above
-    ]
+    above = [(line, [re.sub(r"\s+", " ", c).strip().strip('"').strip() for c in cells], text) for line, cells, text in above]
     named = {line: cells for line, cells, _ in above}
     for key, line in (("heading", source.heading), ("units", source.units)):
         if line and line not in named:
-            raise ConfigError(
-                f"{path}: source.{key} = {line}: this line holds no words above the numbers; correct the line"
-            )
+            raise ConfigError(f"{path}: source.{key} = {line}: this line holds no words above the numbers; correct the line")
     wide = [one for one in above if sum(map(bool, one[1])) >= max(1, 0.5 * width) and not MOTIVE.match(one[2])]
     labels = {line for line, cells, _ in above if _is_label(cells)}
     units = named[source.units] if source.units else None

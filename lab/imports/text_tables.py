@@ -184,9 +184,7 @@ def _form(path: Path, records: Sequence[Record], given: str | None, missing: Seq
     return best[1], best[2]
 
 
-def _split(
-    path: Path, records: list[Record], separator: str, width: int
-) -> tuple[pd.DataFrame, list[Record], list[Record]]:
+def _split(path: Path, records: list[Record], separator: str, width: int) -> tuple[pd.DataFrame, list[Record], list[Record]]:
     """Cells as text (lines, columns), their lines, and lines that have more cells than columns."""
     import pandas as pd
 
@@ -269,9 +267,7 @@ def _data_rows(
         )  # fmt: skip
     clean = np.flatnonzero(data & full & ~odd)
     behind = np.arange(len(odd)) > (clean[-1] if len(clean) else len(odd))
-    data = np.asarray(
-        data & ~(behind & (words & single)[:, of_numbers].any(axis=1))
-    )  # without sums, means and the like
+    data = np.asarray(data & ~(behind & (words & single)[:, of_numbers].any(axis=1)))  # without sums, means and the like
     return data, int(np.argmax(data))
 
 
@@ -295,11 +291,7 @@ def _left_out(
             f"{too_long[0].text.strip()[:40]!r}; correct the line, or name separator and decimal mark "
             "(source.separator, source.decimal)"
         )
-    odd = [
-        (r, "is no row of numbers")
-        for r, one in zip(records[first:], data[first:], strict=True)
-        if not one and not r.comment
-    ]
+    odd = [(r, "is no row of numbers") for r, one in zip(records[first:], data[first:], strict=True) if not one and not r.comment]
     odd += [(r, f"has more than {width} cells") for r in too_long]
     for record, why in odd[:MOST_NOTED]:
         yield f"line {record.line} {why} and is left out: {record.text.strip()[:40]!r}"

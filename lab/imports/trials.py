@@ -67,13 +67,9 @@ class Stages:
         begin, stop = start, start + 1
         if states.plateaus is not None:
             whole = states.plateaus.model_copy(update={"settling": 0.0})
-            rows, settled = (
-                [cut.rows for cut in plateaus(p, q.t, q.pressures, q.run)] for p in (whole, states.plateaus)
-            )
+            rows, settled = ([cut.rows for cut in plateaus(p, q.t, q.pressures, q.run)] for p in (whole, states.plateaus))
             begin, start, stop = (
-                np.array([(r.start, s.start, r.stop) for r, s in zip(rows, settled, strict=True)], np.int64)
-                .reshape(-1, 3)
-                .T
+                np.array([(r.start, s.start, r.stop) for r, s in zip(rows, settled, strict=True)], np.int64).reshape(-1, 3).T
             )
             held = np.array([np.nanmean(q.pressures[r], axis=0) for r in rows]).reshape(len(rows), q.pressures.shape[1])
         known = np.isfinite(held).all(axis=1)

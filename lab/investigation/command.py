@@ -156,9 +156,7 @@ def run(w: Wanted, as_json: bool) -> int:
         out.print(found.answer.statement)
         out.print(f"{found.ended}; all of it: {w.folder / PAGE}", soft_wrap=True)
     if ended is not None:
-        unreadable = (
-            at.begun if isinstance(ended, (ProtocolError, RecordingError)) and not isinstance(ended, Stopped) else ""
-        )
+        unreadable = at.begun if isinstance(ended, (ProtocolError, RecordingError)) and not isinstance(ended, Stopped) else ""
         if not as_json:
             out.print(f"go on with: {_again(w, at.inputs, unreadable)}", soft_wrap=True)
         if not isinstance(ended, (Stopped, KeyboardInterrupt)):
@@ -239,9 +237,7 @@ VERBS = (
             ANY_SIZE,
             inputs("recordings (.mcap) or a case folder of the robot on the rig"),
             rig(),
-            option(
-                "--budget", type=_minutes, default=60.0, metavar="60min", help="time for experiments (default 60min)"
-            ),
+            option("--budget", type=_minutes, default=60.0, metavar="60min", help="time for experiments (default 60min)"),
             option("--experiments", type=int, default=3, metavar="N", help="at most this many (default 3)"),
             option("--without", action="append", default=[], metavar="ID", help="leave out an experiment (repeatable)"),
             settings("change a parameter of every experiment (repeatable)"),

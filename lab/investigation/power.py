@@ -101,9 +101,7 @@ def _plan(case: Case) -> str:
 
 def _planned(a: Asked) -> tuple[Robot, Columns | None]:
     """The robot, and the columns that will be read; none where a case was measured."""
-    given = [
-        n for n, v in (("protocol", a.protocol), ("campaign", a.campaign), ("case", a.case or None)) if v is not None
-    ]
+    given = [n for n, v in (("protocol", a.protocol), ("campaign", a.campaign), ("case", a.case or None)) if v is not None]
     if len(given) != 1:
         raise ConfigError("give one of --protocol, --campaign and --case")
     if a.case:
@@ -189,9 +187,7 @@ def _show(found: dict[str, Power], brings: tuple[Addition, ...]) -> None:
             soft_wrap=True,
         )
     if pairs := cluttered.pairs[:8]:
-        out.print(
-            "not distinguished: " + "; ".join(f"{a} from {b} ({share:.2f})" for a, b, share in pairs), soft_wrap=True
-        )
+        out.print("not distinguished: " + "; ".join(f"{a} from {b} ({share:.2f})" for a, b, share in pairs), soft_wrap=True)
     if clean.unseen:
         out.print(f"never seen in these states: {', '.join(clean.unseen)}", soft_wrap=True)
     for a in brings[:3]:
@@ -214,9 +210,7 @@ VERBS = (
             option("--protocol", metavar="PROTOCOL", help="a protocol or its file"),
             settings("change one of its parameters"),
             option("--campaign", type=Path, metavar="FILE.yaml", help="a campaign instead"),
-            option(
-                "--case", type=Path, nargs="+", default=[], metavar="CASE", help="states that were measured instead"
-            ),
+            option("--case", type=Path, nargs="+", default=[], metavar="CASE", help="states that were measured instead"),
             rig(required=False),
             option("--robot", type=Path, metavar="ROBOT.yaml", help="robot.yaml (default: the rig's, or the case's)"),
             option("--worlds", type=int, default=30, metavar="N", help="robots drawn of each cause (default 30)"),

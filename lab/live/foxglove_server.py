@@ -128,9 +128,7 @@ class Foxglove:
                 x, y, z = (b - a for a, b in zip(low, high, strict=True))
                 color = m.Color(r=0.84, g=0.37, b=0.0, a=0.25)
                 cubes.append(m.CubePrimitive(pose=place(*middle), size=m.Vector3(x=x, y=y, z=z), color=color))
-            entities.append(
-                m.SceneEntity(timestamp=at, frame_id=BASE_FRAME, id="expected tip", spheres=[sphere], cubes=cubes)
-            )
+            entities.append(m.SceneEntity(timestamp=at, frame_id=BASE_FRAME, id="expected tip", spheres=[sphere], cubes=cubes))
         gone = [] if entities else [m.SceneEntityDeletion(timestamp=at, type=m.SceneEntityDeletionType.All)]
         self._expected.log(m.SceneUpdate(entities=entities, deletions=gone), log_time=log_time)
 

@@ -265,9 +265,7 @@ class Show:
                     found = await model.ask({"rows": [row.to_json() for row in picture.rows]})
                     # the model rests four times as long as it has worked
                     due = time.monotonic() + 4.0 * (time.monotonic() - began)
-                    self._tell(
-                        picture.gaps(found["gaps"]) if "gaps" in found else picture.model_says("ready", found["error"])
-                    )
+                    self._tell(picture.gaps(found["gaps"]) if "gaps" in found else picture.model_says("ready", found["error"]))
                 question = picture.question()
                 if question is not None and question[1]["t"] != last:
                     last = question[1]["t"]

@@ -78,9 +78,7 @@ def write(
         "Force on the spine's tip over its deflection, and Young's modulus by eq. 9.",
     )
     bend = report.section("Bending: measured against the model with the paper's parameters", folded=True)
-    bend.figure(
-        apart(tip_curves(before), folder / "paper.svg"), "Marks: measured tip, loading and unloading. Lines: model."
-    )
+    bend.figure(apart(tip_curves(before), folder / "paper.svg"), "Marks: measured tip, loading and unloading. Lines: model.")
     bend.table(*_errors(before.table))
     fitted = report.section("With an area factor for each spine length", folded=True)
     fitted.figure(

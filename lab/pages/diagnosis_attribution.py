@@ -58,9 +58,7 @@ def _density(axis: Axes, size: Mapping[str, Any], left: float, right: float) -> 
     """Between two values; the impossible part is dotted, the 90 % interval shaded, zero black, bounds red."""
     mean, sd = size["mean"], max(size["sd"], 1e-300)
     low, high = (b if b is not None else sign * np.inf for b, sign in ((size["low"], -1), (size["high"], 1)))
-    x = np.unique(
-        np.concatenate([np.linspace(left, right, 500), np.clip(mean + sd * np.linspace(-5, 5, 300), left, right)])
-    )
+    x = np.unique(np.concatenate([np.linspace(left, right, 500), np.clip(mean + sd * np.linspace(-5, 5, 300), left, right)]))
     possible = (x >= low) & (x <= high)
     top = -0.5 * ((float(np.clip(mean, low, high)) - mean) / sd) ** 2
     y = np.exp(np.minimum(-0.5 * ((x - mean) / sd) ** 2 - top, 0.3))

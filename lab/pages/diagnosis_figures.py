@@ -42,9 +42,7 @@ def waterfall(w: Waterfall, names: Sequence[str], length: float, folder: Path) -
     with plt.rc_context(STYLE):
         figure, whole = plt.subplots(figsize=(2.6, 0.9 + 0.42 * len(names)), layout="constrained")
         bars = whole.bar([GIVEN, CALIBRATED], [w.given_mm, calibrated], 0.6, color=[LIGHT, GREY], ec="k", lw=0.6)
-        whole.bar_label(
-            bars, [f"{v:.2f} mm\n{v / length / 10:.2f} % L" for v in (w.given_mm, calibrated)], fontsize=8, padding=2
-        )
+        whole.bar_label(bars, [f"{v:.2f} mm\n{v / length / 10:.2f} % L" for v in (w.given_mm, calibrated)], fontsize=8, padding=2)
         whole.margins(y=0.25)
         whole.set_ylabel("error, mm rms, unseen states")
         whole.grid(False, axis="x")

@@ -107,9 +107,7 @@ def fill(report: Report, d: Diagnosis, case: Case, protocols: Path | None) -> No
         if d.change is not None:
             section = report.section("What changed since the reference")
             section.text(d.change.statement)
-            rows = [
-                [hypothesis(effects, d) if effects else "nothing", stated(p)] for effects, p in d.change.ranking[:6]
-            ]
+            rows = [[hypothesis(effects, d) if effects else "nothing", stated(p)] for effects, p in d.change.ranking[:6]]
             section.table(("changed", "probability"), rows)
         against = _against(d)
         if against:
@@ -157,11 +155,7 @@ def gap_numbers(d: Diagnosis) -> list[tuple[str, str, str]]:
             found.append((WITH_CAUSE, d.shrink.after_mm))
     floor = ("noise floor", f"{d.locate.noise_floor_mm:.{digits}f} mm", "repeats of a state")
     alone = closed_alone(d.waterfall, d.shrink)
-    told = (
-        {}
-        if alone is None
-        else {WITH_CAUSE: f", and tolerances of other effects; the cause alone closes {percent(alone)} %"}
-    )
+    told = {} if alone is None else {WITH_CAUSE: f", and tolerances of other effects; the cause alone closes {percent(alone)} %"}
     return [*((name, f"{mm:.{digits}f} mm", f"rms, {how}{told.get(name, '')}") for name, mm in found), floor]
 
 
@@ -208,17 +202,13 @@ STEPS = {
 def _steps(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
     w = d.waterfall
     if w is None:
-        s.text(
-            "A single trial: nothing can be left out of the fit, so how far the gap shrinks on unseen data is unknown."
-        )
+        s.text("A single trial: nothing can be left out of the fit, so how far the gap shrinks on unseen data is unknown.")
         return
     beside = {"calibration": f"{STEPS['calibration']} and the numbers {CALIBRATED_FIRST}"}
     named = {**STEPS, **(beside if "first_calibration" in d.detail else {})}
     steps = {step: d.words.say(label) for step, label in named.items()}
     s.figure(
-        draw.waterfall(
-            w, [plain_name(x.effect, names(d)) if x.effect else steps[x.step] for x in w.steps], length, folder
-        ),
+        draw.waterfall(w, [plain_name(x.effect, names(d)) if x.effect else steps[x.step] for x in w.steps], length, folder),
         f"Error of the {d.locate.of}, mm rms over {w.n} states, each predicted by fits that did not see it "
         f"({d.words.say(w.how)}). Each bar is what the step takes; whiskers: 95 % over trials drawn anew and orders of the "
         "causes.",
@@ -245,9 +235,7 @@ def _steps(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
             f"for each spine length {a.per_length_mm:.2f} mm{cause}."
         )
     if d.shrink is not None:
-        closed = (
-            "no gap above the noise floor" if d.shrink.share_closed is None else f"{percent(d.shrink.share_closed)} %"
-        )
+        closed = "no gap above the noise floor" if d.shrink.share_closed is None else f"{percent(d.shrink.share_closed)} %"
         ends = d.shrink.ci95
         interval = "" if ends is None else f" (95 %: {percent(ends[0])} .. {percent(ends[1])} %)"
         best = d.detail["best_hypothesis"]
@@ -314,8 +302,7 @@ def _where(s: Section, d: Diagnosis, folder: Path) -> None:
     s.figure(
         draw.loops(d, explained(d), folder),
         d.words.say(
-            "Gap along and across the direction in which these chambers bend the robot, up and down, in-sample; grey: noise "
-            "floor"
+            "Gap along and across the direction in which these chambers bend the robot, up and down, in-sample; grey: noise floor"
         ),
     )
 
@@ -463,9 +450,7 @@ def _shapes(s: Section, d: Diagnosis, folder: Path) -> None:
         return
     s.figure(
         draw_shapes(states, explained(d), folder, d.words),
-        d.words.say(
-            f"States with the largest calibrated error, one for each group of chambers{_lengths(d, ' and ')}, in-sample"
-        )
+        d.words.say(f"States with the largest calibrated error, one for each group of chambers{_lengths(d, ' and ')}, in-sample")
         + "; mm, base frame",
     )
     rows = [
@@ -527,9 +512,7 @@ def _next(s: Section, d: Diagnosis, protocols: Path | None) -> None:
         )
     by_rig = d.words.by_rig
     if protocols is None:
-        s.text(
-            f"lab diagnose writes these {'protocols' if by_rig else 'states'} to files with the option --protocols next."
-        )
+        s.text(f"lab diagnose writes these {'protocols' if by_rig else 'states'} to files with the option --protocols next.")
     rows = [
         [p.do, f"{p.cost_min:.0f}", *(["; ".join(_pair(x, d) for x in p.separates[:3])] if separating else []),
          Command(command(p, protocols)) if by_rig else to_apply(p.protocol, d.words)]
@@ -548,13 +531,9 @@ def _pair(pair: Sequence[str], d: Diagnosis) -> str:
 
 def _rivals(d: Diagnosis) -> str:
     """Which hypotheses remain that no experiment separates."""
-    others = [
-        r for r in d.attribute.ranking if r.effects != d.attribute.effects and r.probability > RIVAL_WORTH_SEPARATING
-    ]
+    others = [r for r in d.attribute.ranking if r.effects != d.attribute.effects and r.probability > RIVAL_WORTH_SEPARATING]
     if not others:
         return "No other hypothesis is probable."
     named = ", ".join(f"{hypothesis(r.effects, d)} (p = {r.probability:.2f})" for r in others[:3])
-    unknown = (
-        " Of a cause outside the catalogue no model predicts anything." if others[0].effects == ("unknown",) else ""
-    )
+    unknown = " Of a cause outside the catalogue no model predicts anything." if others[0].effects == ("unknown",) else ""
     return f"Also possible: {named}, which none of these separates.{unknown}"

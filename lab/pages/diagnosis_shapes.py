@@ -45,9 +45,7 @@ def _panel(state: State, name: str, path: Path, words: Words) -> Path:
                 axis.set_ylabel("z, mm")
             whole.set_aspect("equal", adjustable="datalim")
             whole.invert_yaxis()
-            close.set(
-                xlim=(middle[k] - half, middle[k] + half), ylim=(middle[2] + half, middle[2] - half), aspect="equal"
-            )
+            close.set(xlim=(middle[k] - half, middle[k] + half), ylim=(middle[2] + half, middle[2] - half), aspect="equal")
             close.set_title(f"tip, {2 * half:.0f} mm wide", fontsize=8)
         figure.suptitle(state_name(state, words), fontsize=9)
         handles, labels = axes[0, 0].get_legend_handles_labels()

@@ -136,9 +136,7 @@ def _moduli(measured: Mapping[float, Estimate], reference: Mapping[float, float]
     def panel(axis: Axes) -> None:
         known = [100 * k for k in reference], [v / 1e6 for v in reference.values()]
         axis.plot(*known, "k--", lw=1, label="paper, Table II")
-        axis.errorbar(
-            np.array(list(measured)) * 100, value, half, fmt="o", ms=4, capsize=3, color=BLUE, label="measured, 95 %"
-        )
+        axis.errorbar(np.array(list(measured)) * 100, value, half, fmt="o", ms=4, capsize=3, color=BLUE, label="measured, 95 %")
         axis.set_xlabel("spine length, cm")
         axis.set_ylabel("Young's modulus, MPa")
         legend_below(axis)

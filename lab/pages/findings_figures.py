@@ -35,9 +35,7 @@ def moduli(found: ModuliFindings, path: Path) -> Path:
             if f.law.name in SHOWN:
                 colour, dash, width = SHOWN[f.law.name]
                 y = f.law.form(np.array(f.values), x)
-                left.plot(
-                    x[y > 0] * 100, y[y > 0], dash, color=colour, lw=width, label=f"{f.law.name}, {f.log_rms:.0%}"
-                )
+                left.plot(x[y > 0] * 100, y[y > 0], dash, color=colour, lw=width, label=f"{f.law.name}, {f.log_rms:.0%}")
         left.plot(found.lengths * 100, found.moduli, "s", ms=6, color="0.15", zorder=4, label="Table II")
         left.set_yscale("log")
         left.set_ylim(0.2, 9)
@@ -50,9 +48,7 @@ def moduli(found: ModuliFindings, path: Path) -> Path:
         fits = sorted(found.fits, key=lambda f: f.leave_one_out, reverse=True)
         at = np.arange(len(fits))
         right.barh(at + 0.19, [100 * f.log_rms for f in fits], 0.36, color=WEAK, label="fitted")
-        bars = right.barh(
-            at - 0.19, [100 * f.leave_one_out for f in fits], 0.36, color=SECOND, label="at a length left out"
-        )
+        bars = right.barh(at - 0.19, [100 * f.leave_one_out for f in fits], 0.36, color=SECOND, label="at a length left out")
         right.bar_label(bars, fmt="%.0f", fontsize=7, padding=2, color="0.25")
         right.set_yticks(at, [f.law.name for f in fits])
         right.grid(False, axis="y")
@@ -68,9 +64,7 @@ def areas(found: AreaFindings, path: Path) -> Path:
         cm = found.lengths * 100
         left.plot(cm, found.published, "-s", ms=5, lw=1.3, color=PAPER, label="paper: moduli mixed by volume")
         for r, colour, mark in zip(found.readings, (FIRST, SECOND), ("o", "^"), strict=True):
-            left.plot(
-                cm, r.needed, f"-{mark}", ms=5, lw=1.3, mfc="white", color=colour, label=f"stiffnesses added;\n{r.name}"
-            )
+            left.plot(cm, r.needed, f"-{mark}", ms=5, lw=1.3, mfc="white", color=colour, label=f"stiffnesses added;\n{r.name}")
         left.set_ylim(1.3, None)
         left.set_xticks(cm)
         left.set_xlabel("spine length (cm)")
@@ -83,9 +77,7 @@ def areas(found: AreaFindings, path: Path) -> Path:
         right.set_ylabel("bending stiffness, by volume / added")
         dip = (cm[1], found.stiffness_ratio[1])
         line = {"arrowstyle": "-", "color": "0.6"}
-        right.annotate(
-            "eq. 10 makes the part\nwith spine softer", dip, (9, 0.83), fontsize=8, color="0.3", arrowprops=line
-        )
+        right.annotate("eq. 10 makes the part\nwith spine softer", dip, (9, 0.83), fontsize=8, color="0.3", arrowprops=line)
         return save(figure, path)
 
 

@@ -79,9 +79,7 @@ def _over_time(made: Imported, rows: Sequence[TrialRow], words: Words, pressure:
             )  # fmt: skip
         moved = (q.tip - np.nanmedian(q.tip, axis=0)) * 1e3
         for k, axis in enumerate("xyz"):
-            tip.plot(
-                q.t[::every], moved[::every, k], STYLES[k], color=GREYS[k], lw=1, label=axis if not number else None
-            )
+            tip.plot(q.t[::every], moved[::every, k], STYLES[k], color=GREYS[k], lw=1, label=axis if not number else None)
         for cut in cuts:
             t = q.t[cut.rows]
             for ax in (pressure, tip):
@@ -102,9 +100,7 @@ def _side(rows: Sequence[TrialRow], robot: Robot, ax: Axes) -> PathCollection:
     """All tips, by their distance from the axis."""
     x, y, z = 1e3 * np.array([r.tip for r in rows], np.float64).T
     ax.plot([0, 0], [0, robot.length * 1e3], color="0.6", lw=3, solid_capstyle="butt")
-    dots = ax.scatter(
-        np.hypot(x, y), z, c=[max(r.pressures) / robot.actuators.words.pascal for r in rows], s=14, cmap="viridis"
-    )
+    dots = ax.scatter(np.hypot(x, y), z, c=[max(r.pressures) / robot.actuators.words.pascal for r in rows], s=14, cmap="viridis")
     ax.set_title("side; grey: straight robot", fontsize="small")
     width = 1e3 * max(0.7 * robot.length, 1.1 * max(float(np.hypot(*r.tip[:2])) for r in rows if r.tip))
     ax.set(xlabel="from the axis, mm", ylabel="z, mm", xlim=(-0.05 * width, width))
@@ -133,9 +129,7 @@ def _top(own: Sequence[TrialRow], group: Sequence[int], rows: Sequence[TrialRow]
             (0, 0),
             arrowprops={"arrowstyle": "->", "color": "0.6"},
         )
-    ax.scatter(
-        x, y, c=[max(r.pressures) / pascal for r in own], s=14, cmap="viridis", vmin=min(highest), vmax=max(highest)
-    )
+    ax.scatter(x, y, c=[max(r.pressures) / pascal for r in own], s=14, cmap="viridis", vmin=min(highest), vmax=max(highest))
     ax.set_title(" + ".join(f"p{c}" for c in group), fontsize="small")
     ax.set(xlabel="x, mm", ylabel="y, mm", xlim=(-size, size), ylim=(-size, size))
     ax.set_aspect("equal")

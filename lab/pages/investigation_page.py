@@ -73,9 +73,7 @@ def _rounds(found: Investigation) -> list[list[str]]:
     for r in found.rounds:
         a = r.diagnosis.attribute
         first = a.ranking[0]
-        out.append(
-            [after, f"{r.minutes:g}", hypothesis(first.effects, found.answer), f"{first.probability:.2f}", gained]
-        )
+        out.append([after, f"{r.minutes:g}", hypothesis(first.effects, found.answer), f"{first.probability:.2f}", gained])
         if r.foretold is not None:
             after, gained = r.foretold.proposal.do, f"{r.bits:.2f}"
     return out

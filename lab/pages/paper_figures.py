@@ -110,8 +110,6 @@ def _label_ends(axis: Axes, x: float, ends: Array, lengths: Array) -> None:
     shades = colours(len(lengths))
     for place, index in zip(places, order, strict=True):
         text = f"{lengths[index] * 100:g} cm"
-        axis.annotate(
-            text, (x, place), (x + 7, place), va="center", fontsize=8, annotation_clip=False, color=shades[index]
-        )
+        axis.annotate(text, (x, place), (x + 7, place), va="center", fontsize=8, annotation_clip=False, color=shades[index])
     above = max(float(places[-1]), high) + gap
     axis.annotate("spine", (x, above), (x + 7, above), va="center", fontsize=8, annotation_clip=False, color="0.3")

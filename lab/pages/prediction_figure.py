@@ -53,9 +53,7 @@ def targets(wanted: Array, found: Reached, path: Path) -> Path:
             )  # fmt: skip
             for own, mark, label in ((found.reached, "o", "target"), (~found.reached, "x", "target out of reach")):
                 axis.plot(1e3 * place[own, i], 1e3 * place[own, j], mark, ms=7, mfc="none", color="black", label=label)
-            axis.plot(
-                1e3 * np.stack([place[:, i], tip[:, i]]), 1e3 * np.stack([place[:, j], tip[:, j]]), ":", color="0.5"
-            )
+            axis.plot(1e3 * np.stack([place[:, i], tip[:, i]]), 1e3 * np.stack([place[:, j], tip[:, j]]), ":", color="0.5")
             axis.set_aspect("equal", "datalim")
             axis.set_xlabel(f"{'xyz'[i]}, mm")
             axis.set_ylabel(f"{'xyz'[j]}, mm")

@@ -19,9 +19,7 @@ def pushes(found: Mapping[str, Any], name: str, path: Path) -> Path:
     """
     models = (("calibrated", CALIBRATED), ("explained", name))
     trial, deflection = np.array(found["trial"]), np.array(found["deflection"])
-    names = [
-        f"{one} {100 * length:.3g} cm" for one, length in zip(found["specimen"], found["spine_length"], strict=True)
-    ]
+    names = [f"{one} {100 * length:.3g} cm" for one, length in zip(found["specimen"], found["spine_length"], strict=True)]
     specimens = list(dict.fromkeys(names))
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots(2, 1, figsize=(4.8, 5.6), layout="constrained", sharex=True, sharey=True)

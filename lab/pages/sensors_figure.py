@@ -44,9 +44,7 @@ def _panel(axis: Axes, table: Table, column: str, over: str, pascal: float) -> N
         rows = [(k, r) for k, r in enumerate(table, 1) if r.spine_length == length and column in r.sensors]
         places = [k if over == "state" else max(r.pressures) / pascal for k, r in rows]
         value, spread = [r.sensors[column] for _, r in rows], [r.sd.get(column, 0.0) for _, r in rows]
-        axis.errorbar(
-            places, value, spread, fmt="o", ms=3.5, lw=0.8, capsize=2, color=colour, label=f"{100 * length:.0f} cm"
-        )
+        axis.errorbar(places, value, spread, fmt="o", ms=3.5, lw=0.8, capsize=2, color=colour, label=f"{100 * length:.0f} cm")
     axis.set_ylabel(label(table, column))
     axis.set_xlabel(over)
     if over == "state":

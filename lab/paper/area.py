@@ -132,9 +132,7 @@ def area_findings(robot: Robot, states: States) -> AreaFindings:
         published=robot.area_factor_at(lengths),
         stiffness_ratio=combined_modulus(robot, lengths) * body_second_moment(robot) / added,
         predicted_credit=annulus_second_moment(robot.spine.radius) / (volume_share * body_second_moment(robot)),
-        readings=tuple(
-            _reading(robot, states, name, force) for name, force in zip(READINGS, (True, False), strict=True)
-        ),
+        readings=tuple(_reading(robot, states, name, force) for name, force in zip(READINGS, (True, False), strict=True)),
     )
 
 
@@ -179,9 +177,7 @@ def _rms(distance: Array) -> float:
 
 def _one_factor(batch: Rods, curves: Array) -> tuple[float, float]:
     """The factor that brings all tips closest to the curves (n, 3) m, and the rms distance left, m."""
-    found = least_squares(
-        lambda x: (_tips(_scaled(batch, float(x[0]))) - curves).ravel(), [1.6], bounds=(0.2, 5), diff_step=1e-4
-    )
+    found = least_squares(lambda x: (_tips(_scaled(batch, float(x[0]))) - curves).ravel(), [1.6], bounds=(0.2, 5), diff_step=1e-4)
     factor = float(found.x[0])
     return factor, _rms(_tips(_scaled(batch, factor)) - curves)
 

@@ -98,9 +98,7 @@ class Findings:
             console.print()
 
 
-def find(
-    robot: Robot, states: States, integrator: ErrorTable, published: Array, left: Sequence[float], steps: int
-) -> Findings:
+def find(robot: Robot, states: States, integrator: ErrorTable, published: Array, left: Sequence[float], steps: int) -> Findings:
     """From the paper's robot, its 35 states, and the integrator's error as `lab.verbs.paper` computes them.
 
     `published` (l, 2) m is Table III, `left` (l,) m the rms error after a new fit of the area factor. Raises ValueError

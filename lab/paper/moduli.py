@@ -153,9 +153,7 @@ class ModuliFindings:
 def modulus_forms(table: Mapping[float, float], spine_radius: float) -> ModuliFindings:
     """Fit all forms to a table spine length (m) -> apparent modulus (Pa); raises ValueError for fewer than five rows."""
     if len(table) < 5:
-        raise ValueError(
-            f"a table of {len(table)} spine lengths: at least 5 are needed to compare forms of 2 parameters"
-        )
+        raise ValueError(f"a table of {len(table)} spine lengths: at least 5 are needed to compare forms of 2 parameters")
     lengths = np.array(sorted(table))
     moduli = np.array([table[x] for x in lengths]) / 1e6
     return ModuliFindings(lengths, moduli, tuple(_fitted(law, lengths, moduli) for law in LAWS), spine_radius)
@@ -191,7 +189,5 @@ def _values(law: Law, lengths: Array, moduli: Array) -> Array:
         guess = law.form(np.exp(x) if law.positive else x, lengths)
         return np.log(np.maximum(guess, 1e-6)) - np.log(moduli)
 
-    found = least_squares(
-        misses, np.log(start) if law.positive else start, xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=4000
-    )
+    found = least_squares(misses, np.log(start) if law.positive else start, xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=4000)
     return np.exp(found.x) if law.positive else found.x

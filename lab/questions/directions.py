@@ -35,9 +35,7 @@ movement along one axis than of that along another must be linear in the push.""
 
 def doubtful_directions(robot: Robot, rows: Iterable[TrialRow]) -> tuple[str, ...]:
     """What to ask about a table whose tips (m) go elsewhere than its pressures push them: one message, or none."""
-    tips = [
-        r for r in rows if r.protocol != "stiffness" and r.tip is not None and np.isfinite((*r.tip, *r.pressures)).all()
-    ]
+    tips = [r for r in rows if r.protocol != "stiffness" and r.tip is not None and np.isfinite((*r.tip, *r.pressures)).all()]
     if not tips or {len(r.pressures) for r in tips} != {len(robot.bending_directions)}:
         return ()
     kind = setting_of_each(tips)

@@ -80,11 +80,7 @@ def _too_far(robot: Robot, rows: Sequence[TrialRow], places: Array, arcs: Array,
         yield (
             f"{name} is up to {1e3 * np.nanmax(away):.0f} mm from the base, in {int(far.sum())} of {len(rows)} states farther "
             f"than the {1e3 * arcs[k] * stretch:.0f} mm of body between them: check its columns x, y, z (exchanged axes, unit), "
-            + (
-                "the length of the robot, and where on it the tracked point sits (marker_offset)"
-                if tip
-                else "and markers"
-            )
+            + ("the length of the robot, and where on it the tracked point sits (marker_offset)" if tip else "and markers")
         )
 
 

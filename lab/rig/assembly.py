@@ -243,9 +243,7 @@ class Rig:
             steering=steering,
             rest=rest,
             chambers=self.chambers,
-            stand=StandFrame(stand.origin, stand.axis, stand.push, stand.tool_rotation, stand.standoff)
-            if stand
-            else None,
+            stand=StandFrame(stand.origin, stand.axis, stand.push, stand.tool_rotation, stand.standoff) if stand else None,
             **remote,
             arm_state=self.streams["arm_state"] if has("arm_state") else None,
             force=self.streams["force"] if has("force") else None,

@@ -61,9 +61,7 @@ class HostedArmState:
         try:
             outcome = self._opened.get(timeout=OPEN_WITHIN)
         except queue.Empty:
-            outcome = Unreachable(
-                self.name, f"no state of the arm within {OPEN_WITHIN:g} s; check the network to its controller"
-            )
+            outcome = Unreachable(self.name, f"no state of the arm within {OPEN_WITHIN:g} s; check the network to its controller")
         if isinstance(outcome, InstrumentError):
             self.close()
             raise outcome

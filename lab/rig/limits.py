@@ -57,9 +57,7 @@ def wiring(rig: RigFile, robot: Robot) -> ChamberMap:
     """Which channel feeds which chambers of the rig's robot; raises ConfigError."""
     driven = robot.chambers
     if driven is None:
-        raise ConfigError(
-            f"{rig.robot}: has tendons, and rigs drive chambers: measure elsewhere and `lab import` the table"
-        )
+        raise ConfigError(f"{rig.robot}: has tendons, and rigs drive chambers: measure elsewhere and `lab import` the table")
     count = len(driven.azimuths_deg)
     pressure = rig.instruments.pressure
     try:
@@ -111,9 +109,7 @@ def _excesses(ask: Ask, rig: RigFile, path: Path, robot: Robot) -> Iterator[Exce
             yield from _above(value, unit, f"instruments.{key}", most, path)
     if robot.spine is None and ask.spine_length:
         remedy = "write spine_lengths: [0], or describe the spine there"
-        yield Excess(
-            ask.spine_length, "m", f"what {rig.robot} allows: it has no spine", math.inf, remedy, "a spine of "
-        )
+        yield Excess(ask.spine_length, "m", f"what {rig.robot} allows: it has no spine", math.inf, remedy, "a spine of ")
     if ask.vacuum is not None:
         yield from _above(ask.vacuum, "Pa", "limits.max_vacuum", rig.limits.max_vacuum, path, "a vacuum of ")
     if rig.stand is not None and instruments.arm is not None:

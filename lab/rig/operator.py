@@ -41,9 +41,7 @@ def preparations(setup: Setup, before: Setup | None = None) -> str:
         "roll_deg": f"turn the mount to {setup.roll_deg:g} deg",
         "vacuum": f"set the vacuum supply to {setup.vacuum / 1e3:g} kPa below ambient",
     }
-    return "; ".join(
-        text for name, text in done.items() if before is None or getattr(setup, name) != getattr(before, name)
-    )
+    return "; ".join(text for name, text in done.items() if before is None or getattr(setup, name) != getattr(before, name))
 
 
 class Console:
@@ -110,9 +108,7 @@ class Program:
                     line += more
             answer = read_json(line.partition(b"\n")[0])
         except (OSError, ValueError) as e:
-            raise ProtocolError(
-                f"{self._where}: no usable answer ({e}); start it, or set operator: console in rig.yaml"
-            ) from e
+            raise ProtocolError(f"{self._where}: no usable answer ({e}); start it, or set operator: console in rig.yaml") from e
         if not isinstance(answer, dict):
             raise ProtocolError(f"{self._where}: answered {answer!r}; a JSON object with ok is needed")
         return answer
@@ -128,9 +124,7 @@ class Program:
                 "a folder of your own with mode 0700"
             )
         if mode & 0o077:
-            raise ProtocolError(
-                f"{self._where}: its folder has mode {mode:04o}, so other users could answer; chmod 700 {folder}"
-            )
+            raise ProtocolError(f"{self._where}: its folder has mode {mode:04o}, so other users could answer; chmod 700 {folder}")
 
     def _check_peer(self, connection: socket.socket) -> None:
         """Raises ProtocolError when another user listens at the socket."""

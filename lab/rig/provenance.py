@@ -28,7 +28,5 @@ def provenance(identities: Mapping[str, Identity]) -> dict[str, dict[str, str]]:
         "versions": {"python": platform.python_version(), **{p: installed(p) for p in PACKAGES}},
         "source": source(),
         "host": {"system": platform.platform(), "name": platform.node()},
-        "instruments": {
-            n: " ".join(x for x in (i.maker, i.model, i.serial, i.firmware) if x) for n, i in identities.items()
-        },
+        "instruments": {n: " ".join(x for x in (i.maker, i.model, i.serial, i.firmware) if x) for n, i in identities.items()},
     }

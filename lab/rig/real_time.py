@@ -47,9 +47,7 @@ def demand_fakes(rig: RigFile, only: str | None = None) -> None:
 
 def demand_running(rig: RigFile) -> None:
     """Raises FakesEnded when the fakes that wrote a rig.yaml have ended and it reaches nothing but them."""
-    theirs = (
-        FOLDER in address if key in PORTS else _fake_host(address) for _, key, address in _addresses(rig.instruments)
-    )
+    theirs = (FOLDER in address if key in PORTS else _fake_host(address) for _, key, address in _addresses(rig.instruments))
     if rig.operator.startswith(UNIX) and FOLDER in rig.operator and ended(rig.operator) and all(theirs):
         raise FakesEnded(
             f"{rig.path}: the fakes that wrote this file have ended: no process answers at operator = {rig.operator}; "

@@ -101,9 +101,7 @@ class AsPlanned(Trials):
         """See Trials. Raises BadProtocol beyond the planned states."""
         row = super().read(*args, **kwargs)
         if any(step.reads for step in self.plan.steps) and len(self.rows) > self.plan.states:
-            raise BadProtocol(
-                f"reads state {len(self.rows)}, and plan lists {self.plan.states}; add it to the reads of its Step"
-            )
+            raise BadProtocol(f"reads state {len(self.rows)}, and plan lists {self.plan.states}; add it to the reads of its Step")
         return row
 
 
@@ -121,9 +119,7 @@ class Clock:
         """At least `duration` seconds pass."""
         self._t += max(duration, 0.5)
         if self._t > self._longest:
-            raise TimeoutError(
-                f"run has not ended after {self._longest / 3600:.3g} h of rig time; does it wait for ever?"
-            )
+            raise TimeoutError(f"run has not ended after {self._longest / 3600:.3g} h of rig time; does it wait for ever?")
 
 
 class Readings(Buffers):

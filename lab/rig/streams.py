@@ -19,7 +19,5 @@ it."""
 def recorded(sample: Any, chambers: ChamberMap) -> Any:
     """The sample as it is recorded: pressures by chamber (1..9) instead of by channel."""
     if isinstance(sample, PressureSample):
-        return replace(
-            sample, setpoint=chambers.by_chamber(sample.setpoint), measured=chambers.by_chamber(sample.measured)
-        )
+        return replace(sample, setpoint=chambers.by_chamber(sample.setpoint), measured=chambers.by_chamber(sample.measured))
     return sample

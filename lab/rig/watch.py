@@ -131,9 +131,7 @@ class Watch:
         if (stood := self._stood_still()) > OWN_SLEEP:
             self.stood += stood
             if stood > STANDSTILL and self._repeatable:
-                self._standstill = StoodStill(
-                    StaleReading("computer", f"stood still for {stood:.0f} s; the state is read anew")
-                )
+                self._standstill = StoodStill(StaleReading("computer", f"stood still for {stood:.0f} s; the state is read anew"))
             timing.sleep(CATCH_UP)  # let the threads of this program read what has come meanwhile
             self._excuse()
             self._began = timing.now()
@@ -221,12 +219,8 @@ class Watch:
                 self._hidden_since = math.inf
             self._lateness(name, now, late=False)
             self._moves_on(name, sample, now)
-            if (
-                isinstance(sample, ArmSample) and sample.safety_bits & SafetyBit.SAFEGUARD_STOP
-            ):  # somebody is in the cell
-                raise Suspended(
-                    DeviceFault("arm", "safeguard stop: somebody has opened the cell; close it and reset it")
-                )
+            if isinstance(sample, ArmSample) and sample.safety_bits & SafetyBit.SAFEGUARD_STOP:  # somebody is in the cell
+                raise Suspended(DeviceFault("arm", "safeguard stop: somebody has opened the cell; close it and reset it"))
 
     def _lateness(self, name: str, now: float, late: bool) -> float:
         """Host seconds for which a stream was late, less those for which it was not, never below 0. A stream that drips is late

@@ -85,9 +85,7 @@ def _may_move(file: RigFile, yes: bool) -> Robot:
 
     robot = file.body
     if file.instruments.pressure is not None and robot.max_pressure is None:
-        raise ConfigError(
-            f"{file.robot}: max_pressure: is missing; write the highest pressure that its chambers may hold"
-        )
+        raise ConfigError(f"{file.robot}: max_pressure: is missing; write the highest pressure that its chambers may hold")
     if yes:
         return robot
     if not sys.stdin.isatty():
@@ -154,11 +152,7 @@ def _misplaced(rig: Rig) -> list[str]:
     if seen is None:
         return []
     said = too_far(np.array([[seen.position, *seen.markers]]), bodies(rig.file, rig.file.body))
-    return (
-        [f"mocap: {said}; check mocap_to_base, the names of the bodies, and length and markers of robot.yaml"]
-        if said
-        else []
-    )
+    return [f"mocap: {said}; check mocap_to_base, the names of the bodies, and length and markers of robot.yaml"] if said else []
 
 
 def _listen(rig: Rig, before: dict[str, int], seconds: float) -> float:
@@ -213,9 +207,7 @@ def _table(title: str, rows: list[dict[str, Any]], span: float) -> Table:
         identity = " ".join(x for x in (r["maker"], r["model"], r["serial"], r["firmware"]) if x)
         rate = f"{r['rate_hz']:g} Hz" if r.get("rate_hz") is not None else ""
         limits = ", ".join(
-            f"{k.removeprefix('max_')} {shown(v, r['units'][k])}"
-            for k, v in r["limits"].items()
-            if isinstance(v, (int, float))
+            f"{k.removeprefix('max_')} {shown(v, r['units'][k])}" for k, v in r["limits"].items() if isinstance(v, (int, float))
         )
         table.add_row(r["instrument"], identity, rate, str(r.get("lost", "")), limits)
     return table
@@ -229,9 +221,7 @@ VERBS = (
             JSON,
             rig(),
             option("--move", action="store_true", help="move each actuator a little and compare with rig.yaml"),
-            option(
-                "--yes", action="store_true", help="with --move: do not ask for confirmation; nobody is within reach"
-            ),
+            option("--yes", action="store_true", help="with --move: do not ask for confirmation; nobody is within reach"),
             option("--seconds", type=float, default=2.0, help="host seconds over which rates and losses are counted"),
         ),
         examples=("lab check --rig rig/rig.yaml", "lab check --rig rig/rig.yaml --move"),

@@ -77,9 +77,7 @@ def demo(folder: Path, seed: int | None, speed: float, effect: str | None = None
 
     Raises ConfigError where the instruments' libraries are not installed: the fakes are reached by them.
     """
-    if missing := {
-        why for name, why in found_drivers().broken.items() if name in OWN
-    }:  # said before the fakes are started
+    if missing := {why for name, why in found_drivers().broken.items() if name in OWN}:  # said before the fakes are started
         raise ConfigError("\n".join(sorted(missing)))
     seed = secrets.randbelow(10**6) if seed is None else seed
     story, seal = Story(), draw(seed, effect)
@@ -104,9 +102,7 @@ def _on_the_rig(story: Story, folder: Path, seed: int, speed: float, seal: Seal)
         with Rig(load_rig(rig_path)) as rig:
             connect(rig, rig.names, quiet=True)
             jobs = [("stiffness", STIFFNESS), ("bending", BENDING)]
-            return [
-                story.step(f"lab run {name}", partial(_run, rig, rig_path, folder, name, how)) for name, how in jobs
-            ]
+            return [story.step(f"lab run {name}", partial(_run, rig, rig_path, folder, name, how)) for name, how in jobs]
 
 
 def _conclude(story: Story, folder: Path, runs: list[Outcome], seal: Seal) -> int:
@@ -116,9 +112,7 @@ def _conclude(story: Story, folder: Path, runs: list[Outcome], seal: Seal) -> in
     case = read_case(files)
     fit = story.step("lab fit", lambda: _shown(calibrate(case), fit_sheet))
     before = story.step("lab compare: the paper's parameters", lambda: comparison(case))
-    after = story.step(
-        "lab compare: an area factor for each spine length", lambda: comparison(Case(fit.robot, case.table))
-    )
+    after = story.step("lab compare: an area factor for each spine length", lambda: comparison(Case(fit.robot, case.table)))
     out.print(error_sheet(before.table, case.robot))
     answers = Outputs(json=folder / "diagnosis.json", protocols=folder / "next")
     story.step("lab diagnose: which effect was withheld?", lambda: diagnose(files, None, answers))
@@ -147,9 +141,7 @@ def _model_warming_up() -> Iterator[Callable[[], None]]:
 
     def ready() -> None:
         if any(process.poll() is None for process in beside):
-            out.print(
-                "\nThe model is still being compiled for this computer; this happens once and takes about a minute."
-            )
+            out.print("\nThe model is still being compiled for this computer; this happens once and takes about a minute.")
         for process in beside:
             process.wait()
 

@@ -141,9 +141,7 @@ def _of_robot(case: Case) -> Case:
     """A case without stiffness trials, of which a simulator in the rod's place tells nothing."""
     rows = tuple(r for r in case.table if r.protocol != "stiffness")
     if not rows:
-        raise ConfigError(
-            "all rows are of stiffness trials, whose baseline is the rod: leave --baseline and --simulator out"
-        )
+        raise ConfigError("all rows are of stiffness trials, whose baseline is the rod: leave --baseline and --simulator out")
     if len(rows) < len(case.table):
         note([f"{len(case.table) - len(rows)} rows of stiffness trials are left out: their baseline is the rod"])
     return replace(case, table=replace(case.table, rows=rows))
@@ -293,9 +291,7 @@ def _proposals(d: Diagnosis) -> Sheet:
         t.add_column(column)
     for p in d.next_experiment[:FIRST]:
         states = () if by_rig else (to_apply(p.protocol, d.words),)
-        t.add_row(
-            p.id if by_rig else f"{p.id}.csv", p.do, *states, f"{p.expected_bits:.2f} bits", f"{p.cost_min:.0f} min"
-        )
+        t.add_row(p.id if by_rig else f"{p.id}.csv", p.do, *states, f"{p.expected_bits:.2f} bits", f"{p.cost_min:.0f} min")
     return t
 
 

@@ -65,9 +65,7 @@ def _table(found: list[Signature], robot: str) -> Table:
 
 def _size(p: Parameter) -> str:
     """Name and plausible size as a person reads it."""
-    factor, unit = {"Pa": (1e-3, "kPa"), "m": (1e3, "mm"), "rad": (180 / np.pi, "deg"), "1": (1.0, "")}.get(
-        p.unit, (1.0, p.unit)
-    )
+    factor, unit = {"Pa": (1e-3, "kPa"), "m": (1e3, "mm"), "rad": (180 / np.pi, "deg"), "1": (1.0, "")}.get(p.unit, (1.0, p.unit))
     return f"{p.name} {factor * p.scale:.3g} {unit}".strip()
 
 

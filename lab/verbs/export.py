@@ -78,9 +78,7 @@ def _export(inputs: Sequence[Path], folder: Path, forms: Forms, as_json: bool) -
     for place in cases:
         if forms.streams != "mat":
             raise ConfigError(f"{place}: is a case folder, which has no streams; use --mat, --crate or --arviz")
-        written.append(
-            write_mat({"trials": _columns(read_csv(place / "trials.csv"))}, folder / f"{place.resolve().name}.mat")
-        )
+        written.append(write_mat({"trials": _columns(read_csv(place / "trials.csv"))}, folder / f"{place.resolve().name}.mat"))
     recordings = [Recording.open(f) for f in inputs if not f.is_dir()]
     for recording in recordings:
         apart = len(recordings) > 1 and forms.streams != "mat"
@@ -105,9 +103,7 @@ def _arviz(inputs: Sequence[Path], folder: Path, as_json: bool) -> int:
             answer = Diagnosis.from_json(found.read_text(encoding="utf-8"))
         except (DiagnosisError, UnicodeDecodeError) as e:
             raise ConfigError(f"{found}: {e}") from e
-        written.append(
-            write_inference(folder / f"{place.resolve().name}.nc", answer, load(place / "robot.yaml", Robot))
-        )
+        written.append(write_inference(folder / f"{place.resolve().name}.nc", answer, load(place / "robot.yaml", Robot)))
     _report(written, as_json)
     return 0
 
@@ -128,9 +124,7 @@ def _joined_case(recordings: Sequence[Recording], folder: Path) -> Table:
     first = recordings[0]
     for other in recordings[1:]:
         if not same_body(other.attachments.get("robot.yaml", b""), first.attachments.get("robot.yaml", b"")):
-            raise ConfigError(
-                f"{other.path}: was recorded with a different robot.yaml than {first.path}; export them separately"
-            )
+            raise ConfigError(f"{other.path}: was recorded with a different robot.yaml than {first.path}; export them separately")
     table = Table.joined(tables(recordings))
     export_case(first, folder, table)
     return table
@@ -194,9 +188,7 @@ VERBS = (
                 (
                     option("--case", action="store_true", help="robot.yaml + trials.csv, as other tools take it"),
                     option("--parquet", action="store_true", help="Parquet instead of CSV (needs pyarrow)"),
-                    option(
-                        "--mat", action="store_true", help="one MATLAB file for each recording or case instead of CSV"
-                    ),
+                    option("--mat", action="store_true", help="one MATLAB file for each recording or case instead of CSV"),
                     option("--crate", action="store_true", help="one described folder, as a paper's supplement"),
                     option("--arviz", action="store_true", help="each case's diagnosis.json as NetCDF for ArviZ"),
                 )

@@ -280,9 +280,7 @@ VERBS = (
         serve,
         options=(
             option("--speed", type=float, default=1.0, help="how much faster than real time they run (default 1)"),
-            option(
-                "--effect", action="append", default=[], metavar="ID[=SIZE]", help="switch an effect on (repeatable)"
-            ),
+            option("--effect", action="append", default=[], metavar="ID[=SIZE]", help="switch an effect on (repeatable)"),
             option("--seed", type=int, default=0, help="seed of all noise"),
             option("--regulators", metavar="DRIVER", default="alicat", help="alicat, smc_itv, or a package's fake"),
             option("--full-scale", metavar="PRESSURE", help="range of the regulators, such as '900 kPa'"),
@@ -295,9 +293,7 @@ VERBS = (
             _driver("valve", "numato", "the jamming valve"),
             _driver("gauge", "pfeiffer", "the vacuum gauge"),
             _driver("mocap", "natnet", "the motion capture"),
-            option(
-                "--sensor", action="append", default=[], metavar="NAME=DRIVER", help="an additional sensor (repeatable)"
-            ),
+            option("--sensor", action="append", default=[], metavar="NAME=DRIVER", help="an additional sensor (repeatable)"),
             option(
                 "--channels",
                 choices=("3", "9"),
@@ -310,9 +306,7 @@ VERBS = (
                 metavar="ROBOT.yaml",
                 help="robot.yaml of the robot to simulate (default: the paper's robot)",
             ),
-            option(
-                "--rig", type=Path, metavar="RIG.yaml", help="write rig.yaml and robot.yaml here instead of printing"
-            ),
+            option("--rig", type=Path, metavar="RIG.yaml", help="write rig.yaml and robot.yaml here instead of printing"),
             option("--list-effects", action="store_true", help="list what can be switched on"),
         ),
         examples=("lab fakes --rig rig/rig.yaml --speed 20", "lab fakes --list-effects"),

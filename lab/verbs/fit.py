@@ -179,8 +179,7 @@ def baseline_line(c: Calibration, area: AreaFit) -> str:
     return c.robot.actuators.words.say(
         f"calibrated with one area factor{' for all lengths' if spine else ''} and the tolerances of the set-up, the model "
         f"misses the tip by {area.rmse * 1e3:.2f} mm rms on the {area.states} states (in-sample): the calibrated model of lab "
-        "diagnose"
-        + (". Factors per length take the set-up as exact, so they need not lie about that one" if spine else "")
+        "diagnose" + (". Factors per length take the set-up as exact, so they need not lie about that one" if spine else "")
     )
 
 

@@ -144,9 +144,7 @@ VERBS = (
             ANY_SIZE,
             inputs("files (CSV, MATLAB, NumPy, C3D, Parquet, MCAP) or a folder of them"),
             option("--map", type=Path, metavar="MAP.yaml", help="map.yaml: columns, units, frame, what a state is"),
-            option(
-                "--guess", action="store_true", help="propose a map with its reasons and a picture, for you to check"
-            ),
+            option("--guess", action="store_true", help="propose a map with its reasons and a picture, for you to check"),
             option("--robot", type=Path, metavar="ROBOT.yaml", help="robot.yaml (default: the one that the map names)"),
             option(
                 "--out",

@@ -107,9 +107,7 @@ class PaperReport:
         console.print(self._tip_table())
         console.print(self._error_table())
         fine = max(row.worst for row in self.integrator_fine.rows)
-        console.print(
-            f"{FINE_STEPS} Euler steps instead of {self.steps} leave {fine * 1e3:.2f} mm of the integrator's error.\n"
-        )
+        console.print(f"{FINE_STEPS} Euler steps instead of {self.steps} leave {fine * 1e3:.2f} mm of the integrator's error.\n")
         self.findings.print(console)
 
     def _tip_table(self) -> Table:

@@ -46,8 +46,7 @@ INTERVAL = (
     "of a reading also its noise"
 )
 NO_INTERVAL = (
-    "no interval: robot.yaml states no uncertainty; `lab fit CASE --with EFFECT --out FOLDER` writes a robot.yaml that "
-    "does"
+    "no interval: robot.yaml states no uncertainty; `lab fit CASE --with EFFECT --out FOLDER` writes a robot.yaml that does"
 )
 PICTURES = (".svg", ".png", ".pdf")
 
@@ -212,9 +211,7 @@ def protocol_states(protocol: str, settings: list[str], robot: Robot) -> Columns
     rows = planned_rows(plan, parameters, count)
     if not any(row[name] for row in rows for name in row if re.fullmatch(r"p\d+", name)):
         raise ConfigError(f"protocol {plan.protocol}: inflates no chamber, so there is no tip to predict")
-    told = [
-        name for name in rows[0] if name not in ("step", "repeat", "protocol") and (name != "vacuum" or robot.spine)
-    ]
+    told = [name for name in rows[0] if name not in ("step", "repeat", "protocol") and (name != "vacuum" or robot.spine)]
     return {name: np.array([row[name] for row in rows]) for name in told}
 
 
@@ -249,9 +246,7 @@ def inverse_rows(wanted: Array, found: Reached) -> list[dict[str, Any]]:
 
 def _triple(names: Sequence[str], value: Array, low: Array, high: Array) -> dict[str, Any]:
     row = {n: _cell(v) for n, v in zip(names, value, strict=True)}
-    return row | {
-        f"{n}_{end}": _cell(v) for k, n in enumerate(names) for end, v in (("low", low[k]), ("high", high[k]))
-    }
+    return row | {f"{n}_{end}": _cell(v) for k, n in enumerate(names) for end, v in (("low", low[k]), ("high", high[k]))}
 
 
 def _cell(value: Any) -> Any:
@@ -305,9 +300,7 @@ def _write_csv(rows: Sequence[dict[str, Any]], path: Path) -> None:
     text = io.StringIO()
     writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
     writer.writeheader()
-    writer.writerows(
-        {k: "" if v is None else repr(v) if isinstance(v, float) else v for k, v in r.items()} for r in rows
-    )
+    writer.writerows({k: "" if v is None else repr(v) if isinstance(v, float) else v for k, v in r.items()} for r in rows)
     path.write_text(text.getvalue(), encoding="utf-8")
 
 

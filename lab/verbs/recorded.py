@@ -97,8 +97,7 @@ def _show(file: Path, s: Info) -> None:
     for topic, stream in s.streams.items():
         if stream.restarts:
             out.print(
-                f"{topic} restarted {_times(stream.restarts)}: its sample numbers went back; losses at that moment are not "
-                "known"
+                f"{topic} restarted {_times(stream.restarts)}: its sample numbers went back; losses at that moment are not known"
             )
     for topic, clock in s.clocks.items():
         out.print(
@@ -180,11 +179,7 @@ def replay(files: Sequence[Path], as_json: bool) -> int:
             name = f"{file}: " if len(found) > 1 else ""
             for line in result.differences[:20]:
                 out.print(f"{name}{line}")
-            word = (
-                "bit-identical to the live run's"
-                if result.equal
-                else f"{len(result.differences)} differ from the live run's"
-            )
+            word = "bit-identical to the live run's" if result.equal else f"{len(result.differences)} differ from the live run's"
             out.print(f"{name}{result.replayed} rows recomputed, {word}; sha256 {digest}", soft_wrap=True)
     return 0 if all(result.equal for _, result, _ in found) else 1
 

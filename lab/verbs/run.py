@@ -203,9 +203,7 @@ def _planned(experiment: Experiment, parameters: Parameters) -> Plan:
     if experiment.source is not None:
         return replace(found, protocol=experiment.name)
     if found.protocol != experiment.name:
-        raise BadProtocol(
-            f"{experiment.name}: plan names {found.protocol!r}; write Plan({experiment.name!r}, ..) in {file}"
-        )
+        raise BadProtocol(f"{experiment.name}: plan names {found.protocol!r}; write Plan({experiment.name!r}, ..) in {file}")
     return found
 
 
@@ -226,9 +224,7 @@ def _with(source: Source, settings: list[str]) -> Source:
     return Source(source.name, data, source.lines)
 
 
-def plan(
-    protocol: str, rig_path: Path, settings: list[str], whole: bool, as_json: bool, rehearsing: bool = False
-) -> int:
+def plan(protocol: str, rig_path: Path, settings: list[str], whole: bool, as_json: bool, rehearsing: bool = False) -> int:
     """Print limits, duration and steps; connects to nothing. `whole`: each repeat, not the first with their number;
     `rehearsing`: do the protocol's `run` at the desk, too."""
     j = job(protocol, rig_path, settings)
@@ -324,9 +320,7 @@ def keys(protocol: str, rig_path: Path | None, as_json: bool) -> int:
         out.print(str(key), soft_wrap=True)
         if key.meaning:
             out.print(Padding(key.meaning, (0, 0, 0, 4), expand=False))
-    out.print(
-        "Write numbers with their unit: --set 'average=2 s'. A number without one is in SI units.", soft_wrap=True
-    )
+    out.print("Write numbers with their unit: --set 'average=2 s'. A number without one is in SI units.", soft_wrap=True)
     return 0
 
 
@@ -375,9 +369,7 @@ def run(
     if broken is not None and protocol is not None and protocol.endswith(".py"):
         own = protocol_from_file(Path(protocol))
     if broken is not None and ((protocol is not None and own is None) or settings or folder is not None):
-        raise ConfigError(
-            "--resume continues with the protocol, settings and folder of the run: do not give them again"
-        )
+        raise ConfigError("--resume continues with the protocol, settings and folder of the run: do not give them again")
     j = job(protocol or "", rig_path, settings) if broken is None else job_again(broken, rig_path, own)
     j = replace(j, labels={**(broken.labels if broken is not None else {}), **own_labels})
     folder = broken.journal.parent if broken is not None else folder or Path(".")
@@ -637,9 +629,7 @@ VERBS = (
             rig(required=False),
             option("--keys", action="store_true", help="list what --set can change: unit, default, limits"),
             option("--all", action="store_true", help="list the steps of every repeat"),
-            option(
-                "--rehearse", action="store_true", help="execute its run as well, with instruments that move nothing"
-            ),
+            option("--rehearse", action="store_true", help="execute its run as well, with instruments that move nothing"),
             SET,
         ),
         examples=("lab plan bending --rig rig/rig.yaml", "lab plan bending --keys"),

@@ -94,9 +94,7 @@ def runs(folder: Path, since: str, protocol: str, spine: float | None, as_json: 
         if run.outcome == "unreadable":
             out.print(f"{run.path}: {run.detail}")
         elif run.outcome == "abrupt" and not run.detail:
-            out.print(
-                f"{run.path}: the recording was not finished; `lab recover` writes a complete file from what can be read"
-            )
+            out.print(f"{run.path}: the recording was not finished; `lab recover` writes a complete file from what can be read")
     return 0
 
 

@@ -204,9 +204,7 @@ def _trials(numbers: NDArray[np.generic], spine_length: Array) -> tuple[NDArray[
     """Trial numbers and the trial of each row; a spine that changes within a trial begins another, with its own rest."""
     ids: list[int] = []
     trial, known = np.empty(len(numbers), np.int64), dict[tuple[int, float], int]()
-    for row, key in enumerate(
-        zip(np.asarray(numbers).astype(int).tolist(), np.round(spine_length, 4).tolist(), strict=True)
-    ):
+    for row, key in enumerate(zip(np.asarray(numbers).astype(int).tolist(), np.round(spine_length, 4).tolist(), strict=True)):
         if key not in known:
             known[key] = len(ids)
             ids.append(key[0])

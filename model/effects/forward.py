@@ -135,9 +135,7 @@ class ForwardModel:
         if area not in ("one", "per_length"):
             raise BadCondition(f"area {area!r}: must be 'one' or 'per_length'")
         full, rest_of = with_rest(design)
-        self._vary(
-            robot, full, area, catalogue, sources(design, tuple(catalogue.values()), area, robot.uncertainty.stated)
-        )
+        self._vary(robot, full, area, catalogue, sources(design, tuple(catalogue.values()), area, robot.uncertainty.stated))
         self._every_law = every_law
         self._path = loading_path(design, rest_of)
         moved = ~design.stiffness
@@ -153,11 +151,7 @@ class ForwardModel:
         self._steps = integration_steps(self._layout, nominal)
         self._start = first = solve(self._layout, nominal, self._arcs, self._steps, inside=False)
         tips = first.result[: self._moved_rows.size]
-        side = (
-            tips[first.converged[: self._moved_rows.size], :2].sum(axis=0)
-            if plane_direction is None
-            else plane_direction
-        )
+        side = tips[first.converged[: self._moved_rows.size], :2].sum(axis=0) if plane_direction is None else plane_direction
         if np.linalg.norm(side) > 1e-6:
             self._baseline.plane_direction = side / np.linalg.norm(side)
         reference = self._every_row(tips[None])[0, :, at.ORIENTATION : at.ORIENTATION + 4]
@@ -212,8 +206,7 @@ class ForwardModel:
         order = sorted(places, key=places.__getitem__)
         every = [(k, self._fixed[k][0] if isinstance(k, str) else self._table.sources[k].spec.law) for k in order]
         self._laws_of = {
-            part: [(k, do) for k, law in every if (do := getattr(law, part)) is not None]
-            for part in ("before", "path", "after")
+            part: [(k, do) for k, law in every if (do := getattr(law, part)) is not None] for part in ("before", "path", "after")
         }
         self._nominal = nominal_values(robot, self._table.infos)
         self.parameters: tuple[ParameterInfo, ...] = beyond(robot, self._table.infos, self._nominal)
@@ -371,9 +364,7 @@ class ForwardModel:
         wrong = ~((values >= self._low - slack) & (values <= self._high + slack))
         if wrong.any():
             info = self.parameters[int(np.flatnonzero(wrong)[0])]
-            raise BadCondition(
-                f"{info.name} = {theta[wrong][0]:g} {info.unit}: must be within {info.low:g} and {info.high:g}"
-            )
+            raise BadCondition(f"{info.name} = {theta[wrong][0]:g} {info.unit}: must be within {info.low:g} and {info.high:g}")
         return np.clip(values, self._low, self._high)
 
     def _laws(
@@ -448,9 +439,7 @@ class ForwardModel:
         spread = self._table.at(theta, asked)
         q = self._quantities(spread)
         built = rod_columns(q, self._shear)
-        remembers = any(theta[k] for k in self._memory_sizes) or any(
-            law.path is not None for law, _ in self._fixed.values()
-        )
+        remembers = any(theta[k] for k in self._memory_sizes) or any(law.path is not None for law, _ in self._fixed.values())
         rods = self._rows(built)
         alone = self._steps is None
         steps = integration_steps(self._layout, rods) if self._steps is None else self._steps

@@ -65,9 +65,7 @@ class Path:
     def lag(self, drive: Array, time: float) -> Array:
         """(v, n, c) a drive (v, n, c) less what follows it with the relaxation time (s)."""
         out = np.zeros(drive.shape)
-        _lag(
-            np.ascontiguousarray(drive), self.before, self.after, self.first, self.stay, self.ramp, self.hold, time, out
-        )
+        _lag(np.ascontiguousarray(drive), self.before, self.after, self.first, self.stay, self.ramp, self.hold, time, out)
         return out
 
     def sliding(self, drive: Array, yields: Array) -> Array:
@@ -300,9 +298,7 @@ def _slide(drive: Array, before: Order, after: Order, first: NDArray[np.bool_], 
 
 
 @numba.njit(cache=True)
-def _hold(
-    pulls: Array, give: Array, before: Order, after: Order, first: NDArray[np.bool_], means: Array, rises: Array
-) -> None:
+def _hold(pulls: Array, give: Array, before: Order, after: Order, first: NDArray[np.bool_], means: Array, rises: Array) -> None:
     """Clipped between its limits step by step; a trial begins with what it is pulled by at rest."""
     parts, places, count = give.shape[2], give.shape[3], pulls.shape[2]
     kept = np.zeros((parts, places, count))

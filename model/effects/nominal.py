@@ -51,14 +51,10 @@ def _problems(key: str, table: Table, known: Mapping[str, EffectSpec]) -> Iterab
             elif stated.unit != p.unit:
                 yield f"{place}: unit {stated.unit!r}, must be {p.unit!r}: convert value and sd"
             elif not p.low <= stated.value <= p.high:
-                yield f"{place} = {stated.value:g} {p.unit}: must be within {p.low:g} and {p.high:g} {p.unit}".replace(
-                    " 1:", ":"
-                )
+                yield f"{place} = {stated.value:g} {p.unit}: must be within {p.low:g} and {p.high:g} {p.unit}".replace(" 1:", ":")
 
 
-def fixed_laws(
-    robot: Robot, catalogue: Mapping[str, EffectSpec] = MappingProxyType({})
-) -> dict[str, tuple[Law, Values]]:
+def fixed_laws(robot: Robot, catalogue: Mapping[str, EffectSpec] = MappingProxyType({})) -> dict[str, tuple[Law, Values]]:
     """Laws and values (1, 1) of the robot's effects that are not in `catalogue`, by id; raises as `stated_effects`."""
     return {
         id: (spec.law, values_of(robot.effects[id], spec))

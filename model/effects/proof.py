@@ -50,9 +50,7 @@ def prove(robot: Robot, specs: Iterable[EffectSpec]) -> None:
         try:
             zero, large = _tried(robot, design, spec)
         except Exception as error:  # whatever a law of a person's own raises is a fault of that law
-            raise BadEffect(
-                f"effect {spec.id}: its law fails: {type(error).__name__}: {error}{_nearest(error)}"
-            ) from error
+            raise BadEffect(f"effect {spec.id}: its law fails: {type(error).__name__}: {error}{_nearest(error)}") from error
         moved = float(np.nanmax(np.abs(zero - still)))
         if moved > 0.0 or (np.isnan(zero) != np.isnan(still)).any():
             raise BadEffect(

@@ -124,9 +124,7 @@ class Quantities:
     """Stiffness rows: N/m of what is squeezed over that way; 0: nothing is."""
 
 
-def baseline(
-    robot: Robot, body: Body, layout: Layout, design: States, area_factor: Array, direction: Array
-) -> Quantities:
+def baseline(robot: Robot, body: Body, layout: Layout, design: States, area_factor: Array, direction: Array) -> Quantities:
     """The paper's model: nothing is changed. `area_factor` (n,); `direction` (2,) of an obstacle, should there be one."""
     n = len(design)
     chambers = np.deg2rad(robot.actuators.azimuths_deg)

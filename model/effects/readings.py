@@ -39,9 +39,7 @@ class Readings:
         """Turn the frame of all readings by a rotation vector (v, n or 1, 3) rad."""
         q = from_vector(vector)
         self.tip = to_base(q, self.tip)
-        self.orientation = multiply(
-            np.broadcast_to(q, np.broadcast_shapes(q.shape, self.orientation.shape)), self.orientation
-        )
+        self.orientation = multiply(np.broadcast_to(q, np.broadcast_shapes(q.shape, self.orientation.shape)), self.orientation)
         if self.markers.shape[2]:
             self.markers = to_base(q[..., None, :], self.markers)
 

@@ -93,9 +93,7 @@ def solve(
     """
     rods = plain_rods(layout, rows) if plain else full_rods(layout, rows)
     method = replace(METHOD, steps=steps, remember=not plain)
-    solution = (
-        rod.solve(rods, method) if start is None else _solve_from(layout, rows, steps, start, trial, whole, followed)
-    )
+    solution = rod.solve(rods, method) if start is None else _solve_from(layout, rows, steps, start, trial, whole, followed)
     result = np.full((len(rows), at.MARKERS + 3 * len(arcs)), np.nan)
     result[:, at.TIP : at.TIP + 3] = solution.tip
     result[:, at.ORIENTATION : at.ORIENTATION + 4] = solution.orientation
@@ -144,9 +142,7 @@ def _solve_from(
         here.status[here.status == rod.Status.SOLVED] = rod.Status.SOLVED_IN_STEPS
         unsolved = _put(found, unsolved, here)
     if unsolved.size:
-        unsolved = _put(
-            found, unsolved, rod.solve(rods[unsolved], replace(METHOD, steps=steps[unsolved], follow=False))
-        )
+        unsolved = _put(found, unsolved, rod.solve(rods[unsolved], replace(METHOD, steps=steps[unsolved], follow=False)))
     for parts in PARTS:
         if not unsolved.size:
             break
@@ -214,15 +210,9 @@ def differentiate(solved: Solved, directions: Array) -> Array:
     own = int(solved.inside)
     places = _places(solved.layout, rods, solved.arcs, solved.inside)[:, own:]
     method = replace(METHOD, steps=solved.steps)
-    d = rod.sensitivities(
-        rods, solved.solution, directions[None], method, arc_lengths=places, strain=solved.inside, attached=own
-    )
+    d = rod.sensitivities(rods, solved.solution, directions[None], method, arc_lengths=places, strain=solved.inside, attached=own)
     marked = d.position[:, :, own:].reshape(len(rods), len(directions), 3 * len(solved.arcs))
-    within = (
-        (d.base_rotation, d.turn[:, :, 0], d.strain @ _shares(solved.layout, rods).swapaxes(1, 2))
-        if solved.inside
-        else ()
-    )
+    within = (d.base_rotation, d.turn[:, :, 0], d.strain @ _shares(solved.layout, rods).swapaxes(1, 2)) if solved.inside else ()
     return np.concatenate([d.tip, d.rotation, marked, *within], axis=-1)
 
 

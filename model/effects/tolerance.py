@@ -116,9 +116,7 @@ def _excess(unit: str, sd: float) -> Parameter:
     return Parameter("excess", unit, sd, -10 * sd, 10 * sd)
 
 
-AREA = EffectSpec(
-    "area", "actuation", "", (Parameter("excess", "1", 0.5, -0.9, 8.0),), Law(before=_area), "tolerance", ""
-)
+AREA = EffectSpec("area", "actuation", "", (Parameter("excess", "1", 0.5, -0.9, 8.0),), Law(before=_area), "tolerance", "")
 ANGLE = math.radians(0.1)
 ALWAYS = (
     _tolerance("youngs_modulus", "material", Law(before=_modulus), _excess("1", 0.02)),
@@ -166,8 +164,7 @@ def _as_stated(source: Source, uncertainty: Mapping[str, float]) -> Source:
     if sd is None:
         return source
     made = tuple(
-        replace(p, scale=sd, low=max(-10 * sd, -0.8) if p.unit == "1" else -10 * sd, high=10 * sd)
-        for p in source.spec.parameters
+        replace(p, scale=sd, low=max(-10 * sd, -0.8) if p.unit == "1" else -10 * sd, high=10 * sd) for p in source.spec.parameters
     )
     return replace(source, spec=replace(source.spec, parameters=made))
 

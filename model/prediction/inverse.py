@@ -102,8 +102,7 @@ def limits_of(
     low, high = spine if spine is not None else (0.0, longest)
     if not 0 <= low <= high <= (robot.length if robot.spine is not None else 0.0):
         raise BadCondition(
-            f"spine length: {low:g} .. {high:g} m, must lie between 0 and "
-            f"{robot.length if robot.spine is not None else 0.0:g} m"
+            f"spine length: {low:g} .. {high:g} m, must lie between 0 and {robot.length if robot.spine is not None else 0.0:g} m"
         )
     return Limits(highest, own, (low, high))
 
@@ -173,9 +172,7 @@ class _Search:
             there, along, reached = self._linear(goal, row[active])
             better = reached < cost[active]
             gained, moved = cost[active] - reached, np.abs(goal - u[active]).max(axis=1)
-            radius[active] = np.where(
-                better, np.minimum(2 * radius[active], 1.0), 0.3 * np.minimum(radius[active], moved)
-            )
+            radius[active] = np.where(better, np.minimum(2 * radius[active], 1.0), 0.3 * np.minimum(radius[active], moved))
             taken = active[better]
             u[taken], missed[taken], slope[taken], cost[taken] = (
                 goal[better],

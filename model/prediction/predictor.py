@@ -138,9 +138,7 @@ class Predictor:
     def _outside(self, pressure: Array) -> NDArray[np.bool_]:
         """(n,) of pressures (n, chambers) Pa; warns where there are any."""
         highest = np.inf if self.robot.max_pressure is None else self.robot.max_pressure
-        outside: NDArray[np.bool_] = np.any(
-            (pressure < -PRESSURE_NOISE) | (pressure > highest + PRESSURE_NOISE), axis=1
-        )
+        outside: NDArray[np.bool_] = np.any((pressure < -PRESSURE_NOISE) | (pressure > highest + PRESSURE_NOISE), axis=1)
         if self.robot.chambers is None:
             return np.zeros(len(pressure), bool)
         if outside.any():

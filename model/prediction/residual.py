@@ -73,9 +73,7 @@ class LearntResidual:
         own = self._own
         return kernel(u, length, self._u, self._length, own.pressure_scale, own.length_scale)
 
-    def __call__(
-        self, pressure: Array, length: Array, *, intervals: bool = False, gradient: bool = False
-    ) -> ExpectedResidual:
+    def __call__(self, pressure: Array, length: Array, *, intervals: bool = False, gradient: bool = False) -> ExpectedResidual:
         """At pressures (n, chambers) Pa and spine lengths (n,) m."""
         own, u = self._own, section_sums(self._robot, pressure)
         k = self._correlation(u, length)

@@ -44,9 +44,7 @@ def standard_deviations(
     where a residual was learnt.
     """
     posterior = robot.posterior
-    share, loose, read = (
-        (posterior.law_error, posterior.discrepancy, posterior.noise.reading) if posterior else (0.0, 0.0, 0.0)
-    )
+    share, loose, read = (posterior.law_error, posterior.discrepancy, posterior.noise.reading) if posterior else (0.0, 0.0, 0.0)
 
     noise = posterior.noise if posterior else Noise()
     turn, shift = noise.turn, noise.shift

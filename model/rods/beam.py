@@ -26,9 +26,7 @@ def bending_compliance(edges: Sequence[ArrayLike], bend_stiffness: Sequence[Arra
     """
     tip = np.asarray(edges[-1], float)
     reach = [(tip - s) ** 3 for s in edges]
-    return np.asarray(
-        sum((a - b) / (3 * np.asarray(k)) for a, b, k in zip(reach[:-1], reach[1:], bend_stiffness, strict=True))
-    )
+    return np.asarray(sum((a - b) / (3 * np.asarray(k)) for a, b, k in zip(reach[:-1], reach[1:], bend_stiffness, strict=True)))
 
 
 def shear_compliance(edges: Sequence[ArrayLike], shear_stiffness: Sequence[ArrayLike]) -> Array:

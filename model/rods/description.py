@@ -185,9 +185,7 @@ class Rods:
             if name in ("length", "bend_stiffness", "stretch_stiffness", "spring_direction", *BASIC, *further):
                 continue
             if np.any(self.field(name) != neutral):
-                raise BadCondition(
-                    f"{name}: must be {neutral} for the method {method}, which supports nothing else; use Fast"
-                )
+                raise BadCondition(f"{name}: must be {neutral} for the method {method}, which supports nothing else; use Fast")
 
     def check(self) -> Rods:
         """Itself; raises `BadCondition` naming the field, rod and value that no kernel may see."""
@@ -214,9 +212,7 @@ class Rods:
         if wrong.any():
             where = tuple(int(i) for i in np.argwhere(wrong)[0])
             value = self.field(name)[where]
-            raise BadCondition(
-                f"{name}{list(where[1:])} of rod {where[0]}: {value}, {reason} ({int(wrong.sum())} such)"
-            )
+            raise BadCondition(f"{name}{list(where[1:])} of rod {where[0]}: {value}, {reason} ({int(wrong.sum())} such)")
 
 
 def blank(form: Form, n: int) -> Rods:

@@ -35,9 +35,7 @@ class Method(Protocol):
         ...
 
 
-def solve(
-    rods: Rods, method: Method = FAST, *, arc_lengths: ArrayLike | None = None, start: Solution | None = None
-) -> Solution:
+def solve(rods: Rods, method: Method = FAST, *, arc_lengths: ArrayLike | None = None, start: Solution | None = None) -> Solution:
     """Equilibrium of every rod of a checked batch, by the method asked for.
 
     `arc_lengths` (k,) or (n, k), m from the base, get positions in `Solution.shape`. `start` is a solution of nearly the

@@ -91,9 +91,7 @@ def _columns(recording: Recording, topic: str) -> list[_Column]:
     samples, units, out = recording.stream(topic), recording.units(topic), list[_Column]()
     known = {f.name: f for f in STREAMS[topic].fields} if topic in STREAMS else {}
     for name in samples.dtype.names or ():
-        field = known.get(name) or Field(
-            name, "double", doc=f"{name} measured by the sensor {topic.removeprefix(SENSORS)}"
-        )
+        field = known.get(name) or Field(name, "double", doc=f"{name} measured by the sensor {topic.removeprefix(SENSORS)}")
         unit, values = units.get(name, ""), samples[name].reshape(len(samples), -1)
         if name == "t":
             since = ""
@@ -176,9 +174,7 @@ def _parquet_writer() -> Callable[[Columns, Path], None]:
     try:
         pyarrow, parquet = import_module("pyarrow"), import_module("pyarrow.parquet")
     except ImportError as error:
-        raise MissingPackage(
-            "Parquet needs pyarrow, which is not installed; pip install pyarrow, or export CSV"
-        ) from error
+        raise MissingPackage("Parquet needs pyarrow, which is not installed; pip install pyarrow, or export CSV") from error
 
     def write(columns: Columns, path: Path) -> None:
         with replacing(path) as (file, _):
@@ -200,9 +196,7 @@ def export_case(recording: Recording, folder: str | os.PathLike[str], table: Tab
     if not len(table):
         raise BadTable(f"{recording.path} has no concluded state; try `lab replay` to compute its states again")
     if "robot.yaml" not in recording.attachments:
-        raise MissingStream(
-            f"{recording.path} has no attachment robot.yaml; add the robot's file to the folder by hand"
-        )
+        raise MissingStream(f"{recording.path} has no attachment robot.yaml; add the robot's file to the folder by hand")
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     replaced(folder / "robot.yaml", recording.attachments["robot.yaml"])

@@ -127,9 +127,7 @@ def info(path: str | os.PathLike[str]) -> Info:
     }  # fmt: skip
     sensors = [topic for topic in recording.streams if of_sensor(topic)]
     planned = planned_of(recording)[1]
-    read: set[tuple[int, int]] = _or(
-        set(), notes, damage, lambda: {(e.row.trial, e.row.step) for e in recording.trials}
-    )
+    read: set[tuple[int, int]] = _or(set(), notes, damage, lambda: {(e.row.trial, e.row.step) for e in recording.trials})
     notes += beyond_plan(len(read), planned)
     return Info(
         path=str(recording.path), size=recording.contents.size, readable=recording.contents.end,

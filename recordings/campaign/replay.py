@@ -74,9 +74,7 @@ def _table(
         if (n := sum(row.trial == trial for _, row in read))
     ]
     doubts += [
-        f"trial {row.trial} step {row.step}: was read again; the last reading counts"
-        for number, row in rows
-        if number in again
+        f"trial {row.trial} step {row.step}: was read again; the last reading counts" for number, row in rows if number in again
     ]
     kept = marked((row for number, row in rows if number not in again), recording.marks)
     return Table(tuple(without_drift(kept, drifts)), warnings=tuple(doubts), sensor_units=units_of(recording))
@@ -145,9 +143,7 @@ def replay_zeros(recording: Recording) -> list[tuple[Zeros, Drift | None]]:
     for zeros in (event.zeros for event in recording.zeros):
         moved = None
         with contextlib.suppress(NotSettled):
-            before, start, end = (
-                unloaded(looked, zeros.direction, span) for span in (zeros.before, zeros.start, zeros.end)
-            )
+            before, start, end = (unloaded(looked, zeros.direction, span) for span in (zeros.before, zeros.start, zeros.end))
             moved = drift(before, start, end) if before and start and end else None
         out.append((zeros, moved))
     return out

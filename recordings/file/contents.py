@@ -116,9 +116,7 @@ class Contents:
         found = record.read(kind)
         known: dict[int, Schema] | dict[int, Channel] = self.schemas if kind is Schema else self.channels
         if _identity(known.setdefault(found.id, found)) != _identity(found):
-            raise Damaged(
-                f"{self.name}: describes {kind.__name__.lower()} {found.id} twice, and differently; run `lab verify`"
-            )
+            raise Damaged(f"{self.name}: describes {kind.__name__.lower()} {found.id} twice, and differently; run `lab verify`")
         self._seen.add(key)
 
     def described(self, number: int) -> bool:

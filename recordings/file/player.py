@@ -38,9 +38,7 @@ class Played:
 
     def to_json(self) -> str:
         """One line; numbers that are none (NaN) are null."""
-        return json.dumps(
-            {"topic": self.topic, "t": self.t, "log_time": self.log_time, "fields": plain_numbers(self.fields)}
-        )
+        return json.dumps({"topic": self.topic, "t": self.t, "log_time": self.log_time, "fields": plain_numbers(self.fields)})
 
 
 def messages(recording: Recording) -> Iterator[Played]:

@@ -247,9 +247,7 @@ class Recording:
         found = self._carriers.get(topic, [])
         ours = [channel for channel in found if self._ours(channel)]
         if len(ours) > 1:
-            raise NotARecording(
-                f"{self.path}: {len(ours)} channels carry {topic}, as in files that were merged; split them"
-            )
+            raise NotARecording(f"{self.path}: {len(ours)} channels carry {topic}, as in files that were merged; split them")
         if found:
             return (ours or found)[0]
         raise MissingStream(f"{self.path} has no stream {topic}; it has {', '.join(self.topics) or 'none'}")

@@ -221,9 +221,7 @@ class Recorder:
     def note_lost(self, topic: str, count: int) -> None:
         """A driver knows that so many samples of its stream never arrived; raises `BadMessage` for fewer than none."""
         if count < 0:
-            raise BadMessage(
-                f"{topic}: {count} lost samples, must not be below 0; give the number since the recording began"
-            )
+            raise BadMessage(f"{topic}: {count} lost samples, must not be below 0; give the number since the recording began")
         entry = self._topics[topic]
         with entry.lock:
             entry.lost += count

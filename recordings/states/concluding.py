@@ -212,9 +212,7 @@ def _orientation(rule: Settled | Window | Crossing, span: Span, tip: Samples) ->
 
 def _markers(estimate: Estimator, tip: Samples) -> tuple[Any, ...]:
     places = tip["markers"]
-    return tuple(
-        tuple(estimate(tip["t"], places[:, i, axis]).value for axis in range(3)) for i in range(places.shape[1])
-    )
+    return tuple(tuple(estimate(tip["t"], places[:, i, axis]).value for axis in range(3)) for i in range(places.shape[1]))
 
 
 def _push(estimate: Estimator, probe: Probe, force: Samples, arm: Samples) -> tuple[Estimate, Estimate]:

@@ -92,9 +92,7 @@ def fixed_window(rule: Window, t_start: float, watermark: float) -> Span | None:
     return Span(t0, t1, (t0 + t1) / 2) if t1 < watermark else None
 
 
-def crossing_window(
-    pressure: Samples, rule: Crossing, t_start: float, ramp_end: float, watermark: float
-) -> Span | None:
+def crossing_window(pressure: Samples, rule: Crossing, t_start: float, ramp_end: float, watermark: float) -> Span | None:
     """The window around the first crossing of the level, cut to the ramp (it ends at `ramp_end`, s); None while it may
     come.
 
@@ -189,9 +187,7 @@ def _why_not(
     if len(late) >= rule.smooth:
         moved = float(_extent(late, np.array([since]), np.array([end]), rule.smooth)[0])
         if not moved <= rule.still_distance:
-            parts.append(
-                f"the tip still moved {moved * 1e3:.2f} mm in {lasting:g} s, limit {rule.still_distance * 1e3:.2f} mm"
-            )
+            parts.append(f"the tip still moved {moved * 1e3:.2f} mm in {lasting:g} s, limit {rule.still_distance * 1e3:.2f} mm")
     if not parts:
         parts.append(f"all were at rest at the end, but for less than {lasting:g} s: raise the time-out")
     return f"not settled within {rule.timeout:g} s: {'; '.join(parts)}"

@@ -75,9 +75,7 @@ def unloaded(streams: Streams, direction: Sequence[float], span: Span) -> Unload
         raise TooFewSamples(f"{n} samples of /force and {len(arm)} of /arm from {t0:.2f} to {t1:.2f} s for a zero")
     values = along_push(direction, force["raw"], arm["tcp_pose"]).tolist()
     if not all(map(math.isfinite, values)):
-        raise NotSettled(
-            f"/force: raw is not a number from {t0:.2f} to {t1:.2f} s; check the sensor and its connection"
-        )
+        raise NotSettled(f"/force: raw is not a number from {t0:.2f} to {t1:.2f} s; check the sensor and its connection")
     mean = math.fsum(values) / n
     error = math.sqrt(math.fsum((x - mean) ** 2 for x in values) / (n - 1) / n)
     return Unloaded(math.fsum(force["t"].tolist()) / n, mean, error)

@@ -70,9 +70,7 @@ class AlicatFake(PtyFake):
         super().__init__("alicat", clock, baud, seed)
         code = next(code for code, name in UNIT_NAMES.items() if name.lower() == unit.lower())
         self.device = {
-            letter: AlicatDevice(
-                plant, tuple(group), full_scale, serial=str(521641 + i), firmware=firmware, unit_code=code
-            )
+            letter: AlicatDevice(plant, tuple(group), full_scale, serial=str(521641 + i), firmware=firmware, unit_code=code)
             for i, (letter, group) in enumerate(zip(units, chambers, strict=True))
         }
         self._streams: list[AlicatDevice] = []
@@ -286,9 +284,7 @@ class AlicatFake(PtyFake):
         else:
             self._stuck.pop(letter, None)
         setpoint = self._shown(unit, unit.setpoint)
-        return " ".join(
-            [self._shown(unit, reading), setpoint.lstrip("+") if unit.version < (8, 0) else setpoint, *codes]
-        )
+        return " ".join([self._shown(unit, reading), setpoint.lstrip("+") if unit.version < (8, 0) else setpoint, *codes])
 
     def _shown(self, unit: AlicatDevice, pressure: float) -> str:
         """A pressure (Pa) as the display shows it: sign, three digits at least, the unit's decimals."""

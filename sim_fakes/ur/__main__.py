@@ -52,9 +52,7 @@ def main() -> None:
     parser.add_argument("--version", type=version, default=version("3.15.8.106339"), help="PolyScope version")
     parser.add_argument("--speed", type=factor, default=1.0, help="how many times faster than the host the rig runs")
     parser.add_argument("--backdoor", metavar="PATH", help="Unix socket of the back door; none when not given")
-    parser.add_argument(
-        "--pose-to", type=address, metavar="HOST:PORT", help="send the TCP pose there by UDP each cycle"
-    )
+    parser.add_argument("--pose-to", type=address, metavar="HOST:PORT", help="send the TCP pose there by UDP each cycle")
     parser.add_argument("--clock-start", type=float, help="host monotonic time (s) of rig time 0; now when not given")
     parser.add_argument("--no-dashboard", action="store_true", help="the dashboard server is switched off")
     parser.add_argument("--seed", type=int, default=0, help="of the measurement noise")

@@ -91,8 +91,7 @@ def forward(geometry: Geometry, joints: Array, tool: Array) -> tuple[Array, Arra
     pose = np.array([[ax, bx, cx, px], [ay, by, cy, py], [az, bz, cz, pz], [0.0, 0.0, 0.0, 1.0]]) @ tool
     x, y, z = pose[:3, 3].tolist()
     columns = [
-        (v * (z - r) - w * (y - q), w * (x - p) - u * (z - r), u * (y - q) - v * (x - p), u, v, w)
-        for u, v, w, p, q, r in screws
+        (v * (z - r) - w * (y - q), w * (x - p) - u * (z - r), u * (y - q) - v * (x - p), u, v, w) for u, v, w, p, q, r in screws
     ]
     return pose, np.array(columns).T
 

@@ -151,8 +151,7 @@ class RtdeConnection(Connection):
         wanted = [name for name in names.decode("ascii", "replace").split(",") if name]
         types = [known.get(name, "NOT_FOUND") for name in wanted]
         types = [
-            "IN_USE" if self.hub.owner.get(name, self) is not self else kind
-            for name, kind in zip(wanted, types, strict=True)
+            "IN_USE" if self.hub.owner.get(name, self) is not self else kind for name, kind in zip(wanted, types, strict=True)
         ]
         if len(names) > LONGEST_NAMES:
             self.hub.violation(f"rtde: {len(names)} bytes of names, at most {LONGEST_NAMES}")

@@ -143,9 +143,7 @@ class ControlScript:
 
     def _motion(self, name: str) -> None:
         target, speed, acceleration = self._vector(), self._double(6), self._double(7)
-        self.host.note_command(
-            name, [*target.tolist(), speed, acceleration, float(self.host.read_int(1 + self.offset))]
-        )
+        self.host.note_command(name, [*target.tolist(), speed, acceleration, float(self.host.read_int(1 + self.offset))])
         most_speed, most_acceleration = SPEED_RANGE["joint" if name.startswith("movej") else "tool"]
         if not np.all(np.isfinite(target)):
             raise ProgramError(f"{name}: target is not a number")

@@ -40,9 +40,7 @@ def contact_force(depth: float, soft_depth: float, soft: float, stiff: float) ->
 
 
 @kernel
-def _balance(
-    chain: Chain, s: Sections, hist: History, loads: Loads, low: Array, diag: Array, up: Array, g: Array
-) -> None:
+def _balance(chain: Chain, s: Sections, hist: History, loads: Loads, low: Array, diag: Array, up: Array, g: Array) -> None:
     """Fill the out-of-balance forces g (sign: to be solved for) and Newton's matrix."""
     n = chain.h.shape[0]
     low[:] = 0.0
@@ -122,9 +120,7 @@ def _balance(
 
 
 @kernel
-def _external(
-    chain: Chain, loads: Loads, diag: Array, up: Array, low: Array, g: Array, frame: Array, f: Array, m: Array
-) -> None:
+def _external(chain: Chain, loads: Loads, diag: Array, up: Array, low: Array, g: Array, frame: Array, f: Array, m: Array) -> None:
     """Add the loads of the nodes and their derivatives; `frame`, `f`, `m` are scratch space."""
     n = chain.h.shape[0]
     for k in range(1, n + 1):

@@ -30,18 +30,10 @@ class EffectInfo:
 _BY_ID = {
     info.id: info
     for info in (
-        EffectInfo(
-            "spine_slip", "Coulomb friction of the jammed spine against the wall, distributed sliders", 0.15, "N m", "+"
-        ),
-        EffectInfo(
-            "area_moment", "spine stiffens as a composite section instead of by volume share", 1.0, "1", "blend"
-        ),
-        EffectInfo(
-            "spine_shear", "spine has one modulus (6.6 MPa) and little shear stiffness (0.09 MPa)", 1.0, "1", "blend"
-        ),
-        EffectInfo(
-            "vacuum_leak", "share of the vacuum lost on the way into the spine, more in a long one", 0.3, "1", "+"
-        ),
+        EffectInfo("spine_slip", "Coulomb friction of the jammed spine against the wall, distributed sliders", 0.15, "N m", "+"),
+        EffectInfo("area_moment", "spine stiffens as a composite section instead of by volume share", 1.0, "1", "blend"),
+        EffectInfo("spine_shear", "spine has one modulus (6.6 MPa) and little shear stiffness (0.09 MPa)", 1.0, "1", "blend"),
+        EffectInfo("vacuum_leak", "share of the vacuum lost on the way into the spine, more in a long one", 0.3, "1", "+"),
         EffectInfo("chamber_ballooning", "growth of the effective area at 250 kPa, as P^1.5", 0.15, "1"),
         EffectInfo("chamber_azimuth", "the chamber pattern is turned about the axis", np.radians(6.0), "rad"),
         EffectInfo("chamber_twist", "the chambers wind along the body", 0.35, "rad/m"),
@@ -83,9 +75,7 @@ def laws(effects: Mapping[str, float]) -> Laws:
         if name not in _BY_ID:
             raise ValueError(f"virtual robot: unknown effect {name!r}; known: {', '.join(_BY_ID)}")
         if not np.isfinite(size):
-            raise ValueError(
-                f"virtual robot: effect {name!r} has size {size} {_BY_ID[name].unit}; give a finite number"
-            )
+            raise ValueError(f"virtual robot: effect {name!r} has size {size} {_BY_ID[name].unit}; give a finite number")
     return Laws(**{name: float(size) for name, size in effects.items()})
 
 

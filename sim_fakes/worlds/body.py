@@ -159,9 +159,7 @@ class Body:
 
 def diagonal(g: Array, axial: Array, bending: Array, area: float | Array, second: float | Array) -> Array:
     """(GA, GA, EA, EI, EI, 2 EI)."""
-    return np.stack(
-        [g * area, g * area, axial * area, bending * second, bending * second, 2 * bending * second], axis=-1
-    )
+    return np.stack([g * area, g * area, axial * area, bending * second, bending * second, 2 * bending * second], axis=-1)
 
 
 def table_modulus(length: Array) -> Array:

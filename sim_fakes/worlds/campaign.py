@@ -109,9 +109,7 @@ class Response:
         return np.array([self.keys.index((t.spine, t.vacuum)) for t in sweep.trials])
 
 
-def respond(
-    robot: Robot, sweep: Sweep, without: Sequence[str] = (), extra: Mapping[str, float] | None = None
-) -> Response:
+def respond(robot: Robot, sweep: Sweep, without: Sequence[str] = (), extra: Mapping[str, float] | None = None) -> Response:
     """Solve the sweep with all its changes. Raises `NoEquilibrium`.
 
     `without`: present effects whose share is wanted (what the tip loses without them); `extra`: sizes (plausible scales) of
@@ -157,9 +155,7 @@ def respond(
 
 def courses(robot: Robot, sweep: Sweep) -> dict[str, Array]:
     """Size of each outside cause with a course, in each trial, relative to its largest."""
-    return {
-        e: np.asarray(course(sweep.passed)) for e in robot.outside if (course := robot.causes[e].course) is not None
-    }
+    return {e: np.asarray(course(sweep.passed)) for e in robot.outside if (course := robot.causes[e].course) is not None}
 
 
 def drifted(whole: float, passed: Array) -> Array:

@@ -142,9 +142,7 @@ def physics(choice: Mapping[str, str], outside: Mapping[str, Cause] | None = Non
     made: dict[str, dict[str, Change]] = {"body": {}, "chambers": {}, "seen": {}}
     for effect, name in choice.items():
         if name not in FORMS.get(effect, {}):
-            raise ValueError(
-                f"world: effect {effect!r} has no form {name!r}; it has {', '.join(FORMS.get(effect, {}))}"
-            )
+            raise ValueError(f"world: effect {effect!r} has no form {name!r}; it has {', '.join(FORMS.get(effect, {}))}")
         law, scale = FORMS[effect][name]
         place = "body" if effect in BODY else "chambers" if effect in CHAMBERS else "seen"
         made[place][effect] = _scaled(law, scale)

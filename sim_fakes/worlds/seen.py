@@ -83,9 +83,7 @@ def _at(path: Path, when: Array) -> Path:
     tip, turns, markers = path.tip.copy(), path.turns.copy(), path.markers.copy()
     flat = np.concatenate([a.reshape(len(path.times), -1) for a in (tip, turns, markers)], axis=1)
     edges = _corners(path)
-    splines = [
-        CubicSpline(path.times[a : b + 1], flat[a : b + 1], axis=0) for a, b in itertools.pairwise(edges) if b > a
-    ]
+    splines = [CubicSpline(path.times[a : b + 1], flat[a : b + 1], axis=0) for a, b in itertools.pairwise(edges) if b > a]
     n = tip.shape[1]
     for k, read in enumerate(path.reads):
         wanted = np.clip(when[k], path.times[0], path.times[-1])
@@ -149,9 +147,7 @@ def late_filter(s: Seeing, x: Array) -> None:
 
 def _half(a: Array, b: Array) -> Array:
     w = transposed(a) @ b
-    return 0.25 * np.stack(
-        [w[..., 2, 1] - w[..., 1, 2], w[..., 0, 2] - w[..., 2, 0], w[..., 1, 0] - w[..., 0, 1]], axis=-1
-    )
+    return 0.25 * np.stack([w[..., 2, 1] - w[..., 1, 2], w[..., 0, 2] - w[..., 2, 0], w[..., 1, 0] - w[..., 0, 1]], axis=-1)
 
 
 # ------------------------------------------------------------------ marker_offset
@@ -204,9 +200,7 @@ def _turned(s: Seeing, x: Array, centre: float, growth: float = 0.0) -> None:
         tip = apply(rotation, off) + pivot
         if growth:
             tip = tip + growth * x[:, None] * off * np.linalg.norm(off, axis=-1, keepdims=True) / LENGTH
-        return replace(
-            path, tip=tip, turns=rotation @ path.turns, markers=apply(rotation[:, None], path.markers - pivot) + pivot
-        )
+        return replace(path, tip=tip, turns=rotation @ path.turns, markers=apply(rotation[:, None], path.markers - pivot) + pivot)
 
     s.views.append(law)
 

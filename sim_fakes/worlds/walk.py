@@ -104,9 +104,7 @@ class _Track:
     def __init__(self, h: Array, lanes: Lanes) -> None:
         nodes = np.concatenate([np.zeros((len(h), 1)), np.cumsum(h, axis=1)], axis=1)
         self._at = [np.array([np.searchsorted(row, m) - 1 for row in nodes]) for m in MARKERS]
-        self._part = [
-            (m - nodes[np.arange(len(h)), k]) / h[np.arange(len(h)), k] for m, k in zip(MARKERS, self._at, strict=True)
-        ]
+        self._part = [(m - nodes[np.arange(len(h)), k]) / h[np.arange(len(h)), k] for m, k in zip(MARKERS, self._at, strict=True)]
         self._h = h
         self._time = 0.0
         self._rows: list[tuple[float, bool, Array, Array, Array, Array]] = []

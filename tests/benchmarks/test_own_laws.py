@@ -45,9 +45,7 @@ def test_what_an_area_factor_takes_up_is_not_carried() -> None:
 
 
 def test_shares_are_of_those_that_they_say() -> None:
-    def case(
-        stratum: str, named: tuple[str, ...], p: float, odds: float, leaves: float = 0.0, causes: str = ""
-    ) -> Case:
+    def case(stratum: str, named: tuple[str, ...], p: float, odds: float, leaves: float = 0.0, causes: str = "") -> Case:
         answers = dict.fromkeys(ANALYSES, Judged(named[:1], p, odds, named))
         return Case(stratum, frozenset(causes.split()), {"contact": 5.0, "base_tilt": 1.0}, 1.0, leaves, answers)
 

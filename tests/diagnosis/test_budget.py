@@ -47,9 +47,7 @@ def test_what_carries_at_least_half_of_the_largest_and_a_floor_is_named(
 
 def test_quantiles_are_weighted() -> None:
     metres = np.array([[1.0], [100.0], [1e4]])
-    b = Budget(
-        ("a",), metres, metres, np.array([0.1, 0.1, 0.8]), np.zeros(3), np.zeros(3, bool), {"a": 1.0}, ((), (), ())
-    )
+    b = Budget(("a",), metres, metres, np.array([0.1, 0.1, 0.8]), np.zeros(3), np.zeros(3, bool), {"a": 1.0}, ((), (), ()))
     assert b.interval("a", 0.05, 0.15, 0.6) == pytest.approx((1.0, 100.0, 1e4))
 
 
@@ -63,9 +61,7 @@ def test_an_interval_counts_on_a_law_that_is_wrong_by_as_much_as_laws_are() -> N
 
 
 @pytest.mark.parametrize(("tolerant", "share"), [(False, 0.1), (True, 1.0)])
-def test_an_exact_law_is_as_wrong_as_any_where_tolerances_may_hide_the_error_of_another(
-    tolerant: bool, share: float
-) -> None:
+def test_an_exact_law_is_as_wrong_as_any_where_tolerances_may_hide_the_error_of_another(tolerant: bool, share: float) -> None:
     known = np.ones((1, 1))
     b = Budget(("a",), known, known, np.ones(1), np.array([0.3]), np.array([tolerant]), {"a": 0.1}, ((),))
     assert 1.7 < np.log(b.interval("a", 0.975)[0]) / (0.3 * share) < 2.0
@@ -150,9 +146,7 @@ def test_a_tolerance_that_carries_more_than_all_else_is_the_cause(catalogue: Cat
     d = answer(catalogue, precurvature__y=0.05)
     assert d.attribute.effects == ("precurvature",)
     share = next(c for c in d.budget if c.effect == "precurvature")
-    assert (
-        share.role == "named" and share.low95_mm <= share.mm <= share.high95_mm and share.mm > d.locate.noise_floor_mm
-    )
+    assert share.role == "named" and share.low95_mm <= share.mm <= share.high95_mm and share.mm > d.locate.noise_floor_mm
 
 
 @few_and_all

@@ -81,8 +81,7 @@ def test_a_law_of_geometry_is_not_taxed_for_an_error_that_it_cannot_have() -> No
     turned = measured(3, 5, frame_misalignment__x=0.009, frame_misalignment__z=0.006)
     spec = CATALOGUE["frame_misalignment"]
     verdicts = [
-        diagnose(turned, quick({**SOME, spec.id: replace(spec, exact=exact)})).attribute.effects
-        for exact in (True, False)
+        diagnose(turned, quick({**SOME, spec.id: replace(spec, exact=exact)})).attribute.effects for exact in (True, False)
     ]
     # Else the tolerance of the cameras, which has no law error, takes the turn up at six of its standard deviations.
     assert verdicts == [(spec.id,), ()]

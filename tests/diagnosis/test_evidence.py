@@ -41,9 +41,7 @@ def dense_log_evidence(linear: Linear, prior: SizePrior, size: float) -> float:
 @pytest.mark.parametrize("size", [0.0, 0.5, 3.0])
 @pytest.mark.parametrize("variance", [[0.0, 0.0, 0.0], [1.0, 0.01, 0.01], [1.0, 0.0, 4.0]])
 @pytest.mark.parametrize("mean", [[0.0, 0.0, 0.0], [0.0, 0.3, -1.2]])
-def test_log_evidence_equals_the_gaussian_marginal_likelihood(
-    size: float, variance: list[float], mean: list[float]
-) -> None:
+def test_log_evidence_equals_the_gaussian_marginal_likelihood(size: float, variance: list[float], mean: list[float]) -> None:
     linear, prior = small_problem(), SizePrior(np.array(mean), np.array(variance), WIDE)
     got = linear.reduced(size, 0.0).log_evidence(prior)
     assert got == pytest.approx(dense_log_evidence(linear, prior, size), abs=1e-9)
@@ -84,10 +82,7 @@ def test_the_grid_is_averaged_and_its_shares_sum_to_one() -> None:
     assert found.log_evidence == pytest.approx(np.log(sum(log_terms)), abs=1e-9)
     assert found.log_evidence == pytest.approx(
         np.logaddexp(
-            *(
-                weigh(linear, grid.part(with_tolerances), parameters(3), [()])[0].log_evidence
-                for with_tolerances in (False, True)
-            )
+            *(weigh(linear, grid.part(with_tolerances), parameters(3), [()])[0].log_evidence for with_tolerances in (False, True))
         )
     )
 

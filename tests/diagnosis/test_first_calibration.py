@@ -165,9 +165,7 @@ def test_the_cause_is_found_around_the_calibrated_robot(case: Measured) -> None:
     there = replace(case, robot=softer(ROBOT, 2.4))
     found = diagnose(there, options)
     assert found.attribute.effects == ("chamber_azimuth",)
-    assert found.statement.startswith("Calibrated first: youngs_modulus") and found.concerns[0].startswith(
-        "calibrated first"
-    )
+    assert found.statement.startswith("Calibrated first: youngs_modulus") and found.concerns[0].startswith("calibrated first")
     told: Any = found.detail["first_calibration"]
     assert len(told["adjusted"]) == 1
     assert found.calibration is not None and found.calibration.modulus == pytest.approx(1 / 2.4, rel=0.15)
@@ -203,8 +201,7 @@ def test_a_payload_on_an_arm_across_gravity_is_no_modulus(monkeypatch: pytest.Mo
     arm = robot_from_dict({"name": "arm", **values})
     plan = [tuple(p * (c == k) for c in range(3)) for k in range(3) for p in (0.0, 40e3, 80e3, 120e3)]
     rows = [
-        TrialRow(1 + i // 4, 1 + i % 4, "bending", 1, "load", float(i), 0.0, p, tip=(0.0, 0.0, 0.32))
-        for i, p in enumerate(plan)
+        TrialRow(1 + i // 4, 1 + i % 4, "bending", 1, "load", float(i), 0.0, p, tip=(0.0, 0.0, 0.32)) for i, p in enumerate(plan)
     ]
     at = conditions(arm, 0.0, plan)
     tip = solve(rods_of(arm, replace(at, tip_mass=at.tip_mass + 0.03)), FINE).trusted().tip

@@ -98,8 +98,7 @@ def test_two_that_are_nearly_as_probable_are_both_named() -> None:
 def test_both_fit_whichever_they_are() -> None:
     for effect, other in itertools.permutations(CATALOGUE, 2):
         sizes, found = (
-            {f"{e}.{p.name}": Value(0.123456 * p.scale, 0.0, p.unit) for p in CATALOGUE[e].parameters}
-            for e in (effect, other)
+            {f"{e}.{p.name}": Value(0.123456 * p.scale, 0.0, p.unit) for p in CATALOGUE[e].parameters} for e in (effect, other)
         )
         said = tied(effect, sizes, 0.49, other, 0.47, found)
         assert len(said.split()) <= 20 and said.endswith("(p = 0.49, 0.47)."), said

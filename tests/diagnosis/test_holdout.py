@@ -28,9 +28,7 @@ def diagnosed() -> Measured:
 
 @pytest.fixture(scope="module")
 def found(diagnosed: Measured) -> Attribution:
-    return attribute(
-        prepare(ROBOT, states(diagnosed)[0], catalogue=SOME), {effect: spec.stage for effect, spec in SOME.items()}
-    )
+    return attribute(prepare(ROBOT, states(diagnosed)[0], catalogue=SOME), {effect: spec.stage for effect, spec in SOME.items()})
 
 
 def test_an_effect_that_is_at_work_in_both_is_confirmed(found: Attribution, diagnosed: Measured) -> None:

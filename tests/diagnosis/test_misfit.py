@@ -43,8 +43,7 @@ def test_a_tolerance_far_from_its_prior_gives_prior_tension_and_is_named() -> No
 def test_the_spine_of_one_trial_far_from_its_prior_is_a_spine_outlier_and_no_prior_tension() -> None:
     problem = shifted_by(toy_problem(3, {}), "trial 3", 12.0)
     infos = [
-        replace(i, source="spine_length", scope="trial") if i.name.startswith("trial") else i
-        for i in problem.parameters.infos
+        replace(i, source="spine_length", scope="trial") if i.name.startswith("trial") else i for i in problem.parameters.infos
     ]
     misfit = found(replace(problem, parameters=replace(problem.parameters, infos=tuple(infos))))
     assert misfit.spine_outlier > 5 and misfit.furthest_from_prior == ""

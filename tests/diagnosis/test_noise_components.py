@@ -24,9 +24,7 @@ Array = NDArray[np.float64]
 DEFAULT_NOISE = NoiseComponents({"tip": 0.3e-3}, 500.0, {"spine_length": 1e-3}, 1.0, 0)
 
 
-def repeated(
-    seed: int, sd: float, pressure_sd: float, trial_sd: float, repeats: int = 3, error: float = 0.0
-) -> Repeated:
+def repeated(seed: int, sd: float, pressure_sd: float, trial_sd: float, repeats: int = 3, error: float = 0.0) -> Repeated:
     rng = np.random.default_rng(seed)
     conditions = 60
     condition = np.repeat(np.arange(conditions), repeats)
@@ -94,10 +92,7 @@ def test_what_drifts_over_the_campaign_is_no_noise() -> None:
 
 def test_errors_of_the_pressure_reading_are_no_scatter_of_the_tip() -> None:
     campaign, rng = measured(3, 8, FEW), np.random.default_rng(2)
-    rows = [
-        replace(r, pressures=tuple(p + 3e3 * rng.normal() if p > 20e3 else p for p in r.pressures))
-        for r in campaign.table
-    ]
+    rows = [replace(r, pressures=tuple(p + 3e3 * rng.normal() if p > 20e3 else p for p in r.pressures)) for r in campaign.table]
     calm, noisy = (prepare(c.robot, states(c)[0]) for c in (campaign, case(rows)))
     assert noisy.noise_floor == pytest.approx(calm.noise_floor, rel=0.15)
     assert noisy.unit > 1.5 * calm.unit
@@ -167,9 +162,7 @@ def covariance(data: Repeated, found: NoiseComponents) -> Array:
     wide = [DRIFT_SD * np.einsum("kn,ncd->kcd", contrast, data.drift).reshape(k * c, -1)]
     for name, scatter in data.scatter.items():
         own = (scatter.part[:, None] == np.unique(scatter.part)).astype(float)
-        wide.append(
-            found.trial[name] * np.einsum("kn,nca,nt->kcta", contrast, scatter.response, own).reshape(k * c, -1)
-        )
+        wide.append(found.trial[name] * np.einsum("kn,nca,nt->kcta", contrast, scatter.response, own).reshape(k * c, -1))
     columns = np.hstack(wide)
     return np.asarray(out.reshape(k * c, k * c) + columns @ columns.T)
 

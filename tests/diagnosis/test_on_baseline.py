@@ -92,9 +92,7 @@ def test_states_it_does_not_predict_are_left_out_and_it_may_have_been_asked_besi
     made = baseline(case, tips)
     lost = tips.copy()
     lost[4] = np.nan
-    assert (
-        len(prepared(case, replace(made, tip=lost)).problem.observed) == len(prepared(case, made).problem.observed) - 3
-    )
+    assert len(prepared(case, replace(made, tip=lost)).problem.observed) == len(prepared(case, made).problem.observed) - 3
     rows = tuple(replace(r, pressures=tuple(p + 2e3 * (p > 0) for p in r.pressures)) for r in case.table)
     beside = replace(case, table=replace(case.table, rows=rows))
     there = replace(made, pressure=np.array([r.pressures for r in rows]), tip=rod_tips(beside))
@@ -109,10 +107,7 @@ def test_a_cause_is_named_on_a_simulator_with_an_error_of_its_own() -> None:
     assert answer.attribute.verdict == "effect" and answer.attribute.effects == ("chamber_azimuth",)
     told = answer.detail["baseline"]
     assert told["name"] == "theirs" and told["share"] == pytest.approx(1.0, abs=0.1)
-    assert (
-        told["not_measured_mm"] == pytest.approx(told["share"] * told["beyond_calibration_mm"])
-        and told["differs_mm"] > 1
-    )
+    assert told["not_measured_mm"] == pytest.approx(told["share"] * told["beyond_calibration_mm"]) and told["differs_mm"] > 1
     assert "theirs differs from the rod of robot.yaml by" in answer.statement
 
 

@@ -194,9 +194,7 @@ def test_a_level_body_that_sags_is_left_alone() -> None:
 )  # fmt: skip
 def test_a_robot_that_bends_oddly_is_not_asked_about_its_columns(effects: dict[str, dict[str, Stated]]) -> None:
     odd = ROBOT.model_copy(update={"effects": effects})
-    rows = [
-        row for chambers in ((9, 1, 2), (3, 4, 5), (6, 7, 8)) for row in sweep(odd, chambers=chambers, spines=(0.0,))
-    ]
+    rows = [row for chambers in ((9, 1, 2), (3, 4, 5), (6, 7, 8)) for row in sweep(odd, chambers=chambers, spines=(0.0,))]
     assert doubtful_directions(ROBOT, rows) == ()
     changed = [replace(r, pressures=(*r.pressures[3:6], *r.pressures[:3], *r.pressures[6:])) for r in rows]
     assert "the tip does not go to where the pressures push it" in " ".join(doubtful_directions(ROBOT, changed))
@@ -240,16 +238,11 @@ def test_a_body_that_sags_upwards_is_asked_about(factor: float) -> None:
     rows = sweep(level, spines=(0.0,), levels=(0.0, 10e3, 20e3))
     told = level.with_modulus(factor)
     assert doubtful(told, rows, "robot.yaml") == ()
-    across = (
-        ((0.0, 0.0, 9.81), (0.0, -9.81, 0.0)) if factor >= 1 else ()
-    )  # a body twice as soft sags by as much too far
+    across = ((0.0, 0.0, 9.81), (0.0, -9.81, 0.0)) if factor >= 1 else ()  # a body twice as soft sags by as much too far
     for wrong in ((9.81, 0.0, 0.0), *across):
         (said,) = doubtful(told.model_copy(update={"gravity": wrong}), rows, "robot.yaml")
         stated = ", ".join(f"{g:g}" for g in wrong)
-        assert (
-            said.startswith(f"robot.yaml: gravity [{stated}] m/s^2: at rest the tip is")
-            and "with [-9.81, 0, 0]" in said
-        )
+        assert said.startswith(f"robot.yaml: gravity [{stated}] m/s^2: at rest the tip is") and "with [-9.81, 0, 0]" in said
 
 
 def test_a_resting_tip_far_from_where_the_model_stands_is_asked_about() -> None:

@@ -67,9 +67,7 @@ def test_threads_change_nothing_and_progress_only_rises() -> None:
 
 def test_progress_within_the_search_only_rises_and_ends_at_one() -> None:
     told: list[float] = []
-    Search(
-        toy_problem(5, {"play": 1.0, "turned": -0.9}), executor=Executor(1, lambda _, share: told.append(share))
-    ).run()
+    Search(toy_problem(5, {"play": 1.0, "turned": -0.9}), executor=Executor(1, lambda _, share: told.append(share))).run()
     assert told == sorted(told) and told[-1] == 1.0
 
 

@@ -12,12 +12,8 @@ from model.effects import CATALOGUE
 from tests.diagnosis.small_campaigns import measured, quick
 
 
-@pytest.mark.parametrize(
-    ("mean", "low", "high"), [(0.3, -1.0, 2.0), (0.0, 5.0, np.inf), (0.0, -np.inf, -21.0), (4.0, 0.0, 0.5)]
-)
-def test_quantiles_of_a_cut_normal_keep_their_digits_however_far_out_the_bounds_are(
-    mean: float, low: float, high: float
-) -> None:
+@pytest.mark.parametrize(("mean", "low", "high"), [(0.3, -1.0, 2.0), (0.0, 5.0, np.inf), (0.0, -np.inf, -21.0), (4.0, 0.0, 0.5)])
+def test_quantiles_of_a_cut_normal_keep_their_digits_however_far_out_the_bounds_are(mean: float, low: float, high: float) -> None:
     cut = truncnorm((low - mean) / 0.7, (high - mean) / 0.7, mean, 0.7)
     for share in (0.05, 0.5, 0.95):
         assert cut_quantile(mean, 0.7, low, high, share) == pytest.approx(cut.ppf(share), rel=1e-9, abs=1e-12)

@@ -19,18 +19,13 @@ from sim_fakes.virtual_robot import Condition, RobotTruth, VirtualRobot, walk
 from tests.diagnosis.test_case import ROBOT, case, sweep
 
 LENGTHS = (0.05, 0.10, 0.15, 0.20, 0.25, 0.30)
-RIVALS = {
-    e: CATALOGUE[e]
-    for e in ("force_bias", "arm_compliance", "contact_offset", "spine_shear", "spine_slip", "area_moment")
-}
+RIVALS = {e: CATALOGUE[e] for e in ("force_bias", "arm_compliance", "contact_offset", "spine_shear", "spine_slip", "area_moment")}
 FORCE, ZERO = 0.01, 0.02
 """N, white noise of a reading and scatter of the sensor's zero."""
 
 
 @cache
-def pushes(
-    effect: str = "", size: float = 0.0, seed: int = 1, repeats: int = 3, body: bool = False
-) -> tuple[TrialRow, ...]:
+def pushes(effect: str = "", size: float = 0.0, seed: int = 1, repeats: int = 3, body: bool = False) -> tuple[TrialRow, ...]:
     """Three repeats of six deflections, up to 2 % of the length, at six spine lengths (and of the body at three)."""
     rng = np.random.default_rng(seed)
     truth = RobotTruth(scatter_length=1e-3, scatter_stiffness=0.02)
@@ -113,10 +108,7 @@ def test_effects_that_pushes_cannot_show_are_not_weighed_and_that_is_said() -> N
 
 
 def test_the_floor_comes_from_repeats_and_not_from_what_the_model_gets_wrong() -> None:
-    p = [
-        prepare(ROBOT, states(case(list(pushes(effect, size, 2))))[0])
-        for effect, size in (("", 0), ("force_bias", 0.15))
-    ]
+    p = [prepare(ROBOT, states(case(list(pushes(effect, size, 2))))[0]) for effect, size in (("", 0), ("force_bias", 0.15))]
     for one in p:
         assert one.pushes is not None
         assert one.pushes.noise_components.channel["force"] == pytest.approx(FORCE, rel=0.3)

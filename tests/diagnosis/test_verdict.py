@@ -41,9 +41,7 @@ def weighed(**p: float) -> Posterior:
     return Posterior(tuple((() if name == "none" else (name,), value) for name, value in ranking), {})
 
 
-def facts(
-    posterior: Posterior, enough: bool = True, gap: bool = True, asking: tuple[StageError, ...] = MATERIAL
-) -> Facts:
+def facts(posterior: Posterior, enough: bool = True, gap: bool = True, asking: tuple[StageError, ...] = MATERIAL) -> Facts:
     d = decide(posterior, enough)
     budget = tuple(c for c in BUDGET if c.role != "named" or c.effect in d.effects)
     conclusion = conclude(d, gap, asking)
@@ -158,15 +156,9 @@ def test_a_cause_that_an_area_factor_by_length_hides_is_said_to_be_hidden() -> N
 
 @pytest.mark.parametrize(
     ("posterior", "enough", "gap", "asking"),
-    list(
-        itertools.product(
-            (SURE, OPEN, ALONE, STRANGE, OUTSIDE, NONE), (True, False), (True, False), (MATERIAL, BOTH, ())
-        )
-    ),
+    list(itertools.product((SURE, OPEN, ALONE, STRANGE, OUTSIDE, NONE), (True, False), (True, False), (MATERIAL, BOTH, ()))),
 )
-def test_no_two_sentences_contradict(
-    posterior: Posterior, enough: bool, gap: bool, asking: tuple[StageError, ...]
-) -> None:
+def test_no_two_sentences_contradict(posterior: Posterior, enough: bool, gap: bool, asking: tuple[StageError, ...]) -> None:
     for share in (None, -0.4, 0.0, 0.3, 0.6, 0.98):
         after = 3.0 if share is None else 3.0 * (1 - share)
         shrunk = Shrink("leave one spine length out", 3.0, after, 0.5, share, None, ())
@@ -208,14 +200,9 @@ def test_a_simulators_difference_says_what_remains_without_it() -> None:
     own = Simulator("cc", 0.9, 2.2, 2.1, 0.2, 0.4)
     text = statement(replace(facts(NONE, gap=False), waterfall=gap, simulator=own))
     assert "cc differs from the rod of robot.yaml by 2.20 mm rms, and by 2.10 mm after an area factor is fitted" in text
-    assert (
-        "do not show 0.40 mm of that (in-sample). Without that part, 0.15 mm of the gap remain on unseen states."
-        in text
-    )
+    assert "do not show 0.40 mm of that (in-sample). Without that part, 0.15 mm of the gap remain on unseen states." in text
     alike = statement(replace(facts(NONE, gap=False), simulator=replace(own, beyond_calibration_mm=0.1)))
-    assert (
-        "by 0.10 mm after an area factor is fitted: less than the noise floor." in alike and "do not show" not in alike
-    )
+    assert "by 0.10 mm after an area factor is fitted: less than the noise floor." in alike and "do not show" not in alike
 
 
 def test_a_cause_that_leads_but_is_probably_too_small_is_not_named() -> None:
@@ -249,9 +236,7 @@ def test_where_a_relative_does_the_same_no_cause_is_certain_and_the_answer_says_
     told = statement(replace(facts(SURE), decision=sure, conclusion="one of several"))
     assert "Behaves most like tilt of the base [base_tilt]" in told and told.count("would do this too") == 2
     assert "do not exclude a cause outside the catalogue." in told
-    assert (
-        "The scale of the cameras would do this too: let the cameras read a rod of known length, to find out." in told
-    )
+    assert "The scale of the cameras would do this too: let the cameras read a rod of known length, to find out." in told
     outside = replace(decide(OUTSIDE, True), relatives=("mount_creeps",))
     told = statement(replace(facts(OUTSIDE), decision=outside))
     assert "It may be a mount that turns during the campaign: repeat the first trial" in told

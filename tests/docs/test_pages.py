@@ -44,9 +44,7 @@ def rigs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rigs]:
 
 @pytest.mark.long
 @pytest.mark.parametrize("page", RUNNABLE, ids=lambda p: str(p.relative_to(ROOT)))
-def test_the_blocks_of_a_page_run_in_order(
-    page: Path, rigs: Rigs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_blocks_of_a_page_run_in_order(page: Path, rigs: Rigs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     place = Workplace(tmp_path / "page", rigs)
     monkeypatch.chdir(place.folder)
     # that a command can be typed is shown; what it finds among all effects, tests/lab/test_diagnose_verb.py shows

@@ -93,6 +93,4 @@ def test_the_site_is_built_without_a_warning_and_asks_nothing_of_the_network(tmp
     assert done.returncode == 0, done.stderr
     for page in (tmp_path / "site").rglob("*.html"):
         text = page.read_text(encoding="utf-8")
-        assert 'src="http' not in text and not any("http" in line for line in text.splitlines() if "<link" in line), (
-            page
-        )
+        assert 'src="http' not in text and not any("http" in line for line in text.splitlines() if "<link" in line), page

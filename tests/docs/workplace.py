@@ -80,9 +80,7 @@ def patient(rig: Path) -> None:
         assert time.monotonic() < until, f"no {rig} after {START:g} s"
         time.sleep(0.1)
     data = yaml.safe_load(rig.read_text())
-    merge(
-        data, {**PATIENT, "instruments": {k: v for k, v in PATIENT["instruments"].items() if k in data["instruments"]}}
-    )
+    merge(data, {**PATIENT, "instruments": {k: v for k, v in PATIENT["instruments"].items() if k in data["instruments"]}})
     rig.write_text(yaml.safe_dump(data, sort_keys=False))
 
 

@@ -168,9 +168,7 @@ def test_what_is_above_the_limit_is_clipped_and_never_sent(
     assert min(sent) == 0.0
 
 
-def test_a_step_is_cut_to_the_rate_and_the_caller_sees_it(
-    make: Callable[..., Alicat], fake: AlicatFake, plant: Plant
-) -> None:
+def test_a_step_is_cut_to_the_rate_and_the_caller_sees_it(make: Callable[..., Alicat], fake: AlicatFake, plant: Plant) -> None:
     slow = Alicat("pressure", Config(port=fake.port, max_rate=10e3), stopped := StoppedClock())
     slow.open()
     stopped.time += 0.5
@@ -203,9 +201,7 @@ def test_a_dead_unit_does_not_keep_the_others_from_venting_and_is_named(
     assert [fake.device[u].setpoint for u in "ABC"] == [20e3, 0.0, 0.0]
 
 
-def test_a_stop_does_not_wait_for_a_reading_that_waits_for_a_dead_unit(
-    make: Callable[..., Alicat], fake: AlicatFake
-) -> None:
+def test_a_stop_does_not_wait_for_a_reading_that_waits_for_a_dead_unit(make: Callable[..., Alicat], fake: AlicatFake) -> None:
     regulators = make(timeout=2.0)
     regulators.open()
     fake.faults.extra["dead"] = "A"
@@ -227,9 +223,7 @@ def test_a_stop_does_not_wait_for_a_reading_that_waits_for_a_dead_unit(
     assert len(ended) == 1 and "cancelled by a stop" in ended[0]
 
 
-def test_a_unit_that_fails_once_is_vented_in_the_second_round(
-    regulators: Alicat, fake: AlicatFake, clock: RigClock
-) -> None:
+def test_a_unit_that_fails_once_is_vented_in_the_second_round(regulators: Alicat, fake: AlicatFake, clock: RigClock) -> None:
     raise_to(regulators, clock, (20e3, 20e3, 20e3))
     fake.faults.extra["miss"] = {"B": 1}
     regulators.vent()
@@ -244,9 +238,7 @@ def test_venting_lets_a_held_valve_go(regulators: Alicat, fake: AlicatFake, plan
     assert plant.regulator.tolist() == [0.0] * 9
 
 
-def test_closing_with_a_dead_unit_is_quiet_and_vents_the_others(
-    regulators: Alicat, fake: AlicatFake, clock: RigClock
-) -> None:
+def test_closing_with_a_dead_unit_is_quiet_and_vents_the_others(regulators: Alicat, fake: AlicatFake, clock: RigClock) -> None:
     raise_to(regulators, clock, (20e3, 20e3, 20e3))
     fake.faults.extra["dead"] = "B"
     regulators.close()
@@ -426,9 +418,7 @@ def test_a_unit_that_shows_another_unit_of_measure_is_read_and_set_in_pascal(
     assert regulators.read().setpoint == pytest.approx((30e3,) * 3, abs=digit)
 
 
-@pytest.mark.parametrize(
-    ("shows", "told"), [("psi", "kPa"), ("kPa", "psi"), ("psi", "bar"), ("bar", "mbar"), ("kPa", "Pa")]
-)
+@pytest.mark.parametrize(("shows", "told"), [("psi", "kPa"), ("kPa", "psi"), ("psi", "bar"), ("bar", "mbar"), ("kPa", "Pa")])
 def test_a_wrong_unit_of_measure_is_caught_before_the_first_pressure_beyond_5_kpa(
     make: Callable[..., Alicat], old: Callable[[str], AlicatFake], shows: str, told: str
 ) -> None:
@@ -455,9 +445,7 @@ def test_a_range_far_from_the_unit_s_is_caught_too(
     assert highest_told(fake) <= 5e3
 
 
-def test_a_unit_that_tells_its_unit_of_measure_is_believed_before_rig_yaml(
-    make: Callable[..., Alicat], fake: AlicatFake
-) -> None:
+def test_a_unit_that_tells_its_unit_of_measure_is_believed_before_rig_yaml(make: Callable[..., Alicat], fake: AlicatFake) -> None:
     for unit in fake.device.values():
         unit.unit_code, unit.full_scale = 10, 60 * PA_PER_UNIT[10]
     with pytest.raises(WrongDevice, match="shows PSI.*set its pressure unit to kPa, or write in rig.yaml which `unit`"):

@@ -17,9 +17,7 @@ def test_nine_separate_channels_make_any_pattern() -> None:
 
 
 def test_two_pressures_on_one_channel_cannot_be_made_and_the_message_names_them() -> None:
-    with pytest.raises(
-        ValueError, match=r"channel 1 feeds chambers 9, 1, 2 .* chamber 1: 10000 Pa, chamber 2: 20000 Pa"
-    ):
+    with pytest.raises(ValueError, match=r"channel 1 feeds chambers 9, 1, 2 .* chamber 1: 10000 Pa, chamber 2: 20000 Pa"):
         ChamberMap(PAPER_WIRING).setpoints({9: 1e4, 1: 1e4, 2: 2e4})
 
 

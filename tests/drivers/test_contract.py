@@ -132,9 +132,7 @@ def fakes(installed: dict[str, str], tmp_path: Path) -> Iterator[Path]:
 def test_a_rig_with_instruments_of_one_s_own_is_checked_run_and_replayed(
     fakes: Path, installed: dict[str, str], tmp_path: Path
 ) -> None:
-    def lab(
-        *commands: tuple[str, ...], codes: tuple[int, ...] = (0, 3)
-    ) -> list[str]:  # 3: samples lost on a busy computer
+    def lab(*commands: tuple[str, ...], codes: tuple[int, ...] = (0, 3)) -> list[str]:  # 3: samples lost on a busy computer
         done = run_there(commands, installed)
         assert all(code in codes for code, _, _ in done), done
         return [out for _, out, _ in done]

@@ -28,9 +28,7 @@ def make(plant: Plant) -> Iterator[Make]:
         clock = RigClock(20.0)
         servo = DynamixelFake(plant, clock, **(fake or {}))
         servo.start()
-        spine = DynamixelSpine(
-            "spine", Config(**{"port": servo.port, "metres_per_turn": 0.1, "timeout": 1.0} | changes), clock
-        )
+        spine = DynamixelSpine("spine", Config(**{"port": servo.port, "metres_per_turn": 0.1, "timeout": 1.0} | changes), clock)
         made.append((spine, servo))
         return made[-1]
 
@@ -91,9 +89,7 @@ def persistent(servo: DynamixelFake, address: int, value: int) -> None:
     [(10, 8, 0), (11, 3, 5), (12, 7, 255), (20, 1024, 0), (20, -4096, 0), (60, 3, 0), (63, 0, 52), (63, 1, 53), (68, 0, 2),
      (68, 1, 2), (100, 50, 885), (108, 1, 0)],
 )  # fmt: skip
-def test_settings_that_an_earlier_program_left_are_written_at_open(
-    make: Make, address: int, left: int, needed: int
-) -> None:
+def test_settings_that_an_earlier_program_left_are_written_at_open(make: Make, address: int, left: int, needed: int) -> None:
     spine, servo = make()
     persistent(servo, address, left)
     spine.open()

@@ -123,9 +123,7 @@ def test_the_stream_is_found_again_after_garbage(sensor: FT300S, fake: Ft300sFak
     assert {sample.raw for sample in samples} == {(1.5, -2.25, 30.0, 0.125, -0.5, 1.0)}
 
 
-def test_damaged_frames_are_counted_and_none_is_delivered(
-    sensor: FT300S, fake: Ft300sFake, samples: list[WrenchSample]
-) -> None:
+def test_damaged_frames_are_counted_and_none_is_delivered(sensor: FT300S, fake: Ft300sFake, samples: list[WrenchSample]) -> None:
     fake.device.noise[:] = 0.0
     sensor.open()
     fake.faults.corrupt = True

@@ -39,9 +39,7 @@ def make(request: pytest.FixtureRequest) -> Iterator[Make]:
 
     def make(**changes: Any) -> NumatoValve:
         port = HARDWARE or request.getfixturevalue("fake").port
-        made.append(
-            NumatoValve("valve", Config(**{"port": port, "relay": RELAY, "timeout": 1.0} | changes), RigClock())
-        )
+        made.append(NumatoValve("valve", Config(**{"port": port, "relay": RELAY, "timeout": 1.0} | changes), RigClock()))
         return made[-1]
 
     yield make

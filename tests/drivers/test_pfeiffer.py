@@ -136,9 +136,7 @@ def test_bytes_that_are_no_text_are_a_bad_reply(make: Make, fake: PfeifferFake) 
         gauge.read()
 
 
-def test_an_answer_that_came_too_late_is_not_taken_for_another_question(
-    make: Make, fake: PfeifferFake, plant: Plant
-) -> None:
+def test_an_answer_that_came_too_late_is_not_taken_for_another_question(make: Make, fake: PfeifferFake, plant: Plant) -> None:
     fake.noise = 0.0
     gauge = make()
     gauge.open()

@@ -77,9 +77,7 @@ def test_an_answer_without_its_end_is_shown(end: OtherEnd, line: SerialLine) -> 
         line.read_until(b"\r")
 
 
-def test_an_endless_answer_is_given_up_before_its_time(
-    end: OtherEnd, line: SerialLine, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_endless_answer_is_given_up_before_its_time(end: OtherEnd, line: SerialLine, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(serial_line, "LONGEST_ANSWER", 100)
     end.say(b"x" * 200)
     start = timing.now()
@@ -104,9 +102,7 @@ def test_a_port_that_another_line_has_is_unreachable(line: SerialLine) -> None:
         SerialLine("valve", line.port, 9600, 0.1).open()
 
 
-def test_a_line_that_is_pulled_out_is_unreachable_not_an_operating_system_error(
-    end: OtherEnd, line: SerialLine
-) -> None:
+def test_a_line_that_is_pulled_out_is_unreachable_not_an_operating_system_error(end: OtherEnd, line: SerialLine) -> None:
     os.close(end.master)
     with pytest.raises(Unreachable, match="lost"):
         line.ask(b"A\r", b"\r")

@@ -180,9 +180,7 @@ def test_a_late_answer_is_never_taken_for_that_of_a_later_request(
     assert slow.device.setpoint == 0
 
 
-def test_after_a_moment_of_silence_the_units_are_understood_again(
-    make: Callable[..., SmcItv], fakes: list[SmcItvFake]
-) -> None:
+def test_after_a_moment_of_silence_the_units_are_understood_again(make: Callable[..., SmcItv], fakes: list[SmcItvFake]) -> None:
     regulators = make()
     regulators.open()
     fakes[0].faults.silent = True
@@ -217,9 +215,7 @@ def test_refusals_and_nonsense_are_bad_replies_that_show_the_words(
         regulators.set((0.0,) * CHANNELS)
 
 
-def test_a_unit_with_a_smaller_range_refuses_by_itself(
-    regulators: SmcItv, fakes: list[SmcItvFake], clock: RigClock
-) -> None:
+def test_a_unit_with_a_smaller_range_refuses_by_itself(regulators: SmcItv, fakes: list[SmcItvFake], clock: RigClock) -> None:
     fakes[1].device.highest = 20
     clock.sleep(1.0)
     with pytest.raises(BadReply, match="OUT OF RANGE"):
@@ -265,9 +261,7 @@ def test_a_setpoint_that_was_changed_at_the_panel_is_refused_by_name(
     regulators.confirm_settings()
     regulators.confirm_settings()
     fakes[1].device.setpoint = 41
-    with pytest.raises(
-        WrongDevice, match=r"channel 2: set-point \(REQ\) is 41 counts \(20\.0 kPa\), 0 .*was confirmed"
-    ):
+    with pytest.raises(WrongDevice, match=r"channel 2: set-point \(REQ\) is 41 counts \(20\.0 kPa\), 0 .*was confirmed"):
         regulators.confirm_settings()
     regulators.vent()
     regulators.confirm_settings()

@@ -24,9 +24,7 @@ def make(plant: Plant) -> Iterator[Make]:
         clock = RigClock(20.0)
         module = TmclFake(plant, clock, **(fake or {}))
         module.start()
-        spine = TmclSpine(
-            "spine", Config(**{"port": module.port, "metres_per_turn": 0.1, "timeout": 1.0} | changes), clock
-        )
+        spine = TmclSpine("spine", Config(**{"port": module.port, "metres_per_turn": 0.1, "timeout": 1.0} | changes), clock)
         made.append((spine, module))
         return made[-1]
 

@@ -125,9 +125,7 @@ BEYOND: dict[str, tuple[dict[str, Any], str]] = {
 
 @needs_the_fake
 @moves_the_arm
-def test_a_glance_from_outside_sees_whether_the_arm_stands_and_takes_no_control(
-    rig: Rig, arm: UR5, watcher: UR5State
-) -> None:
+def test_a_glance_from_outside_sees_whether_the_arm_stands_and_takes_no_control(rig: Rig, arm: UR5, watcher: UR5State) -> None:
     stranger = UR5("stranger", Config(host=rig.host), rig.clock)
     assert stranger.glance() is True
     arm.move_to(raised(watcher.latest().tcp_pose, 0.05), SPEED, ACCELERATION)
@@ -141,9 +139,7 @@ def test_a_glance_from_outside_sees_whether_the_arm_stands_and_takes_no_control(
 
 @needs_the_fake
 @pytest.mark.parametrize("what", BEYOND)
-def test_a_request_beyond_a_limit_is_refused_and_nothing_is_sent(
-    rig: Rig, arm: UR5, watcher: UR5State, what: str
-) -> None:
+def test_a_request_beyond_a_limit_is_refused_and_nothing_is_sent(rig: Rig, arm: UR5, watcher: UR5State, what: str) -> None:
     change, message = BEYOND[what]
     pose = list(watcher.latest().tcp_pose)
     for axis, by in enumerate(change.get("shift", ())):

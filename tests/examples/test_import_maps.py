@@ -139,9 +139,7 @@ def test_a_hand_s_force_is_turned_from_the_tip_s_axes_into_the_base_s(tmp_path: 
     assert rest.tip == pytest.approx((0, 0, 0.05), abs=1e-9) and rest.tip_force == pytest.approx((0, 0, 0), abs=1e-12)
     assert [r.trial for r in (rest, calm, pushed, aside)] == [1, 2, 2, 2]
     for r, force in ((calm, (0, 0, 0)), (pushed, (0, 0.5, 0)), (aside, (0.3, 0, 0))):
-        assert r.pressures == pytest.approx((1e5, 1e5, 0, 0, 0, 0), abs=1e-6) and r.tip == pytest.approx(
-            tuple(end), abs=1e-9
-        )
+        assert r.pressures == pytest.approx((1e5, 1e5, 0, 0, 0, 0), abs=1e-6) and r.tip == pytest.approx(tuple(end), abs=1e-9)
         assert r.tip_force == pytest.approx(force, abs=1e-9)
 
 
@@ -183,6 +181,4 @@ def test_steps_up_and_down_are_load_and_unload_and_folders_are_read_together(tmp
     assert rest.tip == pytest.approx((0, 0, 0.095)) and rest.pressures == pytest.approx((0, 0, 0, 0), abs=1e-6)
     assert up.tip == pytest.approx((0.03, -0.002, 0.085)) and up.pressures == pytest.approx((62052.8, 0, 0, 0), abs=0.1)
     # cameras' z up, robot's z down: a turn about y is one about -y
-    assert up.orientation == pytest.approx(
-        tuple(Rotation.from_rotvec([0, -0.4, 0]).as_quat(scalar_first=True)), abs=1e-9
-    )
+    assert up.orientation == pytest.approx(tuple(Rotation.from_rotvec([0, -0.4, 0]).as_quat(scalar_first=True)), abs=1e-9)

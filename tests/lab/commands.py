@@ -38,8 +38,6 @@ def run_there(
 ) -> list[Done]:
     """Each command once, with this environment (None: ours) and without these libraries."""
     asked = json.dumps([lacking, [[str(word) for word in words] for words in commands]])
-    done = subprocess.run(
-        [sys.executable, "-c", COMMANDS], env=env, input=asked, capture_output=True, text=True, timeout=300
-    )
+    done = subprocess.run([sys.executable, "-c", COMMANDS], env=env, input=asked, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0 and "Traceback" not in done.stderr, done.stderr
     return [Done(*one) for one in json.loads(done.stdout)]

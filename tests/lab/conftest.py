@@ -54,9 +54,7 @@ def _undrawn(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
     """Other tests get empty pictures: an import takes most of its time for the picture of its states."""
     if "drawn" not in request.fixturenames:
         monkeypatch.setattr(Figure, "savefig", empty)
-        monkeypatch.setattr(
-            "lab.pages.import_figure.draw", lambda made, robot, path: figures.save(Figure((1, 1)), path)
-        )
+        monkeypatch.setattr("lab.pages.import_figure.draw", lambda made, robot, path: figures.save(Figure((1, 1)), path))
 
 
 def empty(figure: Figure, file: IO[bytes], format: str, **_: Any) -> None:

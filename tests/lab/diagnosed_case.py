@@ -107,9 +107,7 @@ def _quaternion(q: NDArray[np.float64]) -> dict[str, float]:
     return dict(zip(("qw", "qx", "qy", "qz"), map(float, q), strict=True))
 
 
-def _asked(
-    repeats: int, lengths: Sequence[float], pressures: Sequence[float], chambers: Sequence[int]
-) -> list[dict[str, Cell]]:
+def _asked(repeats: int, lengths: Sequence[float], pressures: Sequence[float], chambers: Sequence[int]) -> list[dict[str, Cell]]:
     levels = [(p, "load") for p in pressures] + [(p, "unload") for p in pressures[-2::-1]]
     out: list[dict[str, Cell]] = []
     trial = 0

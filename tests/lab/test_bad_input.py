@@ -229,9 +229,7 @@ def test_hardware_whose_cable_is_out_is_no_fake_that_has_ended(
     assert code == 1 and "have ended" not in text and Latch(rig).read() is not None
 
 
-def test_fakes_whose_back_door_is_closed_to_this_user_have_not_ended(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_fakes_whose_back_door_is_closed_to_this_user_have_not_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def forbidden(*_: object) -> None:
         raise PermissionError(errno.EACCES, "Permission denied")
 
@@ -259,9 +257,7 @@ def test_each_instrument_that_is_missing_is_explained_once(
         assert text.count(f"{name}:cannotopen/dev/no-{name}") == 1 and text.count("groupdialout") == 2
 
 
-def test_fakes_do_not_take_the_rig_file_of_others_that_live(
-    virtual_lab: VirtualLab, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_fakes_do_not_take_the_rig_file_of_others_that_live(virtual_lab: VirtualLab, capsys: pytest.CaptureFixture[str]) -> None:
     before = virtual_lab.rig.read_bytes()
     code, text = ran(capsys, "fakes", "--rig", virtual_lab.rig)
     assert code == 2 and f"the fakes of process {os.getpid()} serve it" in text

@@ -41,8 +41,7 @@ def written(path: Path, rows: list[dict[str, object]]) -> Path:
 
 def by_step(case: Case, scale: float = 1.0) -> list[dict[str, object]]:
     return [
-        {"trial": r.trial, "step": r.step, **dict(zip("xyz", (scale * c for c in r.tip or ()), strict=True))}
-        for r in case.table
+        {"trial": r.trial, "step": r.step, **dict(zip("xyz", (scale * c for c in r.tip or ()), strict=True))} for r in case.table
     ]
 
 
@@ -169,9 +168,7 @@ def test_the_command_diagnoses_the_gap_of_a_simulator(
 ) -> None:
     few = {effect: CATALOGUE[effect] for effect in ("chamber_azimuth", "pressure_offset")}
     monkeypatch.setattr("lab.files.own_effects.CATALOGUE", few)
-    place = folder(
-        tmp_path / "case", campaign({"chamber_azimuth.angle": np.radians(8)}, lengths=LENGTHS, pressures=PRESSURES)
-    )
+    place = folder(tmp_path / "case", campaign({"chamber_azimuth.angle": np.radians(8)}, lengths=LENGTHS, pressures=PRESSURES))
     (tmp_path / "euler.py").write_text(EULER)
     out = tmp_path / "out.json"
     asked = ["diagnose", str(place), "--simulator", str(tmp_path / "euler.py"), "--json", str(out)]

@@ -109,9 +109,7 @@ def test_every_stratum_can_be_asked_for_and_a_mixture_holds_them_all() -> None:
     strata = get_args(drawing.Stratum)
     assert set(drawing.KINDS) == set(drawing.MIXED) == set(strata)
     drawn = [s for s, _ in draw(Recipe("bench", 60, 1))]
-    assert set(drawn) == set(strata) and drawn != sorted(
-        drawn, key=strata.index
-    )  # its number says nothing about a case
+    assert set(drawn) == set(strata) and drawn != sorted(drawn, key=strata.index)  # its number says nothing about a case
     assert {s for s, _ in draw(Recipe("bench", 5, 1, ("walls", "none")))} == {"walls", "none"}
 
 
@@ -247,9 +245,7 @@ def test_a_diagnosis_is_given_what_it_asks_for_and_nothing_else(small_set: Path)
     assert len(json.loads((folder.answers("0002") / "rounds.json").read_text())) == 1
 
 
-def test_rounds_go_on_from_a_first_diagnosis_that_is_known_and_come_back_from_their_file(
-    made: Path, tmp_path: Path
-) -> None:
+def test_rounds_go_on_from_a_first_diagnosis_that_is_known_and_come_back_from_their_file(made: Path, tmp_path: Path) -> None:
     case = SetFolder(made).case("0001")
     whole = bench.rounds(case, asks, bench.Further(2))
     bench.write_rounds(tmp_path / "rounds.json", whole)
@@ -380,9 +376,7 @@ def test_bold_answers_ask_for_a_temperature_above_one_and_honest_ones_for_none()
     def answered(p: float, right: bool) -> Scored:
         ranking = ((frozenset({"contact"}), p), (frozenset({"base_tilt"}), 1 - p))
         truth = frozenset({"contact" if right else "base_tilt"})
-        return Scored(
-            "single", truth, dict.fromkeys(truth, 1.0), Answer("1", "effect", frozenset({"contact"}), p, ranking)
-        )
+        return Scored("single", truth, dict.fromkeys(truth, 1.0), Answer("1", "effect", frozenset({"contact"}), p, ranking))
 
     bold = [answered(0.99, i < 14) for i in range(20)]
     honest = [answered(0.7, i < 14) for i in range(20)]

@@ -75,9 +75,7 @@ def test_a_stopped_campaign_goes_on_by_the_line_it_printed(
     (second,) = [run for run in found if run.labels.get("run") == "2"]
     assert second.labels["block"] == "1" and second.labels["condition"].startswith("spine_lengths 0.0")
     journal = (folder / "campaign.journal").read_text()
-    assert (
-        lab(*words[1:], "--json") in (0, 3) and (folder / "campaign.journal").read_text() == journal
-    )  # nothing is left
+    assert lab(*words[1:], "--json") in (0, 3) and (folder / "campaign.journal").read_text() == journal  # nothing is left
 
     changed = yaml.safe_load((folder / "campaign.yaml").read_text()) | {"blocks": 2}
     (folder / "campaign.yaml").write_text(yaml.safe_dump(changed))
@@ -98,9 +96,7 @@ def test_a_night_with_kills_and_a_fault_loses_nothing_and_doubles_nothing(real_l
     assert sorted(line["run"] for line in lines if line.get("outcome") == "completed" and "run" in line) == [1, 2, 3]
 
 
-def test_a_crash_between_a_run_s_end_and_the_journal_does_not_run_it_again(
-    virtual_lab: VirtualLab, tmp_path: Path
-) -> None:
+def test_a_crash_between_a_run_s_end_and_the_journal_does_not_run_it_again(virtual_lab: VirtualLab, tmp_path: Path) -> None:
     file, folder = write_campaign(tmp_path / "night.yaml", (0.0,), 1, unload=False), tmp_path / "night"
     assert lab("campaign", file, "--rig", virtual_lab.rig, "--out", folder) in (0, 3)
     journal = folder / "campaign.journal"

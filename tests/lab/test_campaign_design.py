@@ -62,9 +62,7 @@ def refused(folder: Path, text: str) -> list[str]:
 @pytest.mark.parametrize("grouped", [True, False])
 def test_each_block_holds_every_condition_once(grouped: bool) -> None:
     slots = ordered([["a", "a", "b", "b", "b"], ["b"]], 4, 3, grouped)
-    assert Counter(slots) == Counter(
-        (block, cell) for block in range(1, 5) for cell in [*((0, k) for k in range(5)), (1, 0)]
-    )
+    assert Counter(slots) == Counter((block, cell) for block in range(1, 5) for cell in [*((0, k) for k in range(5)), (1, 0)])
     assert [cell[0] for _, cell in slots] == [0] * 20 + [1] * 4
 
 
@@ -132,9 +130,7 @@ def test_a_plan_has_a_line_for_each_run_and_says_what_hands_do_and_what_is_allow
     assert all(run["condition"] in row for run, row in zip(said["runs"], rows, strict=True))
     assert text[first + len(rows)].startswith("6 runs")
     tasks = [line.strip() for line in text if line.startswith("  task ")]
-    assert len(tasks) == said["hands"] == 3 and [f"task {i}" in "\n".join(rows) for i in (1, 2, 3, 4)] == [True] * 3 + [
-        False
-    ]
+    assert len(tasks) == said["hands"] == 3 and [f"task {i}" in "\n".join(rows) for i in (1, 2, 3, 4)] == [True] * 3 + [False]
     assert tasks[0] == (
         "task 1, before run 1: mount the bare spine at the stiffness stand; no mass at the tip; turn the mount to 0 deg; "
         "set the vacuum supply to 70 kPa below ambient"

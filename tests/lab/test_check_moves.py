@@ -104,9 +104,7 @@ def test_a_sound_rig_passes_and_is_remembered_as_long_as_its_file_stays(
 
 @pytest.mark.long
 @pytest.mark.parametrize("full_scale", [100e3, 500e3, 900e3])
-def test_an_itv_of_the_range_in_rig_yaml_passes(
-    start: Start, capsys: pytest.CaptureFixture[str], full_scale: float
-) -> None:
+def test_an_itv_of_the_range_in_rig_yaml_passes(start: Start, capsys: pytest.CaptureFixture[str], full_scale: float) -> None:
     fakes, rig = start(Regulators("smc_itv", full_scale=full_scale))
     code, seen = checked(rig, capsys)
     assert code in (0, 3) and all(m.ok for m in seen.values()), told(seen)
@@ -118,9 +116,7 @@ def test_an_itv_that_gives_more_than_it_says_is_caught_before_5_kpa_are_passed(
 ) -> None:
     fakes, rig = start(Regulators("smc_itv", full_scale=true), full_scale=stated, max_pressure=100e3)
     code, seen = checked(rig, capsys)
-    assert code == 1 and any("delivers more than it reads; correct full_scale" in m.text for m in seen.values()), told(
-        seen
-    )
+    assert code == 1 and any("delivers more than it reads; correct full_scale" in m.text for m in seen.values()), told(seen)
     assert highest(fakes) <= 5e3 * 1.1 and not place(rig).exists()
 
 

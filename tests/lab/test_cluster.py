@@ -21,9 +21,7 @@ from tests.diagnosis.toy import toy_problem
 @pytest.fixture(scope="module", autouse=True)
 def distributed() -> Any:
     """Slow to import."""
-    return pytest.importorskip(
-        "distributed", reason="not installed: pip install 'softlab[cluster]' to test the cluster"
-    )
+    return pytest.importorskip("distributed", reason="not installed: pip install 'softlab[cluster]' to test the cluster")
 
 
 @pytest.fixture(scope="module")
@@ -62,9 +60,7 @@ def test_the_fits_of_a_diagnosis_give_the_same_answer_there(scheduler: str) -> N
     told: list[str] = []
     problem = toy_problem(5, {"play": 1.0, "turned": -0.9})
     with cluster(scheduler) as workers:
-        there = Search(
-            problem, executor=Executor(progress=lambda step, _: told.append(step), remote_map=workers.in_order)
-        ).run()
+        there = Search(problem, executor=Executor(progress=lambda step, _: told.append(step), remote_map=workers.in_order)).run()
     here = Search(problem).run()
     assert [c.named for c in there] == [c.named for c in here]
     assert [c.log_evidence for c in there] == pytest.approx([c.log_evidence for c in here], abs=1e-6)

@@ -65,9 +65,7 @@ def test_a_table_of_quantities_is_converted_too(tmp_path: Path) -> None:
 
 
 def test_all_problems_of_a_file_come_at_once_with_their_lines(tmp_path: Path) -> None:
-    found = problems(
-        tmp_path, "name: a\nlenght: 0.4\nlevels: [50e3, 250]\ndevice:\n  driver: alpha\n  max_pressure: 2e6\n"
-    )
+    found = problems(tmp_path, "name: a\nlenght: 0.4\nlevels: [50e3, 250]\ndevice:\n  driver: alpha\n  max_pressure: 2e6\n")
     assert len(found) == 4
     assert "file.yaml:2: lenght: unknown key; did you mean 'length'?" in found[0]
     assert "file.yaml:3: levels[1] = 250 Pa: must be at least 1 kPa; did you mean 250 kPa?" in found[1]

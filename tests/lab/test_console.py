@@ -180,9 +180,7 @@ def test_a_reader_that_has_gone_does_not_end_the_program() -> None:
     """
     command = [sys.executable, "-c", textwrap.dedent(program)]
     pipe = subprocess.PIPE
-    with subprocess.Popen(
-        command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, cwd=Path(cli.__file__).parents[1]
-    ) as process:
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, cwd=Path(cli.__file__).parents[1]) as process:
         assert process.stdout and process.stdin and process.stderr
         process.stdout.close()
         process.stdin.write("\n")

@@ -133,15 +133,10 @@ def test_the_command_for_the_first_proposal_names_the_file_that_was_written(
     file = answered.protocols / f"{answer['next_experiment'][0]['id']}.yaml"
     assert f"Run the first: lab run {file} --rig rig.yaml" in answered.said and file.exists()
     show(Diagnosis.from_json(answered.json.read_text()), None)
-    assert (
-        f"--protocols next, which writes its file; then lab run next/{file.name} --rig rig.yaml"
-        in capsys.readouterr().out
-    )
+    assert f"--protocols next, which writes its file; then lab run next/{file.name} --rig rig.yaml" in capsys.readouterr().out
 
 
-def test_without_a_gap_nothing_is_proposed_that_tells_nothing(
-    answered: Answered, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_a_gap_nothing_is_proposed_that_tells_nothing(answered: Answered, capsys: pytest.CaptureFixture[str]) -> None:
     found = Diagnosis.from_json(answered.json.read_text())
     useless = tuple(replace(p, expected_bits=0.0) for p in found.next_experiment)
     assert worth_doing(replace(found, next_experiment=useless)).next_experiment == useless  # they test a cause
@@ -234,9 +229,7 @@ def test_a_table_that_cannot_be_right_is_one_clear_error(
     assert not path.exists()
 
 
-def test_campaigns_of_two_robots_are_not_mixed(
-    answered: Answered, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_campaigns_of_two_robots_are_not_mixed(answered: Answered, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     other = heavier(folder(tmp_path / "other", campaign({}, repeats=1, lengths=(0.2,))))
     code, text = ran(capsys, answered.case, other)
     assert code == 2 and "a different robot.yaml" in text and "--robot" in text
@@ -281,9 +274,7 @@ def test_a_campaign_that_cannot_be_held_out_is_refused_before_anything_is_fitted
 
 
 @pytest.mark.usefixtures("weighed")
-def test_an_effect_of_one_s_own_is_found_where_it_is_at_work(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_effect_of_one_s_own_is_found_where_it_is_at_work(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "own.py"
     file.write_text(BOWED)
     effects = with_effects(effects_from_file(file))

@@ -116,11 +116,7 @@ def test_arviz_opens_what_a_diagnosis_states(diagnosed: Path, tmp_path: Path) ->
     )
     for size in said["detail"]["sizes"]:
         draws = posterior[size["name"]]
-        assert (
-            draws.attrs["units"] == size["unit"]
-            and float(draws.min()) >= size["low"]
-            and float(draws.max()) <= size["high"]
-        )
+        assert draws.attrs["units"] == size["unit"] and float(draws.min()) >= size["low"] and float(draws.max()) <= size["high"]
         for quantile, stated in ((0.05, size["low90"]), (0.95, size["high90"])):
             assert float(draws.quantile(quantile)) == pytest.approx(stated, abs=0.1 * size["sd"])
         assert np.array_equal(draws, again.posterior[size["name"]])
@@ -130,9 +126,7 @@ def test_arviz_opens_what_a_diagnosis_states(diagnosed: Path, tmp_path: Path) ->
         assert (float(row.probability), float(row.log_evidence)) == (r["probability"], r["log_evidence"])
         assert {str(e) for e in evidence.effect.values if row.named.sel(effect=e) == 1} == set(r["effects"])
         stated = {
-            str(n): float(row.value.sel(parameter=n))
-            for n in evidence.parameter.values
-            if np.isfinite(row.sd.sel(parameter=n))
+            str(n): float(row.value.sel(parameter=n)) for n in evidence.parameter.values if np.isfinite(row.sd.sel(parameter=n))
         }
         assert stated == {n: v["value"] for n, v in r["parameters"].items()}
     assert float(evidence.probability.sum()) <= 1 + 1e-9
@@ -147,9 +141,7 @@ def test_arviz_without_its_library_says_what_to_install(
     assert "pip install 'softlab[arviz]'" in capsys.readouterr().err and not list(tmp_path.iterdir())
 
 
-def test_what_was_not_diagnosed_has_no_probabilities(
-    case: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_was_not_diagnosed_has_no_probabilities(case: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export", str(RECORDING), "--arviz", "--out", str(tmp_path)]) == 2
     assert "--arviz takes case folders that were diagnosed" in " ".join(capsys.readouterr().err.split())
     assert main(["export", str(case), "--arviz", "--out", str(tmp_path)]) == 2

@@ -231,9 +231,7 @@ def test_who_takes_nothing_costs_nobody_else_a_message(tmp_path: Path, monkeypat
                 f"Sec-WebSocket-Key: {key}\r\nSec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n".encode()
             )
             assert stuck.recv(12) == b"HTTP/1.1 101"
-            subscription = json.dumps(
-                {"op": "subscribe", "subscriptions": [{"id": 1, "channelId": _id(looks)}]}
-            ).encode()
+            subscription = json.dumps({"op": "subscribe", "subscriptions": [{"id": 1, "channelId": _id(looks)}]}).encode()
             stuck.sendall(struct.pack("!BBI", 0x81, 0x80 | len(subscription), 0) + subscription)  # mask 0
             until_wanted(foxglove)
             looks.subscribe({"/log"})
@@ -300,9 +298,7 @@ def test_a_port_that_is_taken_is_told(capsys: pytest.CaptureFixture[str]) -> Non
     assert f"--foxglove {port}: cannot listen there" in " ".join(capsys.readouterr().err.split())
 
 
-def test_without_its_library_it_says_what_to_install(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_its_library_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setitem(sys.modules, "foxglove", None)
     assert main(["watch", str(RECORDING), "--foxglove", "0"]) == 2
     assert "pip install 'softlab[live]'" in " ".join(capsys.readouterr().err.split())

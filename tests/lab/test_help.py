@@ -37,9 +37,7 @@ def test_the_verbs_are_listed_in_groups(capsys: pytest.CaptureFixture[str]) -> N
         (["help", "exprt"], "mean export?"),
     ],
 )
-def test_an_unknown_verb_is_answered_with_the_nearest(
-    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_unknown_verb_is_answered_with_the_nearest(words: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(words) == 2
     told = capsys.readouterr().err
     assert said in told and len(told.splitlines()) == 1
@@ -57,9 +55,7 @@ def test_an_unknown_verb_is_answered_with_the_nearest(
         (["blind", "score", "set", "--seed", "5"], "lab blind score --seed: is not an option; lab blind score --help"),
     ],
 )
-def test_an_unknown_option_is_answered_with_the_nearest(
-    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_unknown_option_is_answered_with_the_nearest(words: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(words) == 2
     told = capsys.readouterr().err
     assert told.startswith(said) and len(told.splitlines()) == 1

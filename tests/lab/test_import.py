@@ -76,9 +76,7 @@ def test_a_spreadsheet_of_states_needs_nothing_but_its_headings(tmp_path: Path) 
     table = case(tmp_path / "messung.csv", map_file, tmp_path / "case")
     truth = sweep()
     assert table["p2"] == pytest.approx([p[1] for _, _, p, _, _ in truth])
-    assert np.column_stack([table[a] for a in "xyz"]) == pytest.approx(
-        np.array([tip for *_, tip, _ in truth]), abs=1e-7
-    )
+    assert np.column_stack([table[a] for a in "xyz"]) == pytest.approx(np.array([tip for *_, tip, _ in truth]), abs=1e-7)
     assert table["branch"].tolist() == ["load", "load", "load", "unload"] * 6
     assert table["repeat"].tolist() == [1] * 12 + [2] * 12
     assert main(["compare", str(tmp_path / "case")]) == 0
@@ -100,15 +98,11 @@ def test_a_recording_over_time_is_cut_and_turned(tmp_path: Path, capsys: pytest.
     table = case(tmp_path / "run.tsv", map_file, tmp_path / "case")
     truth = sweep()
     assert len(table) == len(truth) and table["trial"].tolist() == [t for t, *_ in truth]
-    assert np.column_stack([table[a] for a in "xyz"]) == pytest.approx(
-        np.array([tip for *_, tip, _ in truth]), abs=1e-4
-    )
+    assert np.column_stack([table[a] for a in "xyz"]) == pytest.approx(np.array([tip for *_, tip, _ in truth]), abs=1e-4)
     assert table["p1"] == pytest.approx([p[0] for _, _, p, _, _ in truth], abs=60)
     assert table["branch"].tolist() == ["load", "load", "load", "unload"] * 6
     capsys.readouterr()
-    assert (
-        main(["import", str(tmp_path / "run.tsv"), "--map", str(map_file), "--out", str(tmp_path / "j"), "--json"]) == 0
-    )
+    assert main(["import", str(tmp_path / "run.tsv"), "--map", str(map_file), "--out", str(tmp_path / "j"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["states"] == len(truth)
 
 
@@ -217,9 +211,7 @@ def test_arrays_and_topics_become_columns(tmp_path: Path) -> None:
             writer.add_message(pressure, i * 10**8 + 5 * 10**7, json.dumps({"data": [10.0 * i, 0]}).encode(), i * 10**8)
         writer.finish()
     topics = read(tmp_path / "json.mcap", Source()).numbers
-    assert topics["/pose.position.x"].tolist() == [0, 1, 2, 3, 4] and topics["time"] == pytest.approx(
-        [0, 0.1, 0.2, 0.3, 0.4]
-    )
+    assert topics["/pose.position.x"].tolist() == [0, 1, 2, 3, 4] and topics["time"] == pytest.approx([0, 0.1, 0.2, 0.3, 0.4])
     assert topics["/pressure.data.1"] == pytest.approx([0, 5, 15, 25, 35])  # between its own readings
 
 
@@ -257,9 +249,7 @@ def test_a_matlab_7_3_file_is_read_as_its_older_form(tmp_path: Path) -> None:
     both = {"t": np.arange(4.0)[:, None], "p": table}
     matlab_hdf5(tmp_path / "other.mat", {"p": np.zeros((4, 1))})
     new = read(matlab_hdf5(tmp_path / "new.mat", both), Source())
-    savemat(
-        tmp_path / "old.mat", both | {"robot": {"tip": np.arange(12.0).reshape(4, 3), "seen": np.array([1, 1, 0, 1])}}
-    )
+    savemat(tmp_path / "old.mat", both | {"robot": {"tip": np.arange(12.0).reshape(4, 3), "seen": np.array([1, 1, 0, 1])}})
     old = read(tmp_path / "old.mat", Source())
     assert new.form == "MATLAB 7.3" and set(new.names) == set(old.names)
     assert all((new.numbers[n] == old.numbers[n]).all() for n in old.names)
@@ -329,9 +319,7 @@ def test_a_ros_2_bag_is_read(tmp_path: Path) -> None:
         point = "float64 x\nfloat64 y\nfloat64 z"
         schema = writer.register_msgdef("geometry_msgs/msg/Point", point)
         for i in range(3):
-            writer.write_message(
-                "/tip", schema, {"x": 0.1 * i, "y": 0.0, "z": 0.4}, log_time=i * 10**9, publish_time=i * 10**9
-            )
+            writer.write_message("/tip", schema, {"x": 0.1 * i, "y": 0.0, "z": 0.4}, log_time=i * 10**9, publish_time=i * 10**9)
         writer.finish()
     assert read(tmp_path / "bag.mcap", Source()).numbers["/tip.x"] == pytest.approx([0, 0.1, 0.2])
 
@@ -359,9 +347,7 @@ def test_headings(name: str, said: tuple[tuple[str, ...], str]) -> None:
     assert quantity(heading("Payload [g]")) == "tip_mass" and quantity(heading("colour")) is None
 
 
-def test_which_way_cameras_look_follows_from_how_chambers_bend(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_which_way_cameras_look_follows_from_how_chambers_bend(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     robot, file, out = load(ROBOT, Robot), tmp_path / "far.csv", tmp_path / "map"
     lines = ["P1 [kPa],P2 [kPa],P3 [kPa],Tip X [mm],Tip Y [mm],Tip Z [mm]"]
     for chamber, azimuth in enumerate(np.radians(robot.actuators.azimuths_deg)):

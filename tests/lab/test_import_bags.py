@@ -103,9 +103,7 @@ def case(place: Path, *bags: Path, name: str = "case", **changes: str) -> Table:
     return read_csv(place / name / "trials.csv")
 
 
-def test_topics_that_the_map_does_not_name_stop_nothing_and_are_noted(
-    place: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_topics_that_the_map_does_not_name_stop_nothing_and_are_noted(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table = case(place, bag(place / "bag.mcap", *ODD.values()))
     assert len(table) == 25  # the rests between two chambers are one
     told = " ".join(capsys.readouterr().err.split())
@@ -124,9 +122,7 @@ def test_a_named_topic_that_cannot_be_decoded_is_named_with_the_reason(
     assert "/odd: 90 of 90 messages are left out: " in told or kind == "JSON with a number beyond all"
 
 
-def test_messages_and_fields_that_cannot_be_decoded_are_left_out(
-    place: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_messages_and_fields_that_cannot_be_decoded_are_left_out(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = b"float64 x\nfloat64 y\nwstring name\nfloat64 z\n"
     payload = CDR + struct.pack("<dd", 1.0, 2.0) + struct.pack("<I", 1) + b"a\0"
     table = case(place, bag(place / "bag.mcap", ("a/msg/Part", ROS, text, "cdr", payload)),
@@ -182,9 +178,7 @@ def bag_of(
 
 
 def bodies(i: int, tip: dict[str, float], p: list[float]) -> list[Any]:
-    told = [
-        {"header": {"frame_id": "world"}, "child_frame_id": n, "at": at} for n, at in (("T", tip), ("B", SOMETHING))
-    ]
+    told = [{"header": {"frame_id": "world"}, "child_frame_id": n, "at": at} for n, at in (("T", tip), ("B", SOMETHING))]
     return [{"transforms": told[:: 1 if i % 3 else -1]}]
 
 

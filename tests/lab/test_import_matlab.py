@@ -51,9 +51,7 @@ def test_a_table_of_matlab_is_columns(tmp_path: Path, version: str) -> None:
     matio.save_to_mat(str(tmp_path / "run.mat"), objects, version=version)
     series = read(tmp_path / "run.mat", Source())
     assert series.names == ("P1", "P2", "P3", "TipX", "TipY", "TipZ", "Direction", "when")
-    assert series.units["when"] == "s" and series.columns["when"][-1] - series.columns["when"][0] == pytest.approx(
-        TIME[-1]
-    )
+    assert series.units["when"] == "s" and series.columns["when"][-1] - series.columns["when"][0] == pytest.approx(TIME[-1])
     assert any("operator" in note for note in series.notes)
     made = through(tmp_path / "run.mat")
     check(made)
@@ -87,8 +85,7 @@ def test_arrays_on_their_side_structures_and_cells(tmp_path: Path) -> None:
     assert "pressure_kPa (3 x 30) is read with its rows along the second dimension" in series.notes
     left = next(n for n in series.notes if n.startswith("not read: "))
     assert all(
-        word in left
-        for word in ("gains (3 instead of 30 rows)", "name (a text)", "rate (one number)", "z (complex numbers)")
+        word in left for word in ("gains (3 instead of 30 rows)", "name (a text)", "rate (one number)", "z (complex numbers)")
     )
     made = through(tmp_path / "run.mat")
     assert len(made.table) == STATES - 1 and made.table["branch"].tolist()[:4] == ["load", "load", "load", "unload"]
@@ -100,16 +97,14 @@ def test_an_array_of_structures_is_a_table(tmp_path: Path) -> None:
     rows = np.array([(*p, v[None, :] / 1e3) for p, v in zip(PRESSURES, TIP, strict=True)], dtype=kinds)
     savemat(tmp_path / "run.mat", {"states": rows[None, :]})
     series = read(tmp_path / "run.mat", Source())
-    assert series.numbers["states.P2"] == pytest.approx(PRESSURES[:, 1]) and series.numbers[
-        "states.tip.3"
-    ] == pytest.approx(TIP[:, 2] / 1e3)
+    assert series.numbers["states.P2"] == pytest.approx(PRESSURES[:, 1]) and series.numbers["states.tip.3"] == pytest.approx(
+        TIP[:, 2] / 1e3
+    )
 
 
 def test_a_file_without_columns_names_what_it_holds(tmp_path: Path) -> None:
     savemat(tmp_path / "run.mat", {"name": "finger", "parts": np.array([np.zeros(3), np.zeros((2, 2))], dtype=object)})
-    with pytest.raises(
-        ConfigError, match=r"holds no table of numbers; not read: name \(a text\), parts \(cells that hold more"
-    ):
+    with pytest.raises(ConfigError, match=r"holds no table of numbers; not read: name \(a text\), parts \(cells that hold more"):
         read(tmp_path / "run.mat", Source())
 
 

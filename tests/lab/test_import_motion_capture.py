@@ -57,14 +57,10 @@ def motive(path: Path, rotation: str = "Quaternion", unit: str = "Millimeters") 
     marker = [("Rigid Body Marker", "Finger tip:Marker1", "2B", "Position", a) for a in "XYZ"]
     columns = [*body, *marker]
     about = "Format Version,1.23,Take Name,Take 2024-03-01 12.00.00 PM,Take Notes,,Capture Frame Rate,50.000000,Export Frame "
-    about += (
-        "Rate,50.000000,Capture Start Time,2024-03-01 12.00.00.000 PM,Capture Start Frame,0,Total Frames in Take,1200,"
-    )
+    about += "Rate,50.000000,Capture Start Time,2024-03-01 12.00.00.000 PM,Capture Start Frame,0,Total Frames in Take,1200,"
     about += f"Total Exported Frames,1200,Rotation Type,{rotation},Length Units,{unit},Coordinate Space,Global"
     lines = [about, ""]
-    lines += [
-        ",".join(["", label, *(c[i] for c in columns)]) for i, label in ((0, "Type"), (1, "Name"), (2, "ID"), (3, ""))
-    ]
+    lines += [",".join(["", label, *(c[i] for c in columns)]) for i, label in ((0, "Type"), (1, "Name"), (2, "ID"), (3, ""))]
     lines.append(",".join(["Frame", "Time (Seconds)", *(c[4] for c in columns)]))
     tips = seen(ROWS[:, 4:]) * scale
     for k in range(len(ROWS)):
@@ -77,9 +73,7 @@ def motive(path: Path, rotation: str = "Quaternion", unit: str = "Millimeters") 
 
 
 @pytest.mark.parametrize(("rotation", "unit"), [("Quaternion", "Millimeters"), ("XYZ", "Meters")])
-def test_what_motive_exports_is_recognised(
-    rotation: str, unit: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_motive_exports_is_recognised(rotation: str, unit: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     take = motive(tmp_path / "Take 1.csv", rotation, unit)
     series = read(take, Source())
     assert {
@@ -98,9 +92,7 @@ def test_what_motive_exports_is_recognised(
     tip, base = [f"Finger tip Position {a}" for a in "XYZ"], [f"Base plate Position {a}" for a in "XYZ"]
     assert wanted.points["tip"].of == (tuple(tip),) and wanted.points["tip"].against == (tuple(base),)
     assert wanted.points["tip"].unit == {"Millimeters": "mm", "Meters": "m"}[unit]
-    assert wanted.orientation is not None and all(
-        str(c).startswith("Finger tip Rotation") for c in wanted.orientation.columns
-    )
+    assert wanted.orientation is not None and all(str(c).startswith("Finger tip Rotation") for c in wanted.orientation.columns)
     assert wanted.orientation.order == ("wxyz" if rotation == "Quaternion" else "euler xyz")
 
 

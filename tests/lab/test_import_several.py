@@ -94,8 +94,7 @@ def test_a_state_within_which_markers_are_exchanged_is_left_out(tmp_path: Path) 
     content = text(MANY, headings=NAMES, change=lambda k, c: (with_middle if k < 500 else exchanged)(k, c))
     made = read_all(tmp_path, {"a.csv": content}, states={"plateaus": {"steady": "1 kPa"}})
     assert any(
-        "a.csv, line 502: a marker jumps within a state" in n and "0 rows and 1 states are left out" in n
-        for n in made.notes
+        "a.csv, line 502: a marker jumps within a state" in n and "0 rows and 1 states are left out" in n for n in made.notes
     )
     z = tips(made)[:, 2]
     assert ((z > 138) | (z < 76)).all()
@@ -105,9 +104,7 @@ def test_a_row_in_which_a_marker_jumps_and_comes_back_is_left_out_of_its_state(t
     content = text(MANY, headings=NAMES, change=lambda k, c: (exchanged if k % 50 == 27 else with_middle)(k, c))
     made = read_all(tmp_path, {"a.csv": content}, states={"plateaus": {"steady": "1 kPa"}})
     assert len(made.table) == PLATEAUS and tips(made)[:, 2].min() > 144
-    assert any(
-        "a.csv, line 29: a marker jumps within a state" in n and " and 0 states are left out" in n for n in made.notes
-    )
+    assert any("a.csv, line 29: a marker jumps within a state" in n and " and 0 states are left out" in n for n in made.notes)
 
 
 # ------------------------------------------------------------------ several files
@@ -115,13 +112,9 @@ def test_columns_may_differ_from_file_to_file(tmp_path: Path) -> None:
     other = [n.replace("p2 [kPa]", "regulator 2 [bar]").replace("tip", "Spitze") for n in NAMES]
     contents = {
         "a.csv": text(FEW, headings=NAMES, change=with_middle),
-        "b 1.csv": text(
-            FEW, headings=other, change=lambda k, c: with_middle(k, [*c[:2], f"{float(c[2]) / 100:.5f}", *c[3:]])
-        ),
+        "b 1.csv": text(FEW, headings=other, change=lambda k, c: with_middle(k, [*c[:2], f"{float(c[2]) / 100:.5f}", *c[3:]])),
     }
-    with pytest.raises(
-        ConfigError, match=r"b 1.csv: columns.p2 = 'p2 \[kPa\]': this column .* under files: .*'b 1.csv'"
-    ):
+    with pytest.raises(ConfigError, match=r"b 1.csv: columns.p2 = 'p2 \[kPa\]': this column .* under files: .*'b 1.csv'"):
         read_all(tmp_path, contents)
     columns = {"p2": {"column": other[2]}, **{a: {"column": f"Spitze {a} [mm]"} for a in "xyz"}}
     made = read_all(tmp_path, contents, files={"b*": {"columns": columns, "tip_mass": "30 g"}, "*": {}})
@@ -138,9 +131,7 @@ def test_the_tip_of_some_files_may_be_given_by_them_alone(tmp_path: Path) -> Non
     place.write_text(yaml.safe_dump({"columns": columns, "files": {"*": {"columns": tip}}}))
     assert len(imported([tmp_path / "a.csv"], load(place, Map), load(ROBOT, Robot)).table) == STATES
     place.write_text(yaml.safe_dump({"columns": columns, "files": {"*": {"columns": {"x": tip["x"]}}}}))
-    with pytest.raises(
-        ConfigError, match=r"a.csv: the map of this file \(files\): columns: give the tip by x, y and z"
-    ):
+    with pytest.raises(ConfigError, match=r"a.csv: the map of this file \(files\): columns: give the tip by x, y and z"):
         imported([tmp_path / "a.csv"], load(place, Map), load(ROBOT, Robot))
 
 
@@ -191,9 +182,7 @@ def on_the_clock(start: int) -> str:
         ((86_000, 500), ["a.csv", "b.csv"], "in the order of their names; by their times, unless over midnight"),
     ],
 )
-def test_files_are_read_in_the_order_of_the_clock(
-    starts: tuple[int, int], order: list[str], says: str, tmp_path: Path
-) -> None:
+def test_files_are_read_in_the_order_of_the_clock(starts: tuple[int, int], order: list[str], says: str, tmp_path: Path) -> None:
     columns = COLUMNS | {"t": "Uhrzeit"}
     contents = {name: on_the_clock(start) for name, start in zip(("a.csv", "b.csv"), starts, strict=True)}
     made = read_all(tmp_path, contents, columns={n: {"column": c} for n, c in columns.items()})
@@ -230,9 +219,7 @@ def test_a_row_without_a_time_at_the_end_is_no_state(tmp_path: Path) -> None:
 def test_a_unit_that_is_none_of_the_quantity_is_asked_about(tmp_path: Path) -> None:
     content = text(FEW, headings=[n.replace("p3 [kPa]", "p3 [V]") for n in NAMES], change=with_middle)
     columns = {n: {"column": c} for n, c in COLUMNS.items()} | {"p3": {"column": "p3 [V]"}}
-    with pytest.raises(
-        ConfigError, match=r"a.csv: column 'p3 \[V\]' \(columns.p3\): the file says 'V' .*write columns.p3.unit"
-    ):
+    with pytest.raises(ConfigError, match=r"a.csv: column 'p3 \[V\]' \(columns.p3\): the file says 'V' .*write columns.p3.unit"):
         read_all(tmp_path, {"a.csv": content}, columns=columns)
 
 
@@ -260,14 +247,10 @@ def test_each_column_has_its_own_unit(tmp_path: Path) -> None:
     _, place = guessed(tmp_path / "a.csv")
     made = imported([tmp_path / "a.csv"], load(place, Map), load(ROBOT, Robot))
     assert tips(made) == pytest.approx(np.array(FEW)[:, 4:], abs=2e-3)
-    assert np.column_stack([made.table[f"p{i}"] for i in (1, 2, 3)]) / 1e3 == pytest.approx(
-        np.array(FEW)[:, 1:4], abs=2e-3
-    )
+    assert np.column_stack([made.table[f"p{i}"] for i in (1, 2, 3)]) / 1e3 == pytest.approx(np.array(FEW)[:, 1:4], abs=2e-3)
 
 
-@pytest.mark.parametrize(
-    "names", [("pset{}", "pist{}"), ("P{}_SP", "P{}_PV"), ("Soll {}", "Druck {}"), ("p{}_cmd", "p{}")]
-)
+@pytest.mark.parametrize("names", [("pset{}", "pist{}"), ("P{}_SP", "P{}_PV"), ("Soll {}", "Druck {}"), ("p{}_cmd", "p{}")])
 def test_measured_pressures_are_preferred_to_set_points(names: tuple[str, str], tmp_path: Path) -> None:
     asked, read = ([name.format(i) for i in (1, 2, 3)] for name in names)
     headings = ["t", *asked, *read, "x", "y", "z"]
@@ -281,9 +264,7 @@ def test_measured_pressures_are_preferred_to_set_points(names: tuple[str, str], 
         assert any("are set-points: no column of measured pressures" in d for d in made.doubts)
 
 
-@pytest.mark.parametrize(
-    ("name", "remedy"), [("a.xlsx", "export it as CSV"), ("a.db3", "convert"), ("a.mcap.zstd", "unpack")]
-)
+@pytest.mark.parametrize(("name", "remedy"), [("a.xlsx", "export it as CSV"), ("a.db3", "convert"), ("a.mcap.zstd", "unpack")])
 def test_the_exit_code_of_a_file_of_an_unknown_kind_is_2(
     name: str, remedy: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -159,9 +159,7 @@ def test_words_that_nobody_knows_are_asked_about_and_can_be_declared(tmp_path: P
     assert len(result.table) == STATES - HIDDEN
     place = tmp_path / "map.yaml"
     place.write_text(place.read_text().replace("missing: [OOR]", "missing: []"))
-    with pytest.raises(
-        ConfigError, match=r"table.csv, line 5, column 'Tip X \[mm\]' \(columns.x\): 'OOR' .*missing: \['OOR'\]"
-    ):
+    with pytest.raises(ConfigError, match=r"table.csv, line 5, column 'Tip X \[mm\]' \(columns.x\): 'OOR' .*missing: \['OOR'\]"):
         imported([tmp_path / "table.csv"], load(place, Map), load(ROBOT, Robot))
 
 
@@ -249,12 +247,8 @@ def test_marks_between_thousands_are_told_from_decimal_marks_and_noted(tmp_path:
         german = mark == "."
         change = (lambda k, c: comma(pascal(".")(k, c), 0, 4, 5, 6)) if german else pascal(mark)
         _, made = through(tmp_path / "table.csv", text(FEW, ";", names, change))
-        assert np.column_stack([made.table[f"p{i}"] for i in (1, 2, 3)]) / 1e3 == pytest.approx(
-            np.array(FEW)[:, 1:4], abs=2e-3
-        )
-        assert any("is read as 35" in n or "is read as 15" in n or "is read as 14" in n for n in made.notes) == (
-            mark in ",."
-        )
+        assert np.column_stack([made.table[f"p{i}"] for i in (1, 2, 3)]) / 1e3 == pytest.approx(np.array(FEW)[:, 1:4], abs=2e-3)
+        assert any("is read as 35" in n or "is read as 15" in n or "is read as 14" in n for n in made.notes) == (mark in ",.")
 
 
 @pytest.mark.parametrize(
@@ -271,9 +265,7 @@ def test_a_table_below_another_is_refused(below: list[str], tmp_path: Path) -> N
 
 
 def test_labview_s_headers_hold_no_readings(tmp_path: Path) -> None:
-    about = (
-        "LabVIEW Measurement\t\nWriter_Version\t2\nSeparator\tTab\nDecimal_Separator\t,\n***End_of_Header***\t\n\t\n"
-    )
+    about = "LabVIEW Measurement\t\nWriter_Version\t2\nSeparator\tTab\nDecimal_Separator\t,\n***End_of_Header***\t\n\t\n"
     segment = "Channels\t6\t\t\t\t\t\t\t\n"
     for key, one in (
         ("Samples", "15"),
@@ -303,9 +295,7 @@ def test_a_count_of_frames_with_gaps_tells_the_times(tmp_path: Path) -> None:
     lines = text(MANY, headings=["Frame", *HEADINGS[1:]], change=lambda k, c: [str(3 * k), *c[1:]]).splitlines()
     kept = [line for k, line in enumerate(lines) if k % 40 < 16 or k % 3]
     made, result = through(tmp_path / "table.csv", "\n".join(kept) + "\n")
-    assert made.values["columns"]["t"] == {"column": "Frame", "scale": 0.01} and any(
-        "0.01 is a guess" in d for d in made.doubts
-    )
+    assert made.values["columns"]["t"] == {"column": "Frame", "scale": 0.01} and any("0.01 is a guess" in d for d in made.doubts)
     assert len(result.table) == PLATEAUS
 
 
@@ -360,7 +350,5 @@ def test_a_turn_of_the_mount_does_not_change_within_a_trial(tmp_path: Path) -> N
     values = yaml.safe_load(place.read_text())
     values["columns"]["roll_deg"] = {"column": "Roll"}
     place.write_text(yaml.safe_dump(values))
-    with pytest.raises(
-        ConfigError, match=r"columns.roll_deg: from 90 to 102 deg within trial 1, .* write it under orientation"
-    ):
+    with pytest.raises(ConfigError, match=r"columns.roll_deg: from 90 to 102 deg within trial 1, .* write it under orientation"):
         imported([tmp_path / "table.csv"], load(place, Map), load(ROBOT, Robot))

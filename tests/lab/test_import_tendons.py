@@ -54,9 +54,7 @@ def trunk(folder: Path, word: str) -> Path:
                 aside, along = 180 * (1 - np.cos(turn)) / max(turn, 1e-9), 180 * np.sinc(turn / np.pi)
                 body = np.array([aside * np.cos(towards), aside * np.sin(towards), along])
                 half = np.array([aside * np.cos(towards) / 4, aside * np.sin(towards) / 4, along / 2 + 0.01 * pull])
-                seen = [
-                    v for b in (body, half + [14, 0, 0]) for v in (700 + b[0], -b[2], 40 + b[1])
-                ]  # 14 mm: on the skin
+                seen = [v for b in (body, half + [14, 0, 0]) for v in (700 + b[0], -b[2], 40 + b[1])]  # 14 mm: on the skin
                 row = [t, *(pull if k == j else 0.0 for j in range(3)), *seen]
                 lines.append(";".join(f"{v:.3f}".replace(".", ",") for v in row))
                 t += 3.0
@@ -100,10 +98,7 @@ def test_a_map_of_tensions_is_guessed_and_the_tip_goes_to_where_they_pull(
     lab = trunk(tmp_path / "lab", word)
     proposed = yaml.safe_load(guessed(lab))
     said = " ".join(capsys.readouterr().out.split())
-    assert (
-        proposed["columns"] | {f"p{k}": {"column": f"{word}{k} [N]", "unit": "N"} for k in (1, 2, 3)}
-        == proposed["columns"]
-    )
+    assert proposed["columns"] | {f"p{k}": {"column": f"{word}{k} [N]", "unit": "N"} for k in (1, 2, 3)} == proposed["columns"]
     assert proposed["frame"] == FRAME and "towards the tendons pulled" in said
     for frame, doubted in ((FRAME, False), ({"x": "-x", "y": "-z", "z": "-y"}, True)):
         (lab / "map.yaml").write_text(yaml.safe_dump(proposed | {"frame": frame}))
@@ -174,9 +169,7 @@ def test_another_gravity_than_that_of_readings_put_at_rest_is_asked_about(
 ) -> None:
     """A soft robot that hangs, whose readings `straight: at rest` moves to where the model stands."""
     own = trunk(tmp_path / "lab", "Seil_")
-    soft = (
-        ROBOT.replace("length: 180 mm", "length: 260 mm").replace("[90 mm]", "[130 mm]").replace("320 kPa", "220 kPa")
-    )
+    soft = ROBOT.replace("length: 180 mm", "length: 260 mm").replace("[90 mm]", "[130 mm]").replace("320 kPa", "220 kPa")
     hangs, stated = soft.replace("107 kPa", "73 kPa"), f"gravity: {list(gravity)}"
     (own / "robot.yaml").write_text(hangs)
     robot = lab.load_robot(own / "robot.yaml")
@@ -187,9 +180,7 @@ def test_another_gravity_than_that_of_readings_put_at_rest_is_asked_about(
         *(",".join(f"{v:.4f}" for v in (*p, *tip)) for p, tip in zip(tensions, tips, strict=True)),
     ]
     (own / "rest.csv").write_text("\n".join(lines) + "\n")
-    columns = {f"p{k}": {"column": f"p{k}", "unit": "N"} for k in (1, 2, 3)} | {
-        a: {"column": a, "unit": "mm"} for a in "xyz"
-    }
+    columns = {f"p{k}": {"column": f"p{k}", "unit": "N"} for k in (1, 2, 3)} | {a: {"column": a, "unit": "mm"} for a in "xyz"}
     (own / "map.yaml").write_text(yaml.safe_dump({"robot": "robot.yaml", "columns": columns, "straight": "at rest"}))
     for text, asked in ((hangs, False), (hangs.replace("gravity: [0, 0, 9.81]", stated), True)):
         (own / "robot.yaml").write_text(text.replace("markers: [130 mm]\n", ""))
@@ -352,9 +343,7 @@ def test_a_resting_tip_that_no_body_reaches_asks_for_the_straight_state(
     capsys.readouterr()
     assert by_map(lab, tmp_path / "case") == 0
     said = told(capsys)
-    assert (
-        "at rest the tip is 30 mm off the axis and 202 mm from the origin, the robot is 180 mm long" in said
-    ) == asked
+    assert ("at rest the tip is 30 mm off the axis and 202 mm from the origin, the robot is 180 mm long" in said) == asked
     assert ("straight: at rest" in said) == asked
 
 
@@ -431,9 +420,7 @@ def with_base(lab: Path) -> str:
     """The table of a trunk with a marker at its base."""
     head, *lines = (lab / "table.csv").read_text().splitlines()
     fixed = [f"{line};{700.01 + 0.02 * (k % 3):.3f};0,000;40,000".replace(".", ",") for k, line in enumerate(lines)]
-    (lab / "with_base.csv").write_text(
-        "\n".join([f"{head};Knoten1_x [mm];Knoten1_y [mm];Knoten1_z [mm]", *fixed]) + "\n"
-    )
+    (lab / "with_base.csv").write_text("\n".join([f"{head};Knoten1_x [mm];Knoten1_y [mm];Knoten1_z [mm]", *fixed]) + "\n")
     return "with_base.csv"
 
 
@@ -451,9 +438,7 @@ def test_a_marker_that_stands_still_is_the_base_and_those_of_robot_yaml_are_poin
     assert "points" in yaml.safe_load(guessed(lab, with_base(lab))) and told(capsys).count("Mitte_x [mm]") == 1
 
 
-def test_a_table_without_a_row_at_rest_has_a_map_proposed_and_marked(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_table_without_a_row_at_rest_has_a_map_proposed_and_marked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     lab = trunk(tmp_path / "lab", "Seil_")
     head, *lines = (lab / "table.csv").read_text().splitlines()
     pulled = [line for line in lines if any(float(c.replace(",", ".")) > 0 for c in line.split(";")[1:4])]

@@ -140,9 +140,7 @@ def test_a_rest_over_time_is_one_state_of_the_trial_that_rises_unless_a_column_p
 def test_a_column_that_changes_while_the_pressure_settles_parts_no_level(tmp_path: Path) -> None:
     late = lambda s, r, g, i, k: (str(max(k - 44, 0) // 200),)  # noqa: E731
     content = table(TWO_RESTS, late, ("Lauf",), each=40)
-    made = by_map(
-        tmp_path, content, trials={"begin": "rest", "change": ["Lauf"]}, states={"plateaus": {"steady": "2 kPa"}}
-    )
+    made = by_map(tmp_path, content, trials={"begin": "rest", "change": ["Lauf"]}, states={"plateaus": {"steady": "2 kPa"}})
     assert lengths(made) == [5, *[4] * 7] and not made.notes
 
 
@@ -155,9 +153,7 @@ def test_a_table_that_never_rests_has_the_trials_of_its_columns(tmp_path: Path) 
 def test_trials_that_follow_each_other_at_rest_are_kept(tmp_path: Path) -> None:
     """Weights hung on the robot between two sweeps, each a run of its own."""
     levels = (0, 350, 0, 0, 0, 0)
-    content = table(
-        levels, lambda s, r, g, i, k: (str(10 * s + max(i - 1, 1)),), ("run",), repeats=1, groups=((1,), (2,))
-    )
+    content = table(levels, lambda s, r, g, i, k: (str(10 * s + max(i - 1, 1)),), ("run",), repeats=1, groups=((1,), (2,)))
     made = by_map(tmp_path, content, trials={"change": ["run"]})
     assert lengths(made) == [3, 1, 1, 1, 3, 1, 1, 1]
 
@@ -185,9 +181,7 @@ def test_trials_are_found_by_what_columns_count_and_name(
 ) -> None:
     _, _, made = through(tmp_path, table(levels, label, headings))
     assert lengths(made) == [len(levels)] * 8 and repeats(made) == [1] * 4 + [2] * 4, made.notes
-    assert made.table["p2"] / 100 == pytest.approx(
-        [lev * (2 in g) for g in (*GROUPS, *GROUPS) for lev in levels], abs=0.5
-    )
+    assert made.table["p2"] / 100 == pytest.approx([lev * (2 in g) for g in (*GROUPS, *GROUPS) for lev in levels], abs=0.5)
 
 
 @pytest.mark.parametrize(
@@ -220,18 +214,14 @@ def test_a_wrong_repeat_is_named_and_neither_begins_a_trial_nor_counts(tmp_path:
 def test_repeats_that_are_the_same_for_trials_alike_are_asked_about(tmp_path: Path) -> None:
     content = table(TWO_RESTS, lambda *_: ("1",), ("Wiederholung",))
     made = by_map(tmp_path, content, trials={"begin": "rest"}, columns={"repeat": {"column": "Wiederholung"}})
-    assert any(
-        "trials 1 and 5 inflate the same chambers as far, and column 'Wiederholung' says" in n for n in made.notes
-    )
+    assert any("trials 1 and 5 inflate the same chambers as far, and column 'Wiederholung' says" in n for n in made.notes)
 
 
 def test_a_trial_column_says_where_trials_begin_and_a_change_under_pressure_is_noted(tmp_path: Path) -> None:
     content = table(TWO_RESTS, lambda s, r, g, i, k: ("9" if k in (22, 23) else str(s % 4),), ("trial",))
     made = by_map(tmp_path, content, trials={"begin": "rest"}, columns={"trial": {"column": "trial"}})
     assert lengths(made) == [5, 5, 5, 5, 2, 3, 5, 5, 5]
-    assert any(
-        "line 24: column 'trial' (columns.trial) changes" in n and "a trial begins there" in n for n in made.notes
-    )
+    assert any("line 24: column 'trial' (columns.trial) changes" in n and "a trial begins there" in n for n in made.notes)
 
 
 @pytest.mark.parametrize(
@@ -250,9 +240,7 @@ def test_what_a_map_says_wrong_of_trials_is_named(more: dict[str, Any], said: st
 
 
 def test_words_in_a_column_of_numbers_make_no_footer_of_the_last_sweep(tmp_path: Path) -> None:
-    content = table(
-        ONE_REST, lambda s, r, g, i, k: (named(g),), ("Kammern",), repeats=1, groups=((1,), (2,), (3,), (1, 2))
-    )
+    content = table(ONE_REST, lambda s, r, g, i, k: (named(g),), ("Kammern",), repeats=1, groups=((1,), (2,), (3,), (1, 2)))
     _, _, made = through(tmp_path, content)
     assert len(made.table) == 16 and lengths(made) == [4] * 4 and not made.notes
     _, _, made = through(tmp_path, content + "Mittel;10;10;10;0;0;150;0\n")

@@ -31,9 +31,7 @@ def turned(group: tuple[int, ...], level: float) -> Rotation:
 def cells(sweep: int, repeat: int, group: tuple[int, ...], level: int, row: int) -> list[str]:
     """Angles about fixed axes, and a marker at half the length."""
     angles = turned(group, TWO_RESTS[level]).as_euler("xyz", degrees=True)
-    away = (
-        np.sum([[np.cos(AZIMUTHS[c - 1]), np.sin(AZIMUTHS[c - 1])] for c in group], axis=0) * -0.0125 * TWO_RESTS[level]
-    )
+    away = np.sum([[np.cos(AZIMUTHS[c - 1]), np.sin(AZIMUTHS[c - 1])] for c in group], axis=0) * -0.0125 * TWO_RESTS[level]
     return [f"{v:.3f}".replace(".", ",") for v in [*angles, *away, 75.0]]
 
 
@@ -105,18 +103,14 @@ def test_a_right_map_is_not_asked_about(tmp_path: Path, capsys: pytest.CaptureFi
         (column("tip_mass", column=HEADINGS[0], unit="g"), "is this column a mass that was hung there?"),
     ],
 )  # fmt: skip
-def test_a_wrong_map_is_asked_about(
-    change: Change, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_wrong_map_is_asked_about(change: Change, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     values = copy.deepcopy(RIGHT)
     change(values)
     content = table(TWO_RESTS, cells, (*ANGLES, *HALF), groups=GROUPS)
     assert said in told(tmp_path, content, values, capsys)
 
 
-def test_a_marker_that_moves_more_than_the_tip_is_asked_about(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_marker_that_moves_more_than_the_tip_is_asked_about(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     values = copy.deepcopy(RIGHT) | {
         "straight": "first state",
         "points": {"m1": {"of": [list(HEADINGS[4:])], "unit": "mm"}},
@@ -130,9 +124,7 @@ def test_units_that_differ_among_columns_alike_are_asked_about_where_the_file_sa
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     content = table(TWO_RESTS, lambda *_: (), (), groups=GROUPS).replace(" [mm]", "").replace(" [mbar]", "")
-    columns = {
-        n: {"column": c.split(" [")[0]} for n, c in zip(("p1", "p2", "p3", "x", "y", "z"), HEADINGS[1:], strict=True)
-    }
+    columns = {n: {"column": c.split(" [")[0]} for n, c in zip(("p1", "p2", "p3", "x", "y", "z"), HEADINGS[1:], strict=True)}
     columns |= {
         n: {**columns[n], "unit": u}
         for n, u in zip(("p1", "p2", "p3", "x", "y", "z"), ["mbar"] * 3 + ["mm", "mm", "cm"], strict=True)

@@ -44,9 +44,7 @@ def recorded(path: Path, day: int, states: int, plan: object, campaign: str = ""
     return path
 
 
-def test_info_shows_used_streams_with_nominal_rates_in_rig_time(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_info_shows_used_streams_with_nominal_rates_in_rig_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = recorded(tmp_path / "a.mcap", 0, 3, {"protocol": "bending", "states": 7})
     assert main(["info", str(file)]) == 0
     told = capsys.readouterr().out
@@ -68,9 +66,7 @@ def test_a_rig_or_plan_that_says_nothing_is_left_out(
     assert "times real speed" not in told and "0 of 2 states read" in told and info(file).planned == 0
 
 
-def test_runs_count_against_the_plan_and_name_the_run_that_continues(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_runs_count_against_the_plan_and_name_the_run_that_continues(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     plan = {"protocol": "bending", "states": 9}
     recorded(tmp_path / "early.mcap", 0, 2, plan, "one")
     recorded(tmp_path / "other.mcap", 1, 4, {"protocol": "bending"}, "two")
@@ -84,9 +80,7 @@ def test_runs_count_against_the_plan_and_name_the_run_that_continues(
 
 
 def test_states_beyond_the_plan_are_told_but_not_those_that_were_read_again(tmp_path: Path) -> None:
-    recorder = Recorder(
-        tmp_path / "run.mcap", start_wall_ns=10**18, attachments={"plan.json": json.dumps(PLAN).encode()}
-    )
+    recorder = Recorder(tmp_path / "run.mcap", start_wall_ns=10**18, attachments={"plan.json": json.dumps(PLAN).encode()})
     for number, step in enumerate((1, 2, 2, 2, 3), 1):
         row = TrialRow(1, step, "puffs", 1, "load", float(number), 0.1, PRESSURES)
         recorder.trial(float(number), number, row, repeats=number - 1 if step == 2 and number > 2 else 0)

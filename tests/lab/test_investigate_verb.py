@@ -61,11 +61,7 @@ def test_an_experiment_is_foretold_done_and_added(
     )  # fmt: skip
     assert code in (0, 3), said
     assert found == {**json.loads((place / "investigation.json").read_text()), **found}
-    assert all(
-        name in found["rounds"][0]["not_done"]
-        for name in ("roll", "tip_mass")
-        if name in found["rounds"][0]["not_done"]
-    )
+    assert all(name in found["rounds"][0]["not_done"] for name in ("roll", "tip_mass") if name in found["rounds"][0]["not_done"])
     done = [r for r in found["rounds"] if "experiment" in r]
     assert len(done) == len(found["inputs"]) - 1 == 1 and "hands" not in done[0]["experiment"]
     (below,) = [p for p in place.iterdir() if p.is_dir()]
@@ -102,12 +98,8 @@ def test_a_run_that_fails_leaves_what_is_known_and_the_line_to_go_on_with(
     out, err = capsys.readouterr()
     (line,) = [line for line in out.splitlines() if line.startswith("go on with: lab investigate ")]
     (experiment,) = [p.name[3:] for p in why.iterdir() if p.is_dir()]
-    assert (
-        "--no-hands" in line and f"--without rate --without {experiment} --set" in line and "watch it at http://" in out
-    )
-    assert "1 usable samples" in err and json.loads((why / "investigation.json").read_text())["ended"].startswith(
-        "broken"
-    )
+    assert "--no-hands" in line and f"--without rate --without {experiment} --set" in line and "watch it at http://" in out
+    assert "1 usable samples" in err and json.loads((why / "investigation.json").read_text())["ended"].startswith("broken")
     assert {"investigation.html", "diagnosis.html"} <= {p.name for p in why.iterdir()}
 
 
@@ -123,9 +115,7 @@ def test_where_nothing_is_left_to_ask_nothing_moves(
     assert last["probability"] >= CERTAIN or all("min" in why for why in last["not_done"].values())
 
 
-def test_another_robot_s_campaign_is_refused(
-    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_another_robot_s_campaign_is_refused(virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     case = folder(tmp_path / "case", campaign({}))
     robot = case / "robot.yaml"
     robot.write_text(robot.read_text().replace("length: 0.4", "length: 0.41"))

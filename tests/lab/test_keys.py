@@ -178,9 +178,7 @@ def test_by_ctrl_z_the_terminal_is_the_shells_and_keys_work_again_when_the_run_g
         assert terminal.mode == terminal.before
 
 
-def test_a_run_that_is_told_to_end_leaves_the_terminal_as_it_was(
-    real_lab: VirtualLab, rig: Path, tmp_path: Path
-) -> None:
+def test_a_run_that_is_told_to_end_leaves_the_terminal_as_it_was(real_lab: VirtualLab, rig: Path, tmp_path: Path) -> None:
     with at_terminal(rig, tmp_path) as terminal:
         cbreak = terminal.mode
         assert not cbreak[3] & termios.ICANON and not cbreak[3] & termios.ECHO and cbreak[3] & termios.ISIG

@@ -79,9 +79,7 @@ def running(show: Show, stay: bool) -> Iterator[None]:
         assert not thread.is_alive()
 
 
-def test_a_late_answer_of_the_model_comes_with_the_tip_that_it_is_about(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_late_answer_of_the_model_comes_with_the_tip_that_it_is_about(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shown, "Model", Answers)
     monkeypatch.setattr(shown, "ASK", 0.0)
     with Recorder(tmp_path / "run.mcap", start_wall_ns=10**18, attachments={"robot.yaml": b"name: r"}) as recorder:

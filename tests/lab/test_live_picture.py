@@ -69,9 +69,7 @@ def test_the_newest_samples_are_those_of_the_file_to_the_last_bit_and_no_peak_of
     assert [p["force"]["peak"] for p in seen["points"] if "force" in p] == pytest.approx(peaks, rel=1e-15)
     assert [p["vacuum"]["absolute"] for p in seen["points"] if "vacuum" in p] == vacuum
     assert seen["newest"]["vacuum"] == {"t": 4.3, "absolute": vacuum[-1]}
-    assert seen["streams"]["/force"]["count"] == 100 and seen["streams"]["/force"]["rate"] == pytest.approx(
-        20, rel=0.05
-    )
+    assert seen["streams"]["/force"]["count"] == 100 and seen["streams"]["/force"]["rate"] == pytest.approx(20, rel=0.05)
     assert seen["outcome"] == {"outcome": "completed", "detail": ""}
 
 
@@ -115,9 +113,7 @@ def test_text_from_outside_does_nothing(tmp_path: Path) -> None:
     "plan", [b"{", b"[]", b'{"steps": [{"label": 1}]}', b'{"steps": [{"label": "a", "seconds": NaN}]}', b"\xff"]
 )
 def test_attachments_that_cannot_be_understood_leave_out_what_they_would_tell(tmp_path: Path, plan: bytes) -> None:
-    contents = Contents(
-        "", 0, attachments={PLAN: plan, "rig.yaml": b"name: [", "robot.yaml": b"\xff", "protocol.yaml": b"- 1"}
-    )
+    contents = Contents("", 0, attachments={PLAN: plan, "rig.yaml": b"name: [", "robot.yaml": b"\xff", "protocol.yaml": b"- 1"})
     found = about(tmp_path / "run.mcap", contents)
     assert found.steps == () and found.limits == {} and found.protocol == "" and found.robot == ""
     json.dumps(found.to_dict(), allow_nan=False)
@@ -163,9 +159,7 @@ def test_numbers_that_are_none_are_null_and_end_nothing(tmp_path: Path) -> None:
     assert told["progress"]["seconds"] is None and told["progress"]["steps"] == 1
 
 
-def test_a_long_run_is_caught_up_with_whole_also_when_nothing_more_comes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_long_run_is_caught_up_with_whole_also_when_nothing_more_comes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lab.live.feed.AT_ONCE", 3)
     recorder = started(tmp_path / "run.mcap")
     for k in range(20):
@@ -174,13 +168,7 @@ def test_a_long_run_is_caught_up_with_whole_also_when_nothing_more_comes(
 
     async def caught_up() -> int:
         with Tail(recorder.path) as tail:
-            return sum(
-                [
-                    len(piece.samples.get("/vacuum", ()))
-                    async for some in following(tail, lambda: True)
-                    for piece in some
-                ]
-            )
+            return sum([len(piece.samples.get("/vacuum", ())) async for some in following(tail, lambda: True) for piece in some])
 
     assert asyncio.run(caught_up()) == 20
     recorder.close("completed")

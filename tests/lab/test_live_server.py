@@ -107,9 +107,7 @@ def test_the_page_is_whole_and_asks_for_nothing_beyond_itself(door: Door) -> Non
         assert "unsafe" not in found.headers["Content-Security-Policy"]
         assert (found.headers["X-Content-Type-Options"], found.headers["Referrer-Policy"]) == ("nosniff", "no-referrer")
         assert not re.search(r"https?://|//[a-z]+\.[a-z]", body), name
-        assert not re.search(
-            r"innerHTML|outerHTML|insertAdjacent|document\.write|\beval\b|\bFunction\(| style=|\son\w+=\"", body
-        )
+        assert not re.search(r"innerHTML|outerHTML|insertAdjacent|document\.write|\beval\b|\bFunction\(| style=|\son\w+=\"", body)
 
 
 def test_the_address_has_the_token_and_every_start_another_one() -> None:
@@ -158,9 +156,7 @@ def test_who_sends_slowly_or_nothing_is_let_go(door: Door, monkeypatch: pytest.M
         assert status(all_of(silent)) == 408 and status(all_of(slow)) == 408
 
 
-def test_of_too_many_at_once_the_last_are_cut_off_and_the_first_are_served(
-    door: Door, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_of_too_many_at_once_the_last_are_cut_off_and_the_first_are_served(door: Door, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(viewers, "MOST_CONNECTIONS", 3)
     with contextlib.ExitStack() as stack:
         first = [stack.enter_context(events(door)) for _ in range(3)]
@@ -201,9 +197,7 @@ def test_every_viewer_gets_every_update_in_order(door: Door) -> None:
             assert [next_event(lines)[1]["n"] for _ in range(20)] == list(range(20))
 
 
-def test_a_viewer_who_takes_nothing_is_let_go_and_the_others_notice_nothing(
-    door: Door, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_viewer_who_takes_nothing_is_let_go_and_the_others_notice_nothing(door: Door, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(viewers, "STUCK", 0.5)
     with events(door) as lines, door.wire() as stuck:
         stuck.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)

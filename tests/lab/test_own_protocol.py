@@ -74,9 +74,7 @@ def test_a_mistake_in_run_ends_safe_and_is_told_with_its_line(
     assert Recording.open(file).outcome == "failed" and "safe state confirmed" in Recording.open(file).log[-1].text
 
 
-def test_a_mistake_in_the_defaults_for_a_robot_is_told_with_its_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_mistake_in_the_defaults_for_a_robot_is_told_with_its_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "robot.yaml").write_text(paper_robot().read_text())
     (tmp_path / "rig.yaml").write_text("name: bench\nrobot: robot.yaml\ninstruments: {}\n")
     own = tmp_path / "own.py"

@@ -99,10 +99,7 @@ def test_a_name_of_our_own_stays_ours_and_of_two_packages_neither_has_it(install
     install("second", "ONE = 2", numbers={"mine": ":ONE", "lost": ":TWO"})
     found = installed("softlab.numbers", {"zero": 0}, number, {"lost": "install it"})
     assert found.usable == {"zero": 0}
-    assert (
-        "package first 1.0" in found.doubts["zero"]
-        and "belongs to this software and is not replaced" in found.doubts["zero"]
-    )
+    assert "package first 1.0" in found.doubts["zero"] and "belongs to this software and is not replaced" in found.doubts["zero"]
     assert found.broken["lost"] == "install it" and "package second 1.0" in found.doubts["lost"]
     both = found.broken["mine"]
     assert "first 1.0" in both and "second 1.0" in both and "pip uninstall first or pip uninstall second" in both
@@ -153,9 +150,7 @@ def test_a_fake_that_its_own_driver_would_refuse_is_told_before_it_is_started(
     text = DRIVER + LOST + FAKE.format(role="gauge").replace("[]", "[Lost()]")
     install("apart", text, fakes={"apart": ":FAKE"}, drivers={"apart": ":DRIVER"})
     assert main(["fakes", "--gauge", "apart"]) == 2
-    assert "gauge: the driver apart rejects the settings of its own fake: port =" in " ".join(
-        capsys.readouterr().err.split()
-    )
+    assert "gauge: the driver apart rejects the settings of its own fake: port =" in " ".join(capsys.readouterr().err.split())
 
 
 def test_a_driver_that_takes_a_name_of_ours_is_told_by_the_check(

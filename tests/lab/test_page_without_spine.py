@@ -55,10 +55,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
     read = forward.predict(theta)
     tip = np.stack([read[forward.observations.channel == axis] for axis in "xyz"], axis=1)
     tip += 0.1e-3 * np.random.default_rng(5).normal(size=tip.shape)
-    rows = [
-        TrialRow.from_cells({**c, **dict(zip("xyz", map(float, at), strict=True))})
-        for c, at in zip(cells, tip, strict=True)
-    ]
+    rows = [TrialRow.from_cells({**c, **dict(zip("xyz", map(float, at), strict=True))}) for c, at in zip(cells, tip, strict=True)]
     case = folder / "case"
     case.mkdir()
     shutil.copy(ROBOT, case / "robot.yaml")

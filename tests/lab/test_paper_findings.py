@@ -85,9 +85,7 @@ def test_volume_mixing_makes_most_of_the_growth_of_the_area_under_both_readings(
 def test_the_millimetres_depend_on_the_reading_of_the_pressure_load(area: AreaFindings) -> None:
     printed, moment = area.readings
     assert (printed.name, moment.name) == READINGS
-    assert printed.rms_volume == pytest.approx(30.7e-3, abs=0.1e-3) and printed.rms_area == pytest.approx(
-        12.7e-3, abs=0.1e-3
-    )
+    assert printed.rms_volume == pytest.approx(30.7e-3, abs=0.1e-3) and printed.rms_area == pytest.approx(12.7e-3, abs=0.1e-3)
     assert moment.rms_volume == pytest.approx(7.3e-3, abs=0.3e-3) and moment.rms_area < 3e-3
     text = " ".join(area.sentences())
     assert "Robust" in text and text.count("Depends on the reading") == 2 and "not its cause" in text

@@ -23,11 +23,7 @@ HOSTILE = "[/red] [bold]x[/] \x1b[2J <script>alert(1)</script>"
 SHOWN = "[/red] [bold]x[/]"
 SERIAL = "\x1b[2J[/b]"
 """Eight characters that are no blanks, as the module's identity is."""
-SHORT = [
-    word
-    for setting in ("spine_lengths=[0.05, 0.08]", "pressures=[60 kPa]", *PATIENT_SETTLE)
-    for word in ("--set", setting)
-]
+SHORT = [word for setting in ("spine_lengths=[0.05, 0.08]", "pressures=[60 kPa]", *PATIENT_SETTLE) for word in ("--set", setting)]
 """Noise looks like motion when the processors are busy."""
 
 

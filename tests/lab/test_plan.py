@@ -92,9 +92,7 @@ def test_a_plan_that_asks_for_nothing_warns(ladder: str, capsys: pytest.CaptureF
     assert capsys.readouterr().err == ""
 
 
-def test_a_plan_for_a_faster_clock_says_how_ones_own_time_is_computed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_plan_for_a_faster_clock_says_how_ones_own_time_is_computed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     fast = tmp_path / "rig.yaml"
     fast.write_text(yaml.safe_dump(yaml.safe_load(RIG.read_text()) | {"clock": {"speed": 8.0}, "robot": "robot.yaml"}))
     (tmp_path / "robot.yaml").write_text(paper_robot().read_text())

@@ -28,9 +28,7 @@ def run(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, s
 
 @pytest.fixture(scope="module")
 def case(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return folder(
-        tmp_path_factory.mktemp("case"), campaign({"chamber_azimuth.angle": 0.12}, repeats=2, lengths=(0.0, 0.2))
-    )
+    return folder(tmp_path_factory.mktemp("case"), campaign({"chamber_azimuth.angle": 0.12}, repeats=2, lengths=(0.0, 0.2)))
 
 
 @pytest.fixture(scope="module")
@@ -71,9 +69,7 @@ def test_what_the_model_still_misses_is_learnt_for_predictions(
     fitted = json.loads(said)
     assert code == 0 and fitted["effects"] == [] and fitted["residual_left_out_mm"] < 0.5 * fitted["calibrated_mm"]
     robot = lab.load_robot(tmp_path / "robot.yaml")
-    assert (
-        robot.residual is not None and len(robot.residual.states) == fitted["states"] and robot.plain.residual is None
-    )
+    assert robot.residual is not None and len(robot.residual.states) == fitted["states"] and robot.plain.residual is None
     code, said, _ = run(capsys, "compare", case, "--robot", tmp_path / "robot.yaml", "--json")
     assert code == 0 and 1e3 * json.loads(said)["rmse"] < fitted["residual_left_out_mm"]
     code, _, told = run(capsys, "diagnose", case, "--robot", tmp_path / "robot.yaml", "--holdout", tmp_path / "none")
@@ -82,9 +78,7 @@ def test_what_the_model_still_misses_is_learnt_for_predictions(
     assert code == 0 and "each trial that it did not learn from" in " ".join(said.split())
 
 
-def test_a_protocol_is_predicted_with_intervals(
-    robot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_protocol_is_predicted_with_intervals(robot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table, figure = tmp_path / "p.csv", tmp_path / "p.svg"
     settings = ["--set", "pressures=[80e3, 160e3]", "--set", "spine_lengths=[0.0, 0.2]"]
     code, said, _ = run(
@@ -163,10 +157,7 @@ def test_a_robot_without_uncertainty_gets_no_interval(tmp_path: Path, capsys: py
     assert main(["predict", "--robot", str(THREE), "--table", str(table)]) == 0
     said = capsys.readouterr()
     assert "±" not in said.out and "no interval: robot.yaml states no uncertainty" in " ".join(said.out.split())
-    assert (
-        "up to 90 kPa are asked for, robot.yaml allows 80 kPa" in " ".join(said.err.split())
-        and "Warning" not in said.err
-    )
+    assert "up to 90 kPa are asked for, robot.yaml allows 80 kPa" in " ".join(said.err.split()) and "Warning" not in said.err
     assert main(["predict", "--robot", str(THREE), "--table", str(table), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["interval"] is None and found["states"][0]["x_low"] is None and found["states"][0]["x"] < 0

@@ -96,9 +96,7 @@ def test_this_process_works_beside_the_others_and_what_a_method_belongs_to_is_re
     assert {reads for where, reads in seen if where != os.getpid()} == {1}
 
 
-def test_what_is_begun_ahead_is_done_elsewhere_while_this_process_does_something_else(
-    two: Processes, tmp_path: Path
-) -> None:
+def test_what_is_begun_ahead_is_done_elsewhere_while_this_process_does_something_else(two: Processes, tmp_path: Path) -> None:
     ahead = Executor(remote_map=two.in_order).ahead(Meets(tmp_path, 2).read, [0, 1])
     assert timing.wait(lambda: len(list(tmp_path.iterdir())) >= 2, 120)
     where = {pid for pid, _ in ahead()}

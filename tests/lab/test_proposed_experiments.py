@@ -81,9 +81,7 @@ def test_every_proposal_is_a_protocol_of_the_rig_and_takes_as_long_as_was_said(
 SHORT: Mapping[str, object] = {"spine_lengths": [0.0], "pressures": [50e3, 100e3], "repeats": 1}
 
 
-@pytest.mark.parametrize(
-    ("id", "more"), [("elongation", {}), ("hold", {"hold_times": [5.0, 20.0]})], ids=["elongation", "hold"]
-)
+@pytest.mark.parametrize(("id", "more"), [("elongation", {}), ("hold", {"hold_times": [5.0, 20.0]})], ids=["elongation", "hold"])
 def test_the_rig_reads_the_states_that_were_foreseen(
     virtual_lab: VirtualLab, tmp_path: Path, id: str, more: Mapping[str, object]
 ) -> None:

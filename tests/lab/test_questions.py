@@ -33,23 +33,17 @@ def test_disks_that_stand_out_are_no_news_and_a_path_radius_in_another_unit_is()
     assert not list(doubtful_numbers(robot_from_dict(TENDONS)))
     rod = {"outer_radius": 0.001, "youngs_modulus": 40e9, "shear_modulus": 5e9, "bending_stiffness": 0.03}
     assert not list(doubtful_numbers(robot_from_dict(TENDONS | rod)))
-    (said,) = doubtful_numbers(
-        robot_from_dict(TENDONS | {"tendons": {"path_radius": 0.11, "azimuths_deg": [0.0, 90.0]}})
-    )
+    (said,) = doubtful_numbers(robot_from_dict(TENDONS | {"tendons": {"path_radius": 0.11, "azimuths_deg": [0.0, 90.0]}}))
     assert said.startswith("tendons.path_radius is 110 mm") and "outer_radius of 6 mm" in said
 
 
 @pytest.mark.parametrize(("shear", "asked"), [(9e6, True), (3e6, False), (4.5e6, False), (2e6, True)])
 def test_a_shear_modulus_that_no_material_has_is_asked_about(shear: float, asked: bool) -> None:
     said = list(doubtful_numbers(robot_from_dict(TENDONS | {"shear_modulus": shear})))
-    assert bool(said) == asked and all(
-        "Poisson" in text and "youngs_modulus 9 MPa" in text and "3 MPa" in text for text in said
-    )
+    assert bool(said) == asked and all("Poisson" in text and "youngs_modulus 9 MPa" in text and "3 MPa" in text for text in said)
 
 
-@pytest.mark.parametrize(
-    ("ratio", "says"), [(0.1, "too large by 10;"), (9.8, "too small by 9.8;"), (2.9, ""), (0.3, "")]
-)
+@pytest.mark.parametrize(("ratio", "says"), [(0.1, "too large by 10;"), (9.8, "too small by 9.8;"), (2.9, ""), (0.3, "")])
 def test_an_area_factor_near_another_unit_is_asked_about(ratio: float, says: str) -> None:
     said = " ".join(doubtful_area_factor(ratio))
     assert says in said and bool(said) == bool(says)

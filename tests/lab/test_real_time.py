@@ -57,9 +57,7 @@ def mocap(server: str, local: str = "") -> dict[str, Any]:
     return {"driver": "natnet", "server": server, "local": local, "body": "Tip", "mocap_to_base": still}
 
 
-def test_a_pseudo_terminal_under_any_name_and_loopback_hosts_may_run_fast(
-    write: Write, terminal: str, tmp_path: Path
-) -> None:
+def test_a_pseudo_terminal_under_any_name_and_loopback_hosts_may_run_fast(write: Write, terminal: str, tmp_path: Path) -> None:
     link = tmp_path / "ttyUSB0"
     link.symlink_to(terminal)
     rig = write(valve=valve(str(link)), arm=arm("127.3.2.1"), mocap=mocap("localhost", "127.0.0.1"))
@@ -74,9 +72,7 @@ def test_a_real_port_under_the_name_of_a_terminal_is_refused(write: Write, tmp_p
         clock_of(load_rig(write(valve=valve(str(link)))))
 
 
-def test_a_name_that_leads_elsewhere_is_refused_though_it_sounds_local(
-    write: Write, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_name_that_leads_elsewhere_is_refused_though_it_sounds_local(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
     def found(*_: object, **__: object) -> list[Any]:
         return [(socket.AF_INET, socket.SOCK_STREAM, 6, "", (address, 0)) for address in ("127.0.0.1", "192.168.1.5")]
 
@@ -143,9 +139,7 @@ def test_a_landing_is_not_refused_and_is_done_at_real_speed(write: Write, capsys
 
 def test_every_instrument_has_an_address_that_the_rule_knows() -> None:
     for name, field in Instruments.model_fields.items():
-        kinds = [
-            kind for kind in _leaves(field.annotation) if hasattr(kind, "model_fields") and kind is not NotInstalled
-        ]
+        kinds = [kind for kind in _leaves(field.annotation) if hasattr(kind, "model_fields") and kind is not NotInstalled]
         assert kinds or name == "sensors", name
         for kind in kinds:
             assert set(kind.model_fields) & {*PORTS, *HOSTS}, f"{name}: {kind.__name__} is reached by none of the keys"

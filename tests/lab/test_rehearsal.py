@@ -122,9 +122,7 @@ def test_a_robot_without_a_spine_needs_no_line_about_one(tmp_path: Path, capsys:
     assert not re.search("home|set_spine|ambient|spine=", code)
 
 
-def test_visits_that_wait_for_rest_read_what_a_bending_sweep_reads(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_visits_that_wait_for_rest_read_what_a_bending_sweep_reads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     own = tmp_path / "own.py"
     own.write_text(
         """

@@ -61,21 +61,15 @@ def test_a_killed_run_is_resumed_from_its_first_unfinished_trial(real_lab: Virtu
     # The unfinished sweep was begun again: its first state is there twice, in two files, and once in the table.
     assert 2 in {event.row.trial for event in Recording.open(first, truncated=True).trials}
     assert lab("recover", first, "--out", broken / "first.mcap") == 3
-    assert (
-        lab("recover", first) == 3
-    )  # as the how-to has it: the torn file, its recovered one and the resumed run together
+    assert lab("recover", first) == 3  # as the how-to has it: the torn file, its recovered one and the resumed run together
     together = [first, broken / f"{first.stem}-recovered.mcap", second]
     assert read_case(together).table.rows == read_case([second, broken / "first.mcap"]).table.rows
     assert [(run.planned, run.rows) for run in runs(broken) if run.path == second.name] == [(6, 4)]
     resumed = read_case([second, broken / "first.mcap"]).table
-    assert [(r.trial, r.step, r.repeat, r.branch) for r in resumed] == [
-        (t, s, 1, "load") for t in (1, 2, 3) for s in (1, 2)
-    ]
+    assert [(r.trial, r.step, r.repeat, r.branch) for r in resumed] == [(t, s, 1, "load") for t in (1, 2, 3) for s in (1, 2)]
     assert resumed["spine_length"] == pytest.approx([0.0, 0.0, 0.03, 0.03, 0.06, 0.06], abs=1e-3)
     assert [round(r.pressures[8], -4) for r in resumed] == [0.0, 80e3] * 3
-    assert (resumed["t"][1:] > resumed["t"][:-1]).all() and set(read_case([second]).table.columns) <= set(
-        resumed.columns
-    )
+    assert (resumed["t"][1:] > resumed["t"][:-1]).all() and set(read_case([second]).table.columns) <= set(resumed.columns)
 
     assert lab("run", "--resume", journal, "--rig", real_lab.rig) in (0, 3)
     assert read_case([second, broken / "first.mcap"]).table.rows == resumed.rows
@@ -101,9 +95,7 @@ def test_a_run_that_was_stopped_says_how_to_go_on_and_that_does(
     assert {row.trial for row in read_case([first, second]).table} == {1, 2, 3}
 
 
-def test_what_cannot_be_resumed_is_told(
-    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_cannot_be_resumed_is_told(virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "a.journal").write_text(
         '{"journal": 1, "campaign": "c", "protocol": "bending"}\n{"recording": "gone.mcap", "first_trial": 1}\n'
     )

@@ -66,9 +66,7 @@ def changed(robot: Robot, **values: Any) -> Robot:
 def close(a: Any, b: Any, rel: float = 1e-12) -> bool:
     """Whether all numbers of two dumps agree."""
     if isinstance(a, dict):
-        return len(a) == len(b) and all(
-            close(*pair, rel) for pair in zip(sorted(a.items()), sorted(b.items()), strict=True)
-        )
+        return len(a) == len(b) and all(close(*pair, rel) for pair in zip(sorted(a.items()), sorted(b.items()), strict=True))
     if isinstance(a, (list, tuple)):
         return len(a) == len(b) and all(close(x, y, rel) for x, y in zip(a, b, strict=True))
     return math.isclose(a, b, rel_tol=rel) if isinstance(a, float) else bool(a == b)
@@ -171,9 +169,7 @@ def test_an_entry_with_a_comment_is_commented_out_and_one_without_is_removed() -
     given = ARM + "uncertainty: {tilt: 1 deg}   # spirit level\nmax_pressure: 90 kPa\n"
     robot = changed(read(given), uncertainty={"length": 2e-3, "frame_shift": 1e-3}, max_pressure=None)
     text = robot_yaml(robot, given)
-    assert (
-        lines(given, text)[1] == ["uncertainty: {frame_shift: 0.001}   # spirit level"] and "max_pressure" not in text
-    )
+    assert lines(given, text)[1] == ["uncertainty: {frame_shift: 0.001}   # spirit level"] and "max_pressure" not in text
     given = given.replace(" +- 2 mm ", "")
     bare = robot_yaml(changed(read(given), uncertainty={}), given)
     assert "# uncertainty: {tilt: 1 deg}   # spirit level\nmax_pressure: 90 kPa\n" in bare
@@ -205,9 +201,7 @@ def test_parts_of_a_body_are_edited_where_they_stand() -> None:
     assert read(robot_yaml(shorter, given)) == shorter and "# tape, three readings" in robot_yaml(shorter, given)
 
 
-def test_lab_fit_keeps_the_file_of_the_case_and_so_does_a_second_fit(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_lab_fit_keeps_the_file_of_the_case_and_so_does_a_second_fit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     case = folder(tmp_path / "case", campaign({}, repeats=1, lengths=(0.0, 0.15)))
     given = (case / "robot.yaml").read_text().replace("length: 0.40  ", "length: 40 cm")
     (case / "robot.yaml").write_text(given)
@@ -219,10 +213,7 @@ def test_lab_fit_keeps_the_file_of_the_case_and_so_does_a_second_fit(
         assert [x for x in lines(given, text)[0] if not x.startswith("area_factor:")] == []
     sample = (tmp_path / "known" / "samples" / "robot-0001.yaml").read_text()
     assert [c for c in comments if c not in sample] == [] and "posterior" not in sample
-    assert (
-        main(["fit", str(case), "--robot", str(tmp_path / "known" / "robot.yaml"), "--out", str(tmp_path / "again")])
-        == 0
-    )
+    assert main(["fit", str(case), "--robot", str(tmp_path / "known" / "robot.yaml"), "--out", str(tmp_path / "again")]) == 0
     plain, refitted = (load(tmp_path / out / "robot.yaml", Robot).model_dump() for out in ("plain", "again"))
     assert close(plain, refitted, rel=1e-3)
     again = (tmp_path / "again" / "robot.yaml").read_text()

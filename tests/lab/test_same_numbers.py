@@ -100,9 +100,7 @@ def in_statement(text: str) -> Numbers:
     )
     moved = re.search(r"Beyond what an area factor takes up, (.*?\))(?:, more than the gap[^.]*)?\.", text)
     parts = moved[1].split("; ") if moved else []
-    return said | {
-        f"{name} moves": mm for p in parts for name, mm in re.findall(r"^(.+) moves the tip by ([\d.]+) mm", p)
-    }
+    return said | {f"{name} moves": mm for p in parts for name, mm in re.findall(r"^(.+) moves the tip by ([\d.]+) mm", p)}
 
 
 def in_page(text: str) -> Numbers:

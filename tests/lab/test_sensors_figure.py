@@ -49,9 +49,7 @@ def test_every_quantity_is_drawn(tmp_path: Path) -> None:
 
 
 def test_a_page_has_a_panel_for_each_quantity_and_axis(tmp_path: Path) -> None:
-    panels = [
-        matplotlib.image.imread(path) for path in apart(sensors(table(), Chambers.words), tmp_path / "sensors.png")
-    ]
+    panels = [matplotlib.image.imread(path) for path in apart(sensors(table(), Chambers.words), tmp_path / "sensors.png")]
     assert len(panels) == 4
     assert all(panel.shape[1] < 700 for panel in panels)  # at 150 dots an inch: no wider than a phone
     assert all((panel[..., :3].min(axis=2) < 0.5).mean() > 0.001 for panel in panels)

@@ -22,9 +22,7 @@ def two(tmp_path: Path) -> tuple[str, str]:
     return str(first), str(second)
 
 
-def test_each_of_several_recordings_is_told_by_its_name(
-    two: tuple[str, str], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_each_of_several_recordings_is_told_by_its_name(two: tuple[str, str], capsys: pytest.CaptureFixture[str]) -> None:
     one = main(["replay", two[0], "--json"])
     whole = json.loads(capsys.readouterr().out)
     assert main(["replay", *two, "--json"]) == one

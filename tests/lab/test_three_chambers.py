@@ -58,9 +58,7 @@ def test_the_virtual_robot_puts_its_tip_where_the_rod_does() -> None:
     assert np.linalg.norm(expected[-1] - expected[0]) > 0.02
 
 
-def test_the_fakes_have_no_length_unit_and_the_plan_asks_for_none(
-    rig: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_fakes_have_no_length_unit_and_the_plan_asks_for_none(rig: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert not {"spine", "valve", "gauge"} & set(yaml.safe_load(rig.read_text())["instruments"])
     assert main(["plan", "bending", "--rig", str(rig), "--json"]) == 2  # the paper's 250 kPa are too much for it
     assert "above max_pressure = 80000 Pa" in capsys.readouterr().err

@@ -33,9 +33,7 @@ from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
 
 SHORT = [
-    word
-    for setting in ("spine_lengths=[0.05]", "pressures=[60 kPa, 90 kPa]", *PATIENT_SETTLE)
-    for word in ("--set", setting)
+    word for setting in ("spine_lengths=[0.05]", "pressures=[60 kPa, 90 kPa]", *PATIENT_SETTLE) for word in ("--set", setting)
 ]
 SAID = ["--operator", "Ada", "--specimen", "S 7", "--tag", "batch=<b>3</b>"]
 HOSTILE = "<img src=x onerror=alert(1)> [/red] \x1b[2J"
@@ -433,9 +431,7 @@ def test_what_is_silent_or_not_safe_is_said_and_no_old_number_looks_new(tmp_path
 
 
 @pytest.mark.long
-def test_a_browser_shows_text_from_outside_as_text_and_asks_for_nothing_beyond_the_page(
-    tmp_path: Path, page: Browser
-) -> None:
+def test_a_browser_shows_text_from_outside_as_text_and_asks_for_nothing_beyond_the_page(tmp_path: Path, page: Browser) -> None:
     plan = json.dumps({"steps": [{"label": HOSTILE, "seconds": 1.0}]}).encode()
     robot = json.dumps({"name": HOSTILE}).encode()
     attachments = {"plan.json": plan, "robot.yaml": robot, "protocol.yaml": json.dumps({"protocol": HOSTILE}).encode()}

@@ -43,9 +43,7 @@ def forging(virtual_lab: VirtualLab) -> Iterator[None]:
         thread.join()
 
 
-def test_check_tells_once_that_something_else_speaks(
-    virtual_lab: VirtualLab, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_check_tells_once_that_something_else_speaks(virtual_lab: VirtualLab, capsys: pytest.CaptureFixture[str]) -> None:
     with forging(virtual_lab):
         assert main(["check", "--rig", str(virtual_lab.rig), "--seconds", "1", "--json"]) in (0, 3)
     said = capsys.readouterr()

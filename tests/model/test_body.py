@@ -76,9 +76,7 @@ def test_forward_model_and_rods_agree_on_a_body_of_sections(reference_robot: Rob
 
 def test_a_taper_converges_with_its_pieces(reference_robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     taper = {
-        "sections": [
-            {"length": 0.4, "outer_radius": (0.05, 0.035), "inner_radius": (0.02, 0.014), "path_radius": (0.04, 0.026)}
-        ],
+        "sections": [{"length": 0.4, "outer_radius": (0.05, 0.035), "inner_radius": (0.02, 0.014), "path_radius": (0.04, 0.026)}],
         "spine": None,
     }
     tapered = changed(reference_robot, **taper)

@@ -35,9 +35,7 @@ def test_exact_tips_give_the_exact_factor(paper_robot: Robot, bending: Bending) 
     assert fit.factor.value == pytest.approx(2.2, rel=1e-7)
 
 
-def test_a_factor_of_its_own_for_each_length_gives_back_the_papers_sequence(
-    paper_robot: Robot, bending: Bending
-) -> None:
+def test_a_factor_of_its_own_for_each_length_gives_back_the_papers_sequence(paper_robot: Robot, bending: Bending) -> None:
     lengths = [0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3]
     states = bending(paper_robot, lengths, PRESSURES)
     fits = fit_area_factor_by_length(paper_robot.with_area_factor(1.0), states, solved(paper_robot, states).tip)

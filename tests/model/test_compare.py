@@ -33,9 +33,7 @@ def test_the_table_goes_to_json(paper_robot: Robot) -> None:
     assert json.loads(json.dumps(table.as_dict()))["rows"][0]["n"] == 1
 
 
-@pytest.mark.parametrize(
-    ("measured", "word"), [(np.zeros((1, 3)), "measured"), (np.full((2, 3), np.nan), "not finite")]
-)
+@pytest.mark.parametrize(("measured", "word"), [(np.zeros((1, 3)), "measured"), (np.full((2, 3), np.nan), "not finite")])
 def test_measurements_that_do_not_fit_are_refused(paper_robot: Robot, measured: np.ndarray, word: str) -> None:
     states = conditions(paper_robot, [0.0, 0.1], np.zeros(9))
     with pytest.raises(BadCondition, match=word):

@@ -36,9 +36,7 @@ def test_single_values_hold_for_all_states_and_the_tip_mass_comes_from_the_robot
         ({"spine_length": "long", "pressure": NINE}, ["spine_length", "'long'", "numbers"]),
     ],
 )
-def test_a_bad_state_is_refused_with_field_and_value(
-    paper_robot: Robot, arguments: dict[str, Any], words: list[str]
-) -> None:
+def test_a_bad_state_is_refused_with_field_and_value(paper_robot: Robot, arguments: dict[str, Any], words: list[str]) -> None:
     with pytest.raises(BadCondition) as caught:
         conditions(paper_robot, **arguments)
     for word in words:

@@ -24,9 +24,7 @@ def test_its_error_is_the_known_one(
 ) -> None:
     states = bending(reference_robot, SPINES, PRESSURES)
     off = (
-        np.linalg.norm(
-            solved(reference_robot, states, method=Paper(steps)).tip - solved(reference_robot, states).tip, axis=1
-        )
+        np.linalg.norm(solved(reference_robot, states, method=Paper(steps)).tip - solved(reference_robot, states).tip, axis=1)
         * 1e3
     )
     assert off.argmax() == 4  # no spine, 250 kPa
@@ -44,9 +42,7 @@ def test_orientation_and_base_loads_approach_the_converged_ones(paper_robot: Rob
 
 
 def test_what_shooting_cannot_close_is_flagged(paper_robot: Robot) -> None:
-    wild = robot_from_dict(
-        {**paper_robot.model_dump(), "youngs_modulus": 1e4, "shear_modulus": 3e3, "area_factor": 10.0}
-    )
+    wild = robot_from_dict({**paper_robot.model_dump(), "youngs_modulus": 1e4, "shear_modulus": 3e3, "area_factor": 10.0})
     result = solved(wild, conditions(wild, 0.0, np.array([2e6] + 8 * [0.0])), method=Paper())
     assert not result.converged[0] and np.isnan(result.tip[0]).all()
 

@@ -59,9 +59,7 @@ def columns(pressures: NDArray[np.float64], lengths: NDArray[np.float64]) -> dic
 
 
 @pytest.mark.parametrize("markers", [(), (0.2,)])
-def test_a_robot_without_any_uncertainty_has_an_interval_of_no_width(
-    paper_robot: Robot, markers: tuple[float, ...]
-) -> None:
+def test_a_robot_without_any_uncertainty_has_an_interval_of_no_width(paper_robot: Robot, markers: tuple[float, ...]) -> None:
     robot = paper_robot.model_copy(update={"markers": markers})
     found = predict_campaign(robot, columns(*asked(4)), intervals=True)
     assert found.sd is not None and not found.sd.any() and found.shape.shape == (4, len(markers), 3)
@@ -94,9 +92,9 @@ def test_gradients_are_those_of_differences(paper_robot: Robot, effects: dict[st
     assert found.tip_by_pressure is not None and found.tip_by_length is not None
     for c in (0, 4):
         step = 500.0 * np.eye(9)[c]
-        differences = (at(p + step, lengths).tip - at(p - np.minimum(step, p), lengths).tip) / (
-            step + np.minimum(step, p)
-        )[:, c, None]
+        differences = (at(p + step, lengths).tip - at(p - np.minimum(step, p), lengths).tip) / (step + np.minimum(step, p))[
+            :, c, None
+        ]
         np.testing.assert_allclose(found.tip_by_pressure[:, :, c], differences, atol=2e-8)
     along = (at(p, lengths + 1e-4).tip - at(p, lengths - 1e-4).tip) / 2e-4
     np.testing.assert_allclose(found.tip_by_length, along, rtol=0.01, atol=1e-3)

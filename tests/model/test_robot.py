@@ -123,9 +123,7 @@ def test_the_robot_cannot_be_changed_in_place(paper_robot: Robot) -> None:
         paper_robot.length = 0.5  # type: ignore[misc]
 
 
-@pytest.mark.parametrize(
-    ("text", "word"), [("- 1\n- 2\n", "no table"), ("a: [1,\n", "not valid YAML"), ("name: x\n", "length")]
-)
+@pytest.mark.parametrize(("text", "word"), [("- 1\n- 2\n", "no table"), ("a: [1,\n", "not valid YAML"), ("name: x\n", "length")])
 def test_a_bad_file_is_named(tmp_path: Path, text: str, word: str) -> None:
     path = tmp_path / "robot.yaml"
     path.write_text(text)
@@ -140,12 +138,8 @@ def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
 
 
 def test_reading_a_robot_loads_no_solver() -> None:
-    code = (
-        "import sys, model.robot, model.section; print(any(m in sys.modules for m in ('numba', 'scipy', 'matplotlib')))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=Path(__file__).parents[2]
-    )
+    code = "import sys, model.robot, model.section; print(any(m in sys.modules for m in ('numba', 'scipy', 'matplotlib')))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=Path(__file__).parents[2])
     assert done.stdout.strip() == "False"
 
 

@@ -59,17 +59,13 @@ def test_an_out_of_plane_state_agrees_with_collocation(paper_robot: Robot) -> No
             v = turn.T @ n / batch.field("stretch_stiffness")[0, 1] + [0, 0, 1]
             u = turn.T @ m / batch.field("bend_stiffness")[0, 1]
             cross = np.array([[0, -u[2], u[1]], [u[2], 0, -u[0]], [-u[1], u[0], 0]])
-            out[:, k] = np.concatenate(
-                [turn @ v, (turn @ cross).ravel(), -batch.field("load")[0, 0], -np.cross(turn @ v, n)]
-            )
+            out[:, k] = np.concatenate([turn @ v, (turn @ cross).ravel(), -batch.field("load")[0, 0], -np.cross(turn @ v, n)])
         return out
 
     def ends(a: np.ndarray, b: np.ndarray) -> np.ndarray:
         turn = b[3:12].reshape(3, 3)
         force = b[12:15] - turn @ batch.field("tip_force")[0] - batch.field("dead_force")[0]
-        return np.concatenate(
-            [a[:3], a[3:12] - np.eye(3).ravel(), force, b[15:18] - turn @ batch.field("tip_moment")[0]]
-        )
+        return np.concatenate([a[:3], a[3:12] - np.eye(3).ravel(), force, b[15:18] - turn @ batch.field("tip_moment")[0]])
 
     s = np.linspace(0, 0.4, 15)
     guess = np.zeros((18, s.size))
@@ -113,9 +109,7 @@ def test_a_roll_of_forty_degrees_turns_the_tip_by_forty_degrees(paper_robot: Rob
     c, s = np.cos(np.deg2rad(40)), np.sin(np.deg2rad(40))
     turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     np.testing.assert_allclose(result.tip[1], turn @ result.tip[0], atol=1e-9)
-    np.testing.assert_allclose(
-        rotation(result.orientation[1]), turn @ rotation(result.orientation[0]) @ turn.T, atol=1e-9
-    )
+    np.testing.assert_allclose(rotation(result.orientation[1]), turn @ rotation(result.orientation[0]) @ turn.T, atol=1e-9)
 
 
 def test_base_carries_weight_and_thrust(paper_robot: Robot, bending: Bending) -> None:
@@ -127,9 +121,7 @@ def test_base_carries_weight_and_thrust(paper_robot: Robot, bending: Bending) ->
     )
 
 
-def test_shape_starts_at_the_base_ends_at_the_tip_and_is_given_in_the_order_asked(
-    paper_robot: Robot, bending: Bending
-) -> None:
+def test_shape_starts_at_the_base_ends_at_the_tip_and_is_given_in_the_order_asked(paper_robot: Robot, bending: Bending) -> None:
     state = bending(paper_robot, [0.0, 0.2], [100e3])
     result = solved(paper_robot, state, [0.4, 0.0, 0.2, 0.1])
     np.testing.assert_allclose(result.shape[:, 0], result.tip, atol=1e-9)
@@ -146,9 +138,7 @@ def test_a_state_does_not_depend_on_its_neighbours_in_the_batch(paper_robot: Rob
 
 def test_random_states_of_a_soft_robot_are_all_in_equilibrium(paper_robot: Robot) -> None:
     draw = np.random.default_rng(7)
-    soft = robot_from_dict(
-        {**paper_robot.model_dump(), "youngs_modulus": 3e5, "shear_modulus": 1e5, "gravity": [7.0, 0.0, -7.0]}
-    )
+    soft = robot_from_dict({**paper_robot.model_dump(), "youngs_modulus": 3e5, "shear_modulus": 1e5, "gravity": [7.0, 0.0, -7.0]})
     n = 100
     pressure = draw.uniform(0, 400e3, (n, 9)) * (draw.uniform(size=(n, 9)) < 0.5)
     states = conditions(soft, draw.uniform(0, 0.3, n), pressure, draw.uniform(0, 0.3, n), draw.uniform(0, 6, n))

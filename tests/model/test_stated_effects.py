@@ -114,9 +114,7 @@ def test_an_effect_of_ones_own_may_stand_there(paper_robot: Robot) -> None:
 
 
 def test_the_uncertainty_of_a_robot_is_one_covariance(paper_robot: Robot) -> None:
-    robot = robot_from_dict(
-        stating(paper_robot, effects={"spine_slip": SLIP, "chamber_azimuth": AZIMUTH}, posterior=POSTERIOR)
-    )
+    robot = robot_from_dict(stating(paper_robot, effects={"spine_slip": SLIP, "chamber_azimuth": AZIMUTH}, posterior=POSTERIOR))
     names, covariance = robot.joint_uncertainty()
     assert names == ("area_factor", "chamber_azimuth.angle", "spine_slip.moment", "spine_slip.stroke")
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)), [0.01, 0.01, 0.01, 0.2])

@@ -19,9 +19,7 @@ def test_after_warming_up_no_kernel_of_the_diagnosis_is_compiled() -> None:
     warm_up()
     with event.install_recorder("numba:compile") as compiled:
         n = 3 * 8 + 1
-        rows = rods(
-            UNIFORM.form, n, length=0.2, bend_stiffness=0.2, stretch_stiffness=90.0, tip_force=[0.0, 0.2, 0.0]
-        ).values
+        rows = rods(UNIFORM.form, n, length=0.2, bend_stiffness=0.2, stretch_stiffness=90.0, tip_force=[0.0, 0.2, 0.0]).values
         solved = solver.solve(UNIFORM, rows, np.array([0.05, 0.1]), solver.integration_steps(UNIFORM, rows))
         solver.solve(UNIFORM, rows, np.array([0.05, 0.1]), solved.steps, solved, inside=False)
         solver.differentiate(solved, np.zeros((2, UNIFORM.width)))

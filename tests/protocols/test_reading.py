@@ -57,9 +57,7 @@ class Narrator:
 HUMIDITY = sensor("skin", {"humidity": "1"})
 
 
-def read(
-    path: Path, pauses: list[tuple[float, float]], repeatable: bool, topics: tuple[str, ...] = (TOPIC,)
-) -> list[str]:
+def read(path: Path, pauses: list[tuple[float, float]], repeatable: bool, topics: tuple[str, ...] = (TOPIC,)) -> list[str]:
     """What is said while one state is read in a window of 1 s; pauses from and to so many s after its begin."""
     clock, narrator = ClockOfStream(), Narrator()
     with Recorder(path, start_wall_ns=10**18, sensors=[HUMIDITY]) as recorder:

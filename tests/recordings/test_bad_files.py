@@ -25,9 +25,7 @@ STATE = State(
 )  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    "text", ["[" * 100_000, '{"a":' * 5000, "9" * 5000, '"\\ud800"', "", b"\xff", "\0", "[" * 60 + "]" * 60]
-)
+@pytest.mark.parametrize("text", ["[" * 100_000, '{"a":' * 5000, "9" * 5000, '"\\ud800"', "", b"\xff", "\0", "[" * 60 + "]" * 60])
 def test_json_that_is_too_deep_too_long_or_no_json_is_a_value_error(text: str | bytes) -> None:
     with pytest.raises(ValueError):
         read_json(text)

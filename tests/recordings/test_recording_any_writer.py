@@ -76,9 +76,7 @@ def test_every_combination_of_features_is_read_right(tmp_path: Path, kind: str, 
 
 @pytest.mark.parametrize("every", [61, pytest.param(5, marks=pytest.mark.long)])
 @pytest.mark.parametrize("compression", ["", "lz4", "zstd"])
-def test_recover_keeps_all_of_every_combination_and_takes_its_own_output(
-    tmp_path: Path, compression: str, every: int
-) -> None:
+def test_recover_keeps_all_of_every_combination_and_takes_its_own_output(tmp_path: Path, compression: str, every: int) -> None:
     written = [(r.log_time, r.sequence, r.data) for r in INPUTS["everything"] if isinstance(r, Message)]
     source, once, twice = (tmp_path / f"{name}.mcap" for name in ("source", "once", "twice"))
     for number, features in enumerate(combinations()):
@@ -112,9 +110,7 @@ def test_every_cut_of_a_file_without_chunks_keeps_the_messages_before_it(tmp_pat
 
 @pytest.mark.parametrize("every", [13, pytest.param(1, marks=pytest.mark.long)])
 @pytest.mark.parametrize("compression", ["", "lz4", "zstd"])
-@pytest.mark.parametrize(
-    "features", [frozenset(FEATURES), frozenset(FEATURES) - {"extra bytes"}, frozenset({"chunks"})]
-)
+@pytest.mark.parametrize("features", [frozenset(FEATURES), frozenset(FEATURES) - {"extra bytes"}, frozenset({"chunks"})])
 def test_no_changed_bit_of_a_file_with_checksums_is_missed(
     tmp_path: Path, features: frozenset[str], compression: str, every: int
 ) -> None:
@@ -170,9 +166,7 @@ def test_every_option_of_foxglove(tmp_path: Path, compression: str | None) -> No
     from foxglove.mcap import MCAPCompression, MCAPWriteOptions
 
     packed = None if compression is None else getattr(MCAPCompression, compression)
-    for number, off in enumerate(
-        itertools.chain([()], itertools.combinations(OPTIONS, 1), itertools.combinations(OPTIONS, 2))
-    ):
+    for number, off in enumerate(itertools.chain([()], itertools.combinations(OPTIONS, 1), itertools.combinations(OPTIONS, 2))):
         path, context = tmp_path / f"{number}.mcap", foxglove.Context()
         options = MCAPWriteOptions(compression=packed, chunk_size=500, **dict.fromkeys(off, False))
         with foxglove.open_mcap(path, context=context, writer_options=options):

@@ -46,9 +46,7 @@ def empty_messages(count: int) -> bytes:
 def entries(count: int) -> bytes:
     """A channel with metadata of so many entries."""
     pairs = b"".join(struct.pack("<III", 4, k, 0) for k in range(count))
-    return record(
-        Opcode.CHANNEL, struct.pack("<HHI", 9, 0, 1) + b"/" + bytes(4) + struct.pack("<I", len(pairs)) + pairs
-    )
+    return record(Opcode.CHANNEL, struct.pack("<HHI", 9, 0, 1) + b"/" + bytes(4) + struct.pack("<I", len(pairs)) + pairs)
 
 
 def torn_bomb() -> bytes:
@@ -67,11 +65,7 @@ def bombs() -> dict[str, bytes]:
         "many chunks of the largest size": whole(definitions(), packed(bytes(SMALL_CHUNK)) * 40),
         "messages without content": whole(definitions(), packed(empty_messages(250_000)) * 3),
         "channels by the ten thousand": whole(
-            packed(
-                b"".join(
-                    record(Opcode.CHANNEL, struct.pack("<HHI", k, 0, 4) + b"/tip" + bytes(8)) for k in range(60_000)
-                )
-            )
+            packed(b"".join(record(Opcode.CHANNEL, struct.pack("<HHI", k, 0, 4) + b"/tip" + bytes(8)) for k in range(60_000)))
         ),
         "a channel of half a million texts": whole(packed(entries(500_000))),
         "records of an unknown kind": whole(definitions(), packed(record(0x80, b"") * 900_000)),
@@ -110,9 +104,7 @@ def test_bombs_take_no_more_memory_than_a_small_file_may(tmp_path: Path) -> None
         assert len(data) < MB
         (tmp_path / f"{number}.mcap").write_bytes(data)
     files = [str(tmp_path / f"{number}.mcap") for number in range(len(bombs()))]
-    done = subprocess.run(
-        [sys.executable, "-c", CHILD, *files], capture_output=True, text=True, timeout=250, check=False
-    )
+    done = subprocess.run([sys.executable, "-c", CHILD, *files], capture_output=True, text=True, timeout=250, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
     found = {name: json.loads(done.stdout)[str(number)][0] for number, name in enumerate(bombs())}
     assert {name: memory for name, memory in found.items() if memory > 64} == {}

@@ -79,9 +79,7 @@ LOSSLESS = (delete, rename, delete_folder, rename_folder, replace, into_folder)
 
 
 @pytest.mark.parametrize("harm", LOSSLESS)
-def test_a_recording_that_lost_its_place_is_whole_in_the_rescue_file(
-    harm: Callable[[Path], None], tmp_path: Path
-) -> None:
+def test_a_recording_that_lost_its_place_is_whole_in_the_rescue_file(harm: Callable[[Path], None], tmp_path: Path) -> None:
     recorder, journal = begun(tmp_path / "out", tmp_path / "rig")
     harm(tmp_path / "out" / "run.mcap")
     until(lambda: recorder.displaced)

@@ -101,9 +101,7 @@ def check_by_node(file: Path, modules: Path) -> None:
     assert found["metadata"] == recording.metadata
 
 
-def test_an_independent_reader_finds_equal_counts_order_sums_attachments_and_metadata(
-    path: Path, node_modules: Path
-) -> None:
+def test_an_independent_reader_finds_equal_counts_order_sums_attachments_and_metadata(path: Path, node_modules: Path) -> None:
     check_by_node(path, node_modules)
     topics = read_by_node(path, node_modules)["topics"]
     assert topics["/force"]["metadata"]["unit.raw"] == "N, N m" and topics["/arm"]["schema"] == "lab.Arm"

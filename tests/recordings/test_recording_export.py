@@ -99,9 +99,7 @@ def test_every_column_is_described_with_unit_and_time_base(recording: Recording,
         if name != "columns":
             heads = path.read_text().splitlines()[0].split(",")
             assert [column for of, column in rows if of == name] == heads
-    assert rows["pressure", "measured_2"]["unit"] == "Pa" and rows["pressure", "measured_2"]["meaning"].startswith(
-        "chamber 2;"
-    )
+    assert rows["pressure", "measured_2"]["unit"] == "Pa" and rows["pressure", "measured_2"]["meaning"].startswith("chamber 2;")
     assert [rows["tip", f"orientation_{i}"]["meaning"].partition(";")[0] for i in range(1, 5)] == ["w", "x", "y", "z"]
     assert [rows["tip", f"markers_{i}"]["meaning"].partition(";")[0] for i in (1, 6)] == [
         "x of number 1",
@@ -116,9 +114,7 @@ def test_a_sensor_s_column_says_what_its_driver_declares(tmp_path: Path) -> None
     palm = sensor("palm", {"grip": "N"})
     with Recorder(tmp_path / "run.mcap", start_wall_ns=10**18, sensors=[palm]) as recorder:
         recorder.push(palm.topic, 0.5, grip=2.0)
-        recorder.trial(
-            1.0, 1, TrialRow(1, 1, "squeeze", 1, "load", 1.0, 0.0, (0.0,) * 9, sensors={"sensor_palm_grip": 2.0})
-        )
+        recorder.trial(1.0, 1, TrialRow(1, 1, "squeeze", 1, "load", 1.0, 0.0, (0.0,) * 9, sensors={"sensor_palm_grip": 2.0}))
     written = export_streams(Recording.open(tmp_path / "run.mcap"), tmp_path)
     rows = {row["column"]: row for row in csv.DictReader(written[-1].read_text().splitlines())}
     assert (rows["grip"]["unit"], rows["grip"]["meaning"]) == ("N", "grip measured by the sensor palm")

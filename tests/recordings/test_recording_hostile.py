@@ -178,9 +178,7 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, str]]:
         names[f"f{number}"] = name
         (folder / f"f{number}.mcap").write_bytes(data)
     files = [str(folder / f"{stem}.mcap") for stem in names]
-    done = subprocess.run(
-        [sys.executable, "-c", CHILD, *files], capture_output=True, text=True, timeout=600, check=False
-    )
+    done = subprocess.run([sys.executable, "-c", CHILD, *files], capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
     return {names[stem]: answer for stem, answer in json.loads(done.stdout).items()}
 

@@ -74,9 +74,7 @@ def test_an_independent_protobuf_decoder_and_the_array_give_back_the_values(topi
 @pytest.mark.parametrize("topic", MESSAGES)
 @settings(max_examples=20)
 @given(data=st.data())
-def test_every_message_of_a_type_has_the_same_bytes_everywhere_but_in_its_values(
-    topic: str, data: st.DataObject
-) -> None:
+def test_every_message_of_a_type_has_the_same_bytes_everywhere_but_in_its_values(topic: str, data: st.DataObject) -> None:
     message = MESSAGES[topic]
     payload = message.encode(data.draw(st.floats(0, 1e6)), data.draw(values_of(message)))
     assert len(payload) == message.size
@@ -117,9 +115,7 @@ def test_a_tip_without_body_markers_has_no_bytes_for_them() -> None:
         ("/arm", (0.0, (0,) * 6, (0,) * 6, (0,) * 6, -1, True), "safety_bits"),
     ],
 )
-def test_values_that_do_not_fit_are_refused_with_the_name_of_the_field(
-    topic: str, values: tuple[object, ...], word: str
-) -> None:
+def test_values_that_do_not_fit_are_refused_with_the_name_of_the_field(topic: str, values: tuple[object, ...], word: str) -> None:
     with pytest.raises(BadMessage, match=word) as caught:
         STREAMS[topic].encode(0.0, values)
     assert topic in str(caught.value)

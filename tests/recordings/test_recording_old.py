@@ -26,9 +26,7 @@ ROWS = "da6d84d895c56a82090180ffc0f5f7c9d00ac08e6b23e46202a8829fd361d3a4"
 def test_it_reads_in_full() -> None:
     recording = Recording.open(OLD)
     assert recording.metadata["recording"]["schema_version"] == "1"
-    counts = {
-        topic: len(recording.stream(topic)) for topic in ("/pressure", "/tip", "/spine", "/vacuum", "/force", "/arm")
-    }
+    counts = {topic: len(recording.stream(topic)) for topic in ("/pressure", "/tip", "/spine", "/vacuum", "/force", "/arm")}
     assert counts == {"/pressure": 90, "/tip": 112, "/spine": 22, "/vacuum": 22, "/force": 22, "/arm": 28}
     assert recording.stream("/tip")["markers"].shape == (112, 2, 3)
     assert [line.text for line in recording.log] == ["recording starts", "written by version 0.1.0"]

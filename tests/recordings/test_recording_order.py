@@ -54,9 +54,7 @@ def add_rows(source: Path, target: Path, rows: dict[int, TrialRow | None]) -> No
     """A copy in which every state has its row."""
     kept = rewritten(source, target.with_name("copy.mcap"))
     payloads = [
-        (n, events.encoded(events.TRIAL, row, t=11.0, number=n, json=row.to_json()))
-        for n, row in rows.items()
-        if row is not None
+        (n, events.encoded(events.TRIAL, row, t=11.0, number=n, json=row.to_json())) for n, row in rows.items() if row is not None
     ]
     rewritten(kept, target, more=[("/trial", payload, n) for n, payload in payloads])
 
@@ -177,6 +175,4 @@ def test_counts_below_zero_in_a_file_are_no_counts_and_verify_says_so(run: Path,
     found = info(path).streams["/vacuum"]
     assert found.lost is None and found.dropped is None
     texts = [p.text for p in verify(path).problems]
-    assert any("lost is given as -5" in text for text in texts) and any(
-        "written is given as -2" in text for text in texts
-    )
+    assert any("lost is given as -5" in text for text in texts) and any("written is given as -2" in text for text in texts)

@@ -64,9 +64,7 @@ def test_the_fast_way_equals_the_library_and_the_protobuf_runtime(whole: Path) -
             found = [(schema, message.data) for schema, _, message in make_reader(file).iter_messages([topic])]
         schema = found[0][0]
         assert schema is not None
-        slow = samples.decode(
-            recording._message(recording._channel(topic)), schema, [data for _, data in found], len(found)
-        )
+        slow = samples.decode(recording._message(recording._channel(topic)), schema, [data for _, data in found], len(found))
         assert fast.dtype == slow.dtype and fast.tobytes() == slow.tobytes()
 
 
@@ -164,9 +162,7 @@ def test_an_index_that_lies_or_leaves_out_messages_misleads_nobody_and_is_notice
 def test_info_sums_up_counts_rates_and_provenance(whole: Path, tmp_path: Path) -> None:
     summary = info(whole)
     assert summary.finished and summary.complete and summary.outcome == "completed"
-    assert summary.streams["/tip"].timing.count == 199 and summary.streams["/tip"].timing.rate == pytest.approx(
-        100, 0.01
-    )
+    assert summary.streams["/tip"].timing.count == 199 and summary.streams["/tip"].timing.rate == pytest.approx(100, 0.01)
     assert summary.attachments == {"rig.yaml": 4} and summary.start.startswith("2001-09-09")
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(whole.read_bytes()[:-300])

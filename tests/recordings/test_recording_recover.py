@@ -46,9 +46,7 @@ def copied(source: Path, target: Path, compression: CompressionType) -> Path:
             if channel.topic not in channels:
                 number = writer.register_schema(schema.name, schema.encoding, schema.data)
                 channels[channel.topic] = writer.register_channel(channel.topic, "protobuf", number, channel.metadata)
-            writer.add_message(
-                channels[channel.topic], message.log_time, message.data, message.log_time, message.sequence
-            )
+            writer.add_message(channels[channel.topic], message.log_time, message.data, message.log_time, message.sequence)
         writer.finish()
     return target
 

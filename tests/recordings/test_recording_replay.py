@@ -124,11 +124,7 @@ def test_a_live_run_and_its_file_agree_to_the_last_bit(name: str, tmp_path: Path
     recording = Recording.open(tmp_path / "a.mcap")
     comparison = compare(recording)
     assert (comparison.live, comparison.replayed, comparison.differences) == (1, 1, ())
-    assert (
-        [r.to_json() for r in table_of(recording)]
-        == [r.to_json() for r in replay(tmp_path / "a.mcap")]
-        == [row.to_json()]
-    )
+    assert [r.to_json() for r in table_of(recording)] == [r.to_json() for r in replay(tmp_path / "a.mcap")] == [row.to_json()]
     assert recording.states[0].state == asked
 
 
@@ -307,9 +303,7 @@ def test_turning_back_undoes_a_rotation() -> None:
 
 
 def test_a_case_folder_and_tables_of_samples_come_out(tmp_path: Path) -> None:
-    with Recorder(
-        tmp_path / "a.mcap", start_wall_ns=0, markers=2, attachments={"robot.yaml": b"name: r\n"}
-    ) as recorder:
+    with Recorder(tmp_path / "a.mcap", start_wall_ns=0, markers=2, attachments={"robot.yaml": b"name: r\n"}) as recorder:
         for topic, t, values in Run().messages():
             recorder.push(topic, t, values)
         asked = STATES["settled"]

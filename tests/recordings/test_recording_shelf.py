@@ -15,13 +15,9 @@ from recordings.file.writer import Recorder
 from recordings.states.rules import State, Window
 
 
-def record(
-    path: Path, day: int, protocol: str, spine: float, lost: int = 0, end: str = "completed", **said: str
-) -> None:
+def record(path: Path, day: int, protocol: str, spine: float, lost: int = 0, end: str = "completed", **said: str) -> None:
     path.parent.mkdir(exist_ok=True)
-    recorder = Recorder(
-        path, start_wall_ns=1_700_000_000 * 10**9 + day * 86_400 * 10**9, metadata={RECORD: said} if said else {}
-    )
+    recorder = Recorder(path, start_wall_ns=1_700_000_000 * 10**9 + day * 86_400 * 10**9, metadata={RECORD: said} if said else {})
     for k in range(50):
         recorder.push("/pressure", k * 0.1, (TARGETS, TARGETS))
     state = State(

@@ -76,9 +76,7 @@ def test_a_finished_file_is_read_whole(path: Path) -> None:
         if len(expected):
             assert same(samples(pieces, topic), expected)
     assert [s for piece in pieces for s in piece.events["/state"]] == recording.states
-    assert [t.row.to_json() for piece in pieces for t in piece.events["/trial"]] == [
-        t.row.to_json() for t in recording.trials
-    ]
+    assert [t.row.to_json() for piece in pieces for t in piece.events["/trial"]] == [t.row.to_json() for t in recording.trials]
     assert [line for piece in pieces for line in piece.events["/log"]] == recording.log
     assert [(m.steps, m.steps_planned, m.seconds) for p in pieces for m in p.events["/progress"]] == [
         (0, 2, 0.0),

@@ -156,9 +156,7 @@ def test_many_producers_at_once_lose_nothing_and_keep_each_stream_in_order(tmp_p
     recording = Recording.open(tmp_path / "a.mcap")
     for topic in topics:
         assert counts[topic].written == 3000
-        assert np.array_equal(
-            recording.stream(topic)["t"], np.array([round(k * 1e-3 * 1e9) / 1e9 for k in range(3000)])
-        )
+        assert np.array_equal(recording.stream(topic)["t"], np.array([round(k * 1e-3 * 1e9) / 1e9 for k in range(3000)]))
     assert recording.stream("/vacuum")["absolute"].tolist() == list(range(3000))
 
 
@@ -187,9 +185,7 @@ def held(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Held]:
     recorder.close("completed")
 
 
-def test_what_is_pushed_is_seen_and_counted_at_once_while_the_writer_waits_for_the_disk(
-    held: Held, tmp_path: Path
-) -> None:
+def test_what_is_pushed_is_seen_and_counted_at_once_while_the_writer_waits_for_the_disk(held: Held, tmp_path: Path) -> None:
     recorder = held.recorder
     for t in (1.0, 1.5, 1.2, 1.5, 2.0):
         recorder.push("/vacuum", t, absolute=t)

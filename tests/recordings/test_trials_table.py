@@ -37,9 +37,7 @@ ROW = TrialRow(
     markers=((0.0, 0.0, 0.1), (math.nan,) * 3, (0.05, 0.0, 0.3)),
     sd={"x": 3e-4, "p1": 80.0},
 )
-PUSH = replace(
-    ROW, step=2, protocol="stiffness", tip=None, orientation=None, specimen="spine", force=0.5, deflection=2e-3
-)
+PUSH = replace(ROW, step=2, protocol="stiffness", tip=None, orientation=None, specimen="spine", force=0.5, deflection=2e-3)
 
 
 def written(tmp_path: Path, *rows: TrialRow) -> tuple[Path, list[str]]:
@@ -101,9 +99,7 @@ def test_a_row_as_text_is_exact(force: float) -> None:
         ("hold", "-1", "before the ramp's end"),
     ],
 )
-def test_a_cell_that_cannot_be_right_is_named_by_line_and_column(
-    tmp_path: Path, column: str, text: str, match: str
-) -> None:
+def test_a_cell_that_cannot_be_right_is_named_by_line_and_column(tmp_path: Path, column: str, text: str, match: str) -> None:
     path, lines = written(tmp_path, ROW)
     cells = lines[1].split(",")
     cells[lines[0].split(",").index(column)] = text

@@ -27,9 +27,7 @@ def house(request: pytest.FixtureRequest) -> Iterator[House]:
     house: House = request.getfixturevalue("real_house" if real else "simulated_house")
     fakes = house.fakes
     # Late for want of processors is not dead; how soon that is noticed is what tests change in their own rig.yaml.
-    changes = (
-        {"instruments": PATIENT["instruments"], "limits": {"max_age": 5.0, "pressure_error_time": 60.0}} if real else {}
-    )
+    changes = {"instruments": PATIENT["instruments"], "limits": {"max_age": 5.0, "pressure_error_time": 60.0}} if real else {}
     write_rig(fakes, house.rig, changes)
     house.rig.with_suffix(".latch").unlink(missing_ok=True)
     fakes.troubles.clear()

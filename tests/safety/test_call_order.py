@@ -136,9 +136,7 @@ def serial(kind: str, driver: Callable[[PtyFake, RigClock], Any], fake: Callable
 
 
 MACHINES = {
-    "alicat": serial(
-        "pressure", lambda f, c: alicat.Alicat("it", alicat.Config(port=f.port, timeout=PATIENCE), c), AlicatFake
-    ),
+    "alicat": serial("pressure", lambda f, c: alicat.Alicat("it", alicat.Config(port=f.port, timeout=PATIENCE), c), AlicatFake),
     "smc_itv": serial(
         "pressure",
         lambda f, c: smc_itv.SmcItv("it", smc_itv.Config(ports=(f.port,), **ONE_SET), c),
@@ -154,9 +152,7 @@ MACHINES = {
         lambda f, c: tmcl.TmclSpine("it", tmcl.Config(port=f.port, timeout=PATIENCE, metres_per_turn=0.1), c),
         TmclFake,
     ),
-    "numato": serial(
-        "valve", lambda f, c: numato.NumatoValve("it", numato.Config(port=f.port, timeout=PATIENCE), c), NumatoFake
-    ),
+    "numato": serial("valve", lambda f, c: numato.NumatoValve("it", numato.Config(port=f.port, timeout=PATIENCE), c), NumatoFake),
     "pfeiffer": serial(
         "gauge",
         lambda f, c: pfeiffer.PfeifferGauge("it", pfeiffer.Config(port=f.port, timeout=PATIENCE), c),

@@ -143,9 +143,7 @@ def test_a_jump_by_a_ratio_of_units_has_them_read_until_that_succeeds(ratio: flo
     assert not settings.may_have_changed("pressure", reading(0.0, pressure * ratio * 1.01))
 
 
-@pytest.mark.parametrize(
-    "readings", [((100.0,), (650.0,)), ((20e3,), (22e3,)), ((0.0,), (0.0,)), ((float("nan"),), (1e3,))]
-)
+@pytest.mark.parametrize("readings", [((100.0,), (650.0,)), ((20e3,), (22e3,)), ((0.0,), (0.0,)), ((float("nan"),), (1e3,))])
 def test_noise_and_ramps_are_no_jump(readings: Any) -> None:
     settings = Settings({"pressure": Driver()})
     found: Callable[[PressureSample], bool] = lambda sample: settings.may_have_changed("pressure", sample)  # noqa: E731

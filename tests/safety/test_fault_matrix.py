@@ -38,8 +38,6 @@ def test_the_matrix_is_nine_instruments_by_fifteen_faults_by_five_phases() -> No
 
 @pytest.mark.long
 @pytest.mark.parametrize("cell", SHORT, ids=lambda c: f"{c.instrument}-{c.fault}-{c.phase}")
-def test_it_ends_safe_with_an_error_that_names_the_instrument_or_is_told_as_not_confirmed(
-    bench: Bench, cell: Cell
-) -> None:
+def test_it_ends_safe_with_an_error_that_names_the_instrument_or_is_told_as_not_confirmed(bench: Bench, cell: Cell) -> None:
     verdict = bench.verdict(cell)
     assert verdict.mark in (".", "e", "l"), verdict

@@ -49,9 +49,7 @@ def test_a_device_or_a_huge_file_is_not_read_as_configuration_table_or_journal(t
 @pytest.mark.parametrize("name", ["../other.journal", "/etc/other.journal", "sub/other.journal"])
 def test_a_journal_names_no_recording_elsewhere(tmp_path: Path, name: str) -> None:
     journal = tmp_path / "a.journal"
-    journal.write_text(
-        f'{{"journal": 1, "campaign": "c", "protocol": "bending"}}\n{{"recording": "{name}", "first_trial": 1}}\n'
-    )
+    journal.write_text(f'{{"journal": 1, "campaign": "c", "protocol": "bending"}}\n{{"recording": "{name}", "first_trial": 1}}\n')
     with pytest.raises(ConfigError, match="not a file in the same folder"):
         find(journal)
 

@@ -226,9 +226,7 @@ def test_a_refused_command_raises_what_landed_the_rig_and_no_error_is_its_own_ca
 def test_the_guard_and_its_session_come_first_where_the_system_allows_it(rig: Rig) -> None:
     pid = rig.actuators.pid
     assert os.getsid(pid) == pid  # no Ctrl-C of the terminal reaches it
-    may = (
-        subprocess.run(["nice", "-n", str(PRIORITY), "true"], capture_output=True, text=True, check=False).stderr == ""
-    )
+    may = subprocess.run(["nice", "-n", str(PRIORITY), "true"], capture_output=True, text=True, check=False).stderr == ""
     assert os.getpriority(os.PRIO_PROCESS, pid) == (PRIORITY if may else os.getpriority(os.PRIO_PROCESS, 0))
     scheduled = Path(f"/proc/{pid}/autogroup")
     if may and scheduled.exists():

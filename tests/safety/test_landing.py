@@ -33,9 +33,7 @@ def no_attempts_left() -> Iterator[None]:
 
 def landing_of(drivers: dict[str, Any], policy: Safe, speed: float, busy: Any = lambda name: False) -> Landing:
     """A landing of drivers that are open."""
-    LANDINGS.append(
-        Landing(policy, Instruments(drivers, list(drivers), lambda name: drivers[name].open(), busy), speed)
-    )
+    LANDINGS.append(Landing(policy, Instruments(drivers, list(drivers), lambda name: drivers[name].open(), busy), speed))
     return LANDINGS[-1]
 
 
@@ -137,9 +135,7 @@ def test_stops_are_sent_in_the_order_of_the_policy(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(landing, "LEAST_TIME", 1.0)
     told: list[str] = []
     names = ("valve", "spine", "pressure", "arm")
-    report = landing_of({n: Refusing(n, told) for n in names}, Safe(order=names, within=0.1), 200.0).make_safe(
-        names, False
-    )
+    report = landing_of({n: Refusing(n, told) for n in names}, Safe(order=names, within=0.1), 200.0).make_safe(names, False)
     assert tuple(dict.fromkeys(told)) == names
     assert not report.confirmed and all("did not accept the stop" in s.text for s in report.steps)
 

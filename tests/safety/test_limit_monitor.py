@@ -61,9 +61,7 @@ def test_a_pressure_that_is_held_is_fine() -> None:
 
 def test_a_pressure_that_lags_behind_a_ramp_is_fine() -> None:
     monitor = LimitMonitor(RIG)
-    assert [monitor.check("pressure", pressure(t, 25e3 * t, max(0.0, 25e3 * (t - 2)))) for t in range(10)] == [
-        None
-    ] * 10
+    assert [monitor.check("pressure", pressure(t, 25e3 * t, max(0.0, 25e3 * (t - 2)))) for t in range(10)] == [None] * 10
 
 
 @pytest.mark.parametrize("measured", [0.0, 160e3])
@@ -97,9 +95,7 @@ def test_a_vacuum_beyond_the_limit_lands_the_rig(absolute: float, lands: bool) -
 @pytest.mark.parametrize(
     ("length", "homed", "lands"), [(0.3, True, False), (0.4, True, True), (-0.05, True, True), (9, False, False)]
 )
-def test_a_spine_outside_of_its_range_lands_the_rig_once_its_zero_is_known(
-    length: float, homed: bool, lands: bool
-) -> None:
+def test_a_spine_outside_of_its_range_lands_the_rig_once_its_zero_is_known(length: float, homed: bool, lands: bool) -> None:
     sample = SpineSample(0.0, length, 0.0, length, False, homed)
     assert (LimitMonitor(RIG).check("spine", sample) is not None) is lands
 
@@ -146,9 +142,7 @@ def sweep(rate: float, levels: tuple[float, ...], hold: float) -> Setpoints:
     return at
 
 
-def chamber(
-    told: Setpoints, tau: float, period: float, noise: float, seed: int
-) -> Iterator[tuple[float, float, float]]:
+def chamber(told: Setpoints, tau: float, period: float, noise: float, seed: int) -> Iterator[tuple[float, float, float]]:
     """(t, set-point, measured) of a sound chamber that follows with a lag of `tau`."""
     rng, p, step = random.Random(seed), 0.0, 0.05
     for i in itertools.count():

@@ -53,9 +53,7 @@ def test_a_bending_sweep_goes_on_without_losing_or_doubling_a_point(
 
     house.fakes.on_confirm = repair
     plant = house.fakes.plant
-    during(
-        lambda: plant.valve_on and float(plant.regulator.max()) > 100e3, lambda: house.fakes.accidents.begin(accident)
-    )
+    during(lambda: plant.valve_on and float(plant.regulator.max()) > 100e3, lambda: house.fakes.accidents.begin(accident))
     assert lab(house, tmp_path, "bending", *BENDING) in (0, 3), "".join(capsys.readouterr())
     assert vented and max(vented) < 5e3
     assert len(house.fakes.troubles) == 1 and word in house.fakes.troubles[0]

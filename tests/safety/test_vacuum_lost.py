@@ -103,9 +103,7 @@ def test_a_stiffness_trial_whose_spine_goes_soft_begins_again(
 
     fakes.on_confirm = put_right
     spoil = lose if frozen else lambda house: vacuum(house, 0.0)
-    during(
-        lambda: abs(fakes.plant.probe_force).max() > 2.2, lambda: spoil(house)
-    )  # on the way from the first step to the second
+    during(lambda: abs(fakes.plant.probe_force).max() > 2.2, lambda: spoil(house))  # on the way from the first step to the second
     assert lab(house, tmp_path, "stiffness", *STIFFNESS) in (0, 3), "".join(capsys.readouterr())
     assert fakes.troubles and ("soft although the gauge" in fakes.troubles[0]) == frozen
     recording = one(tmp_path)
@@ -152,9 +150,7 @@ def test_the_shape_tells_that_the_spine_went_soft_where_the_gauge_does_not(
 
     fakes.on_confirm = lambda trouble: put_right(house)
     during(lambda: fakes.plant.valve_on and float(fakes.plant.regulator.max()) > 100e3, lambda: lose(house))
-    assert lab(house, tmp_path, "bending", *BENDING, "--set", "spine_lengths=[0.25]") in (0, 3), "".join(
-        capsys.readouterr()
-    )
+    assert lab(house, tmp_path, "bending", *BENDING, "--set", "spine_lengths=[0.25]") in (0, 3), "".join(capsys.readouterr())
     assert any("soft although the gauge" in trouble for trouble in fakes.troubles)
     recording = one(tmp_path)
     table = table_of(recording)
@@ -162,9 +158,7 @@ def test_the_shape_tells_that_the_spine_went_soft_where_the_gauge_does_not(
     assert table["x"][3] == pytest.approx(table["x"][1], abs=3e-3)
 
 
-def test_a_spine_that_stays_soft_marks_its_trial(
-    house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_spine_that_stays_soft_marks_its_trial(house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     house.change(without=("arm", "force"))
     fakes = house.fakes
 

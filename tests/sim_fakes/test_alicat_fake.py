@@ -158,9 +158,7 @@ def test_a_stuck_reading_repeats_and_then_lives_again(ask: Ask, fake: AlicatFake
     assert len({numbers(ask("A"))[0] for _ in range(10)}) > 1
 
 
-def test_with_frozen_physics_a_set_point_is_confirmed_and_goes_nowhere(
-    ask: Ask, fake: AlicatFake, plant: Plant
-) -> None:
+def test_with_frozen_physics_a_set_point_is_confirmed_and_goes_nowhere(ask: Ask, fake: AlicatFake, plant: Plant) -> None:
     fake.faults.freeze = True
     assert numbers(ask("AS 50"))[1] == 50.0
     assert plant.regulator[0] == 0.0
@@ -223,9 +221,7 @@ def test_settings_are_kept_without_power_and_the_set_point_as_its_source_says(fa
         assert (unit.setpoint, unit.source, unit.zero_active, unit.locked) == (kept, source, False, False)
 
 
-def test_a_ramp_of_its_own_slows_a_vent_and_a_passive_zero_keeps_the_pressure(
-    fake: AlicatFake, ask: Ask, plant: Plant
-) -> None:
+def test_a_ramp_of_its_own_slows_a_vent_and_a_passive_zero_keeps_the_pressure(fake: AlicatFake, ask: Ask, plant: Plant) -> None:
     ask("AS 50")
     assert ask("ASR 1 5").split()[1] == "0.0"
     ask("AS 0")

@@ -58,10 +58,7 @@ def test_the_back_door_names_what_there_is(rig: FakeRig, request_: str, said: st
 def test_the_panel_of_an_alicat_names_its_units() -> None:
     made = FakeRig()
     assert "no unit 'Q'; one of A, B, C" in made.door.answer(b'{"panel": ["pressure", "Q", "unlock"]}')["error"]
-    assert (
-        "no unit 'furlong'; one of Pa, "
-        in made.door.answer(b'{"panel": ["pressure", "A", "unit", "furlong"]}')["error"]
-    )
+    assert "no unit 'furlong'; one of Pa, " in made.door.answer(b'{"panel": ["pressure", "A", "unit", "furlong"]}')["error"]
     made.stop()
 
 

@@ -42,9 +42,7 @@ def ask(port: serial.Serial, body: str, first_byte: float = 20.0) -> bytes:
     return answer[:-2]
 
 
-@pytest.mark.parametrize(
-    "frame", ["09 03 00 B4 00 01 C5 64", "09 03 00 B4 00 06 84 A6", "09 10 01 9A 00 01 02 02 00 CD CA"]
-)
+@pytest.mark.parametrize("frame", ["09 03 00 B4 00 01 C5 64", "09 03 00 B4 00 06 84 A6", "09 10 01 9A 00 01 02 02 00 CD CA"])
 def test_the_crc_is_that_of_the_frames_in_the_manual(frame: str) -> None:
     whole = bytes.fromhex(frame)
     assert crc16(whole[:-2]) == whole[-2:]

@@ -55,9 +55,7 @@ def telegram(text: str) -> bytes:
     return f"{text}{checksum(text)}\r".encode()
 
 
-@pytest.mark.parametrize(
-    ("pascal", "digits"), [(101_325.0, "101323"), (100.0, "100020"), (99_999.0, "100023"), (0.0, "100010")]
-)
+@pytest.mark.parametrize(("pascal", "digits"), [(101_325.0, "101323"), (100.0, "100020"), (99_999.0, "100023"), (0.0, "100010")])
 def test_digits_are_mantissa_and_exponent(pascal: float, digits: str) -> None:
     assert pressure_digits(pascal) == digits
 
@@ -68,9 +66,7 @@ def test_an_unknown_parameter_is_told_so(gauge: serial.Serial) -> None:
 
 
 @pytest.mark.parametrize("request_", [b"0010074002=?000\r", telegram("0020074002=?"), telegram("0010074001?")])
-def test_a_telegram_that_is_not_exact_or_not_for_this_gauge_meets_silence(
-    gauge: serial.Serial, request_: bytes
-) -> None:
+def test_a_telegram_that_is_not_exact_or_not_for_this_gauge_meets_silence(gauge: serial.Serial, request_: bytes) -> None:
     gauge.write(request_)
     gauge.timeout = 0.2
     assert gauge.read(1) == b""

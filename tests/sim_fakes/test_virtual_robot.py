@@ -83,18 +83,14 @@ def test_same_seed_gives_the_same_readings_to_the_last_bit() -> None:
 @pytest.mark.parametrize("scatter", [{"scatter_length": 0.001}, {"scatter_stiffness": 0.02}])
 def test_scatter_is_drawn_anew_at_each_jamming_only(scatter: dict[str, float]) -> None:
     robot = VirtualRobot(RobotTruth(**scatter), seed=1)
-    states = [
-        Condition(0.2, bend(p), rejam=r, hold=20) for p, r in ((2e5, True), (0.0, False), (2e5, False), (2e5, True))
-    ]
+    states = [Condition(0.2, bend(p), rejam=r, hold=20) for p, r in ((2e5, True), (0.0, False), (2e5, False), (2e5, True))]
     x = [r.position[0] for r in walk(robot, states)]
     assert x[2] == pytest.approx(x[0], abs=1e-7)
     assert 5e-5 < abs(x[3] - x[0]) < 5e-3
 
 
 def test_rolling_the_chambers_turns_the_deflection() -> None:
-    flat, rolled = (
-        settled(VirtualRobot(), Condition(0.1, bend(150e3), roll=a))[0].position for a in (0.0, np.radians(90))
-    )
+    flat, rolled = (settled(VirtualRobot(), Condition(0.1, bend(150e3), roll=a))[0].position for a in (0.0, np.radians(90)))
     assert rolled[:2] == pytest.approx([-flat[1], flat[0]], abs=1e-7)
     assert rolled[2] == pytest.approx(flat[2], abs=1e-7)
 
@@ -108,9 +104,7 @@ def test_equal_pressures_only_lengthen_and_markers_lie_along_the_body() -> None:
 
 
 def test_markers_lie_on_the_bent_centre_line() -> None:
-    coarse, fine = (
-        settled(VirtualRobot(RobotTruth(segments=n)), Condition(0.1, bend(200e3), hold=20))[0] for n in (40, 160)
-    )
+    coarse, fine = (settled(VirtualRobot(RobotTruth(segments=n)), Condition(0.1, bend(200e3), hold=20))[0] for n in (40, 160))
     assert coarse.markers == pytest.approx(fine.markers, abs=5e-5)
 
 

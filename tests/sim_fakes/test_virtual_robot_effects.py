@@ -71,9 +71,7 @@ def test_effect_of_plausible_size_moves_the_tip_by_millimetres(effect: str) -> N
 
 
 def test_slip_makes_a_loop_that_does_not_care_about_the_rate() -> None:
-    fast, slow = (
-        walk(VirtualRobot(effects={"spine_slip": 0.15}), there_and_back(0.3, rate=rate)) for rate in (50e3, 5e3)
-    )
+    fast, slow = (walk(VirtualRobot(effects={"spine_slip": 0.15}), there_and_back(0.3, rate=rate)) for rate in (50e3, 5e3))
     assert loop(fast) > 0.8
     assert loop(slow) == pytest.approx(loop(fast), rel=0.02)
 

@@ -105,8 +105,7 @@ def test_a_probe_that_misses_feels_nothing() -> None:
 
 def test_an_unjammed_spine_and_a_missing_one_are_limp() -> None:
     limp, jammed = (
-        walk(VirtualRobot(TRUTH), [Condition(0.2, mount="spine", deflection=0.01, vacuum=v)])[0].force
-        for v in (0.0, 80e3)
+        walk(VirtualRobot(TRUTH), [Condition(0.2, mount="spine", deflection=0.01, vacuum=v)])[0].force for v in (0.0, 80e3)
     )
     assert 0 < limp < 0.01 * jammed
     assert walk(VirtualRobot(TRUTH), [Condition(0.0, mount="spine", deflection=0.01)])[0].force == 0
@@ -124,8 +123,7 @@ def test_stand_pose_turns_the_force_into_the_arm_frame() -> None:
 
 def test_giving_arm_hides_stiffness_most_of_all_that_of_a_stiff_specimen() -> None:
     giving, rigid = (
-        [slope(VirtualRobot(TRUTH, e), "spine", n, 0.005 * n) for n in (0.05, 0.3)]
-        for e in ({"arm_compliance": 5e-5}, {})
+        [slope(VirtualRobot(TRUTH, e), "spine", n, 0.005 * n) for n in (0.05, 0.3)] for e in ({"arm_compliance": 5e-5}, {})
     )
     short, long = (a / b for a, b in zip(giving, rigid, strict=True))
     assert short == pytest.approx(1 / (1 + 5e-5 * 3 * TABLE_II[0.05] * INERTIA / 0.05**3), rel=5e-3)
@@ -135,8 +133,7 @@ def test_giving_arm_hides_stiffness_most_of_all_that_of_a_stiff_specimen() -> No
 def test_soft_layer_delays_the_rise_and_bias_shifts_the_zero_under_load() -> None:
     states = [Condition(0.2, mount="spine", deflection=d, hold=5) for d in (0.0005, 0.004)]
     plain, late, biased = (
-        [r.force for r in walk(VirtualRobot(TRUTH, e), states)]
-        for e in ({}, {"contact_offset": 1e-3}, {"force_bias": 0.1})
+        [r.force for r in walk(VirtualRobot(TRUTH, e), states)] for e in ({}, {"contact_offset": 1e-3}, {"force_bias": 0.1})
     )
     assert late[0] < 0.5 * plain[0]
     assert late[1] == pytest.approx(plain[1] * 3 / 4, rel=0.02)

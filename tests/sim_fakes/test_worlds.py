@@ -75,9 +75,7 @@ def test_a_screw_and_its_logarithm_are_inverse_and_have_these_derivatives() -> N
         d[k] = 1e-6
         dp, dr = screw(np.broadcast_to(d, (4, 6)))
         assert np.allclose((twist(p + apply(r, dp), r @ dr) - x) / 1e-6, front[..., k], atol=1e-6)
-        assert np.allclose(
-            (x - twist(apply(transposed(dr), p - dp), transposed(dr) @ r)) / 1e-6, behind[..., k], atol=1e-6
-        )
+        assert np.allclose((x - twist(apply(transposed(dr), p - dp), transposed(dr) @ r)) / 1e-6, behind[..., k], atol=1e-6)
 
 
 def test_with_no_effect_on_the_tip_agrees_with_the_model_to_a_hundredth_of_a_millimetre() -> None:

@@ -98,9 +98,7 @@ class SimulatedClock:
             self._mine.waiter = _Waiter(threading.current_thread().name)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         live_in(self._before.pop())
 
     def close(self) -> None:
@@ -158,9 +156,7 @@ class SimulatedClock:
             return True
         me: _Waiter | None = getattr(self._mine, "waiter", None)
         if me is None:
-            raise RuntimeError(
-                f"{threading.current_thread().name} does not live in this clock, so it must not wait on it"
-            )
+            raise RuntimeError(f"{threading.current_thread().name} does not live in this clock, so it must not wait on it")
         me.condition, me.until, me.numbers = condition, until, numbers
         self._waiting.append(me)
         self._watch(numbers, 1)

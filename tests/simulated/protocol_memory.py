@@ -28,9 +28,7 @@ class Serial(serial.Serial):  # type: ignore[misc]
         if line is None or not line.plugged:
             raise serial.SerialException(2, f"could not open port {self.port}: nothing is plugged in")
         if line.openers and (line.locked or self.exclusive):
-            raise serial.SerialException(
-                11, f"could not exclusively lock port {self.port}: another program has it open"
-            )
+            raise serial.SerialException(11, f"could not exclusively lock port {self.port}: another program has it open")
         self._line, self._plugs, line.locked = line, line.plugs, bool(self.exclusive)
         line.openers.append(self)
         self.is_open = True

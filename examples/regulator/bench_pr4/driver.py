@@ -103,9 +103,7 @@ class Pr4:
         answer = self._line.ask(b"ID?\n", b"\n")
         parts = answer.decode("ascii", "replace").split(",")
         if len(parts) != 3 or parts[0] != "PR4":
-            raise WrongDevice(
-                self.name, f"the device on {self._port} is not a PR-4: it answered {show(answer)}; check the port"
-            )
+            raise WrongDevice(self.name, f"the device on {self._port} is not a PR-4: it answered {show(answer)}; check the port")
         return parts[0], parts[1], parts[2]
 
     def _send(self, pressures: Sequence[float]) -> None:
@@ -124,9 +122,7 @@ class Pr4:
     def _parsed(self, answer: bytes, head: bytes) -> tuple[float, ...]:
         parts = answer.removeprefix(head).split(b",")
         if not answer.startswith(head) or len(parts) != self.channels or not all(p.isdigit() for p in parts):
-            raise BadReply(
-                self.name, f"{self._port} answers {show(answer)}, expected {self.channels} numbers; check the cable"
-            )
+            raise BadReply(self.name, f"{self._port} answers {show(answer)}, expected {self.channels} numbers; check the cable")
         return tuple(int(p) * COUNT for p in parts)
 
 

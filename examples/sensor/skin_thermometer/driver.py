@@ -41,9 +41,7 @@ class Sample:
 class SkinThermometer:
     """The thermometer (see `drivers.interfaces.Stream`)."""
 
-    def __init__(
-        self, name: str, config: Config, clock: Clock, sink: Sink[Sample], notice: Callable[[str], None]
-    ) -> None:
+    def __init__(self, name: str, config: Config, clock: Clock, sink: Sink[Sample], notice: Callable[[str], None]) -> None:
         self.name, self.lost = name, 0
         self._config, self._clock, self._sink = config, clock, sink
         self._line = SerialLine(name, config.port, BAUD, config.timeout)

@@ -37,9 +37,7 @@ def _tendon_friction(h: History, v: Values) -> None:
     inner, outer = (h.drive[..., None, k : k + 2] for k in (0, OF_PART))
     along = (np.arange(PLACES) + 0.5) / PLACES
     outer = at_tip[..., None, :] + _by_weight(h, at_tip, outer[..., 0, :], parts[..., OUTER, 0], along)
-    each = (
-        np.stack(np.broadcast_arrays(*(np.linalg.norm(k, axis=-1) for k in (inner, outer))), axis=-2) * parts / PLACES
-    )
+    each = np.stack(np.broadcast_arrays(*(np.linalg.norm(k, axis=-1) for k in (inner, outer))), axis=-2) * parts / PLACES
     angle = np.cumsum(each, axis=-1) - each / 2
     angle[..., OUTER, :] += each[..., INNER, :].sum(axis=-1, keepdims=True)
     kept, rise = h.path.held(pulls, v["coefficient"][..., None, None] * angle)
@@ -74,9 +72,7 @@ def _by_weight(h: History, at_tip: Array, mean: Array, length: Array, along: Arr
     across = body[..., None] * (1 - along) ** 2 / 2 + tip[..., None] * (1 - along)
     rest = mean - at_tip - per_moment * (body / 6 + tip / 2)[..., None]
     shape = body[..., None] * (1 - along) ** 2 * (1 + 2 * along) / 6 + tip[..., None] * (1 - along**2) / 2
-    shape = (
-        hanging * shape / (body / 12 + tip / 3)[..., None] + (1 - hanging) * across / (body / 6 + tip / 2)[..., None]
-    )
+    shape = hanging * shape / (body / 12 + tip / 3)[..., None] + (1 - hanging) * across / (body / 6 + tip / 2)[..., None]
     return np.asarray(per_moment[..., None, :] * across[..., None] + rest[..., None, :] * shape[..., None])
 
 
@@ -111,8 +107,7 @@ SPECS = (
         label="friction of the tendons",
         says="friction takes {} of the tendons' tension per radian of bend",
         stage="actuation",
-        equation="T(s) stays as it is between T0 / (1 + mu a(s)) and T0 / (1 - mu a(s)), a the frictionless bend up "
-        "to s",
+        equation="T(s) stays as it is between T0 / (1 + mu a(s)) and T0 / (1 - mu a(s)), a the frictionless bend up to s",
         parameters=(Parameter("coefficient", "1", 0.3, 0.0, 2.0, sign="positive"),),
         law=Law(path=_tendon_friction),
         citation="Euler and Eytelwein's belt; Jung et al., ICRA 2011, on tendons of continuum robots",

@@ -62,9 +62,7 @@ class Fast:
         memory = np.empty((n, direct.memory_of(form.springs))) if self.remember else _NO_MEMORY
         if start is not None:
             if start.memory.shape != (n, direct.memory_of(form.springs)):
-                raise BadCondition(
-                    "start: must be a solution of as many rods of the same form, made with Fast(remember=True)"
-                )
+                raise BadCondition("start: must be a solution of as many rods of the same form, made with Fast(remember=True)")
             memory = start.memory.copy()
         fixed = steps_of(rods, self.steps)
         values = self._direct(rods, fixed, memory, start is not None)
@@ -108,9 +106,7 @@ class Fast:
         share_out(part, n, self.cores)
         return values
 
-    def _follow(
-        self, rods: Rods, doubtful: NDArray[np.intp], memory: Array, values: Array, status: NDArray[np.int8]
-    ) -> None:
+    def _follow(self, rods: Rods, doubtful: NDArray[np.intp], memory: Array, values: Array, status: NDArray[np.int8]) -> None:
         """Settle the rods that the direct solve left open."""
         form = rods.form
         found = values[doubtful, AT_RESIDUAL] < self.close
@@ -119,9 +115,7 @@ class Fast:
         settings = (2.0 * self.divisions, max(0.01 * self.close, 1e-11), 1e-3)
 
         def part(rows: slice) -> None:
-            follow_load(
-                rods.values, form.columns, full_of(form), settings, doubtful[rows], memory, values, reached[rows]
-            )
+            follow_load(rods.values, form.columns, full_of(form), settings, doubtful[rows], memory, values, reached[rows])
 
         share_out(part, len(doubtful), self.cores)
         followed = reached == FOLLOWED

@@ -88,9 +88,7 @@ def walk(
 
 
 @routine
-def stand_at_tip(
-    rods: Array, at: RowLayout, group: Group, solved: Array, grid: tuple[float, Counts], first: int
-) -> None:
+def stand_at_tip(rods: Array, at: RowLayout, group: Group, solved: Array, grid: tuple[float, Counts], first: int) -> None:
     """Gather the solved rods from row `first` on and cut them as their solve was cut."""
     gather(rods, at, group, first)
     for l in range(LANES):
@@ -108,9 +106,7 @@ def stand_at_tip(
 
 
 @routine
-def visit_station(
-    group: Group, step: tuple[int, int, int], arcs: Array, first: int, s: int, solved: Array, out: Array
-) -> None:
+def visit_station(group: Group, step: tuple[int, int, int], arcs: Array, first: int, s: int, solved: Array, out: Array) -> None:
     """Write down station s of the rods where the next step passes it."""
     (e, j, pieces), last = step, arcs.shape[0] - 1
     z, dz = 1.0 - j / pieces, -1.0 / pieces

@@ -204,9 +204,7 @@ def test_definitions_that_cannot_be_read_are_named_and_do_not_hide_the_others(
 @pytest.mark.parametrize("fake", [{"version": (3, 1)}], indirect=True)
 def test_a_definition_that_hides_the_tip_is_named_with_its_byte(make: Make, fake: MotiveFake) -> None:
     fake.other_definitions += [(0, SET), (77, b"?")]
-    with pytest.raises(
-        WrongDevice, match=r"definition of the unknown kind 77 at byte 25 cannot be read, nor what follows"
-    ):
+    with pytest.raises(WrongDevice, match=r"definition of the unknown kind 77 at byte 25 cannot be read, nor what follows"):
         make().open()
 
 

@@ -64,9 +64,7 @@ def test_the_frame_of_the_cameras_is_a_matter_of_calibration(make: Make, fake: M
 
 
 @pytest.mark.parametrize("fake", [{"noise": 0.3e-3, "angle_noise": math.radians(0.2), "rate": 400.0}], indirect=True)
-def test_noise_has_the_size_of_the_cameras(
-    make: Make, fake: MotiveFake, plant: Plant, samples: list[BodySample]
-) -> None:
+def test_noise_has_the_size_of_the_cameras(make: Make, fake: MotiveFake, plant: Plant, samples: list[BodySample]) -> None:
     mocap = make()
     mocap.open()
     wait(lambda: len(samples) > 300)
@@ -122,9 +120,7 @@ def test_values_that_cannot_be_true_are_invalid(
     refused(mocap, DeviceFault, remedy)
 
 
-def test_bodies_at_one_place_are_none_of_them(
-    make: Make, fake: MotiveFake, plant: Plant, samples: list[BodySample]
-) -> None:
+def test_bodies_at_one_place_are_none_of_them(make: Make, fake: MotiveFake, plant: Plant, samples: list[BodySample]) -> None:
     mocap = make(markers=("M1", "M2"))
     mocap.open()
     first(mocap)
@@ -157,9 +153,7 @@ def test_missing_frames_are_counted(make: Make, fake: MotiveFake, samples: list[
     assert mocap.lost - before == 7
 
 
-def test_a_replayed_frame_does_not_keep_a_reading_fresh(
-    make: Make, fake: MotiveFake, samples: list[BodySample]
-) -> None:
+def test_a_replayed_frame_does_not_keep_a_reading_fresh(make: Make, fake: MotiveFake, samples: list[BodySample]) -> None:
     mocap = make()
     mocap.open()
     first(mocap)
@@ -343,9 +337,7 @@ def test_an_answer_from_another_address_is_no_server() -> None:
         def answer() -> None:
             timing.readable([server], 10.0)
             _, client = server.recvfrom(100)
-            other.sendto(
-                b"\x01\x00\x17\x01" + b"Motive".ljust(256, b"\0") + bytes((3, 1, 0, 0, 4, 1, 0, 0)) + bytes(15), client
-            )
+            other.sendto(b"\x01\x00\x17\x01" + b"Motive".ljust(256, b"\0") + bytes((3, 1, 0, 0, 4, 1, 0, 0)) + bytes(15), client)
 
         thread = timing.Thread(target=answer)
         thread.start()

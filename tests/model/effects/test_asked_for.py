@@ -133,9 +133,7 @@ def test_three_chambers_have_every_set_of_gains(paper_robot: Robot) -> None:
 
 
 @pytest.mark.parametrize("place", range(5))
-def test_exchanged_chambers_are_a_table_with_exchanged_columns(
-    paper_robot: Robot, three_sides: Any, place: int
-) -> None:
+def test_exchanged_chambers_are_a_table_with_exchanged_columns(paper_robot: Robot, three_sides: Any, place: int) -> None:
     order = orders(paper_robot.chambers.azimuths_deg)[place]
     assert sorted(order.tolist()) == list(range(9)) and (order != np.arange(9)).any()
     exchanged = dict(three_sides) | {f"p{i + 1}": three_sides[f"p{order[i] + 1}"] for i in range(9)}
@@ -227,16 +225,12 @@ def test_extremes_stay_fade_and_are_kept_by_place(paper_robot: Robot, make_campa
     assert fading[3, 4] == pytest.approx(3.0 * np.exp(-(t[3] - t[1]) / 100) - np.exp(-(t[3] - t[2]) / 100), rel=1e-6)
 
 
-def test_a_body_that_was_held_bent_hangs_bent_and_stays_so_in_later_trials(
-    paper_robot: Robot, make_campaign: Make
-) -> None:
+def test_a_body_that_was_held_bent_hangs_bent_and_stays_so_in_later_trials(paper_robot: Robot, make_campaign: Make) -> None:
     columns = make_campaign(lengths=(0.0, 0.2), levels=(100e3, 200e3))
     forward = forward_of(paper_robot, columns)
     still = forward.predict(np.zeros(len(forward.parameters))).reshape(-1, 3)
     kept = forward.predict(at_values(forward, rest_shape__kept=0.03)).reshape(-1, 3) - still
-    fading = (
-        forward.predict(at_values(forward, rest_shape__kept=0.03, rest_shape__recovery=5e-3)).reshape(-1, 3) - still
-    )
+    fading = forward.predict(at_values(forward, rest_shape__kept=0.03, rest_shape__recovery=5e-3)).reshape(-1, 3) - still
     vented = np.flatnonzero(forward.design.pressure.max(axis=1) == 0)
     before, after, later = vented[0], vented[1], vented[2]
     assert np.abs(kept[before]).max() < 1e-4

@@ -60,9 +60,7 @@ def test_the_catalogue_holds_every_effect_once() -> None:
 @pytest.mark.parametrize("id", sorted(IDS - ON_FORCE - {"time_offset"}))
 def test_an_effect_at_its_scale_moves_the_tip_and_at_zero_does_not_at_all(sweep: Moved, id: str) -> None:
     spec = CATALOGUE[id]
-    shapes = {
-        f"{id}__{p.name}": 0.5 * (p.high if p.low == 0 else p.scale) for p in spec.parameters if p.role == "shape"
-    }
+    shapes = {f"{id}__{p.name}": 0.5 * (p.high if p.low == 0 else p.scale) for p in spec.parameters if p.role == "shape"}
     assert not sweep.by(**shapes).any()
     for p in spec.parameters:
         if p.role == "size":
@@ -89,9 +87,7 @@ def test_an_effect_at_its_scale_moves_the_tip_and_at_zero_does_not_at_all(sweep:
         ("spine_slip__moment", 0.15, False),
     ],
 )
-def test_an_effect_bends_the_robot_the_way_its_law_says(
-    sweep: Moved, parameter: str, size: float, bends_more: bool
-) -> None:
+def test_an_effect_bends_the_robot_the_way_its_law_says(sweep: Moved, parameter: str, size: float, bends_more: bool) -> None:
     design = sweep.forward.design
     # Shortly before the top of the load branch, with a middle spine: every effect is at work there.
     row = int(np.flatnonzero((design.spine_length == 0.15) & (design.pressure.max(axis=1) == 200e3))[0])
@@ -104,16 +100,13 @@ def test_effects_add_to_first_order_and_any_subset_works_together(sweep: Moved) 
     two = sweep.by(chamber_azimuth__angle=0.005)
     both = sweep.by(base_tilt__x=0.002, chamber_azimuth__angle=0.005)
     assert both == pytest.approx(one + two, abs=0.05 * float(np.abs(both).max()))
-    everything = {
-        f"{s.id}__{p.name}": 0.2 * p.scale for s in CATALOGUE.values() for p in s.parameters if s.id not in ON_FORCE
-    }
+    everything = {f"{s.id}__{p.name}": 0.2 * p.scale for s in CATALOGUE.values() for p in s.parameters if s.id not in ON_FORCE}
     assert np.isfinite(sweep.by(**everything)).all()
 
 
 def test_precurvature_turns_with_the_robot_and_a_tilted_base_does_not(paper_robot: Robot, make_campaign: Make) -> None:
     straight, rolled = (
-        Moved(paper_robot, make_campaign(lengths=(0.1,), levels=(), unload=False, roll_deg=angle))
-        for angle in (0.0, 90.0)
+        Moved(paper_robot, make_campaign(lengths=(0.1,), levels=(), unload=False, roll_deg=angle)) for angle in (0.0, 90.0)
     )
     tilt = {"base_tilt__x": 0.02}
     assert rolled.by(**tilt) == pytest.approx(straight.by(**tilt), abs=1e-9)
@@ -191,9 +184,7 @@ def test_thrust_that_the_side_walls_balance_bends_the_body_to_an_arc(paper_robot
     for pressure, tip in zip(moved.forward.design.pressure, tips, strict=True):
         push = pressure * moved.forward.area_factor[0] * robot.chambers.area
         azimuth = np.deg2rad(robot.chambers.azimuths_deg)
-        moment = robot.chambers.path_radius * np.array(
-            [(push * np.sin(azimuth)).sum(), -(push * np.cos(azimuth)).sum()]
-        )
+        moment = robot.chambers.path_radius * np.array([(push * np.sin(azimuth)).sum(), -(push * np.cos(azimuth)).sum()])
         bend = float(np.hypot(*moment)) / (robot.youngs_modulus * body_second_moment(robot)) * robot.length
         long = robot.length * (1 + push.sum() / (robot.youngs_modulus * body_area(robot)))
         assert np.hypot(*tip[:2]) == pytest.approx(long * np.sinc(bend / 2 / np.pi) * math.sin(bend / 2), abs=1e-5)
@@ -274,17 +265,13 @@ def test_an_effect_of_ones_own_takes_part_like_any_other(paper_robot: Robot, mak
         "weak_chamber", "actuation", "A_1 = A (1 - d)", (Parameter("loss", "1", 0.2, 0.0, 1.0, sign="positive"),),
         Law(before=weak), "a test", "roll",
     )  # fmt: skip
-    made = Moved(
-        paper_robot, make_campaign(lengths=(0.0,), levels=(100e3,), unload=False), catalogue=with_effects([own])
-    )
+    made = Moved(paper_robot, make_campaign(lengths=(0.0,), levels=(100e3,), unload=False), catalogue=with_effects([own]))
     assert made.by(weak_chamber__loss=0.3)[1, 0] > 2e-3
     with pytest.raises(BadEffect, match="taken"):
         with_effects([own], with_effects([own]))
 
 
-def test_a_robot_without_spine_or_with_other_chambers_has_the_same_catalogue(
-    paper_robot: Robot, make_campaign: Make
-) -> None:
+def test_a_robot_without_spine_or_with_other_chambers_has_the_same_catalogue(paper_robot: Robot, make_campaign: Make) -> None:
     three = {**paper_robot.chambers.model_dump(), "azimuths_deg": (0.0, 120.0, 240.0)}
     plain = robot_from_dict({**paper_robot.model_dump(), "spine": None, "area_factor": 1.4, "chambers": three})
     columns = make_campaign(lengths=(0.0,), levels=(80e3,), chambers=(1,))

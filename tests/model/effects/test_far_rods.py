@@ -71,9 +71,7 @@ def test_who_asks_for_the_whole_waits_for_no_other_state_once_one_has_no_equilib
     steps = integration_steps(at.UNIFORM, free)
     known, tried = solve(at.UNIFORM, free, NOWHERE, steps), []
 
-    def lost(
-        self: Fast, rods: Rods, left: np.ndarray, memory: np.ndarray, values: np.ndarray, status: np.ndarray
-    ) -> None:
+    def lost(self: Fast, rods: Rods, left: np.ndarray, memory: np.ndarray, values: np.ndarray, status: np.ndarray) -> None:
         tried.append(len(left))
         status[left], values[left] = Status.FAILED, np.nan
 

@@ -39,9 +39,7 @@ def test_at_zero_parameters_the_tips_are_those_of_the_converged_rod(
         assert predicted[own] == pytest.approx(expected[:, k], abs=1e-5)
 
 
-def test_derivatives_agree_with_differences_of_predictions(
-    paper_robot: Robot, make_campaign: Callable[..., Any]
-) -> None:
+def test_derivatives_agree_with_differences_of_predictions(paper_robot: Robot, make_campaign: Callable[..., Any]) -> None:
     design = design_from_columns(paper_robot, make_campaign(lengths=(0.0, 0.12, 0.27), levels=(60e3, 180e3)))
     forward = ForwardModel(paper_robot, design)
     theta = at_some_values(forward, seed=3)
@@ -106,9 +104,7 @@ def test_what_a_parameter_vector_predicts_is_observed_in_the_same_order(
     assert measured[~lost] == pytest.approx(y[~lost], abs=1e-9)
 
 
-def test_markers_and_orientation_are_those_of_the_converged_rod(
-    paper_robot: Robot, make_campaign: Callable[..., Any]
-) -> None:
+def test_markers_and_orientation_are_those_of_the_converged_rod(paper_robot: Robot, make_campaign: Callable[..., Any]) -> None:
     robot = robot_from_dict({**paper_robot.model_dump(), "markers": (0.12, 0.2, 0.4)})
     columns = make_campaign(lengths=(0.2,), levels=(150e3,), unload=False)
     columns |= {f"m{k}{axis}": np.zeros(2) for k in (1, 2, 3) for axis in "xyz"}
@@ -160,9 +156,7 @@ def test_a_table_that_does_not_fit_is_refused_by_column(
         design_from_columns(paper_robot, columns | change)
 
 
-def test_parameters_beyond_their_bounds_are_refused_by_name(
-    paper_robot: Robot, make_campaign: Callable[..., Any]
-) -> None:
+def test_parameters_beyond_their_bounds_are_refused_by_name(paper_robot: Robot, make_campaign: Callable[..., Any]) -> None:
     forward = ForwardModel(paper_robot, design_from_columns(paper_robot, make_campaign(lengths=(0.1,), levels=(60e3,))))
     theta = np.zeros(len(forward.parameters))
     theta[forward.index("vacuum_leak")[0]] = -0.1

@@ -33,14 +33,10 @@ def history(robot: Robot, columns: Any, driven: Any, path: Path | None = None) -
     quantities = unchanged(robot, design)
     one = np.ones((1, n, 2))
     silicone, rest = np.ones((1, n, DRIVES)), np.zeros((1, n, DRIVES))
-    return History(
-        quantities, path or loading_path(design, rest_of), drive, one, one, silicone, rest, np.zeros((1, n, 2, 2))
-    )
+    return History(quantities, path or loading_path(design, rest_of), drive, one, one, silicone, rest, np.zeros((1, n, 2, 2)))
 
 
-def test_between_readings_the_drive_stays_ramps_and_stays(
-    paper_robot: Robot, make_campaign: Callable[..., Any]
-) -> None:
+def test_between_readings_the_drive_stays_ramps_and_stays(paper_robot: Robot, make_campaign: Callable[..., Any]) -> None:
     columns = make_campaign(lengths=(0.1,), levels=(50e3, 100e3), unload=False, rate=25e3, hold=3.0)
     columns["t"] = columns["t"] + np.array([0.0, 4.0, 4.0])
     design, rest_of = with_rest(design_from_columns(paper_robot, columns))
@@ -60,9 +56,7 @@ def test_a_trial_without_a_state_of_rest_gets_one(paper_robot: Robot, make_campa
     assert full.spine_length[len(design) :].tolist() == [0.0, 0.1]
 
 
-def test_what_follows_late_lags_a_ramp_by_its_closed_form(
-    paper_robot: Robot, make_campaign: Callable[..., Any]
-) -> None:
+def test_what_follows_late_lags_a_ramp_by_its_closed_form(paper_robot: Robot, make_campaign: Callable[..., Any]) -> None:
     columns = make_campaign(lengths=(0.1,), levels=(100e3,), rate=25e3, hold=3.0)
     lag = history(paper_robot, columns, [0.0, 2.0, 0.0]).lag(5.0)[0, :, 0]
     # A ramp to 2 within 4 s, then 3 s at rest: z' = (x - z) / 5 s.

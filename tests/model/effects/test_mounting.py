@@ -42,9 +42,7 @@ def test_a_marker_rolls_with_the_robot_it_sits_on(paper_robot: Robot, make_campa
     assert shift[1] == pytest.approx([0.0, 5e-3, 0.0], abs=1e-4)
 
 
-def test_each_further_mounting_has_tolerances_that_act_on_it_alone(
-    paper_robot: Robot, make_campaign: Callable[..., Any]
-) -> None:
+def test_each_further_mounting_has_tolerances_that_act_on_it_alone(paper_robot: Robot, make_campaign: Callable[..., Any]) -> None:
     first, second = make_campaign(lengths=(0.0, 0.1), levels=LEVELS), make_campaign(lengths=(0.0,), levels=LEVELS)
     second["roll_deg"] = np.full(len(second["trial"]), 90.0)
     first["roll_deg"] = np.zeros(len(first["trial"]))
@@ -103,15 +101,11 @@ def test_the_modulus_drifts_from_the_first_state_to_the_last(
     first, middle, last = (tips(forward, drift__slope=-0.1) - tips(forward))[at_top]
     assert abs(middle[0]) < 0.2 * abs(last[0]) and np.sign(first[0]) == -np.sign(last[0])
     softer = (tips(forward, drift__slope=-0.1) - tips(forward))[at_top][-1]
-    assert np.linalg.norm(tips(forward, drift__slope=-0.1)[at_top][-1, :2]) > np.linalg.norm(
-        tips(forward)[at_top][-1, :2]
-    )
+    assert np.linalg.norm(tips(forward, drift__slope=-0.1)[at_top][-1, :2]) > np.linalg.norm(tips(forward)[at_top][-1, :2])
     assert np.linalg.norm(softer) > 1e-3
 
 
-def test_pressures_that_change_move_the_baseline_as_the_model_says(
-    paper_robot: Robot, make_campaign: Callable[..., Any]
-) -> None:
+def test_pressures_that_change_move_the_baseline_as_the_model_says(paper_robot: Robot, make_campaign: Callable[..., Any]) -> None:
     columns = make_campaign(lengths=(0.0,), levels=LEVELS, unload=False)
     forward = made(paper_robot, columns)
     change = np.where(forward.design.pressure > 0, 1e3, 0.0)
@@ -123,9 +117,7 @@ def test_pressures_that_change_move_the_baseline_as_the_model_says(
     assert moved == pytest.approx(tips(made(paper_robot, more)) - tips(forward), abs=1e-7)
 
 
-def test_an_obstacle_touches_the_body_where_its_lever_says(
-    paper_robot: Robot, make_campaign: Callable[..., Any]
-) -> None:
+def test_an_obstacle_touches_the_body_where_its_lever_says(paper_robot: Robot, make_campaign: Callable[..., Any]) -> None:
     lever = 0.06
     columns = make_campaign(lengths=(0.0,), levels=(100e3, 150e3), unload=False)
     forward = made(paper_robot, columns)
@@ -136,9 +128,7 @@ def test_an_obstacle_touches_the_body_where_its_lever_says(
     long = paper_robot.length
     there = solve_rows(here.layout, here.rows, np.array([long - lever]), here.steps).result
     wall = at.SPRINGS + 2 * at.SPRING_WIDTH
-    arm = to_base(
-        there[:, at.ORIENTATION : at.ORIENTATION + 4], here.rows[:, wall + col.SPRING_ARM : wall + col.SPRING_ARM + 3]
-    )
+    arm = to_base(there[:, at.ORIENTATION : at.ORIENTATION + 4], here.rows[:, wall + col.SPRING_ARM : wall + col.SPRING_ARM + 3])
     touched = there[:, :3] - arm
     assert np.abs(touched - there[:, at.MARKERS : at.MARKERS + 3]).max() < 1.5e-3
 

@@ -22,9 +22,7 @@ def tips(forward: ForwardModel, theta: np.ndarray) -> np.ndarray:
     return np.stack([predicted[forward.observations.channel == axis] for axis in "xyz"], axis=1)
 
 
-def test_a_backbone_runs_from_the_mount_to_the_tip_that_is_read(
-    paper_robot: Robot, make_campaign: Callable[..., Any]
-) -> None:
+def test_a_backbone_runs_from_the_mount_to_the_tip_that_is_read(paper_robot: Robot, make_campaign: Callable[..., Any]) -> None:
     forward = ForwardModel(paper_robot, design_from_columns(paper_robot, make_campaign(lengths=(0.0, 0.2))))
     theta = np.zeros(len(forward.parameters))
     theta[forward.index("frame_misalignment")] = [0.0, 0.05, 0.02]
@@ -37,9 +35,7 @@ def test_a_backbone_runs_from_the_mount_to_the_tip_that_is_read(
     assert long == pytest.approx(paper_robot.length, rel=0.08)
 
 
-def test_the_model_on_other_states_keeps_area_and_obstacle(
-    paper_robot: Robot, make_campaign: Callable[..., Any]
-) -> None:
+def test_the_model_on_other_states_keeps_area_and_obstacle(paper_robot: Robot, make_campaign: Callable[..., Any]) -> None:
     every = ForwardModel(paper_robot, design_from_columns(paper_robot, make_campaign(lengths=(0.0, 0.1, 0.3))))
     one = design_from_columns(paper_robot, make_campaign(lengths=(0.1,)))
     other = every.on(one)

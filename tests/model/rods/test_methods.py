@@ -59,9 +59,7 @@ def test_the_reference_agrees_with_the_fine_setting_on_rods_of_three_elements() 
 
 def test_a_cantilever_pushed_at_its_end_gives_by_bending_and_shear() -> None:
     pushed = solve(three_parts(dead_force=[1e-3, 0.0, 0.0]), FINE)
-    assert pushed.tip[0, 0] == pytest.approx(
-        1e-3 * (bending_compliance(EDGES, BEND) + shear_compliance(EDGES, SHEAR)), rel=1e-6
-    )
+    assert pushed.tip[0, 0] == pytest.approx(1e-3 * (bending_compliance(EDGES, BEND) + shear_compliance(EDGES, SHEAR)), rel=1e-6)
     assert bending_compliance((0.0, 0.4), (2.0,)) == pytest.approx(bar_deflection(0.4, 0.4, 2.0), rel=1e-14)
 
 

@@ -113,9 +113,7 @@ def test_a_curvature_that_grows_along_an_element_equals_many_elements() -> None:
     parts = 32
     z = (np.arange(parts) + 0.5)[:, None] / parts
     pieces = [rest[e] + z * rise[e, :3] + z**2 * rise[e, 3:6] + z**3 * rise[e, 6:] for e in (0, 1)]
-    plain = {
-        name: np.repeat(graded.field(name), parts, axis=1) for name in ("bend_stiffness", "stretch_stiffness", "load")
-    }
+    plain = {name: np.repeat(graded.field(name), parts, axis=1) for name in ("bend_stiffness", "stretch_stiffness", "load")}
     many = rods(
         Form(elements=2 * parts),
         1,

@@ -44,9 +44,7 @@ class Sample:
 class Range:
     """The range finder (see `drivers.interfaces.Stream`)."""
 
-    def __init__(
-        self, name: str, config: Config, clock: Clock, sink: Sink[Sample], notice: Callable[[str], None]
-    ) -> None:
+    def __init__(self, name: str, config: Config, clock: Clock, sink: Sink[Sample], notice: Callable[[str], None]) -> None:
         self.name, self.lost, self.config, self.clock, self.sink = name, 0, config, clock, sink
         self.line = SerialLine(name, config.port, BAUD, config.timeout)
         self.newest: tuple[float, Sample] | None = None
@@ -196,9 +194,7 @@ class Checked(Range):
         """Without its checksum, when that is right."""
         answer = super().ask(request)
         if self.verifies() and answer[-2:] != b"%02X" % total(answer[:-2]):
-            raise BadReply(
-                self.name, f"{self.config.port} answers {show(answer)}, whose checksum is wrong; check the cable"
-            )
+            raise BadReply(self.name, f"{self.config.port} answers {show(answer)}, whose checksum is wrong; check the cable")
         return answer[:-2]
 
     def verifies(self) -> bool:

@@ -60,9 +60,7 @@ class Gauge:
     def verified(self, answer: bytes) -> bytes:
         """An answer without its checksum, when that is right."""
         if total(answer[:-1]) != answer[-1]:
-            raise BadReply(
-                self.name, f"{self.line.port} answers {show(answer)}, whose checksum is wrong; check the cable"
-            )
+            raise BadReply(self.name, f"{self.line.port} answers {show(answer)}, whose checksum is wrong; check the cable")
         return answer[:-1]
 
     def reading(self, answer: bytes) -> bytes:
