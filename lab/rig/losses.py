@@ -29,18 +29,23 @@ def newly_lost(before: int, now: int) -> int:
 def losses(files: Sequence[Path]) -> tuple[str, list[str], list[list[str]]]:
     """A sentence, and head and rows of the table, one row for each stream that had samples. Raises what `info` raises.
 
-    A sample counts as lost when the recorder dropped it or it never came; numbers that are unknown count as 0.
+    A sample counts as lost when the recorder dropped it or it never came; where neither is known, the sentence says of how many
+    streams.
     """
-    rows, lost, total, restarts = [], 0, 0, 0
+    rows, lost, total, restarts, unknown = [], 0, 0, 0, 0
     for file in files:
         for topic, stream in info(file).streams.items():
             lost_here = (stream.dropped or 0) + (stream.lost or 0)
             if is_stream(topic) and stream.timing.count + lost_here:
                 rows.append([file.name, topic, *_row(stream)])
                 restarts += stream.restarts
+                unknown += None in (stream.dropped, stream.lost)
                 lost += lost_here
                 total += stream.timing.count + lost_here
-    said = f"{lost} of {total} samples were lost" if lost else f"No sample was lost; {total} were recorded"
+    none = "No loss is known" if unknown else "No sample was lost"
+    said = f"{lost} of {total} samples were lost" if lost else f"{none}; {total} samples were recorded"
+    if unknown:
+        said += f"; of {unknown} of {len(rows)} streams it is not known whether any was lost"
     if restarts:
         said += f"; streams restarted {restarts} times (their sample numbers went back), losses at those moments are not known"
     return f"{said}. A gap is an interval longer than 2.5 times the usual one.", HEAD, rows
