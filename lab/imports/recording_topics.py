@@ -42,6 +42,8 @@ SHOWN = 12
 FEWEST_OF_A_THING = 4
 """Messages about each thing, on average; a word that changes more often is no name."""
 ZSTD = b"\x28\xb5\x2f\xfd"
+MOST_UNPACKED = 64 << 20
+"""Bytes of one message that is unpacked."""
 PLAIN_CDR = (b"\0\0", b"\0\1")
 """How a message in CDR begins, by the order of its bytes; XCDR2 places its fields otherwise."""
 DECODERS = {"cdr": "mcap_ros2.decoder", "ros1": "mcap_ros1.decoder"}
@@ -304,7 +306,9 @@ def _by_package(encoding: str, schema: Schema | None) -> Decoder:
 def _plain_cdr(data: bytes) -> bytes:
     """A message in CDR, unpacked where its recorder packed each message; raises ValueError for any other."""
     if data.startswith(ZSTD):
-        data = zstandard.ZstdDecompressor().decompressobj().decompress(data)
+        data = zstandard.ZstdDecompressor().stream_reader(data).read(MOST_UNPACKED + 1)
+        if len(data) > MOST_UNPACKED:
+            raise ValueError(f"a packed message is larger than {MOST_UNPACKED >> 20} MiB")
     if data[:2] not in PLAIN_CDR:
         raise ValueError(f"a message begins with {data[:2].hex()}, which is not plain CDR")
     return data
