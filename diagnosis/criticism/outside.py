@@ -2,8 +2,8 @@
 
 Three ways in which there can be one, with their prior odds against the catalogue:
 
-1. A relative of an effect (`relatives`), beside what is named or in the place of an effect: weighed like a hypothesis of the
-   catalogue with one effect more, in the linear problem of what was found.
+1. A relative of an effect (`relatives`) in its place: weighed like a hypothesis of the catalogue, in the linear problem of what
+   was found. Next to what is named it would take up the error of that effect's law.
 2. A stage's error of free form beside what is named (`stage_errors`).
 3. What looks exactly like what is named.
 
@@ -68,7 +68,7 @@ class Related:
 
 
 def related(p: Prepared, candidates: Sequence[Candidate], known: Mapping[Hypothesis, Candidate]) -> tuple[Related, ...]:
-    """Relatives beside the effects of some candidates, and in the place of each; the most probable first.
+    """Relatives in the place of each effect of some candidates, and alone where they name none; the most probable first.
 
     `candidates` have the log evidence of their hypotheses and all derivatives. `known` are all hypotheses: what a linear problem
     or a fit gives one of them beyond what its search has reached is no merit of a relative. What is promised is fitted, the
@@ -84,7 +84,7 @@ def related(p: Prepared, candidates: Sequence[Candidate], known: Mapping[Hypothe
         relatives = _relatives(p, c)
         linear = c.linear(p.problem)
         offset = c.log_evidence - weigh(linear, KNOWN, p.problem.parameters, [c.named])[0].log_evidence
-        for beside, around in ((c.named, linear), *_one_less(p, c)):
+        for beside, around in _one_less(p, c) if c.named else [(c.named, linear)]:
             extended, own = relatives.beside(around, p.problem.parameters)
             alone, *weighed = weigh(extended, KNOWN, own, [beside, *((*beside, r) for r in relatives.ids)])
             too_much = above(beside, alone.log_evidence + offset)

@@ -3,7 +3,7 @@
 Made by walking along the chain from pressure to reading and asking of each part and instrument what it does where it is not as
 assumed (it leaks, drifts, creeps, lies beside the axis, is longer, is wrongly scaled), if the catalogue has no name for it: not
 from the robots on which a diagnosis is scored. They have laws in the catalogue's language, but nothing searches for them: to
-first order, in the linear problems of what was found, each is put beside an effect or in its place (`outside`).
+first order, in the linear problems of what was found, each is put in the place of an effect (`outside`).
 """
 
 from __future__ import annotations
