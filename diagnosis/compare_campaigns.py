@@ -173,7 +173,7 @@ class _JointForward:
             replace(i, name=i.name + CHANGE, starts=(0.0,), tolerated=i.tolerated and i.source not in ANOTHER_DAY.values())
             for i in (later.infos[i] for i in self._effects)
         ]
-        least = [later.least[i] if later.least else LEAST_NAMED_SIZE for i in self._effects]
+        least = [later.least_of_each[i] for i in self._effects]
         return Parameters(
             (*free, *changes),
             np.concatenate([reference.sd, later.sd[self._later_only], later.sd[self._effects]]),

@@ -12,7 +12,7 @@ from model.effects.spec import Stage
 
 from ..criticism.gaussian import Gaussian
 from ..criticism.misfit import MisfitDiagnostics, misfit_diagnostics
-from ..criticism.outside import Related, alike, odds_outside, related
+from ..criticism.outside import alike, odds_outside, related
 from ..criticism.stage_errors import Dependence, StageError, smooth_functions, stage_errors, total_gain
 from ..data.case import lacking
 from ..data.levels import SPINE_GAP
@@ -50,8 +50,6 @@ class Attribution:
     """What each effect carries of the gap."""
     stage_errors: tuple[StageError, ...]
     """What a free-form error of each stage would gain beside the leading hypothesis, largest first."""
-    related: tuple[Related, ...]
-    """Relatives outside the catalogue beside what is named or in its place, most probable data first."""
 
     @property
     def asking(self) -> tuple[StageError, ...]:
@@ -99,7 +97,9 @@ def attribute(p: Prepared, stages: Mapping[str, Stage], executor: Executor = SIN
     misfit = misfit_diagnostics(p.problem, leading, p.labels.trial, p.noise_components.excess_scatter, best)
     # Where a tolerance of the leading hypothesis is the cause that is named, an error of its stage is that cause.
     of_stages = min((_stage_errors(p, c, stages) for c in {leading.named: leading, best.named: best}.values()), key=total_gain)
-    asked = {c.named: c for c in (search.with_all_derivatives(found[NONE]), leading, best)}
+    asked = {c.named: c for c in (leading, best)}
+    if NONE not in asked:
+        asked[NONE] = search.with_all_derivatives(found[NONE])
     among = related(p, tuple(asked.values()), found)
     odds = odds_outside(search.tried, among, total_gain(of_stages), misfit.excess_scatter, effects)
     weighed = with_unknown(known, found[NONE], odds / (1 + odds))
@@ -118,7 +118,6 @@ def attribute(p: Prepared, stages: Mapping[str, Stage], executor: Executor = SIN
         distinguishability=separations,
         budget=carried,
         stage_errors=of_stages,
-        related=among,
     )
 
 

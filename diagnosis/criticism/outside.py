@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from model.effects.catalogue import CATALOGUE
-from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
 from model.effects.parameters import ParameterInfo
 from model.effects.spec import EffectSpec
@@ -30,10 +29,9 @@ from model.effects.spec import EffectSpec
 from ..inference.candidate import Candidate
 from ..inference.evidence import KNOWN, Hypothesis, weigh
 from ..inference.fit import fit
-from ..inference.jacobian import Jacobian
 from ..inference.linear import Linear
 from ..inference.posterior import hypothesis_prior
-from ..inference.prepare import Prepared, least_sizes, observable_effects, parameters, table_columns
+from ..inference.prepare import Prepared, least_sizes, observable_effects, parameters
 from ..inference.problem import MaskedForward, Parameters, linearise
 from ..judgement import (
     FIT_DISCREPANCY_SIZE,
@@ -75,16 +73,19 @@ def related(p: Prepared, candidates: Sequence[Candidate], known: Mapping[Hypothe
     most promising first, until the leading one is.
     """
     effects = len(p.problem.parameters.ids)
+    others = {id: spec for id, spec in RELATIVES.items() if id not in p.forward.catalogue}
+    forward = _with_relatives(p, observable_effects(p.robot, p.forward.design, others))
     promised: dict[tuple[str, Hypothesis], tuple[float, Candidate]] = {}
 
     def above(beside: Hypothesis, log_evidence: float) -> float:
         return max(log_evidence - known[beside].log_evidence, 0.0) if beside in known else 0.0
 
     for c in candidates:
-        relatives = _relatives(p, c)
+        relatives = _relatives(p, forward, c)
         linear = c.linear(p.problem)
         offset = c.log_evidence - weigh(linear, KNOWN, p.problem.parameters, [c.named])[0].log_evidence
-        for beside, around in _one_less(p, c) if c.named else [(c.named, linear)]:
+        one_less = [(tuple(e for e in c.named if e != one), c.fit.without_law(one).linear(p.problem)) for one in c.named]
+        for beside, around in one_less or [(c.named, linear)]:
             extended, own = relatives.beside(around, p.problem.parameters)
             alone, *weighed = weigh(extended, KNOWN, own, [beside, *((*beside, r) for r in relatives.ids)])
             too_much = above(beside, alone.log_evidence + offset)
@@ -130,11 +131,10 @@ def _fitted(p: Prepared, r: Related, start: Candidate) -> tuple[float, float]:
     infos = parameters(forward.parameters).infos
     at = {name: i for i, name in enumerate(known.names)}
     old = np.array([at.get(i.name, -1) for i in infos])
-    before = known.least or (LEAST_NAMED_SIZE,) * len(known.sd)
     own = Parameters(
         infos,
         np.where(old < 0, [i.sd for i in infos], known.sd[old]),
-        tuple(LEAST_NAMED_SIZE if j < 0 else before[j] for j in old.tolist()),
+        tuple(LEAST_NAMED_SIZE if j < 0 else known.least_of_each[j] for j in old.tolist()),
     )
     problem = replace(p.problem, forward=MaskedForward(forward, _measured(p, forward)), parameters=own)
     named = (*r.beside, r.relative)
@@ -142,27 +142,9 @@ def _fitted(p: Prepared, r: Related, start: Candidate) -> tuple[float, float]:
     theta[[i for i, e in enumerate(own.effects) if e in start.named and e not in named]] = 0.0
     wide = own.prior(own.mask(named), FIT_TOLERATED_SIZE)
     reached = fit(problem, wide, FIT_DISCREPANCY_SIZE, theta, ROUNDS)
-    predicted, slope = problem.linearise(reached.theta)
-    whole = replace(
-        reached,
-        predicted=predicted,
-        slope=Jacobian.of(slope),
-        form_error=problem.form_error(reached.theta, predicted, named),
-    )
+    whole = reached.with_all_derivatives(problem).with_form_error(problem, named)
     with_it, without = weigh(whole.linear(problem), KNOWN, own, [named, r.beside])
     return with_it.log_evidence - reached.predicted_decrease, without.log_evidence
-
-
-def _one_less(p: Prepared, c: Candidate) -> list[tuple[Hypothesis, Linear]]:
-    """Without each of its effects in turn, whose law cannot be wrong then."""
-    laws = c.fit.form_error
-    assert laws is not None
-    found = []
-    for effect in c.named:
-        kept = {e: done for e, done in laws.responses.items() if e != effect}
-        fit = replace(c.fit, form_error=replace(laws, responses=kept))
-        found.append((tuple(e for e in c.named if e != effect), fit.linear(p.problem)))
-    return found
 
 
 @dataclass(frozen=True)
@@ -183,26 +165,21 @@ class _Relatives:
         """A linear problem and its parameters with the relatives as further effects."""
         sd = np.array([i.sd for i in self.infos])
         size = None if linear.effect_size is None else np.append(linear.effect_size, np.zeros(len(sd)))
-        own = p.least or (LEAST_NAMED_SIZE,) * len(p.sd)
         return (
             replace(linear, effects=np.hstack([linear.effects, self.white]), effect_size=size),
-            replace(p, infos=p.infos + self.infos, sd=np.append(p.sd, sd), least=own + self.least),
+            replace(p, infos=p.infos + self.infos, sd=np.append(p.sd, sd), least=p.least_of_each + self.least),
         )
 
 
 def _with_relatives(p: Prepared, relatives: Mapping[str, EffectSpec]) -> ForwardModel:
     """The rod's model of the states with further effects."""
-    design = design_from_columns(p.robot, table_columns(p.states))
     catalogue = {**p.forward.catalogue, **relatives}
-    return ForwardModel(p.robot, design, p.forward.area, catalogue, plane_direction=p.forward.plane_direction)
+    return ForwardModel(p.robot, p.forward.design, p.forward.area, catalogue, plane_direction=p.forward.plane_direction)
 
 
-def _relatives(p: Prepared, c: Candidate) -> _Relatives:
-    """Those that are not in the catalogue and that such states can show."""
-    problem = p.problem
-    others = {id: spec for id, spec in RELATIVES.items() if id not in p.forward.catalogue}
-    shown = observable_effects(p.robot, p.forward.design, others)
-    forward = _with_relatives(p, shown)
+def _relatives(p: Prepared, forward: ForwardModel, c: Candidate) -> _Relatives:
+    """Those that `forward` has beside the catalogue, at a candidate's fit."""
+    problem, shown = p.problem, forward.catalogue.keys() - p.forward.catalogue.keys()
     known = dict(zip(problem.parameters.names, c.fit.theta.tolist(), strict=True))
     theta = np.array([known.get(info.name, 0.0) for info in forward.parameters])
     own = [i for i, info in enumerate(forward.parameters) if info.source in shown]
@@ -229,9 +206,10 @@ def _measured(p: Prepared, forward: ForwardModel) -> NDArray[np.bool_]:
 def odds_outside(
     tried: Sequence[Candidate], among: Sequence[Related], free_form: float, excess_scatter: float, effects: int
 ) -> float:
-    """Odds of a cause outside the catalogue, of so many effects, against all hypotheses of it that were tried.
+    """Odds of a cause outside the catalogue against all hypotheses of the catalogue that were tried.
 
-    `free_form`: log evidence that errors of free form gain; `excess_scatter`: of repeats, see `NoiseComponents`.
+    `effects`: number of effects in the catalogue; `free_form`: log evidence that errors of free form gain; `excess_scatter`: of
+    repeats, see `NoiseComponents`.
     """
     unnamed = SAME_ODDS + FREE_FORM_ODDS * math.exp(min(free_form / TEMPERATURE, LARGEST_ODDS))
     odds = unnamed * max(min(excess_scatter, LARGEST_EXCESS) / USUAL_EXCESS, 1.0)

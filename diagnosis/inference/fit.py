@@ -58,6 +58,22 @@ class Fit:
         """The slope, taken anew where it was not kept."""
         return self.slope if self.slope is not None else problem.jacobian(self.theta)[1]
 
+    def with_all_derivatives(self, problem: Problem) -> Fit:
+        """The same fit with the derivatives by all parameters."""
+        predicted, slope = problem.jacobian(self.theta)
+        return replace(self, predicted=predicted, slope=slope)
+
+    def with_form_error(self, problem: Problem, named: tuple[str, ...], shared: bool = False) -> Fit:
+        """The same fit with the model-form error of the laws of `named` effects; `shared` as in `FormError`."""
+        return replace(self, form_error=problem.form_error(self.theta, self.predicted, named, shared))
+
+    def without_law(self, effect: str) -> Fit:
+        """The same fit where the law of one effect cannot be wrong, as it is taken away."""
+        laws = self.form_error
+        assert laws is not None
+        kept = {e: done for e, done in laws.responses.items() if e != effect}
+        return replace(self, form_error=replace(laws, responses=kept))
+
     def linear(self, problem: Problem) -> Linear:
         """The linear problem around it, made anew each time: it is as large as the derivatives."""
         slope = self.derivatives(problem)

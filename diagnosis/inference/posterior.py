@@ -67,14 +67,14 @@ def hypothesis_prior(named: Hypothesis, effects: int) -> float:
 
 
 def shares(candidates: Sequence[Candidate], effects: int, temperature: float) -> Array:
-    """Probabilities of candidates that exclude each other, within a catalogue of so many effects; see `posterior`."""
+    """Probabilities of candidates that exclude each other, within a catalogue of `effects` effects; see `posterior`."""
     score = np.array([c.log_evidence / temperature + np.log(hypothesis_prior(c.named, effects)) for c in candidates])
     share = np.exp(score - score.max())
     return np.asarray(share / share.sum())
 
 
 def posterior(candidates: Sequence[Candidate], effects: int, temperature: float) -> Posterior:
-    """Probabilities within the catalogue of so many effects; `temperature` divides log evidence."""
+    """Probabilities within a catalogue of `effects` effects; `temperature` divides log evidence."""
     share = shares(candidates, effects, temperature)
     order = np.argsort(-share, kind="stable")
     return Posterior(

@@ -151,9 +151,14 @@ class Parameters:
         return (self.upper / self.sd)[self.of_effect]
 
     @cached_property
+    def least_of_each(self) -> tuple[float, ...]:
+        """(k) `least`, for all parameters."""
+        return self.least or (LEAST_NAMED_SIZE,) * len(self.infos)
+
+    @cached_property
     def least_named(self) -> Array:
         """(p,) least size of a named effect, in units of its parameters' scales."""
-        return np.array(self.least or (LEAST_NAMED_SIZE,) * len(self.names))[self.of_effect]
+        return np.array(self.least_of_each)[self.of_effect]
 
     @cached_property
     def sizes(self) -> NDArray[np.bool_]:

@@ -82,7 +82,7 @@ class Search:
         self._none: dict[bool, Candidate] = {}
         self._standing = Standing()
         calibrated = self._fit(NONE, False, FIT_DISCREPANCY_SIZE, problem.parameters.mean, 4)
-        self._begin_at(self._with_all_derivatives(calibrated), False)
+        self._begin_at(calibrated.with_all_derivatives(problem), False)
         executor.first_look(first_look(self._singles(False), AMONG_AT_ONCE))
         tolerant = self._weigh(NONE, self._fit(NONE, True, FIT_DISCREPANCY_SIZE, self._none[False].fit, 3), True)
         self._begin_at(self._fit(NONE, True, tolerant.grid_point.size, tolerant.fit, 5), True)
@@ -269,7 +269,7 @@ class Search:
         """A candidate and the hypotheses with one effect more, one less and one exchanged, and the same with tolerances on or
         off, weighed where it was fitted."""
         ids = self.problem.parameters.ids
-        here = self._as_reference(self._with_form_error(c.named, self._with_all_derivatives(c.fit)))
+        here = self._as_reference(c.fit.with_all_derivatives(self.problem).with_form_error(self.problem, c.named))
         (own,) = self._around(here, [c.named], c.with_tolerances)
         out = [replace(own, turns=c.turns, ended=True), *self._around(here, [c.named], not c.with_tolerances)]
         others = [e for e in ids if e not in c.named]
@@ -279,14 +279,9 @@ class Search:
 
         if len(c.named) + 1 in PRIOR_OF_NUMBER:
             out += self._around(here, with_one_more(c.named), c.with_tolerances)
-        law_errors = here.form_error
-        assert law_errors is not None
         for taken in c.named:
             kept = tuple(e for e in c.named if e != taken)
-            # The law of what is taken away cannot be wrong.
-            responses = {e: done for e, done in law_errors.responses.items() if e != taken}
-            around = replace(here, form_error=replace(law_errors, responses=responses))
-            out += self._around(around, [kept, *with_one_more(kept)], c.with_tolerances)
+            out += self._around(here.without_law(taken), [kept, *with_one_more(kept)], c.with_tolerances)
         return out
 
     def fitted(self, named: Hypothesis) -> Candidate:
@@ -300,7 +295,7 @@ class Search:
 
     def with_all_derivatives(self, c: Candidate) -> Candidate:
         """The same candidate with derivatives by all parameters, those of absent effects included, and its linear problem."""
-        whole = self._with_form_error(c.named, self._with_all_derivatives(c.fit))
+        whole = c.fit.with_all_derivatives(self.problem).with_form_error(self.problem, c.named)
         return replace(c, fit=whole, made=whole.linear(self.problem))
 
     def leading_and_answer(self, leading: Candidate, answer: Candidate) -> tuple[Candidate, Candidate]:
@@ -337,14 +332,6 @@ class Search:
         own = p.prior(p.mask(named), FIT_TOLERATED_SIZE * with_tolerances)
         return fit(self.problem, own, size, start, rounds, frozen)
 
-    def _with_all_derivatives(self, f: Fit) -> Fit:
-        """The same fit with the derivatives by all parameters."""
-        predicted, slope = self.problem.jacobian(f.theta)
-        return replace(f, predicted=predicted, slope=slope)
-
-    def _with_form_error(self, named: Hypothesis, f: Fit, shared: bool = False) -> Fit:
-        return replace(f, form_error=self.problem.form_error(f.theta, f.predicted, named, shared))
-
     def _as_reference(self, f: Fit) -> Fit:
         """A fit around which other hypotheses are weighed and searched: they share its derivatives and the model-form error of
         what it does not name."""
@@ -362,4 +349,4 @@ class Search:
         return [Candidate(h, w, f, w.peak(grid), with_tolerances) for h, w in zip(named, found, strict=True)]
 
     def _weigh(self, named: Hypothesis, fitted: Fit, with_tolerances: bool, shared: bool = False) -> Candidate:
-        return self._around(self._with_form_error(named, fitted, shared), [named], with_tolerances)[0]
+        return self._around(fitted.with_form_error(self.problem, named, shared), [named], with_tolerances)[0]

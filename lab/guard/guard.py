@@ -370,8 +370,8 @@ class Guard:
             timing.sleep(max(0.0, due - timing.now()))
 
     def _checked(self, name: str, sample: Any) -> Any:
-        """The reading, or the error that takes its place. What is wrong with it is acted on here: where a pause is enough the
-        program is told and keeps the reading, everything else lands a rig that is energised."""
+        """The reading, or the error that takes its place. What is wrong with it is acted on here: if a pause is enough, the
+        program gets a pause event and the reading; anything else lands a rig that is energised."""
         if self.settings.may_have_changed(name, sample):  # its unit of measure, at the instrument's panel
             self.settings.confirm(name, trial=False)
         finding = self.monitor.check(name, sample)

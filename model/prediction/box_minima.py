@@ -15,7 +15,7 @@ def box_minima(curve: Array, slope: Array, low: Array, high: Array) -> Array:
     """The x (n, k) within low .. high that minimise x.curve.x / 2 + slope.x, for n positive definite curves (n, k, k).
 
     Block principal pivoting (Kim and Park 2011, for two-sided bounds): what lies beyond its bound is held there, what is held
-    against its pull is let go, all at once while that helps, else one by one, which is finite.
+    against its pull is let go. All at once while that helps, else one by one, which ends after finitely many steps.
     """
     n, k = slope.shape
     side = np.zeros((n, k), np.int64)  # -1 held at the lower bound, 1 at the upper, 0 free

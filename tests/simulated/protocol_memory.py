@@ -81,7 +81,7 @@ class Serial(serial.Serial):  # type: ignore[misc]
         return len(data)
 
     def _wait(self, size: int, within: float) -> None:
-        """Until so many bytes have come, the line is dead, or so many host seconds have passed."""
+        """Until `size` bytes have come, the line is dead, or `within` host seconds have passed."""
         line = self._alive()
         timing.wait(lambda: len(line.to_driver) >= size or not line.plugged or line.plugs != self._plugs, within)
 
