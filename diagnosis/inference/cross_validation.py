@@ -81,7 +81,7 @@ class _Folds:
         model, part = wanted
         problem, seen = self._problem, self._fold != part
         if part not in self._without:
-            self._without[part] = _only(problem, seen)
+            self._without[part] = only(problem, seen)
         missed = problem.observed - _predicted(problem, self._without[part], model, self._linearised(model), seen)
         return np.asarray(missed[~seen])
 
@@ -95,8 +95,8 @@ class _Folds:
         return known[1:]
 
 
-def _only(problem: Problem, seen: NDArray[np.bool_]) -> Problem:
-    """The problem of the values marked `seen` alone."""
+def only(problem: Problem, seen: NDArray[np.bool_]) -> Problem:
+    """The problem of the values marked `seen` (n,) alone."""
     return replace(
         problem, forward=MaskedForward(problem.forward, seen), observed=problem.observed[seen], noise=problem.noise.take(seen),
         discrepancy=problem.discrepancy[seen], shared_basis=problem.shared_basis[seen], channel_basis=problem.channel_basis[seen],

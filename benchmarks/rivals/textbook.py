@@ -1,41 +1,23 @@
-"""Textbook methods on a sealed set, with the forward model and the noise of the diagnosis: `python -m benchmarks.rivals SET
-[--workers N] [--out FOLDER]`. Run the set first (`lab blind run SET`); the seal is opened at the end, for all methods alike.
+"""Three textbook methods with the forward model and the noise of the diagnosis.
 
     alone       each effect fitted by itself, by least squares; the least BIC = 2 cost + k ln n names it, or none
     stepwise    effects added one after another as long as BIC falls, all refitted each time
     sparse      group lasso over the effects' columns about the calibrated model, its penalty by BIC; named: what is not zero
 
 The nuisances (trials, mounting, cameras, calibration) and their priors are those of the diagnosis in all of them; effects have no
-prior but their bounds. Each writes answers in the form of diagnosis.json, which `lab blind score SET --answers` reads.
+prior but their bounds.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-from collections.abc import Callable
-from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.table import Table
 
-from diagnosis.data.case import states
-from diagnosis.inference.executor import one_thread
 from diagnosis.inference.fit import Fit, fit
-from diagnosis.inference.prepare import prepare
 from diagnosis.inference.problem import Problem
 from diagnosis.inference.starts import Starts
-from lab.blind.by_mm import weighed
-from lab.blind.folder import SetFolder, open_seal
-from lab.blind.metrics import counted
-from lab.blind.score import score, write
-from lab.blind.workers import Crew, spread
-from lab.files.inputs import read_case
-from model.effects.catalogue import CATALOGUE
 
 Array = NDArray[np.float64]
 Hypothesis = tuple[str, ...]
@@ -140,55 +122,3 @@ def sparse(problem: Problem) -> dict[str, Any]:
         value = float(rest @ rest) + chosen.shape[1] * float(np.log(len(problem.observed)))
         criteria[named] = min(value, criteria.get(named, np.inf))
     return stated(criteria)
-
-
-METHODS: dict[str, Callable[[Problem], dict[str, Any]]] = {"alone": alone, "stepwise": stepwise, "sparse": sparse}
-
-
-@one_thread
-def answer(root: Path, out: Path, name: str) -> str:
-    """The answers of all methods to one case, each in its folder."""
-    case = read_case([SetFolder(root).case(name)])
-    own, _ = states(case)
-    problem = prepare(case.robot, own, catalogue=CATALOGUE).problem
-    for method, of in METHODS.items():
-        place = out / method / f"{name}.json"
-        if place.exists():
-            continue
-        try:
-            found = of(problem)
-        except (np.linalg.LinAlgError, ValueError) as e:
-            found = {"error": repr(e)[:200]}
-            found["attribute"] = {"verdict": "failed", "effects": [], "probability": 0.0, "ranking": []}
-        place.parent.mkdir(parents=True, exist_ok=True)
-        place.write_text(json.dumps(found))
-    return name
-
-
-def main() -> None:
-    """Answer, open the seal, and print how many are right by mm."""
-    a = argparse.ArgumentParser(description=(__doc__ or "").partition("\n\n")[0])
-    a.add_argument("set", type=Path)
-    a.add_argument("--workers", type=int, default=2)
-    a.add_argument("--out", type=Path, default=Path("out/rivals"))
-    asked = a.parse_args()
-    folder = SetFolder(asked.set)
-    names = folder.names()
-    for _ in spread(partial(answer, asked.set.resolve(), asked.out.resolve()), names, Crew(asked.workers, None), "cases"):
-        pass
-    truth = open_seal(folder)
-    kinds = sorted({str(t["stratum"]) for t in truth.values()})
-    table = Table("method", *kinds, "all", title="right by mm (95 %)")
-    results = {"diagnosis": score(asked.set)}
-    results |= {m: score(asked.set, asked.out / m) for m in METHODS}
-    for method, result in results.items():
-        if method in METHODS:
-            write(result, asked.set, asked.out / method)
-        judged = [w for c in result.cases if (w := weighed(truth[c.answer.case], c.answer)) is not None]
-        cells = [counted([w.right for w in judged if w.stratum == kind]) for kind in kinds]
-        table.add_row(method, *cells, counted([w.right for w in judged]))
-    Console().print(table)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,0 +1,140 @@
+"""Figures of all methods on one set: a table, the same as JSON, and a picture."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from rich.console import Console
+from rich.table import Table
+
+from diagnosis.judgement import CAUSE_PROBABILITY
+from lab.blind.answers import Answer, read_answer, read_foreign
+from lab.blind.by_mm import Weighed, weighed
+from lab.blind.folder import SetFolder, open_seal, read_table
+from lab.blind.metrics import Interval, counted, share
+from lab.blind.score import score, write
+from lab.pages.figures import BLUE, STYLE, save
+
+NAMES = {
+    "diagnosis": "diagnosis", "forest": "random forest on simulations", "stepwise": "stepwise BIC", "alone": "each alone, BIC",
+    "sparse": "sparse regression", "learned": "learned residual",
+}  # fmt: skip
+PANELS = {
+    "clean": "Right: one cause, a pair or none",
+    "clutter": "Right: the same among many small effects",
+    "sure_right": f"Right when stated with p > {CAUSE_PROBABILITY}",
+}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One method. Cases of an outside cause count in `outside` alone."""
+
+    method: str
+    cases: dict[str, list[bool]]
+    """By column, whether each case counts."""
+    seconds: float
+    """Median of a case: of processor, of the diagnosis by the clock."""
+    closed: float
+    """Median share of the gap that is closed on spine lengths that no fit saw, where there is a gap."""
+    gaps: int
+    """Cases of that median."""
+
+    def interval(self, column: str) -> Interval:
+        """Share of a column with its exact interval."""
+        return share(np.array(self.cases[column], float))
+
+
+def row(method: str, judged: Sequence[Weighed], seconds: Sequence[float]) -> Row:
+    """From the judged cases of one method."""
+    known = [w for w in judged if not w.stratum.endswith("outside")]
+    outside = [w for w in judged if w.stratum.endswith("outside")]
+
+    def sure(w: Weighed) -> bool:
+        return w.answer.verdict in ("effect", "none") and w.answer.probability > CAUSE_PROBABILITY
+
+    groups: dict[str, tuple[Sequence[Weighed], Callable[[Weighed], bool]]] = {
+        "clean": ([w for w in known if not w.stratum.startswith("cluttered")], lambda w: w.right),
+        "clutter": ([w for w in known if w.stratum.startswith("cluttered")], lambda w: w.right),
+        "all": (known, lambda w: w.right),
+        "sure": (known, sure),
+        "sure_right": ([w for w in known if sure(w)], lambda w: w.right),
+        "outside": (outside, lambda w: w.answer.verdict == "effect" and sure(w)),
+    }
+    closed = [w.answer.share_closed for w in judged if np.isfinite(w.answer.share_closed)]
+    cases = {column: [test(w) for w in own] for column, (own, test) in groups.items()}
+    return Row(method, cases, float(np.median(seconds)), float(np.median(closed)) if closed else np.nan, len(closed))
+
+
+def report(root: Path, out: Path, methods: Sequence[str]) -> list[Row]:
+    """Open the seal, print the table, write OUT/figures.json and OUT/figures.svg; methods that answered all cases are scored."""
+    folder = SetFolder(root)
+    names = folder.names()
+    write(score(root), root)
+    truth = open_seal(folder)
+
+    def made(method: str, answers: Sequence[Answer], seconds: Sequence[float]) -> Row:
+        judged = (weighed(truth[a.case], a) for a in answers)
+        return row(method, [w for w in judged if w is not None], seconds)
+
+    own = [read_answer(folder.answers(n) / "rounds.json", n) for n in names]
+    rows = [made("diagnosis", own, [a.seconds for a in own])]
+    for method in methods:
+        at = {n: place for n in names if (place := out / method / f"{n}.json").exists()}
+        answers = [read_foreign(place, n) for n, place in at.items()]
+        rows.append(made(method, answers, [float(read_table(place, "")["seconds"]) for place in at.values()]))
+        if len(at) == len(names):
+            write(score(root, out / method), root, out / method)
+    rows.sort(key=lambda r: list(NAMES).index(r.method))
+    Console(width=170).print(table(rows))
+    (out / "figures.json").write_text(json.dumps([asdict(r) for r in rows], indent=1))
+    draw(rows, out / "figures.svg")
+    return rows
+
+
+def table(rows: Sequence[Row]) -> Table:
+    """The figures, shares with their exact 95 % intervals."""
+    made = Table(title="right by mm (95 %)", title_justify="left")
+    titles = ("method", "clean", "among small effects", "both", f"p > {CAUSE_PROBABILITY}", "of these right")
+    for title in (*titles, "outside, named so", "s a case", "gap closed (cases)"):
+        made.add_column(title)
+    for r in rows:
+        cells = [counted(r.cases[c]) for c in ("clean", "clutter", "all", "sure", "sure_right", "outside")]
+        made.add_row(NAMES[r.method], *cells, f"{r.seconds:.1f}", f"{r.closed:.2f} ({r.gaps})" if r.gaps else "-")
+    return made
+
+
+def draw(rows: Sequence[Row], path: Path) -> Path:
+    """Shares right with their intervals: a panel for each group of cases, below each other, for narrow screens too."""
+    style = {**STYLE, "font.size": 13, "axes.titlesize": 13, "svg.fonttype": "path", "axes.grid": False}
+    with plt.rc_context(style):
+        heights = [sum(1 for r in rows if r.cases[column]) for column in PANELS]
+        figure, axes = plt.subplots(
+            len(PANELS), figsize=(5.6, 0.34 * sum(heights) + 1.8), sharex=True, layout="constrained", height_ratios=heights
+        )
+        for axis, (column, title) in zip(axes, PANELS.items(), strict=True):
+            _panel(axis, [r for r in rows if r.cases[column]], column, title)
+        axes[-1].set_xticks([0, 0.25, 0.5, 0.75, 1], ["0", "", "0.5", "", "1"])
+        axes[-1].set_xlabel("share of cases, 95 % interval")
+        return save(figure, path)
+
+
+def _panel(axis: Axes, rows: Sequence[Row], column: str, title: str) -> None:
+    for y, r in enumerate(rows):
+        found, ink = r.interval(column), BLUE if r.method == "diagnosis" else "0.45"
+        axis.plot([found.low, found.high], [y, y], color=ink, lw=3, alpha=0.45, solid_capstyle="butt")
+        axis.plot([found.value], [y], "o", color=ink, ms=8)
+        axis.text(1.04, y, f"{sum(r.cases[column])} of {found.n}", va="center", color=ink)
+    axis.set_yticks(range(len(rows)), [NAMES[r.method] for r in rows])
+    axis.tick_params(axis="y", length=0)
+    axis.set_ylim(len(rows) - 0.4, -0.6)
+    axis.set_xlim(0, 1.28)
+    axis.spines["left"].set_visible(False)
+    axis.axvline(1.0, color="0.9", lw=1, zorder=0)
+    axis.set_title(title, loc="left", x=0.0, fontweight="bold")
