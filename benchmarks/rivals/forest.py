@@ -37,7 +37,7 @@ BROAD, CLOSE = 800, 1200
 """Simulations of one case."""
 FOLLOWED = 5
 """Effects that the second set of simulations is about."""
-TREES = 500
+TREES = 300
 SPIKE, DISCREPANCY = 0.1, 0.25
 """Sizes of all effects, plausible scales, and of the discrepancy in the second of two covariances."""
 
@@ -200,4 +200,3 @@ def _evidence(columns: Array, solved: Array, pulled: Array) -> Array:
     along = columns.T @ pulled
     half_log_det = 0.5 * float(np.linalg.slogdet(inner)[1])
     return np.asarray(0.5 * (along * np.linalg.solve(inner, along)).sum(axis=0) - half_log_det)
-

@@ -8,6 +8,7 @@ area factor) is conditioned on the case: each simulation is given the value with
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,20 +34,20 @@ class Simulator:
 
     def readings(self, named: Hypothesis, rng: np.random.Generator) -> Array | None:
         """(n,) of one simulation; None where no draw has an equilibrium at all states."""
-        problem, forward = self.problem, self.problem.forward
+        problem = self.problem
         for _ in range(ATTEMPTS):
-            theta = self._calibrated_alike(self.parameters(named, rng))
-            predicted = forward.predict(theta, trial=True)
+            theta, predicted = self._calibrated_alike(self.parameters(named, rng))
             if np.isfinite(predicted).all():
                 break
         else:
             return None
         out = predicted.copy()
         for effect in named:
-            done = problem.response(theta, predicted, effect)
+            without = np.where(np.array(problem.parameters.effects) == effect, 0.0, theta)
+            done = np.nan_to_num(predicted - problem.forward.predict(without, trial=True))
             law_error = rng.choice(LAW_ERRORS) * problem.parameters.law_error[effect]
             basis = problem.form_error_basis
-            out += law_error * np.nan_to_num(done) * (basis @ rng.normal(size=basis.shape[1]))
+            out += law_error * done * (basis @ rng.normal(size=basis.shape[1]))
         size = rng.choice(DISCREPANCY_SIZES, p=DISCREPANCY_WEIGHTS)
         out += size * problem.discrepancy @ rng.normal(size=problem.discrepancy.shape[1])
         return np.asarray(out + problem.noise.colour(rng.normal(size=len(out))))
@@ -78,17 +79,22 @@ class Simulator:
             out = np.where(away, mean + sd * rng.normal(size=len(mean)), out)
         return np.clip(out, low, high)
 
-    def _calibrated_alike(self, theta: Array) -> Array:
+    def _calibrated_alike(self, theta: Array) -> tuple[Array, Array]:
         """The same parameters (k,) with those of the calibration moved by one step, so that least squares over them would leave
-        them where they are in the case."""
-        p, free = self.problem.parameters, np.flatnonzero(self.problem.parameters.calibration)
-        if not free.size:
-            return theta
-        predicted, slope = self.problem.linearise(theta, free.tolist())
-        if not np.isfinite(predicted).all():
-            return theta
-        white = self.problem.noise.whiten
-        away = white(predicted - self.calibrated.predicted)
+        them about where they are in the case; and what is predicted there (n,), NaN where there is no equilibrium."""
+        problem, free = self.problem, np.flatnonzero(self.problem.parameters.calibration)
+        predicted = problem.forward.predict(theta, trial=True)
+        if not free.size or not np.isfinite(predicted).all():
+            return theta, predicted
+        away = problem.noise.whiten(predicted - self.calibrated.predicted)
         out = theta.copy()
-        out[free] -= np.linalg.lstsq(white(slope), away, rcond=None)[0]
-        return np.clip(out, p.lower, p.upper)
+        out[free] -= np.linalg.lstsq(self._free, away, rcond=None)[0]
+        out = np.clip(out, problem.parameters.lower, problem.parameters.upper)
+        return out, problem.forward.predict(out, trial=True)
+
+    @cached_property
+    def _free(self) -> Array:
+        """(n, c) whitened derivatives by the parameters of the calibration, at the calibrated model."""
+        problem = self.problem
+        free = np.flatnonzero(problem.parameters.calibration)
+        return problem.noise.whiten(problem.linearise(self.calibrated.theta, free.tolist())[1])
