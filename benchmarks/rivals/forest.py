@@ -66,11 +66,10 @@ def forest(problem: Problem, budget: Budget = Budget()) -> dict[str, Any]:  # no
     close = {(): PRIOR_OF_NUMBER[0]} | {h: PRIOR_OF_NUMBER[1] / len(followed) for h in followed}
     close |= {h: PRIOR_OF_NUMBER[2] / len(pairs) for h in pairs}
     second = Learnt.of(*_drawn(simulator, summaries, close, budget.close, rng), budget.trees)
-    let_go = sum(v for h, v in votes.items() if h and h not in followed)
-    shares = {h: v * (1 - let_go) for h, v in second.votes(here).items()} | {
-        h: v for h, v in votes.items() if h and h not in followed
-    }
-    return _stated(shares, max(second.votes(here), key=lambda h: second.votes(here)[h]), second.certainty(here))
+    close_votes = second.votes(here)
+    rest = {h: v for h, v in votes.items() if h and h not in followed}
+    shares = {h: v * (1 - sum(rest.values())) for h, v in close_votes.items()} | rest
+    return _stated(shares, max(close_votes, key=lambda h: close_votes[h]), second.certainty(here))
 
 
 def _stated(shares: dict[Hypothesis, float], chosen: Hypothesis, probability: float) -> dict[str, Any]:
@@ -111,34 +110,40 @@ def _drawn(
 
 @dataclass(frozen=True)
 class Learnt:
-    """Two forests: which hypothesis, and whether that is right."""
+    """A forest that tells hypotheses by their summaries."""
 
     names: list[Hypothesis]
     axes: LinearDiscriminantAnalysis
     which: RandomForestClassifier
-    wrong: RandomForestRegressor
+    seen: Array
+    """(s, f) what it was trained on, the axes included."""
+    label: NDArray[np.intp]
+    """(s,) the hypothesis of each."""
 
     @staticmethod
     def of(seen: Array, label: NDArray[np.intp], names: list[Hypothesis], trees: int) -> Learnt:
         """From summaries (s, f) and the hypothesis of each (s,)."""
         axes = LinearDiscriminantAnalysis(solver="eigen", shrinkage=0.1).fit(seen, label)
-        x = np.hstack([seen, axes.transform(seen)])
-        which = RandomForestClassifier(trees, oob_score=True, random_state=1).fit(x, label)
-        error = which.classes_[np.nan_to_num(which.oob_decision_function_).argmax(axis=1)] != label
-        wrong = RandomForestRegressor(trees, min_samples_leaf=5, max_features="sqrt", random_state=2).fit(x, error.astype(float))
-        return Learnt(names, axes, which, wrong)
+        every = np.hstack([seen, axes.transform(seen)])
+        which = RandomForestClassifier(trees, oob_score=True, random_state=1).fit(every, label)
+        return Learnt(names, axes, which, every, label)
 
-    def votes(self, seen: Array) -> dict[Hypothesis, float]:
+    def votes(self, case: Array) -> dict[Hypothesis, float]:
         """Share of the trees that vote for each hypothesis, of one case (1, f)."""
-        shares = self.which.predict_proba(self._all(seen))[0]
+        shares = self.which.predict_proba(self._with_axes(case))[0]
         return {self.names[k]: float(v) for k, v in zip(self.which.classes_, shares, strict=True)}
 
-    def certainty(self, seen: Array) -> float:
-        """Probability that the hypothesis with most votes is right, of one case (1, f)."""
-        return float(1 - self.wrong.predict(self._all(seen))[0])
+    def certainty(self, case: Array) -> float:
+        """Probability that the hypothesis with most votes is right, of one case (1, f): a second forest learns from which
+        summaries the first errs, on simulations that a tree has not seen."""
+        votes = np.nan_to_num(self.which.oob_decision_function_)
+        error = (self.which.classes_[votes.argmax(axis=1)] != self.label).astype(float)
+        trees = len(self.which.estimators_)
+        errs = RandomForestRegressor(trees, min_samples_leaf=5, max_features="sqrt", random_state=2).fit(self.seen, error)
+        return float(1 - errs.predict(self._with_axes(case))[0])
 
-    def _all(self, seen: Array) -> Array:
-        return np.hstack([seen, self.axes.transform(seen)])
+    def _with_axes(self, case: Array) -> Array:
+        return np.hstack([case, self.axes.transform(case)])
 
 
 @dataclass(frozen=True)
