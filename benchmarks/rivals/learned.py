@@ -29,27 +29,33 @@ Ints = NDArray[np.int64]
 
 
 def learned(p: Prepared) -> dict[str, Any]:
-    """The answer none, with the share of the gap that the process closes on lengths that it has not seen."""
-    problem, length = p.problem, levels(p.states.spine_length, SPINE_GAP)
-    start, prior = calibrated(p), problem.parameters.no_effects()
-    before = np.full((len(p.states), 3), np.nan)
-    after = before.copy()
-    for part in np.unique(length):
-        seen = length != part
-        rest = only(problem, seen[p.labels.state])
-        theta = fit(rest, prior, 0.0, start.theta).theta
-        missed = p.tip(problem.observed - problem.forward.predict(theta))
-        before[~seen] = missed[~seen]
-        after[~seen] = missed[~seen] - predicted(inputs(p), missed, seen)[~seen]
-    own = np.isfinite(before).all(axis=1)
-    rms_before, rms_after = (rms(np.linalg.norm(errors[own], axis=1)) for errors in (before, after))
+    """The answer none, with the share of the gap that the process closes on lengths that it has not seen, and on repeats of the
+    sweep that it has not seen."""
+    start = calibrated(p)
+    by_length = levels(p.states.spine_length, SPINE_GAP)
+    before, after, share = closed(p, start.theta, by_length)
+    again = closed(p, start.theta, p.states.repeat)[2]
     return {
         "attribute": {"verdict": "none", "effects": [], "probability": 0.0, "ranking": [], "credible_set": [[]]},
-        "shrink": {
-            "share_closed": share_closed(rms_before, rms_after, p.noise_floor),
-            "before_mm": 1e3 * rms_before, "after_mm": 1e3 * rms_after, "noise_floor_mm": 1e3 * p.noise_floor,
-        },
-    }  # fmt: skip
+        "shrink": {"share_closed": share, "share_closed_of_repeats": again, "before_mm": 1e3 * before, "after_mm": 1e3 * after},
+    }
+
+
+def closed(p: Prepared, start: Array, part: Ints) -> tuple[float, float, float | None]:
+    """rms (m) that the calibrated model misses, and with the process, on parts (states,) that neither has seen, and the share of
+    the gap closed; None where there is none. `start` (k,): parameters near which each part's calibration is."""
+    problem, prior = p.problem, p.problem.parameters.no_effects()
+    before = np.full((len(p.states), 3), np.nan)
+    after, x = before.copy(), inputs(p)
+    for one in np.unique(part):
+        seen = part != one
+        theta = fit(only(problem, seen[p.labels.state]), prior, 0.0, start).theta
+        missed = p.tip(problem.observed - problem.forward.predict(theta))
+        before[~seen] = missed[~seen]
+        after[~seen] = (missed - predicted(x, missed, seen))[~seen]
+    own = np.isfinite(before).all(axis=1)
+    left = [rms(np.linalg.norm(errors[own], axis=1)) for errors in (before, after)]
+    return left[0], left[1], share_closed(left[0], left[1], p.noise_floor)
 
 
 def inputs(p: Prepared) -> Array:

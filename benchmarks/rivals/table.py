@@ -22,7 +22,7 @@ from lab.blind.score import score, write
 from lab.pages.figures import BLUE, STYLE, save
 
 NAMES = {
-    "diagnosis": "diagnosis", "forest": "random forest on simulations", "stepwise": "stepwise BIC", "alone": "each alone, BIC",
+    "diagnosis": "diagnosis", "forest": "forest on simulations", "stepwise": "stepwise BIC", "alone": "each alone, BIC",
     "sparse": "sparse regression", "learned": "learned residual",
 }  # fmt: skip
 PANELS = {
@@ -120,6 +120,9 @@ def draw(rows: Sequence[Row], path: Path) -> Path:
         )
         for axis, (column, title) in zip(axes, PANELS.items(), strict=True):
             _panel(axis, [r for r in rows if r.cases[column]], column, title)
+            axis.spines["bottom"].set_visible(axis is axes[-1])
+            axis.tick_params(axis="x", length=3 if axis is axes[-1] else 0)
+        axes[-1].spines["bottom"].set_bounds(0, 1)
         axes[-1].set_xticks([0, 0.25, 0.5, 0.75, 1], ["0", "", "0.5", "", "1"])
         axes[-1].set_xlabel("share of cases, 95 % interval")
         return save(figure, path)
@@ -129,12 +132,12 @@ def _panel(axis: Axes, rows: Sequence[Row], column: str, title: str) -> None:
     for y, r in enumerate(rows):
         found, ink = r.interval(column), BLUE if r.method == "diagnosis" else "0.45"
         axis.plot([found.low, found.high], [y, y], color=ink, lw=3, alpha=0.45, solid_capstyle="butt")
-        axis.plot([found.value], [y], "o", color=ink, ms=8)
+        axis.plot([found.value], [y], "o", color=ink, ms=8, clip_on=False)
         axis.text(1.04, y, f"{sum(r.cases[column])} of {found.n}", va="center", color=ink)
     axis.set_yticks(range(len(rows)), [NAMES[r.method] for r in rows])
     axis.tick_params(axis="y", length=0)
     axis.set_ylim(len(rows) - 0.4, -0.6)
     axis.set_xlim(0, 1.28)
     axis.spines["left"].set_visible(False)
-    axis.axvline(1.0, color="0.9", lw=1, zorder=0)
+    axis.vlines([0, 0.5, 1], -0.5, len(rows) - 0.5, color="0.9", lw=1, zorder=0)
     axis.set_title(title, loc="left", x=0.0, fontweight="bold")

@@ -20,6 +20,7 @@ from lab.blind.answers import Answer, read_foreign
 from lab.blind.by_mm import Weighed
 from tests.diagnosis.small_campaigns import SOME, measured
 from tests.diagnosis.toy import toy_problem
+from tests.docs.blocks import ROOT, blocks
 
 METHODS = {"alone": alone, "stepwise": stepwise, "sparse": sparse, "forest": partial(forest, budget=Budget(300, 300, 100))}
 
@@ -29,6 +30,12 @@ def published(found: dict[str, Any], place: Path) -> Answer:
     path = place / "0001.json"
     path.write_text(json.dumps(found))
     return read_foreign(path, "0001")
+
+
+def test_the_form_that_the_page_shows_is_read(tmp_path: Path) -> None:
+    (shown,) = (b.text for b in blocks(ROOT / "docs/howto/blind.md") if b.text.startswith("{"))
+    answer = published(json.loads(shown), tmp_path)
+    assert answer.effects == {"contact"} and answer.probability_of(answer.effects) == 0.8 and answer.none_probability == 0.2
 
 
 @pytest.mark.parametrize("method", METHODS)
