@@ -305,7 +305,7 @@ class Search:
         return whole, whole if answer is leading else self.with_all_derivatives(self._searched_beside(leading, answer))
 
     def _searched_beside(self, leading: Candidate, answer: Candidate) -> Candidate:
-        """An answer that was only weighed is searched to its end, from there and from the leading one, where it is a tolerance."""
+        """An answer that was only weighed, searched to its end from there and from the leading one, where it is a tolerance."""
         if answer.turns:
             return answer
         named, with_tolerances, size = answer.named, leading.with_tolerances, leading.grid_point.size
