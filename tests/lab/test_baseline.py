@@ -148,10 +148,7 @@ def test_a_simulator_that_is_none_is_refused(case: Case, tmp_path: Path) -> None
         def predict(self, states: States, parameters: Mapping[str, float]) -> Readings:
             return Readings(np.zeros((len(states), 2)))
 
-    for own, told in (
-        (Wrong(), "parameter 'softness' is not known"),
-        (Flat(), r"tip has the shape \(\d, 2\), must be"),
-    ):
+    for own, told in ((Wrong(), "parameter 'softness' is not known"), (Flat(), r"tip has the shape \(\d, 2\), must be")):
         with pytest.raises(ConfigError, match=told):
             from_simulator("own", own, case, CATALOGUE, lambda done, total: None)
 

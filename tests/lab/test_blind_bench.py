@@ -10,6 +10,7 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
+from commands import Cli
 from diagnosed_case import EULER
 
 from lab.blind import make as making
@@ -98,10 +99,8 @@ def test_where_no_size_of_a_cause_leaves_an_equilibrium_another_cause_is_drawn(
     assert first not in truth["effects"] and len(truth["effects"]) == 1
 
 
-def test_the_help_names_every_world(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main(["blind", "make", "--help"])
-    told = capsys.readouterr().out
+def test_the_help_names_every_world(cli: Cli) -> None:
+    told = cli("blind", "make", "--help").out
     assert all(name in told for name in WORLDS)
 
 
@@ -120,10 +119,7 @@ def test_every_effect_gets_its_turn() -> None:
 
 def test_settled_sets_leave_out_what_a_settled_reading_cannot_show() -> None:
     drawn = {settled: draw(Recipe("bench", 60, 3, ("clean",), settled=settled)) for settled in (False, True)}
-    assert {settled: any("time_offset" in ids for _, ids in own) for settled, own in drawn.items()} == {
-        False: True,
-        True: False,
-    }
+    assert {settled: any("time_offset" in ids for _, ids in own) for settled, own in drawn.items()} == {False: True, True: False}
 
 
 def test_sizes_lie_in_the_asked_range_and_clutter_is_every_other_effect() -> None:
@@ -192,7 +188,7 @@ def test_legs_of_a_sweep_read_as_often_as_its_states(sweep: Any) -> None:
     assert all(leg.hold >= 0 for leg in walked.legs)
 
 
-def test_what_cannot_be_drawn_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_cannot_be_drawn_is_refused(tmp_path: Path, cli: Cli) -> None:
     for words, said in (
         (["--world", "moon"], "must be one of bench"),
         (["--cause", "force_bias"], "--cause force_bias: must be one of"),
@@ -200,8 +196,7 @@ def test_what_cannot_be_drawn_is_refused(tmp_path: Path, capsys: pytest.CaptureF
         (["--clutter", "2"], "--clutter 2: must be within 0..1"),
         (["--n", "0"], "--n 0: must be 1 or more"),
     ):
-        assert main(["blind", "make", "--n", "1", "--seed", "1", *words, str(tmp_path / "set")]) == 2
-        assert said in " ".join(capsys.readouterr().err.split())
+        assert said in cli("blind", "make", "--n", "1", "--seed", "1", *words, tmp_path / "set", code=2).flat_err
 
 
 def test_a_tip_case_is_the_paper_s_own_data(made: Path) -> None:
@@ -313,9 +308,7 @@ def test_a_set_is_scored_once_all_cases_are_answered_and_then_closed(small_set: 
         bench.run(small_set, always_none, crew=QUIET)
 
 
-def test_answers_of_another_method_are_scored_on_the_same_cases(
-    small_set: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_answers_of_another_method_are_scored_on_the_same_cases(small_set: Path, tmp_path: Path, cli: Cli) -> None:
     theirs = tmp_path / "theirs"
     theirs.mkdir()
     truth = open_seal(SetFolder(small_set))
@@ -332,9 +325,7 @@ def test_answers_of_another_method_are_scored_on_the_same_cases(
     with pytest.raises(ConfigError, match="not blind"):
         bench.run(small_set, always_none, crew=QUIET)
     (theirs / f"{min(truth)}.json").write_text("[1]")
-    capsys.readouterr()
-    assert main(["blind", "score", str(small_set), "--answers", str(theirs)]) == 2
-    assert "holds no answer; write {" in capsys.readouterr().err
+    assert "holds no answer; write {" in cli("blind", "score", small_set, "--answers", theirs, code=2).err
     (theirs / f"{min(truth)}.json").unlink()
     with pytest.raises(ConfigError, match=r"have no answer .* write .*CASE\.json"):
         score(small_set, theirs)

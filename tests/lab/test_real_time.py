@@ -11,6 +11,7 @@ from typing import Any, get_args
 
 import pytest
 import yaml
+from commands import Cli
 
 from drivers.configs import HOSTS, PORTS
 from lab.cli import main
@@ -113,9 +114,7 @@ def test_a_port_that_appears_after_the_rig_was_assembled_is_looked_at_again(writ
 
 
 @pytest.mark.parametrize("verb", [["check"], ["run", "bending"]])
-def test_no_verb_opens_real_instruments_at_another_speed(
-    write: Write, capsys: pytest.CaptureFixture[str], verb: list[str]
-) -> None:
+def test_no_verb_opens_real_instruments_at_another_speed(write: Write, cli: Cli, verb: list[str]) -> None:
     names = ("pressure", "spine", "gauge")
     tables = {
         "pressure": {"driver": "alicat", "port": REAL},
@@ -123,8 +122,7 @@ def test_no_verb_opens_real_instruments_at_another_speed(
         "gauge": {"driver": "pfeiffer", "port": REAL},
     }
     rig = write(valve=valve(REAL), mocap=mocap("192.0.2.1"), **tables)
-    assert main([*verb, "--rig", str(rig)]) == 2
-    text = capsys.readouterr().err
+    text = cli(*verb, "--rig", rig, code=2).err
     assert all(f"clock.speed = 20: instruments.{name}.port = {REAL}" in text for name in (*names, "valve"))
     assert "instruments.mocap.server = 192.0.2.1" in text
 

@@ -26,6 +26,17 @@ def lab(*arguments: object) -> int:
     return main([str(a) for a in arguments])
 
 
+def settings(*values: str) -> list[str]:
+    """`--set` for each."""
+    return [word for value in values for word in ("--set", value)]
+
+
+def recorded(folder: Path) -> Path:
+    """The only recording in a folder."""
+    (file,) = folder.glob("*.mcap")
+    return file
+
+
 def meanwhile(condition: Callable[[], object], *acts: Callable[[], object], within: float = 120.0) -> None:
     """Do something to a command of this process as soon as a condition holds, host seconds."""
 
