@@ -27,7 +27,6 @@ from lab.blind.sheet import sheet
 from lab.blind.sweeps import BASE, CHANNELS, MENU, design
 from lab.blind.truth import Recipe, causes, draw, draw_robot
 from lab.blind.workers import Crew
-from lab.cli import main
 from lab.files.baseline import from_table
 from lab.files.config import ConfigError
 from lab.files.inputs import read_case
@@ -78,6 +77,12 @@ def held_against(folder: Path) -> dict[str, Any]:
 
 def breaks(folder: Path) -> dict[str, Any]:
     raise ValueError("no idea")
+
+
+def told(folder: SetFolder, name: str) -> list[dict[str, Any]]:
+    """The rounds of an answer."""
+    found: list[dict[str, Any]] = json.loads((folder.answers(name) / "rounds.json").read_text())
+    return found
 
 
 # ------------------------------------------------------------------ truth
@@ -233,11 +238,11 @@ def test_a_diagnosis_is_given_what_it_asks_for_and_nothing_else(small_set: Path)
     folder = SetFolder(small_set)
     for name, chosen in (("0001", 2), ("0002", 0)):
         bench.answer(folder, asks, bench.Further(chosen), name)
-    rounds = json.loads((folder.answers("0001") / "rounds.json").read_text())
+    rounds = told(folder, "0001")
     assert [r["asked"] for r in rounds] == [[], ["unload"], ["unload", "tip_mass"]]
     given = [r["diagnosis"]["given"] for r in rounds]
     assert given == [[105, False, False], [231, False, False], [231 + 24, False, False]]
-    assert len(json.loads((folder.answers("0002") / "rounds.json").read_text())) == 1
+    assert len(told(folder, "0002")) == 1
 
 
 def test_rounds_go_on_from_a_first_diagnosis_that_is_known_and_come_back_from_their_file(made: Path, tmp_path: Path) -> None:
@@ -278,7 +283,7 @@ def test_a_simulator_s_predictions_are_the_baseline_of_a_set(tmp_path: Path) -> 
     rod, predicted = (folder.case(name) / n for n in ("trials.csv", "predicted.csv"))
     assert len(predicted.read_text().splitlines()) == len(rod.read_text().splitlines())
     assert bench.run(root, held_against, crew=QUIET) == 1
-    (first,) = json.loads((folder.answers(name) / "rounds.json").read_text())
+    (first,) = told(folder, name)
     # an area factor of 1.6 where the truth lies between 1.4 and 1.8, and the Euler integration's own error
     assert 1.0 < first["diagnosis"]["missed_mm"] < 60.0
 
@@ -286,8 +291,7 @@ def test_a_simulator_s_predictions_are_the_baseline_of_a_set(tmp_path: Path) -> 
 def test_a_failing_diagnosis_is_an_answer_and_a_wrong_one(small_set: Path) -> None:
     folder = SetFolder(small_set)
     bench.answer(folder, breaks, bench.Further(), "0002")
-    rounds = json.loads((folder.answers("0002") / "rounds.json").read_text())
-    found = answer_from("0002", rounds[0]["diagnosis"])
+    found = answer_from("0002", told(folder, "0002")[0]["diagnosis"])
     assert found.verdict == "failed" and "no idea" in found.error
 
 
@@ -320,7 +324,7 @@ def test_answers_of_another_method_are_scored_on_the_same_cases(small_set: Path,
         )
     result = score(small_set, theirs)
     assert all(c.right for c in result.cases)
-    assert main(["blind", "score", str(small_set), "--answers", str(theirs)]) in (0, 1)
+    cli("blind", "score", small_set, "--answers", theirs, code=(0, 1))
     assert (theirs / "score.json").exists() and (theirs / "score.png").exists()
     with pytest.raises(ConfigError, match="not blind"):
         bench.run(small_set, always_none, crew=QUIET)

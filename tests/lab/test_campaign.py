@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from commands import Cli
 from virtual_lab import VirtualLab, journal_says, lab, meanwhile, press_ctrl_c
 
 from benchmarks.faults.night import KILL, Night, Trouble, write_campaign
@@ -53,16 +54,12 @@ def test_a_campaign_gives_the_table_that_was_planned(virtual_lab: VirtualLab, tm
     assert (table["hold"][~swept & ~held] > 0.5).all() and (planned["hold"][~swept & ~held] > 0.5).all()
 
 
-def test_a_stopped_campaign_goes_on_by_the_line_it_printed(
-    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_stopped_campaign_goes_on_by_the_line_it_printed(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:
     folder = tmp_path / "with blank"
     file = write_campaign(tmp_path / "night.yaml", (0.0, 0.03), 1, unload=False)
     command = ["campaign", file, "--rig", virtual_lab.rig, "--out", folder]
     meanwhile(lambda: journal_says('"step"', next(folder.glob("0001-*"), folder)), press_ctrl_c)
-    code = lab(*command, "--operator", "Ada")
-    output = "".join(capsys.readouterr())
-    assert code == 1, output
+    output = cli(*command, "--operator", "Ada", code=1).both
     (told,) = [line for line in output.splitlines() if line.startswith("go on with: ")]
     words = shlex.split(told.removeprefix("go on with: "))
     assert words == ["lab", "campaign", "--resume", str(folder), "--rig", str(virtual_lab.rig)]

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 import yaml
-from commands import Cli
+from commands import SOUND, Cli
 from virtual_lab import settings
 
 from lab.files.rig_file import load_rig
@@ -87,11 +87,11 @@ def test_a_sound_rig_passes_and_is_remembered_as_long_as_its_file_stays(start: S
     assert not isinstance(last(rig, load_rig(rig)), str)
     short = settings("spine_lengths=[0]", "pressures=[50 kPa]", "unload=false")
     run = ["run", "bending", "--rig", rig, "--out", tmp_path, *short]
-    assert "not confirmed" not in cli(*run, code=(0, 3)).out
+    assert "not confirmed" not in cli(*run, code=SOUND).out
     (first,) = tmp_path.glob("*.mcap")
     assert Recording.open(first).metadata["check"]["moved"].startswith("20")
     rig.write_text(rig.read_text().replace("units:\n    - A\n    - B", "units:\n    - B\n    - A"))
-    assert "are not confirmed: instruments or stand of" in cli(*run, code=(0, 3)).out
+    assert "are not confirmed: instruments or stand of" in cli(*run, code=SOUND).out
     (second,) = set(tmp_path.glob("*.mcap")) - {first}
     assert Recording.open(second).metadata["check"]["moved"] == "no"
 

@@ -108,10 +108,9 @@ def test_a_single_item_is_not_sent(two: Processes, tmp_path: Path) -> None:
     assert where == os.getpid()
 
 
-def test_a_process_that_is_lost_costs_time_only() -> None:
-    with processes(2) as pool:
-        assert list(pool.in_order(DiesElsewhere(), range(6))) == [x * x for x in range(6)]
-        assert list(pool.in_order(square, range(4))) == [0, 1, 4, 9]
+def test_a_process_that_is_lost_costs_time_only(two: Processes) -> None:
+    assert list(two.in_order(DiesElsewhere(), range(6))) == [x * x for x in range(6)]
+    assert list(two.in_order(square, range(4))) == [0, 1, 4, 9]
 
 
 def test_ctrl_c_leaves_no_process_behind(tmp_path: Path) -> None:

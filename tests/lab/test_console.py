@@ -15,7 +15,6 @@ from rich.table import Table
 from terminal import Terminal
 
 from drivers.errors import DeviceFault
-from lab.cli import main
 from lab.console import PlainConsole, Screen, complain, out, styled
 from lab.files.config import ConfigError
 from lab.guard.latch import Latch
@@ -208,7 +207,7 @@ class Shown(io.StringIO):
 
 @pytest.mark.parametrize(("file", "lines"), [(Shown(), 1), (io.StringIO(), 0)])
 def test_fakes_say_at_a_terminal_that_they_start_before_they_do(
-    file: io.StringIO, lines: int, monkeypatch: pytest.MonkeyPatch
+    file: io.StringIO, lines: int, monkeypatch: pytest.MonkeyPatch, cli: Cli
 ) -> None:
     def compiling(a: object) -> None:
         assert file.getvalue().count("Starting the fakes") == lines
@@ -216,5 +215,5 @@ def test_fakes_say_at_a_terminal_that_they_start_before_they_do(
 
     monkeypatch.setattr(fakes, "err", PlainConsole(file=file, width=200))
     monkeypatch.setattr(fakes, "_rig", compiling)
-    assert main(["fakes"]) == 2
+    cli("fakes", code=2)
     assert file.getvalue().count("\n") == lines

@@ -177,7 +177,8 @@ def test_guesses_that_nobody_has_confirmed_stand_first_and_a_page_of_a_small_tab
     assert "Too little data to name a cause" in text and "A single trial" in text
     assert "Only one spine length" in text and "Only one pressure" in text
     (case / "map.yaml").write_text("robot: robot.yaml\n")
-    assert "unconfirmed" not in cli("diagnose", case, "--report", page).out and "not confirmed" not in page.read_text()
+    assert "unconfirmed" not in cli("diagnose", case, "--json", answer).out
+    assert not any("unconfirmed" in concern for concern in json.loads(answer.read_text())["concerns"])
 
 
 @pytest.mark.parametrize(

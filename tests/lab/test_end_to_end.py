@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,7 @@ from recordings.campaign.replay import table_of
 from recordings.file.reader import Recording
 from sim_fakes.virtual_robot.truth import TABLE_II
 
-SHORT = ["--set", "spine_lengths=[0.0, 10 cm]", "--set", "pressures=[100 kPa, 200 kPa]"]
+SHORT = settings("spine_lengths=[0.0, 10 cm]", "pressures=[100 kPa, 200 kPa]")
 
 
 @pytest.fixture(scope="module")
@@ -32,10 +31,8 @@ def bending(virtual_lab: VirtualLab, tmp_path_factory: pytest.TempPathFactory) -
 
 
 def test_check_finds_every_instrument(virtual_lab: VirtualLab, cli: Cli) -> None:
-    found = {
-        i["instrument"]: i
-        for i in cli("check", "--rig", virtual_lab.rig, "--seconds", "1", "--json", code=(0, 3)).json["instruments"]
-    }
+    done = cli("check", "--rig", virtual_lab.rig, "--seconds", "1", "--json", code=SOUND)
+    found = {i["instrument"]: i for i in done.json["instruments"]}
     assert set(found) == {"arm", "arm_state", "force", "gauge", "mocap", "pressure", "spine", "valve"}
     assert all(i["ok"] for i in found.values())
     assert all(i["samples"] > 0 for i in found.values() if "samples" in i)
@@ -43,7 +40,7 @@ def test_check_finds_every_instrument(virtual_lab: VirtualLab, cli: Cli) -> None
 
 
 def test_check_tells_an_instrument_that_opens_and_sends_nothing(
-    virtual_lab: VirtualLab, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    virtual_lab: VirtualLab, cli: Cli, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The cameras' network ends after they have been found: an instrument without a sample is not ok."""
     opened, mocap = Rig.open_all, virtual_lab.fakes.mocap
@@ -63,10 +60,10 @@ def test_check_tells_an_instrument_that_opens_and_sends_nothing(
     data["limits"] = {"max_age": 4.0}
     rig.write_text(yaml.safe_dump(data))
     try:
-        assert lab("check", "--rig", rig, "--seconds", "0", "--json") == 1
+        done = cli("check", "--rig", rig, "--seconds", "0", "--json", code=1)
     finally:
         mocap.faults.silent = False
-    found = {i["instrument"]: i for i in json.loads(capsys.readouterr().out)["instruments"]}
+    found = {i["instrument"]: i for i in done.json["instruments"]}
     assert not found["mocap"]["ok"] and "no sample in 4" in found["mocap"]["problem"]
     assert all(i["ok"] for name, i in found.items() if name != "mocap")
 
@@ -107,8 +104,8 @@ def test_compare_draws_and_tabulates(bending: Path, tmp_path: Path, cli: Cli) ->
 def test_stiffness_gives_back_the_modulus_of_the_virtual_spine_at_each_length(
     virtual_lab: VirtualLab, tmp_path: Path, lengths: tuple[float, ...]
 ) -> None:
-    settings = ["--set", "steps=6", "--set", "min_samples=40", "--set", f"spine_lengths={list(lengths)}"]
-    assert lab("run", "stiffness", "--rig", virtual_lab.rig, *settings, "--out", tmp_path) in (0, 3)
+    how = settings("steps=6", "min_samples=40", f"spine_lengths={list(lengths)}")
+    assert lab("run", "stiffness", "--rig", virtual_lab.rig, *how, "--out", tmp_path) in SOUND
     found = calibrate(read_case([recorded(tmp_path)])).spine_modulus
     assert sorted(round(x, 3) for x in found) == sorted(lengths)
     beyond = 0
@@ -159,7 +156,7 @@ def test_creep_is_run_and_replayed_though_its_plan_forgets_a_state(virtual_lab: 
     assert [row.hold for row in rows] == pytest.approx([10.0, 30.0], abs=0.5)
     assert all(row.pressures[0] == pytest.approx(60e3, rel=0.05) for row in rows)
     assert "bit-identical to the live run's" in cli("replay", file).out
-    assert "2 states were read, and the plan lists 1" in cli("info", file, code=(0, 3)).err
+    assert "2 states were read, and the plan lists 1" in cli("info", file, code=SOUND).err
 
 
 def test_a_staircase_of_a_few_lines_is_planned_run_and_replayed(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:

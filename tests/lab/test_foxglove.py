@@ -29,7 +29,6 @@ from mcap.records import Schema
 from websockets.sync.client import ClientConnection, connect
 
 import timing
-from lab.cli import main
 from lab.files.config import check, parse_yaml
 from lab.files.example import paper_robot
 from lab.files.own_effects import stated_by
@@ -291,11 +290,10 @@ def test_wrong_words_get_one_clear_error(words: list[str], says: str, cli: Cli) 
     assert says in cli("watch", RECORDING, *words, code=2).flat_err
 
 
-def test_a_port_that_is_taken_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_port_that_is_taken_is_told(cli: Cli) -> None:
     with Foxglove(LOOPBACK, 0) as foxglove:
         port = foxglove.address.rpartition(":")[2]
-        assert main(["watch", str(RECORDING), "--foxglove", port]) == 2
-    assert f"--foxglove {port}: cannot listen there" in " ".join(capsys.readouterr().err.split())
+        assert f"--foxglove {port}: cannot listen there" in cli("watch", RECORDING, "--foxglove", port, code=2).flat_err
 
 
 def test_without_its_library_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch, cli: Cli) -> None:

@@ -12,7 +12,6 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
-import numpy as np
 import pytest
 from commands import Cli, run_there
 from virtual_lab import VirtualLab
@@ -37,13 +36,6 @@ def test_importing_it_costs_next_to_nothing_and_its_names_are_known() -> None:
     assert all(callable(getattr(lab, name)) and getattr(lab, name).__doc__ for name in lab.__all__)
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         lab.nothing  # noqa: B018
-
-
-def test_prediction_follows_the_rod() -> None:
-    robot = lab.load_robot(paper_robot())
-    tips = lab.predict(robot, [[0.0] * 9, [100e3, 100e3, 0, 0, 0, 0, 0, 0, 100e3]], spine_length=[0.0, 0.1])
-    assert tips.shape == (2, 3) and abs(tips[0, 0]) < 1e-9 and np.linalg.norm(tips[1, :2]) > 0.01
-    assert np.allclose(lab.predict(robot, [0.0] * 9), tips[:1], atol=1e-9)
 
 
 def test_a_run_on_fakes_is_read_fitted_and_compared(virtual_lab: VirtualLab, tmp_path: Path) -> None:

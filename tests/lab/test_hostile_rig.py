@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import socket
 import stat
 from collections.abc import Iterator
@@ -11,14 +10,12 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import psutil
-import pytest
 import yaml
-from commands import Cli
+from commands import SOUND, Cli
 from terminal import Terminal
 from virtual_lab import VirtualLab, recorded, settings
 
 import timing
-from lab.cli import main
 from lab.verbs.fakes import PATIENT_SETTLE
 from recordings.file.reader import Recording
 
@@ -49,22 +46,19 @@ def forging(virtual_lab: VirtualLab) -> Iterator[None]:
         thread.join()
 
 
-def test_check_tells_once_that_something_else_speaks(virtual_lab: VirtualLab, capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_tells_once_that_something_else_speaks(virtual_lab: VirtualLab, cli: Cli) -> None:
     with forging(virtual_lab):
-        assert main(["check", "--rig", str(virtual_lab.rig), "--seconds", "1", "--json"]) in (0, 3)
-    said = capsys.readouterr()
-    (warning,) = json.loads(said.out)["warnings"]
+        said = cli("check", "--rig", virtual_lab.rig, "--seconds", "1", "--json", code=SOUND)
+    (warning,) = said.json["warnings"]
     assert LIAR in warning and virtual_lab.fakes.host in warning
     assert said.err.count("warning:") == 1
 
 
-def test_the_recording_of_a_run_says_so_once_and_the_server_goes_on(
-    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_recording_of_a_run_says_so_once_and_the_server_goes_on(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:
     short = settings("spine_lengths=[0.05]", "pressures=[60 kPa]")
     with forging(virtual_lab):  # whether busy processors let the run settle is not the question here
-        main(["run", "bending", "--rig", str(virtual_lab.rig), *short, "--out", str(tmp_path)])
-    assert capsys.readouterr().err.count("warning:") == 1
+        said = cli("run", "bending", "--rig", virtual_lab.rig, *short, "--out", tmp_path, code=(0, 1, 3))
+    assert said.err.count("warning:") == 1
     recording = Recording.open(recorded(tmp_path))
     (warning,) = [line for line in recording.log if LIAR in line.text]
     assert warning.level == "warning"
@@ -115,7 +109,7 @@ def hostile(lab: VirtualLab, folder: Path) -> Iterator[Path]:
 
 def test_check_shows_names_identities_and_foreign_answers_plain(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:
     with hostile(virtual_lab, tmp_path) as rig:
-        said = cli("check", "--rig", rig, "--seconds", "0.3", code=(0, 3))
+        said = cli("check", "--rig", rig, "--seconds", "0.3", code=SOUND)
         assert "\x1b" not in said.out + said.err and SHOWN in said.out and "\\x1b[2J[/b]" in said.out
         virtual_lab.fakes.lines["valve"].faults.extra["foreign"] = HOSTILE
         said = cli("check", "--rig", rig, "--seconds", "0.3", code=1)

@@ -16,13 +16,12 @@ from pathlib import Path
 
 import pytest
 import yaml
-from commands import Cli
+from commands import SOUND, Cli
 from pydantic import ValidationError
 from terminal import WITHIN, Terminal
 from virtual_lab import VirtualLab, journal_says, meanwhile, settings
 
 import timing
-from lab.cli import main
 from lab.console import Screen
 from lab.files.inputs import read_case
 from lab.files.rig_file import RigFile
@@ -212,17 +211,17 @@ def test_a_run_is_paused_noted_in_and_goes_on_with_every_state_there_once(
     between = pressure["setpoint"][(pressure["t"] > pause.t) & (pressure["t"] < after.t)].max(axis=1)
     assert after.state.branch == "unload" and between.min() < 1e3 and between.max() > 75e3
     assert compare(recording).equal
-    said = cli("info", file, code=(0, 3)).out
+    said = cli("info", file, code=SOUND).out
     assert f"note (terminal): {HOSTILE} half" in said and "pause done, asked for by terminal" in said
-    assert cli("info", file, "--json", code=(0, 3)).json["requests"][2]["text"] == f"{HOSTILE} half"
+    assert cli("info", file, "--json", code=SOUND).json["requests"][2]["text"] == f"{HOSTILE} half"
     assert cli("runs", tmp_path, "--json").json[0]["notes"] == 1
-    assert main(["export", "--out", str(tmp_path / "out"), str(file)]) == 0
+    cli("export", "--out", tmp_path / "out", file)
     with open(tmp_path / "out" / "requests.csv", newline="") as lines:
         assert [row["text"] for row in csv.DictReader(lines)][2] == f"{HOSTILE} half"
 
 
 def test_the_last_reading_of_a_state_counts_and_a_skipped_trial_is_not_done_again(
-    virtual_lab: VirtualLab, tmp_path: Path
+    virtual_lab: VirtualLab, tmp_path: Path, cli: Cli
 ) -> None:
     steering, rig = Steering(), virtual_lab.rig
     words = ["spine_lengths=[0.0, 3 cm]", "pressures=[60 kPa]"]
@@ -248,7 +247,7 @@ def test_the_last_reading_of_a_state_counts_and_a_skipped_trial_is_not_done_agai
     case = read_case([file]).table
     assert second.row == case.rows[0] and any("was read again" in text for text in case.warnings)
 
-    assert main(["run", "--resume", str(file), "--rig", str(rig)]) in (0, 3)
+    cli("run", "--resume", file, "--rig", rig, code=(0, 3))
     (other,) = set(tmp_path.glob("*.mcap")) - {file}
     assert {e.row.trial for e in Recording.open(other).trials} == {2}
     assert [(r.trial, r.step) for r in read_case([file, other]).table] == [(2, s) for s in range(1, 4)]

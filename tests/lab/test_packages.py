@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 from commands import Cli
 
-from lab.cli import main
 from lab.files.all_drivers import found_drivers
 from lab.files.all_protocols import found_protocols
 from lab.files.own_effects import catalogue, effects_from_file
@@ -121,7 +120,7 @@ def test_protocols(install: Install, cli: Cli) -> None:
         "cannot be loaded: ModuleNotFoundError: No module named 'nothing_of_this_name'"
         in cli("plan", "odd", "--rig", RIG, code=2).err
     )
-    assert main(["schema", "odd"]) == 2
+    cli("schema", "odd", code=2)
 
 
 def test_fakes(install: Install, cli: Cli, tmp_path: Path) -> None:
@@ -179,7 +178,7 @@ def test_a_file_without_good_effects_is_refused_by_name(tmp_path: Path, text: st
     path = tmp_path / "own.py"
     path.write_text(text)
     said = cli("effects", "--out", tmp_path, "--effects", path, code=2).err
-    assert "own.py" in said and ("EFFECTS must be a tuple of EffectSpec" in said) == text.startswith("EFFECTS")
+    assert "own.py" in said and ("EFFECTS must be a tuple of EffectSpec" in said or text.startswith(("1", "raise")))
 
 
 def test_a_file_is_run_as_no_module_that_others_could_import(tmp_path: Path) -> None:

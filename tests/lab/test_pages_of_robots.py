@@ -12,6 +12,7 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 import pytest
+from commands import Cli
 from diagnosed_case import ROBOT as PAPER
 from diagnosed_case import folder
 from pages import read_as_text
@@ -179,9 +180,9 @@ def pushed() -> list[TrialRow]:
     return [TrialRow.from_cells({**c, "force": float(f)}) for c, f in zip(cells, read, strict=True)]
 
 
-def test_stiffness_trials_alone_make_a_page_of_what_they_can_show(tmp_path: Path) -> None:
+def test_stiffness_trials_alone_make_a_page_of_what_they_can_show(tmp_path: Path, cli: Cli) -> None:
     case, page, answer = folder(tmp_path / "case", pushed()), tmp_path / "page.html", tmp_path / "answer.json"
-    assert main(["diagnose", str(case), "--report", str(page), "--json", str(answer)]) == 0
+    cli("diagnose", case, "--report", page, "--json", answer)
     text, told = page.read_text(), json.loads(answer.read_text())
     assert told["locate"]["of"] == "deflection" and told["attribute"]["effects"] == ["force_bias"]
     assert re.findall(r"<h2>([^<]+)</h2>", text) == OF_PUSHES

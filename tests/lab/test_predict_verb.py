@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from commands import Cli
+from commands import SOUND, Cli
 from virtual_lab import VirtualLab
 
 import lab
@@ -209,7 +209,7 @@ def test_a_folder_of_recordings_is_no_case(tmp_path: Path) -> None:
 def test_check_shows_limits_with_their_units(virtual_lab: VirtualLab, cli: Cli) -> None:
     limits = [
         line.split("│")[-2]
-        for line in cli("check", "--rig", virtual_lab.rig, "--seconds", "0", code=(0, 3)).out.splitlines()
+        for line in cli("check", "--rig", virtual_lab.rig, "--seconds", "0", code=SOUND).out.splitlines()
         if line.startswith("│")
     ]
     told = "".join("".join(limits).split())

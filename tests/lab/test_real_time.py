@@ -14,7 +14,6 @@ import yaml
 from commands import Cli
 
 from drivers.configs import HOSTS, PORTS
-from lab.cli import main
 from lab.files.config import ConfigError
 from lab.files.example import paper_robot
 from lab.files.rig_file import Instruments, NotInstalled, load_rig
@@ -127,12 +126,12 @@ def test_no_verb_opens_real_instruments_at_another_speed(write: Write, cli: Cli,
     assert "instruments.mocap.server = 192.0.2.1" in text
 
 
-def test_a_landing_is_not_refused_and_is_done_at_real_speed(write: Write, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_landing_is_not_refused_and_is_done_at_real_speed(write: Write, cli: Cli) -> None:
     path = write(valve=valve(REAL))
     rig, told = at_real_speed(load_rig(path))
     assert rig.clock.speed == 1 and rig.path == path.resolve() and "speed 1" in told
-    main(["safe", "--rig", str(path)])
-    assert f"instruments.valve.port = {REAL}" in (text := capsys.readouterr()).err and "NOT CONFIRMED" in text.out
+    done = cli("safe", "--rig", path, code=1)
+    assert f"instruments.valve.port = {REAL}" in done.err and "NOT CONFIRMED" in done.out
 
 
 def test_every_instrument_has_an_address_that_the_rule_knows() -> None:

@@ -84,15 +84,11 @@ def test_a_killed_run_is_resumed_from_its_first_unfinished_trial(real_lab: Virtu
     assert read_case([second, broken / "first.mcap"]).table.rows == resumed.rows
 
 
-def test_a_run_that_was_stopped_says_how_to_go_on_and_that_does(
-    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_run_that_was_stopped_says_how_to_go_on_and_that_does(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:
     folder = tmp_path / "with blank"
     meanwhile(lambda: journal_says('{"trial": 2, "step": 1}', folder), press_ctrl_c)
     said = ("--operator", "Ada", "--tag", "batch=3")
-    code = lab("run", "bending", "--rig", virtual_lab.rig, *SHORT, "--out", folder, *said)
-    output = "".join(capsys.readouterr())
-    assert code == 1, output
+    output = cli("run", "bending", "--rig", virtual_lab.rig, *SHORT, "--out", folder, *said, code=1).both
     (told,) = [line for line in output.splitlines() if line.startswith("go on with: ")]
     words = shlex.split(told.removeprefix("go on with: "))
     (first,) = folder.glob("*.mcap")
@@ -132,18 +128,16 @@ def truncate(folder: Path) -> None:
 
 @pytest.mark.parametrize("harm", [delete_file, truncate, pytest.param(rename_folder, marks=pytest.mark.long)])
 def test_a_run_whose_recording_is_lost_lands_after_the_state_and_goes_on_from_the_rescue_file(
-    harm: Callable[[Path], None], virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    harm: Callable[[Path], None], virtual_lab: VirtualLab, tmp_path: Path, cli: Cli
 ) -> None:
     rig = tmp_path / "rig" / "rig.yaml"
     shutil.copytree(virtual_lab.rig.parent, rig.parent)
     folder = tmp_path / "out"
     files: list[Path] = []
     meanwhile(lambda: journal_says(READ, folder), lambda: files.extend(folder.glob("*.mcap")), lambda: harm(folder))
-    code = lab("run", "bending", "--rig", rig, *SHORT, "--out", folder)
-    output = "".join(capsys.readouterr())
+    output = cli("run", "bending", "--rig", rig, *SHORT, "--out", folder, code=3).both
     (file,) = files
     (rescue,) = rig.parent.glob("*-rescue.mcap")
-    assert code == 3, output
     told = "".join(output.split())
     assert str(file) in told and f"statesin{rescue}" in told and "Traceback" not in output
     assert verify(rescue).ok and lab("info", rescue) == (3 if harm is truncate else 0)

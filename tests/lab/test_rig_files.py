@@ -10,10 +10,10 @@ from typing import Annotated, Any, Literal
 
 import pytest
 import yaml
+from commands import Cli
 from diagnosed_case import campaign, folder
 from pydantic import BaseModel, ConfigDict, Field
 
-from lab.cli import main
 from lab.files.config import ConfigError, check, load, parse_yaml
 from lab.files.example import paper_robot
 from lab.files.rig_file import RigFile
@@ -351,19 +351,19 @@ def test_parts_of_a_body_are_edited_where_they_stand() -> None:
     assert robot_of(robot_yaml(shorter, given)) == shorter and "# tape, three readings" in robot_yaml(shorter, given)
 
 
-def test_lab_fit_keeps_the_file_of_the_case_and_so_does_a_second_fit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_lab_fit_keeps_the_file_of_the_case_and_so_does_a_second_fit(tmp_path: Path, cli: Cli) -> None:
     case = folder(tmp_path / "case", campaign({}, repeats=1, lengths=(0.0, 0.15)))
     given = (case / "robot.yaml").read_text().replace("length: 0.40  ", "length: 40 cm")
     (case / "robot.yaml").write_text(given)
     comments = [line.partition("#")[2] for line in given.splitlines() if "#" in line]
     for out, more in (("plain", []), ("known", ["--with", "base_tilt", "--samples", "2"])):
-        assert main(["fit", str(case), "--out", str(tmp_path / out), *more]) == 0
+        cli("fit", case, "--out", tmp_path / out, *more)
         text = (tmp_path / out / "robot.yaml").read_text()
         assert [c for c in comments if c not in text] == [] and "length: 40 cm" in text and "null" not in text
         assert [x for x in lines(given, text)[0] if not x.startswith("area_factor:")] == []
     sample = (tmp_path / "known" / "samples" / "robot-0001.yaml").read_text()
     assert [c for c in comments if c not in sample] == [] and "posterior" not in sample
-    assert main(["fit", str(case), "--robot", str(tmp_path / "known" / "robot.yaml"), "--out", str(tmp_path / "again")]) == 0
+    cli("fit", case, "--robot", tmp_path / "known" / "robot.yaml", "--out", tmp_path / "again")
     plain, refitted = (load(tmp_path / out / "robot.yaml", Robot).model_dump() for out in ("plain", "again"))
     assert close(plain, refitted, rel=1e-3)
     again = (tmp_path / "again" / "robot.yaml").read_text()

@@ -123,7 +123,7 @@ def run(real_lab: VirtualLab, tmp_path_factory: pytest.TempPathFactory) -> tuple
 def test_a_viewer_of_a_run_is_told_what_is_in_its_recording(run: tuple[dict[str, Any], Path]) -> None:
     known, file = run
     demand_equal(known, file)
-    assert known["outcome"] == {"outcome": "completed", "detail": ""}
+    assert known["outcome"] == {"outcome": "completed", "detail": ""} and known["steered"] is True
     assert known["progress"]["steps"] == known["progress"]["planned"] == len(known["about"]["steps"]) == 6
     assert known["about"]["missing"] == [] and known["about"]["limits"]["pressure"] == 250e3
     recording = Recording.open(file)
@@ -358,16 +358,7 @@ def test_in_a_campaign_a_browser_goes_on_with_the_next_run_and_its_buttons_are_f
 
 
 @pytest.mark.long
-def test_a_page_of_a_recording_has_no_buttons(run: tuple[dict[str, Any], Path], page: Browser) -> None:
-    with command("watch", run[1], "--speed", "1000", "--no-browser") as program:
-        page.open(address(program))
-        page.until("live.outcome")
-        assert page.value("live.steered") is False and page.value("document.getElementById('steer').hidden")
-        assert run[0]["steered"] is True
-
-
-@pytest.mark.long
-def test_what_is_silent_or_not_safe_is_said_and_no_old_number_looks_new(tmp_path: Path, page: Browser) -> None:
+def test_a_recording_has_no_buttons_and_says_what_is_silent_or_not_safe(tmp_path: Path, page: Browser) -> None:
     with Recorder(tmp_path / "run.mcap", start_wall_ns=10**18) as recorder:
         for k in range(60):
             recorder.push("/pressure", 0.1 * k, ((0.0,) * 9, (0.0,) * 9))
@@ -381,6 +372,7 @@ def test_what_is_silent_or_not_safe_is_said_and_no_old_number_looks_new(tmp_path
         page.until("document.getElementById('lead').textContent.startsWith('No data on /vacuum for ')")
         page.until(f"/pressure in the spine.*20.0 kPa abs, .* old/s.test({box})")
         page.until("live.outcome")
+        assert page.value("live.steered") is False and page.value("document.getElementById('steer').hidden")
         lead = "The safe state was not confirmed. Failed: gauge: no answer"
         page.until(f"document.getElementById('lead').textContent === {json.dumps(lead)}")
         page.until(f"/pressure in the spine.*20.0 kPa abs, .* before the end/s.test({box})")
