@@ -33,7 +33,6 @@ from lab.files.inputs import read_case
 from recordings.table_file import read_csv
 from sim_fakes.worlds.forms import EFFECTS, ON_REQUEST
 from sim_fakes.worlds.outside_held_out import HELD_OUT
-from sim_fakes.worlds.table import WORLDS
 
 QUIET = Crew(quiet=True)
 
@@ -102,11 +101,6 @@ def test_where_no_size_of_a_cause_leaves_an_equilibrium_another_cause_is_drawn(
     make(tmp_path / "set", recipe, "full", menu=False, crew=QUIET)
     (truth,) = open_seal(SetFolder(tmp_path / "set")).values()
     assert first not in truth["effects"] and len(truth["effects"]) == 1
-
-
-def test_the_help_names_every_world(cli: Cli) -> None:
-    told = cli("blind", "make", "--help").out
-    assert all(name in told for name in WORLDS)
 
 
 def test_every_stratum_can_be_asked_for_and_a_mixture_holds_them_all() -> None:

@@ -15,7 +15,7 @@ from rich.table import Table
 from terminal import Terminal
 
 from drivers.errors import DeviceFault
-from lab.console import PlainConsole, Screen, complain, out, styled
+from lab.console import PlainConsole, Screen, out, styled
 from lab.files.config import ConfigError
 from lab.guard.latch import Latch
 from lab.pages.figures import STYLE, save
@@ -165,11 +165,6 @@ def test_a_reader_that_has_gone_does_not_end_the_program() -> None:
         process.stdin.close()
         assert process.stderr.read() == "went on\n"
     assert process.returncode == 0
-
-
-def test_a_long_message_is_not_broken_into_lines(capsys: pytest.CaptureFixture[str]) -> None:
-    complain("word " * 100)
-    assert len(capsys.readouterr().err.splitlines()) == 1
 
 
 def test_a_page_shows_text_and_runs_none_of_it(tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import shlex
 import shutil
 import signal
 import subprocess
@@ -14,9 +13,9 @@ from pathlib import Path
 
 import pytest
 import yaml
-from commands import Cli
+from commands import SOUND, Cli
 from terminal import Terminal
-from virtual_lab import VirtualLab, journal_says, lab, meanwhile, press_ctrl_c, recorded, settings
+from virtual_lab import VirtualLab, go_on, journal_says, lab, meanwhile, press_ctrl_c, recorded, settings
 
 import timing
 from lab.files.inputs import read_case
@@ -60,7 +59,7 @@ def test_a_killed_run_is_resumed_from_its_first_unfinished_trial(real_lab: Virtu
     process.wait()
     (first,) = broken.glob("*.mcap")
     freed(real_lab)
-    assert lab("run", "--resume", first, "--rig", real_lab.rig) in (0, 3)
+    assert lab("run", "--resume", first, "--rig", real_lab.rig) in SOUND
 
     (journal,) = broken.glob("*.journal")
     progress = read(journal)
@@ -80,7 +79,7 @@ def test_a_killed_run_is_resumed_from_its_first_unfinished_trial(real_lab: Virtu
     assert [round(r.pressures[8], -4) for r in resumed] == [0.0, 80e3] * 3
     assert (resumed["t"][1:] > resumed["t"][:-1]).all() and set(read_case([second]).table.columns) <= set(resumed.columns)
 
-    assert lab("run", "--resume", journal, "--rig", real_lab.rig) in (0, 3)
+    assert lab("run", "--resume", journal, "--rig", real_lab.rig) in SOUND
     assert read_case([second, broken / "first.mcap"]).table.rows == resumed.rows
 
 
@@ -88,12 +87,10 @@ def test_a_run_that_was_stopped_says_how_to_go_on_and_that_does(virtual_lab: Vir
     folder = tmp_path / "with blank"
     meanwhile(lambda: journal_says('{"trial": 2, "step": 1}', folder), press_ctrl_c)
     said = ("--operator", "Ada", "--tag", "batch=3")
-    output = cli("run", "bending", "--rig", virtual_lab.rig, *SHORT, "--out", folder, *said, code=1).both
-    (told,) = [line for line in output.splitlines() if line.startswith("go on with: ")]
-    words = shlex.split(told.removeprefix("go on with: "))
+    words = go_on(cli("run", "bending", "--rig", virtual_lab.rig, *SHORT, "--out", folder, *said, code=1).both)
     (first,) = folder.glob("*.mcap")
     assert words == ["lab", "run", "--resume", str(first), "--rig", str(virtual_lab.rig)]
-    assert lab(*words[1:], "--tag", "batch=4") in (0, 3)
+    assert lab(*words[1:], "--tag", "batch=4") in SOUND
     (second,) = set(folder.glob("*.mcap")) - {first}
     assert labels_of(Recording.open(first)) == {"operator": "Ada", "batch": "3"}
     assert labels_of(Recording.open(second)) == {"operator": "Ada", "batch": "4"}
@@ -145,8 +142,7 @@ def test_a_run_whose_recording_is_lost_lands_after_the_state_and_goes_on_from_th
     assert found.outcome == "stopped" and any(str(file) in line.text for line in found.log if line.level == "error")
     assert found.metadata["outcome"]["safe_state"] == "confirmed" and len(found.trials) < 6
     assert lab("replay", rescue) == 0 or harm is truncate
-    line = output.split("go on with: ")[1].splitlines()[0]
-    assert lab(*shlex.split(line)[1:]) in (0, 3)
+    assert lab(*go_on(output)[1:]) in SOUND
     second = max((p for p in rig.parent.glob("*.mcap") if p != rescue), key=lambda p: p.stat().st_mtime)
     assert {row.trial for row in read_case([rescue, second]).table} == {1, 2, 3}
 
@@ -167,7 +163,7 @@ def test_what_was_read_is_attached_whatever_the_files_hold_by_then(
 
     monkeypatch.setattr(run_verb, "connect", edited)
     out = tmp_path / os.fsdecode(b"M\xfcller")  # which is no UTF-8
-    assert lab("run", own, "--rig", rig, *SHORT, "--set", "spine_lengths=[0.0]", "--out", out) in (0, 3)
+    assert lab("run", own, "--rig", rig, *SHORT, "--set", "spine_lengths=[0.0]", "--out", out) in SOUND
     (file,) = out.glob("*.mcap")
     assert recording_of(rig) == file
     found = Recording.open(file)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import signal
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -35,6 +36,12 @@ def recorded(folder: Path) -> Path:
     """The only recording in a folder."""
     (file,) = folder.glob("*.mcap")
     return file
+
+
+def go_on(output: str) -> list[str]:
+    """The words of the line with which a command says how to go on."""
+    (told,) = [line for line in output.splitlines() if line.startswith("go on with: ")]
+    return shlex.split(told.removeprefix("go on with: "))
 
 
 def meanwhile(condition: Callable[[], object], *acts: Callable[[], object], within: float = 120.0) -> None:
