@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import json
 import re
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -32,7 +31,6 @@ from lab.verbs.diagnose import ranked
 from model.actuators import Chambers
 from model.effects import CATALOGUE, ForwardModel, design_from_columns
 from model.robot import Robot
-from recordings.table_file import write_csv
 from recordings.trials import Cell, Table, TrialRow
 
 pytestmark = pytest.mark.usefixtures("drawn")
@@ -49,7 +47,7 @@ ANGLE = 0.16
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
     """Case, diagnosis.json and page."""
-    folder, robot = tmp_path_factory.mktemp("chambers"), load(ROBOT, Robot)
+    place, robot = tmp_path_factory.mktemp("chambers"), load(ROBOT, Robot)
     cells = [
         {"trial": trial, "step": step, "protocol": "bending", "repeat": repeat, "branch": "load", "t": 90.0 * trial + 9 * step,
          "rate": 5e3, "hold": 3.0, "spine_length": 0.0, "tip_mass": robot.tip_mass, "roll_deg": 0.0,
@@ -64,11 +62,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
     tip = np.stack([read[forward.observations.channel == axis] for axis in "xyz"], axis=1)
     tip += 0.1e-3 * np.random.default_rng(5).normal(size=tip.shape)
     rows = [TrialRow.from_cells({**c, **dict(zip("xyz", map(float, at), strict=True))}) for c, at in zip(cells, tip, strict=True)]
-    case = folder / "case"
-    case.mkdir()
-    shutil.copy(ROBOT, case / "robot.yaml")
-    write_csv(Table(tuple(rows)), case / "trials.csv")
-    answer, page = folder / "diagnosis.json", folder / "page.html"
+    case = folder(place / "case", rows, ROBOT)
+    answer, page = place / "diagnosis.json", place / "page.html"
     assert main(["diagnose", str(case), "--json", str(answer), "--report", str(page)]) == 0
     return case, answer, page
 

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 
 from diagnosis.answer.sentences import doubtful_area_factor
 from diagnosis.diagnose import Options, diagnose
+from lab.files.inputs import Case
 from lab.questions.numbers import doubtful_numbers
 from lab.questions.places import doubtful_places
 from lab.rig.repeats import Repeats
 from lab.rig.watch import STUCK
 from model.effects import CATALOGUE
 from model.prediction import Predictor
-from model.robot import Robot, robot_from_dict
+from model.robot import robot_from_dict
 from recordings.trials import Table, TrialRow
 
 # ------------------------------------------------------------------ numbers of robot.yaml, and factors of its area
@@ -25,12 +24,6 @@ TENDONS = {
     "shear_modulus": 3e6, "tip_mass": 0.0, "gravity": [0, 0, 9.81], "area_factor": 1.0,
     "tendons": {"path_radius": 0.011, "azimuths_deg": [0.0, 90.0, 180.0, 270.0]},
 }  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Case:
-    robot: Robot
-    table: Table
 
 
 def test_disks_that_stand_out_are_no_news_and_a_path_radius_in_another_unit_is() -> None:
