@@ -246,7 +246,7 @@ class _Descent:
         gained = local.cost - reached
         if gained >= TRUST_RATIO * promised or not np.isfinite(reached):
             return goal, reached, 1.0
-        lowest = promised / (2.0 * promised - gained)
+        lowest = promised / (2.0 * promised - gained) if promised > 0 else 1.0
         corrected = local.goal(damping, predicted - linear)
         sd = self._p.sd
         if np.linalg.norm((corrected - goal) / sd) > MOST_CORRECTION * np.linalg.norm((goal - local.theta) / sd):
