@@ -17,6 +17,7 @@ import pytest
 from hypothesis import settings
 from xdist.scheduler import LoadScopeScheduling
 
+from tests.simulated.bench import Bench
 from tests.simulated.clock import SimulatedClock
 
 if TYPE_CHECKING:
@@ -111,11 +112,16 @@ def simulated() -> Iterator[SimulatedClock]:
 
 
 @pytest.fixture
-def plant() -> Plant:
-    """What one fake acts on."""
-    from sim_fakes.plant import Plant
+def bench() -> Iterator[Bench]:
+    bench = Bench()
+    yield bench
+    bench.end()
 
-    return Plant()
+
+@pytest.fixture
+def plant(bench: Bench) -> Plant:
+    """What the fakes act on."""
+    return bench.plant
 
 
 REAL_TIME = {

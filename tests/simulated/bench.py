@@ -1,0 +1,32 @@
+"""What a test of drivers or fakes starts and makes."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import Any
+
+from sim_fakes.plant import Plant
+from timing import RigClock
+
+
+class Bench:
+    """A plant, a clock twenty times as fast as the host's, and the fakes and drivers of one test, which end with it."""
+
+    def __init__(self, speed: float = 20.0) -> None:
+        self.plant, self.clock = Plant(), RigClock(speed)
+        self._ends = contextlib.ExitStack()
+
+    def started(self, fake: Any) -> Any:
+        """The fake, started."""
+        fake.start()
+        self._ends.callback(fake.stop)
+        return fake
+
+    def closing(self, driver: Any) -> Any:
+        """The driver, or whatever else is closed at the end of the test."""
+        self._ends.callback(driver.close)
+        return driver
+
+    def end(self) -> None:
+        """Close drivers and stop fakes, the last ones first."""
+        self._ends.close()
