@@ -14,19 +14,19 @@ class Bench:
 
     def __init__(self, speed: float = 20.0) -> None:
         self.plant, self.clock = Plant(), RigClock(speed)
-        self._ends = contextlib.ExitStack()
+        self.ends = contextlib.ExitStack()
 
     def started(self, fake: Any) -> Any:
         """The fake, started."""
         fake.start()
-        self._ends.callback(fake.stop)
+        self.ends.callback(fake.stop)
         return fake
 
     def closing(self, driver: Any) -> Any:
         """The driver, or whatever else is closed at the end of the test."""
-        self._ends.callback(driver.close)
+        self.ends.callback(driver.close)
         return driver
 
     def end(self) -> None:
         """Close drivers and stop fakes, the last ones first."""
-        self._ends.close()
+        self.ends.close()
