@@ -166,7 +166,8 @@ def test_what_cannot_be_used_is_refused_with_a_reason(
         sensor.open()
 
 
-def test_a_silent_sensor_is_unreachable_and_the_message_says_what_to_check(sensor: FT300S, fake: Ft300sFake) -> None:
+def test_a_silent_sensor_is_unreachable_and_the_message_says_what_to_check(bench: Bench, fake: Ft300sFake) -> None:
     fake.device.device_id = 5
+    sensor = FT300S("force", Config(port=fake.port, timeout=0.2), bench.clock, lambda sample: None)
     with pytest.raises(Unreachable, match="no answer from Modbus device 9.*24 V"):
         sensor.open()

@@ -250,21 +250,3 @@ def test_the_dashboard_keeps_the_role_and_saves_a_support_file() -> None:
     assert answer(new, "getUserRole") == "OPERATOR"
     assert answer(new, "generate support file /tmp").startswith("Completed successfully")
     assert answer(old, "generate support file /tmp").startswith("could not understand")
-
-
-def test_stopping_a_program_that_runs_is_confirmed() -> None:
-    controller = playing()
-    assert answer(controller, "stop") == "Stopped"
-    assert answer(controller, "stop") == "Failed to execute: stop"
-
-
-def test_readings_are_noisy_and_the_same_for_the_same_seed() -> None:
-    one, same, other = Controller(seed=3), Controller(seed=3), Controller(seed=4)
-    assert one.value("actual_q") == same.value("actual_q") != other.value("actual_q")
-    off = np.array(one.value("actual_q")) - one.arm.q
-    assert 0 < np.abs(off).max() < 6e-5
-
-
-def test_an_old_dashboard_does_not_know_the_serial_number() -> None:
-    assert answer(Controller(version=(3, 10, 0, 1)), "get serial number").startswith("could not understand")
-    assert answer(Controller(), "get serial number").isdigit()
