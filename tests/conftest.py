@@ -38,7 +38,6 @@ GROUPS = {
     "test_ur5.py": REAL,
     "test_ur5_faults.py": REAL,
     "test_ur5_state.py": REAL,
-    "test_call_order_network.py": REAL,
     "diagnosis": RODS,
     "model": RODS,
     "test_blind_bench.py": RODS,

@@ -11,7 +11,6 @@ from house import House, until
 
 from drivers.errors import InstrumentError, NoReply, WrongDevice
 from drivers.interfaces import PressureSample
-from lab.files.rig_file import load_rig
 from lab.guard.settings import Settings
 from lab.rig.assembly import Rig
 from sim_fakes.alicat import AlicatFake
@@ -19,14 +18,13 @@ from sim_fakes.alicat import AlicatFake
 HELD = 60e3
 
 
-@pytest.fixture
-def rig(house: House) -> Iterator[Rig]:
-    house.change(without=("arm", "force", "mocap"))
-    with Rig(load_rig(house.rig)) as opened:
-        assert opened.open_all(lambda name, outcome: None) == []
-        yield opened
-    for unit in units(house).device.values():
-        unit.unit_code = 4
+@pytest.fixture(autouse=True)
+def as_before(request: pytest.FixtureRequest) -> Iterator[None]:
+    """The units of measure are kilopascal again afterwards."""
+    yield
+    if "house" in request.fixturenames:
+        for unit in units(request.getfixturevalue("house")).device.values():
+            unit.unit_code = 4
 
 
 def units(house: House) -> AlicatFake:

@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -31,21 +30,6 @@ from protocols.actions import ramp
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
 from timing import RigClock
-
-
-@pytest.fixture
-def small(house: House) -> House:
-    """The rig without arm, force sensor and cameras: quick to connect."""
-    house.change(without=("arm", "force", "mocap"))
-    return house
-
-
-@pytest.fixture
-def rig(small: House) -> Iterator[Rig]:
-    with Rig(load_rig(small.rig)) as opened:
-        assert opened.open_all(lambda name, outcome: None) == []
-        yield opened
-
 
 PROTECTIVE_STOP = 1 << 2
 """Of safety_status_bits."""
@@ -300,8 +284,7 @@ def test_a_ramp_whose_setpoints_were_clipped_says_so_until_the_next(small: House
 def test_the_robot_s_own_pressure_clips_and_lands(small: House) -> None:
     robot = small.rig.with_name("robot.yaml")
     robot.write_text(robot.read_text().replace("max_pressure: 250000.0", "max_pressure: 80000.0"))
-    with Rig(load_rig(small.rig)) as rig:
-        assert rig.open_all(lambda name, outcome: None) == []
+    with small.opened() as rig:
         inflate(rig, small)
         for _ in range(20):
             got = rig.actuators.call("pressure", "set", (200e3, 60e3, 60e3))
@@ -331,8 +314,7 @@ def test_a_burst_chamber_is_told_with_its_channel(small: House, rig: Rig) -> Non
 def test_too_much_force_stops_the_arm_at_once(house: House) -> None:
     house.change(without=("mocap",))
     fakes = house.fakes
-    with Rig(load_rig(house.rig)) as rig:
-        assert rig.open_all(lambda name, outcome: None) == []
+    with house.opened() as rig:
         rig.streams["force"].zero(5)
         pose = list(rig.streams["arm_state"].latest().tcp_pose)
         away = 0.1 if pose[1] < 0 else -0.1
@@ -353,8 +335,7 @@ def test_too_much_force_stops_the_arm_at_once(house: House) -> None:
 @pytest.mark.real
 def test_the_arms_process_may_crash_and_nobody_else_does(house: House) -> None:
     house.change(without=("force", "mocap"))
-    with Rig(load_rig(house.rig)) as rig:
-        assert rig.open_all(lambda name, outcome: None) == []
+    with house.opened() as rig:
         children = Path(f"/proc/{rig.actuators.pid}/task").glob("*/children")
         (host,) = [int(pid) for file in children for pid in file.read_text().split()]
         os.kill(host, signal.SIGSEGV)
@@ -370,8 +351,7 @@ def test_an_arm_that_its_safety_system_holds_is_confirmed_at_rest_though_it_cann
     house.change(without=("force", "mocap"))
     ur = house.fakes.ur
     assert ur is not None
-    with Rig(load_rig(house.rig)) as rig:
-        assert rig.open_all(lambda name, outcome: None) == []
+    with house.opened() as rig:
         rig.actuators.call("valve", "set", True)
         ur.backdoor("protective_stop")
         state = rig.streams["arm_state"]
