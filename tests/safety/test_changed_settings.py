@@ -44,7 +44,7 @@ def inflate(rig: Rig, house: House, pressure: float = HELD) -> None:
     assert until(lambda: house.highest() > 0.9 * pressure)
 
 
-@pytest.mark.parametrize(("letter", "unit"), [("A", "psi"), ("C", "bar"), ("B", "inH2O")])
+@pytest.mark.parametrize(("letter", "unit"), [("A", "psi"), ("C", "bar")])
 def test_a_unit_of_measure_changed_while_inflated_lands_the_rig(house: House, rig: Rig, letter: str, unit: str) -> None:
     inflate(rig, house)
     turn(house, letter, unit)
@@ -56,14 +56,13 @@ def test_a_unit_of_measure_changed_while_inflated_lands_the_rig(house: House, ri
         rig.actuators.call("pressure", "set", (HELD,) * 3)
 
 
-@pytest.mark.parametrize("unit", ["psi", "bar", "Pa"])
-def test_one_changed_during_a_ramp_is_sent_at_most_one_more_pressure(house: House, rig: Rig, unit: str) -> None:
+def test_one_changed_during_a_ramp_is_sent_at_most_one_more_pressure(house: House, rig: Rig) -> None:
     """The answer to that one shows the jump; how high the pressure is by then depends on how fast the fakes run."""
     with pytest.raises(InstrumentError):
         for step in range(1, 400):
             rig.actuators.call("pressure", "set", (200.0 * step,) * 3)
             if step == 50:
-                turn(house, "B", unit)
+                turn(house, "B", "psi")
                 units(house).requests.clear()
     with units(house).lock:
         requests = list(units(house).requests)

@@ -6,9 +6,9 @@ import os
 import signal
 import subprocess
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 from house import House, inflate, until
 
@@ -97,24 +97,19 @@ def test_a_computer_that_stood_still_condemns_nobody(house: House, tmp_path: Pat
 
 
 @pytest.mark.real
-def test_a_program_without_its_guard_stops_lands_the_rig_anew_and_says_so(house: House, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("how", "said"), [(signal.SIGKILL, "was lost"), (signal.SIGSTOP, "no heartbeat")], ids=["killed", "frozen"]
+)
+def test_a_program_without_its_guard_stops_lands_the_rig_anew_and_says_so(
+    house: House, tmp_path: Path, how: signal.Signals, said: str
+) -> None:
     house.change(without=("arm", "force"))
     program = house.start(tmp_path)
-    os.kill(guard_of(program), signal.SIGKILL)
+    os.kill(guard_of(program), how)
     output, _ = program.communicate(timeout=600)
-    assert program.returncode == 1 and "guard" in output and "was lost" in output
+    assert program.returncode == 1 and "guard" in output and said in output
     assert house.vented()
-    assert not house.latch.exists()
-
-
-@pytest.mark.real
-def test_a_frozen_guard_is_replaced(house: House, tmp_path: Path) -> None:
-    house.change(without=("arm", "force"))
-    program = house.start(tmp_path)
-    os.kill(guard_of(program), signal.SIGSTOP)
-    output, _ = program.communicate(timeout=600)
-    assert program.returncode == 1 and "no heartbeat" in output
-    assert house.vented()
+    assert until(lambda: not house.latch.exists())
 
 
 @pytest.mark.real
@@ -174,36 +169,35 @@ def test_an_unconfirmed_landing_locks_the_rig_and_clearing_needs_a_confirmed_one
     capsys.readouterr()
 
 
-def test_a_landing_that_comes_after_the_last_one_does_not_judge_closed_drivers(small: House) -> None:
+@pytest.fixture
+def guard(small: House) -> Iterator[Guard]:
+    """In this process."""
+    guard = Guard(load_rig(small.rig), RigClock(20.0))
+    guard.take_over()
+    yield guard
+    guard.close()
+
+
+def test_a_landing_that_comes_after_the_last_one_does_not_judge_closed_drivers(small: House, guard: Guard) -> None:
     """The program's death is seen by two threads of the guard; the slower one must not lock a rig that was landed."""
-    guard = Guard(load_rig(small.rig), RigClock(20.0))
-    guard.take_over()
-    try:
-        for name in ("gauge", "valve", "pressure", "spine"):
-            guard.open(name)
-        guard.do("valve", "set", (True,))
-        assert small.latch.exists()
-        guard.close()
-        report = guard.make_safe("the program ended", keep_vacuum=False)
-        assert report.confirmed and not small.latch.exists()
-    finally:
-        guard.close()
+    for name in ("gauge", "valve", "pressure", "spine"):
+        guard.open(name)
+    guard.do("valve", "set", (True,))
+    assert small.latch.exists()
+    guard.close()
+    report = guard.make_safe("the program ended", keep_vacuum=False)
+    assert report.confirmed and not small.latch.exists()
 
 
-def test_a_refused_command_raises_what_landed_the_rig_and_no_error_is_its_own_cause(small: House) -> None:
+def test_a_refused_command_raises_what_landed_the_rig_and_no_error_is_its_own_cause(guard: Guard) -> None:
     """Libraries that pickle causes too would follow it for ever, and the guard's process would end."""
-    guard = Guard(load_rig(small.rig), RigClock(20.0))
-    guard.take_over()
-    try:
-        guard.open("pressure")
-        why = DeviceFault("force", "too much")
-        guard.land("force: too much", why)
-        for _ in range(2):
-            with pytest.raises(DeviceFault, match="too much") as caught:
-                guard.do("pressure", "set", ((20e3, 20e3, 20e3),))
-            assert caught.value is why and why.__cause__ is None
-    finally:
-        guard.close()
+    guard.open("pressure")
+    why = DeviceFault("force", "too much")
+    guard.land("force: too much", why)
+    for _ in range(2):
+        with pytest.raises(DeviceFault, match="too much") as caught:
+            guard.do("pressure", "set", ((20e3, 20e3, 20e3),))
+        assert caught.value is why and why.__cause__ is None
 
 
 @pytest.mark.real
@@ -295,41 +289,6 @@ def test_the_robot_s_own_pressure_clips_and_lands(small: House) -> None:
         assert rig.vital.landed is not None and "limit 110.0 kPa" in rig.vital.landed.text
         small.fakes.switch.end()
         small.fakes.lines["pressure"].faults.extra.clear()
-
-
-def test_a_second_program_cannot_take_the_rig(small: House, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(RigLocked, match="in use"), Rig(load_rig(small.rig)):
-        pass
-
-
-def test_a_burst_chamber_is_told_with_its_channel(small: House, rig: Rig) -> None:
-    small.fakes.accidents.begin("burst")
-    for _ in range(20):
-        rig.actuators.call("pressure", "set", (60e3, 60e3, 60e3))
-        timing.sleep(0.02)
-    assert until(lambda: rig.vital.pause is not None)
-    assert rig.vital.pause is not None and "channel 1" in rig.vital.pause.text and "burst" in rig.vital.pause.text
-
-
-def test_too_much_force_stops_the_arm_at_once(house: House) -> None:
-    house.change(without=("mocap",))
-    fakes = house.fakes
-    with house.opened() as rig:
-        rig.streams["force"].zero(5)
-        pose = list(rig.streams["arm_state"].latest().tcp_pose)
-        away = 0.1 if pose[1] < 0 else -0.1
-        rig.actuators.call("arm", "move_to", (pose[0], pose[1] + away, *pose[2:]), 0.05, 0.3)
-        assert fakes.ur is not None
-        device = fakes.lines["force"].device  # type: ignore[attr-defined]
-        bias = device.bias.copy()
-        device.bias = bias + np.array([80.0, 0, 0, 0, 0, 0])
-        try:
-            assert until(lambda: rig.vital.landed is not None)
-        finally:
-            device.bias = bias
-        assert max(abs(v) for v in fakes.ur.backdoor()["tcp_speed"][:3]) < 2e-3
-        with pytest.raises(DeviceFault, match="limits.max_force"):
-            rig.actuators.call("arm", "move_to", tuple(pose), 0.05, 0.3)
 
 
 @pytest.mark.real

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from house import BENDING, House, during, inflate, until
+from house import House, inflate, until
 
 import timing
 from drivers.errors import InstrumentError, Unreachable
@@ -203,16 +203,6 @@ def test_a_rescue_goes_on_after_its_program(small: House, monkeypatch: pytest.Mo
     small.fakes.switch.end()
     assert small.vented()
     assert until(lambda: not small.latch.exists())
-
-
-def test_a_run_whose_regulators_drop_out_ends_vented_and_names_the_line(
-    house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    house.change(without=NETWORK)
-    during(lambda: house.highest() > 40e3, lambda: house.fakes.switch.drop_out("pressure", OUT))
-    assert house.lab(tmp_path, "bending", *BENDING) == 1
-    assert house.vented() and "pressure: lost" in " ".join(capsys.readouterr().err.split())
-    assert not house.latch.exists()
 
 
 @pytest.mark.long

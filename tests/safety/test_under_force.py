@@ -120,11 +120,16 @@ def test_a_stiffness_run_whose_sensor_drips_ends_with_its_stale_reading(
     assert not house.latch.exists()
 
 
-def test_250_newtons_before_the_zero_stop_the_arm(house: House, rig: Rig) -> None:
+@pytest.mark.parametrize(("zeroed", "newton"), [(False, 250.0), (True, 80.0)])
+def test_too_much_force_stops_the_arm_before_the_sensor_has_its_zero_and_after(
+    house: House, rig: Rig, zeroed: bool, newton: float
+) -> None:
+    if zeroed:
+        rig.streams["force"].zero(5)
     set_off(house, rig)
     device = sensor(house).device
     bias = device.bias.copy()
-    device.bias = bias + np.array([250.0, 0, 0, 0, 0, 0])
+    device.bias = bias + np.array([newton, 0, 0, 0, 0, 0])
     try:
         assert until(lambda: rig.vital.landed is not None, 10.0)
     finally:
