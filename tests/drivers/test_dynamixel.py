@@ -3,13 +3,12 @@
 from functools import partial
 
 import pytest
-from pydantic import ValidationError
 
 import timing
 from drivers.dynamixel.bus import Register
 from drivers.dynamixel.driver import Config, DynamixelSpine
 from drivers.dynamixel.table import PRESENT_POSITION
-from drivers.errors import BadReply, DeviceFault, LimitExceeded, NotReady, Unreachable, WrongDevice
+from drivers.errors import BadReply, DeviceFault, NotReady, Unreachable, WrongDevice
 from sim_fakes.dynamixel import DynamixelFake
 from sim_fakes.plant import Plant
 from tests.drivers.spines import Make, arrive, fault_of, homed, make_pair, watch
@@ -133,23 +132,6 @@ def test_a_model_without_current_based_position_mode_is_the_wrong_device(make: M
     spine, _ = make({"model": 1060})
     with pytest.raises(WrongDevice, match="1060"):
         spine.open()
-
-
-def test_an_id_that_nobody_has_is_unreachable(make: Make) -> None:
-    spine, _ = make(id=7, timeout=0.3)
-    with pytest.raises(Unreachable, match="id 7"):
-        spine.open()
-
-
-def test_a_current_limit_beyond_the_servos_own_is_refused(make: Make) -> None:
-    spine, _ = make(current_limit=4.5)
-    with pytest.raises(LimitExceeded, match="3.2"):
-        spine.open()
-
-
-def test_homing_current_above_the_current_limit_is_a_configuration_error() -> None:
-    with pytest.raises(ValidationError, match="homing_current"):
-        Config(port="x", metres_per_turn=0.1, homing_current=2.0, current_limit=1.0)
 
 
 def test_a_refusal_tells_the_servos_reason(make: Make) -> None:

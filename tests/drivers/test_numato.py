@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from drivers.errors import BadReply, DeviceFault, NoReply, WrongDevice
+from drivers.errors import BadReply, DeviceFault, NoReply
 from drivers.numato.driver import Config, NumatoValve
 from sim_fakes.numato import NumatoFake
 from sim_fakes.plant import Plant
@@ -75,11 +75,6 @@ def test_half_a_command_of_an_earlier_program_does_no_harm(opened: Opened, fake:
     fake.buffer = b"relay on"
     valve = opened()
     assert valve.read().on is False
-
-
-def test_a_relay_that_the_module_does_not_have_is_reported_at_open(opened: Opened, fake: NumatoFake) -> None:
-    with pytest.raises(WrongDevice, match="relay number|relay module"):
-        opened(relay=20)
 
 
 @pytest.mark.parametrize("fault", ["corrupt", "truncate"])

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from pydantic import ValidationError
 
 import timing
 from drivers.errors import BadReply, DeviceFault, InstrumentError, Unreachable, WrongDevice
@@ -135,19 +134,6 @@ def test_silent_ports_are_all_named_at_opening(opened: Opened, fakes: list[SmcIt
     fakes[0].faults.silent = fakes[8].faults.silent = True
     with pytest.raises(Unreachable, match=f"no answer on {fakes[0].port}, {fakes[8].port} "):
         opened()
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"ports": ["a"]}, "1 ports but 9 lists"),
-        ({"ports": ["a"] * 9}, "listed twice"),
-        ({"max_pressure": 600e3}, "above the units' full_scale"),
-    ],
-)
-def test_a_configuration_that_cannot_work_is_refused(changes: dict[str, Any], message: str) -> None:
-    with pytest.raises(ValidationError, match=message):
-        Config(**({"ports": list("abcdefghi"), "full_scale": FULL_SCALE} | changes))
 
 
 def test_a_setpoint_that_was_changed_at_the_panel_is_refused_by_name(opened: Opened, fakes: list[SmcItvFake]) -> None:

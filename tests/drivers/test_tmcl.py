@@ -5,7 +5,7 @@ from functools import partial
 import pytest
 
 import timing
-from drivers.errors import BadReply, DeviceFault, NotReady, Unreachable, WrongDevice
+from drivers.errors import BadReply, DeviceFault, NotReady, WrongDevice
 from drivers.tmcl.driver import TmclSpine
 from sim_fakes.plant import Plant
 from sim_fakes.tmcl import Axis, TmclFake
@@ -119,18 +119,6 @@ def test_a_stored_program_that_turns_the_motor_stands_after_open(make: Make) -> 
     assert not module.drum.program and spine.read().speed == 0
     module.restart()
     assert not module.drum.program
-
-
-def test_another_module_is_the_wrong_device(make: Make) -> None:
-    spine, _ = make({"module": 1140})
-    with pytest.raises(WrongDevice, match="TMCM-1140"):
-        spine.open()
-
-
-def test_an_address_that_nobody_has_is_unreachable(make: Make) -> None:
-    spine, _ = make(address=9, timeout=0.3)
-    with pytest.raises(Unreachable, match="module 9"):
-        spine.open()
 
 
 @pytest.mark.parametrize("fault", ["wrong_address", "wrong_command"])

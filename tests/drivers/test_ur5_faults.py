@@ -90,11 +90,6 @@ def test_a_target_out_of_reach_ends_the_program_and_is_a_fault(rig: Rig) -> None
         arm.close()
 
 
-def test_another_model_is_refused(rig: Rig) -> None:
-    with pytest.raises(WrongDevice, match="model .* is 'UR5', not 'UR10'"):
-        UR5("arm", Config(host=rig.host, model="UR10"), rig.clock).open()
-
-
 @pytest.mark.parametrize(
     ("wrong", "right", "error", "message"),
     [

@@ -56,11 +56,6 @@ def test_a_setpoint_that_is_no_number_is_left_to_the_driver_to_refuse() -> None:
     assert math.isnan(LimitMonitor(RIG).setpoints((math.nan, 0.0, 0.0))[0])
 
 
-def test_a_pressure_that_lags_behind_a_ramp_is_fine() -> None:
-    monitor = LimitMonitor(RIG)
-    assert [monitor.check("pressure", pressure(t, 25e3 * t, max(0.0, 25e3 * (t - 2)))) for t in range(10)] == [None] * 10
-
-
 @pytest.mark.parametrize(
     ("asked", "measured", "act", "words"),
     [
@@ -236,19 +231,6 @@ def test_a_channel_that_stops_following_is_told_in_time_whatever_ramps(
         off_since = min(off_since, t) if t >= start and abs(shown - asked) > LIMIT + 1e3 else math.inf
         assert t - off_since <= PATIENCE + 1.0, f"{shown - asked:.0f} Pa away since {off_since:.2f} s, now {t:.2f} s"
         assert t < start + 60.0 + 4 * level / rate, "it was held 8 s at levels that differ by more than twice the limit"
-
-
-def test_a_leak_in_one_channel_is_told_while_the_others_never_stop_ramping() -> None:
-    monitor, found = LimitMonitor(RIG), None
-    theirs = sweep(25e3, (250e3,), 0.1)
-    for i in range(140):
-        t = 0.1 * i
-        leaking = 200e3 if t < 2.0 else 150e3
-        found = monitor.check("pressure", PressureSample(t, (200e3, theirs(t), 0.0), (leaking, theirs(t - 0.3), 0.0)))
-        if found is not None:
-            break
-    assert found is not None and found.act == "pause" and "channel 1" in str(found.error)
-    assert 2.0 + PATIENCE <= t <= 2.0 + PATIENCE + 1.0
 
 
 def test_of_two_channels_that_do_not_follow_the_one_that_holds_too_much_decides() -> None:

@@ -105,13 +105,6 @@ def test_chambers_fill_with_their_time_constant_whatever_the_step() -> None:
         assert plant.time == pytest.approx(0.25)
 
 
-def test_supply_limits_the_pressure() -> None:
-    plant, robot = Plant(), VirtualRobot(RobotTruth(supply_pressure=200e3))
-    plant.regulator[0] = 300e3
-    run(robot, plant, 10.0, 0.5)
-    assert plant.chamber_pressure[0] == 200e3
-
-
 def test_vacuum_pumps_down_and_releases_with_its_own_times() -> None:
     plant, robot = Plant(), VirtualRobot()
     plant.valve_on = True
