@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from functools import partial
 from typing import Any
 
 import pytest
 
-from drivers.errors import DeviceFault, NotReady
+from drivers.errors import DeviceFault, LimitExceeded, NotReady
 from drivers.interfaces import SpineSample
 from tests.drivers.spines import DRIVERS, Make, arrive, fault_of, homed, make_pair, watch
 from tests.simulated.bench import Bench
@@ -70,6 +71,16 @@ def test_goals_and_speeds_are_clipped_and_the_clipped_goal_returned(make: Make) 
     assert unit.move_to(-0.2, 0.05) == pytest.approx(0.0, abs=1e-4)
     assert unit.move_to(0.9, 5.0) == pytest.approx(0.06, abs=1e-4)
     assert 0.01 < fastest(unit) < 0.025
+
+
+@pytest.mark.parametrize(("length", "speed"), [(math.nan, 0.01), (0.1, 0.0), (0.1, -0.1), (0.1, math.nan)])
+def test_what_is_no_motion_is_refused_before_anything_is_sent(make: Make, length: float, speed: float) -> None:
+    unit, fake = make()
+    homed(unit)
+    before = len(fake.requests)
+    with pytest.raises(LimitExceeded, match="not a valid motion"):
+        unit.move_to(length, speed)
+    assert len(fake.requests) == before
 
 
 def test_stop_holds_where_it_is(bench: Bench, make: Make) -> None:

@@ -42,7 +42,7 @@ def settled() -> None:
     timing.sleep(0.05)
 
 
-@pytest.mark.parametrize("pascal", [101_325.0, 99_990.0, 20_340.0, 1_000.0, 123.4])
+@pytest.mark.parametrize("pascal", [101_325.0, 99_999.0, 99_990.0, 20_340.0, 1_000.0, 123.4])
 def test_readings_are_absolute_pascals(opened: Opened, fake: PfeifferFake, plant: Plant, pascal: float) -> None:
     fake.noise = 0.0
     plant.vacuum_absolute = pascal

@@ -115,6 +115,15 @@ def test_readings_have_noise_and_the_displays_digits(ask: Ask, plant: Plant) -> 
     assert all(round(r, 2) == r for r in readings)
 
 
+def test_the_set_point_command_needs_its_firmware(ask: Ask, fake: AlicatFake) -> None:
+    assert ask("ALS 50") == "A +050.00 +050.00 04 kPa"
+    fake.device["A"].firmware = "8v17.0-R23"
+    assert ask("ALS 60") == "?"
+    fake.device["A"].firmware = "7v09.0-R22"
+    assert ask("ALS 60").endswith("LCK")
+    assert fake.device["A"].setpoint == 50e3
+
+
 def test_a_held_valve_keeps_the_pressure_and_says_so_until_it_is_cancelled(ask: Ask, plant: Plant) -> None:
     ask("AS 50")
     plant.chamber_pressure[:] = 20e3

@@ -6,6 +6,7 @@ import pytest
 import serial
 
 import timing
+from sim_fakes.plant import Plant
 from sim_fakes.tmcl import TmclFake
 from tests.simulated.bench import Bench
 
@@ -110,3 +111,18 @@ def test_a_stored_parameter_outlasts_a_power_cut(wire: Wire) -> None:
     assert wire.ask(SAP, 6, 42) == (OK, 42)
     wire.fake.restart()
     assert (wire.ask(GAP, 7), wire.ask(GAP, 6)) == ((OK, 42), (OK, 128))
+
+
+def test_half_a_frame_is_forgotten(wire: Wire) -> None:
+    wire.port.write(b"\x01\x06\x01")
+    timing.sleep(0.15)
+    assert wire.ask(GAP, 0) == (OK, 0)
+
+
+def test_the_switch_stops_a_motion_towards_it(wire: Wire, plant: Plant) -> None:
+    wire.ask(MVP, 0, -51200)
+    deadline = timing.now() + 60
+    while wire.ask(GAP, 11) != (OK, 1):
+        assert timing.now() < deadline
+    assert wire.ask(GAP, 3) == (OK, 0)
+    assert plant.spine_drive == 0.0

@@ -188,6 +188,10 @@ def after(controller: Controller, seconds: float) -> None:
         controller.advance()
 
 
+def test_stopping_a_program_that_runs_is_confirmed() -> None:
+    assert answer(playing(), "stop") == "Stopped"
+
+
 def test_power_and_brakes_take_seconds() -> None:
     controller = playing()
     assert answer(controller, "power off") == "Powering off"

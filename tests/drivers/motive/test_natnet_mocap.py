@@ -125,6 +125,17 @@ def test_a_replayed_frame_does_not_keep_a_reading_fresh(motive: Motive) -> None:
     assert len(motive.samples) == count and mocap.lost == 0
 
 
+def test_a_restarted_count_is_no_loss(motive: Motive) -> None:
+    mocap = motive.opened()
+    motive.frames(30)
+    before = mocap.lost
+    motive.extra["restart"] = True
+    wait(lambda: motive.samples[-1].frame < 20)
+    wait(lambda: motive.samples[-1].frame > 5)
+    assert mocap.lost == before
+    assert first(mocap).valid
+
+
 def test_a_damaged_frame_is_dropped_and_counted_and_the_stream_goes_on(motive: Motive) -> None:
     mocap, fake = motive.seen(), motive.fake
     fake.faults.truncate, at = True, fake.frame
