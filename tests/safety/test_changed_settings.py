@@ -18,13 +18,12 @@ from sim_fakes.alicat import AlicatFake
 HELD = 60e3
 
 
-@pytest.fixture(autouse=True)
-def as_before(request: pytest.FixtureRequest) -> Iterator[None]:
-    """The units of measure are kilopascal again afterwards."""
-    yield
-    if "house" in request.fixturenames:
-        for unit in units(request.getfixturevalue("house")).device.values():
-            unit.unit_code = 4
+@pytest.fixture
+def rig(rig: Rig, house: House) -> Iterator[Rig]:
+    """Its units of measure are kilopascal again afterwards."""
+    yield rig
+    for unit in units(house).device.values():
+        unit.unit_code = 4
 
 
 def units(house: House) -> AlicatFake:
