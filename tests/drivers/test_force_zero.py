@@ -13,7 +13,9 @@ from drivers.ft300s.driver import FT300S, Config
 from drivers.ft300s.rest import unrest
 from sim_fakes.ft300s import COUNTS, PERIOD, Ft300sDevice, Ft300sFake
 from sim_fakes.plant import Plant
-from tests.simulated.bench import Bench
+from tests.simulated.bench import Bench, of_speed
+
+pytestmark = of_speed(1.0)  # at the sensor's own speed
 
 Load = Callable[[float], tuple[float, float, float]]
 """Force on the probe's tip, N, by time in s."""
@@ -39,14 +41,6 @@ def changing(fake: Ft300sFake, load: Load) -> Iterator[None]:
     finally:
         end.set()
         thread.join()
-
-
-@pytest.fixture
-def bench() -> Iterator[Bench]:
-    """At the sensor's own speed."""
-    bench = Bench(speed=1.0)
-    yield bench
-    bench.end()
 
 
 @pytest.fixture
@@ -82,7 +76,7 @@ def test_no_zero_is_taken_while_force_or_moment_change(
     assert sensor.latest().zero == rest
 
 
-def test_a_sensor_at_rest_is_never_refused(fake: Ft300sFake) -> None:
+def test_a_sensor_at_rest_is_never_refused(bench: Bench) -> None:
     device = Ft300sDevice(Plant(9), np.random.default_rng(7), np.array([0.0, 0.0, 0.1]))
     for samples, times in ((2, 300), (5, 300), (20, 200), (100, 200)):
         for _ in range(times):

@@ -1,6 +1,6 @@
 """The FT 300-S driver through pymodbus and pyserial, against the fake sensor."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -11,7 +11,9 @@ from drivers.ft300s.driver import FT300S, Config
 from drivers.interfaces import WrenchSample
 from sim_fakes.ft300s import Ft300sFake
 from sim_fakes.plant import Plant
-from tests.simulated.bench import Bench
+from tests.simulated.bench import Bench, of_speed
+
+pytestmark = of_speed(1.0)  # at the sensor's own speed
 
 TOOL = (1.5, -2.25, 30.0, 0.125, -0.5, 1.0)
 """N and N m, what the fake's tool weighs."""
@@ -23,14 +25,6 @@ def eventually(condition: Callable[[], bool], within: float = 10.0) -> bool:
     while not condition() and timing.now() < deadline:
         timing.sleep(0.005)
     return condition()
-
-
-@pytest.fixture
-def bench() -> Iterator[Bench]:
-    """At the sensor's own speed."""
-    bench = Bench(speed=1.0)
-    yield bench
-    bench.end()
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from functools import partial
 from typing import Any
 
@@ -12,15 +11,9 @@ import pytest
 from drivers.errors import DeviceFault, LimitExceeded, NotReady
 from drivers.interfaces import SpineSample
 from tests.drivers.spines import DRIVERS, Make, arrive, fault_of, homed, make_pair, watch
-from tests.simulated.bench import Bench
+from tests.simulated.bench import Bench, of_speed
 
-
-@pytest.fixture
-def bench() -> Iterator[Bench]:
-    """At a speed at which motions are seen."""
-    bench = Bench(speed=5.0)
-    yield bench
-    bench.end()
+pytestmark = of_speed(5.0)  # at a speed at which motions are seen
 
 
 @pytest.fixture(params=DRIVERS)

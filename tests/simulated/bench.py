@@ -5,14 +5,16 @@ from __future__ import annotations
 import contextlib
 from typing import Any
 
+import pytest
+
 from sim_fakes.plant import Plant
 from timing import RigClock
 
 
 class Bench:
-    """A plant, a clock twenty times as fast as the host's, and the fakes and drivers of one test, which end with it."""
+    """A plant, a clock, and the fakes and drivers of one test, which end with it."""
 
-    def __init__(self, speed: float = 20.0) -> None:
+    def __init__(self, speed: float) -> None:
         self.plant, self.clock = Plant(), RigClock(speed)
         self.ends = contextlib.ExitStack()
 
@@ -30,3 +32,8 @@ class Bench:
     def end(self) -> None:
         """Close drivers and stop fakes, the last ones first."""
         self.ends.close()
+
+
+def of_speed(speed: float) -> pytest.MarkDecorator:
+    """Mark of tests whose bench has a clock of this speed."""
+    return pytest.mark.parametrize("bench", [speed], indirect=True, ids=[""])
