@@ -104,6 +104,18 @@ def test_a_speed_slider_at_0_is_named_before_and_during_a_motion(rig: Rig) -> No
             watch(arm)
 
 
+def test_an_arm_that_was_pushed_away_from_its_target_is_a_fault(rig: Rig) -> None:
+    with an_arm(rig, timeout=0.5) as arm:
+        start = tuple(rig.process.backdoor()["pose"])
+        arm.move_to(raised(start, 0.01), 0.05, 0.5)
+        wait_until(lambda: rig.process.backdoor()["pose"][2] - start[2] > 0.0099)
+        timing.sleep(0.1)
+        rig.process.backdoor("set", tcp=[0, 0, 0.01, 0, 0, 0])  # as a push would move what it points at
+        timing.sleep(0.1)
+        with pytest.raises(DeviceFault, match="motion ended 10.* mm and .* from its target .* stopped or pushed"):
+            watch(arm)
+
+
 def watch(arm: UR5) -> None:
     deadline = timing.now() + 30
     while arm.moving():
