@@ -17,6 +17,7 @@ import pytest
 from hypothesis import settings
 from xdist.scheduler import LoadScopeScheduling
 
+from tests.simulated.bench import Bench
 from tests.simulated.clock import SimulatedClock
 
 if TYPE_CHECKING:
@@ -36,7 +37,6 @@ GROUPS = {
     "test_ur5.py": REAL,
     "test_ur5_faults.py": REAL,
     "test_ur5_state.py": REAL,
-    "test_call_order_network.py": REAL,
     "diagnosis": RODS,
     "model": RODS,
     "test_blind_bench.py": RODS,
@@ -110,11 +110,17 @@ def simulated() -> Iterator[SimulatedClock]:
 
 
 @pytest.fixture
-def plant() -> Plant:
-    """What one fake acts on."""
-    from sim_fakes.plant import Plant
+def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
+    """What a test starts and makes; `of_speed` gives its clock another speed than twenty times the host's."""
+    bench = Bench(getattr(request, "param", 20.0))
+    yield bench
+    bench.end()
 
-    return Plant()
+
+@pytest.fixture
+def plant(bench: Bench) -> Plant:
+    """What the fakes act on."""
+    return bench.plant
 
 
 REAL_TIME = {
