@@ -3,8 +3,6 @@
 That is an inverse crime: it shows that the path is whole and the numbers are consistent, not how good the diagnosis is.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys
@@ -54,7 +52,10 @@ def test_the_json_holds_the_contract_and_reads_back(catalogue: Catalogue) -> Non
     assert {"how", "before_mm", "after_mm", "floor_mm", "share_closed", "ci95", "by_spine_length"} == set(d["shrink"])
     assert all({"do", "separates", "expected_bits", "cost_min"} <= set(p) for p in d["next_experiment"])
     assert sum(r["probability"] for r in d["attribute"]["ranking"]) <= 1 + 1e-9
-    assert Diagnosis.from_json(text).to_json() == text
+    again = Diagnosis.from_json(text)
+    assert again.to_json() == text and again.budget == answer(catalogue).budget
+    assert again.budget[0].effect == "chamber_azimuth" and again.budget[0].role == "named"
+    assert {c.role for c in again.budget} <= {"named", "present", "unseen"}
 
 
 def test_a_file_of_another_schema_is_refused() -> None:

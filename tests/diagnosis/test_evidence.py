@@ -1,7 +1,5 @@
 """Evidence is the marginal likelihood, to rounding, wherever it can be computed another way."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The search for a most probable point where a size and how it looks multiply each other: a narrow curved valley."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -30,7 +28,7 @@ class Valley:
             parameter("tilt", low=-9.0, high=9.0),
         )
 
-    def near(self, theta: Array) -> Valley:
+    def near(self, theta: Array) -> "Valley":
         return self
 
     def predict(self, theta: Array, trial: bool = False, whole: bool = False) -> Array:

@@ -1,7 +1,5 @@
 """A robot fitted with its effect: what is written, that every reader takes it, and that a diagnosis goes on from there."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

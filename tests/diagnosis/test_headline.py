@@ -1,7 +1,5 @@
 """The headline: at most 20 plain words, the size in a person's unit, and the same conclusion as the statement."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 
@@ -23,11 +21,7 @@ def attribute(
 @pytest.mark.parametrize(
     ("effect", "sizes", "words"),
     [
-        (
-            "chamber_azimuth",
-            {"angle": (0.1396, "rad")},
-            "The chambers are turned by 8.0 ± 0.6 deg about the axis (p = 0.96).",
-        ),
+        ("chamber_azimuth", {"angle": (0.1396, "rad")}, "The chambers are turned by 8.0 ± 0.6 deg about the axis (p = 0.96)."),
         ("spine_length_offset", {"offset": (-0.0123, "m")}, "The spine is 12 ± 10 mm shorter than read (p = 0.96)."),
         ("body_modulus", {"excess": (0.15, "1")}, "The body's silicone is 15 ± 1 % stiffer than stated (p = 0.96)."),
         ("base_tilt", {"x": (0.03, "rad"), "y": (-0.04, "rad")}, "The base is tilted by 2.9 ± 0.6 deg (p = 0.96)."),

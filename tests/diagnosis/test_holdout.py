@@ -1,7 +1,5 @@
 """A campaign held out: what is refused, how the verdict falls, and that nothing of the campaign leaks into the fit."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Noise that lasts: the covariance is the one that is written down, and whitening takes it away."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

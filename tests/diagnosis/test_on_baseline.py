@@ -1,7 +1,5 @@
 """Another simulator in the rod's place: what it predicts, and whether the cause is found on top of it all the same."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

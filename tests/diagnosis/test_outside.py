@@ -1,7 +1,5 @@
 """A cause outside the catalogue becomes probable by what relatives and free forms explain, and by nothing else."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

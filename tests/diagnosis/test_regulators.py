@@ -1,7 +1,5 @@
 """Chambers of one regulator err together, those of different ones do not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The search finds what is there, and nothing where nothing is."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -47,28 +45,18 @@ def test_a_fit_stays_within_bounds() -> None:
     assert fitted.theta[IDS.index("turned")] == pytest.approx(0.7)
 
 
-def test_the_same_data_give_the_same_answer_to_the_last_bit() -> None:
-    a, b = (Search(toy_problem(2, {"play": 1.0})).run() for _ in range(2))
-    assert [(c.named, c.log_evidence) for c in a] == [(c.named, c.log_evidence) for c in b]
-
-
-def test_threads_change_nothing_and_progress_only_rises() -> None:
-    told: list[tuple[str, float]] = []
-    problem = toy_problem(5, {"play": 1.0, "turned": -0.9})
-    alone, shared = (
-        Search(problem).run(),
-        Search(problem, executor=Executor(3, lambda step, share: told.append((step, share)))).run(),
-    )
-    assert [(c.named, c.log_evidence) for c in alone] == [(c.named, c.log_evidence) for c in shared]
-    steps = [step for step, _ in told]
-    assert steps == sorted(steps) and steps[0] == "step 2 of 5: hypotheses"
-    assert all(0 < share <= 1 for _, share in told)
-
-
-def test_progress_within_the_search_only_rises_and_ends_at_one() -> None:
-    told: list[float] = []
-    Search(toy_problem(5, {"play": 1.0, "turned": -0.9}), executor=Executor(1, lambda _, share: told.append(share))).run()
-    assert told == sorted(told) and told[-1] == 1.0
+def test_threads_change_nothing_and_progress_only_rises_to_the_end() -> None:
+    for threads in (1, 3):
+        told: list[tuple[str, float]] = []
+        runs = (
+            Search(toy_problem(5, {"play": 1.0, "turned": -0.9}), executor=executor).run()
+            for executor in (Executor(), Executor(threads, lambda step, share, told=told: told.append((step, share))))
+        )
+        alone, shared = ([(c.named, c.log_evidence) for c in run] for run in runs)
+        assert alone == shared
+        steps, shares = zip(*told, strict=True)
+        assert list(steps) == sorted(steps) and steps[0] == "step 2 of 5: hypotheses"
+        assert shares[0] > 0 and shares[-1] == 1.0 and list(shares) == sorted(shares)
 
 
 def test_a_search_that_ended_elsewhere_is_begun_again_where_a_hypothesis_next_to_it_was_found() -> None:

@@ -1,7 +1,5 @@
 """A stage that has an error of its own is found, with what it depends on; where the model holds none asks for one."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Stiffness trials in the diagnosis: simulated by the virtual robot, whose stand and spine have laws of their own."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

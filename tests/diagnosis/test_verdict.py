@@ -1,7 +1,5 @@
 """The verdict, as deep as the data carry, and its sentences: no two of one answer contradict each other."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 
@@ -46,15 +44,7 @@ def facts(posterior: Posterior, enough: bool = True, gap: bool = True, asking: t
     budget = tuple(c for c in BUDGET if c.role != "named" or c.effect in d.effects)
     conclusion = conclude(d, gap, asking)
     return Facts(
-        d,
-        conclusion,
-        WHERE,
-        "bench",
-        budget,
-        rivals=rivals(d, posterior),
-        nearest=("base_tilt",),
-        asking=asking,
-        names=NAMES,
+        d, conclusion, WHERE, "bench", budget, rivals=rivals(d, posterior), nearest=("base_tilt",), asking=asking, names=NAMES
     )
 
 
@@ -68,11 +58,7 @@ OUTSIDE, NONE = weighed(unknown=0.6, base_tilt=0.3, none=0.1), weighed(none=0.8,
     ("found", "conclusion", "told"),
     [
         (facts(SURE), "cause", "Cause: tilt of the base [base_tilt] (p = 0.97; bench)."),
-        (
-            facts(OPEN),
-            "one of several",
-            "tilt of the base [base_tilt] (p = 0.72; 0.76 if it is in the catalogue; bench)",
-        ),
+        (facts(OPEN), "one of several", "tilt of the base [base_tilt] (p = 0.72; 0.76 if it is in the catalogue; bench)"),
         (facts(OPEN), "one of several", "do not exclude weight [weight]."),
         (facts(ALONE), "one of several", "do not exclude that no effect carries enough."),
         (facts(STRANGE), "one of several", "do not exclude a cause outside the catalogue."),
@@ -185,11 +171,7 @@ def test_no_two_sentences_contradict(posterior: Posterior, enough: bool, gap: bo
     ],
 )
 def test_stiffness_trials_say_where_their_floor_is_from(repeated: bool, after: float, told: str) -> None:
-    detail = {
-        "waterfall_mm": {"calibrated": 0.046, "explained": after},
-        "floor_mm": 0.327,
-        "floor_from_repeats": repeated,
-    }
+    detail = {"waterfall_mm": {"calibrated": 0.046, "explained": after}, "floor_mm": 0.327, "floor_from_repeats": repeated}
     assert stiffness_sentence(detail, decide(SURE, True)).endswith(told)
     assert stiffness_sentence(detail, decide(NONE, True)).endswith("0.327 mm).")
 

@@ -1,7 +1,5 @@
 """Robots and conditions shared by the tests of the model."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

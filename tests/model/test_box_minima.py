@@ -38,9 +38,3 @@ def test_what_is_held_too_early_comes_back() -> None:
     curve, score = np.array([[1.0, 0.9], [0.9, 1.0]]), np.array([4.0, 3.2])
     x = minimum(curve, score, np.array([-1.0, -0.1]), np.array([1.0, 9.0]))
     np.testing.assert_allclose(x, [1.0, 2.3])
-
-
-def test_without_bounds_it_solves() -> None:
-    curve, score, _, _ = problem(3, 12)
-    none = np.full(12, np.inf)
-    np.testing.assert_allclose(minimum(curve, score, -none, none), np.linalg.solve(curve, score))

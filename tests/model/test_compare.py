@@ -1,9 +1,5 @@
 """The error table."""
 
-from __future__ import annotations
-
-import json
-
 import numpy as np
 import pytest
 
@@ -25,12 +21,6 @@ def test_errors_are_averaged_per_spine_length_and_axis(paper_robot: Robot) -> No
     assert first.worst == pytest.approx(np.hypot(0.012, 0.004))
     assert (table.worst_percent_x, table.worst_percent_z) == pytest.approx((2.0, 0.75))
     np.testing.assert_allclose(table.residual, measured)
-
-
-def test_the_table_goes_to_json(paper_robot: Robot) -> None:
-    states = conditions(paper_robot, [0.0], np.zeros(9))
-    table = error_table(states, np.full((1, 3), 0.001), np.zeros((1, 3)), 0.4)
-    assert json.loads(json.dumps(table.as_dict()))["rows"][0]["n"] == 1
 
 
 @pytest.mark.parametrize(("measured", "word"), [(np.zeros((1, 3)), "measured"), (np.full((2, 3), np.nan), "not finite")])

@@ -1,7 +1,5 @@
 """Conditions: shapes, broadcasting, limits."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -33,6 +31,7 @@ def test_single_values_hold_for_all_states_and_the_tip_mass_comes_from_the_robot
         ({"spine_length": 0.0, "pressure": np.zeros(3)}, ["pressure", "3 columns", "9 chambers"]),
         ({"spine_length": [0.0, 0.1], "pressure": np.zeros((3, 9))}, ["spine_length", "(2,)", "(3,)"]),
         ({"spine_length": 0.0, "pressure": NINE, "tip_mass": -0.1}, ["tip_mass", "-0.1 kg"]),
+        ({"spine_length": 0.1, "pressure": NINE, "force": [0.0, 1.0]}, ["force: shape (1, 2), must be (3,) or (1, 3)"]),
         ({"spine_length": "long", "pressure": NINE}, ["spine_length", "'long'", "numbers"]),
     ],
 )

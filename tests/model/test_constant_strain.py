@@ -1,7 +1,5 @@
 """The example of a simulator of one's own agrees with the rod as far as it says, and stands still where it should."""
 
-from __future__ import annotations
-
 import runpy
 from pathlib import Path
 

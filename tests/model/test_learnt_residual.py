@@ -1,7 +1,5 @@
 """The learnt residual: scikit-learn's Gaussian process, slopes, what it does to predictions, and what robot.yaml holds."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

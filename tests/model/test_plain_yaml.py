@@ -1,7 +1,5 @@
 """YAML of people: plain values only, and one error with its line for everything else."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -56,14 +54,7 @@ def test_what_is_no_yaml_at_all_is_an_error(text: str) -> None:
 
 
 def test_a_key_is_a_name_whatever_yaml_makes_of_it_elsewhere() -> None:
-    assert parse("{on: 1, off: 2, No: 3, ~: 4, y: 5, 0.1: 6}")[0] == {
-        "on": 1,
-        "off": 2,
-        "No": 3,
-        "~": 4,
-        "y": 5,
-        0.1: 6,
-    }
+    assert parse("{on: 1, off: 2, No: 3, ~: 4, y: 5, 0.1: 6}")[0] == {"on": 1, "off": 2, "No": 3, "~": 4, "y": 5, 0.1: 6}
 
 
 def test_a_date_is_a_text_and_a_merge_key_is_a_key_like_any_other() -> None:

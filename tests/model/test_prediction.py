@@ -1,7 +1,5 @@
 """States as arrays: the same numbers as the forward model, gradients, intervals, and the way back."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -11,7 +9,6 @@ from numpy.typing import NDArray
 from model.effects import CATALOGUE, ForwardModel, Parameter, design_from_columns
 from model.errors import BadCondition, BadRobot
 from model.prediction import Predictor
-from model.prediction.box_minima import box_minima
 from model.prediction.campaign import predict_campaign
 from model.prediction.inverse import inverse, limits_of
 from model.robot import Robot, robot_from_dict
@@ -156,19 +153,6 @@ def test_targets_out_of_reach_are_told_with_the_nearest_point(paper_robot: Robot
 def test_limits_that_the_robot_does_not_have_are_refused(paper_robot: Robot, more: dict[str, Any], told: str) -> None:
     with pytest.raises(BadCondition, match=told):
         limits_of(paper_robot, **more)
-
-
-def test_quadratics_are_minimised_within_their_bounds() -> None:
-    rng = np.random.default_rng(2)
-    half = rng.normal(size=(50, 6, 6))
-    curve = half @ half.swapaxes(1, 2) + 1e-6 * np.eye(6)
-    slope = rng.normal(size=(50, 6))
-    low, high = -rng.uniform(0, 1, (50, 6)), rng.uniform(0, 1, (50, 6))
-    x = box_minima(curve, slope, low, high)
-    assert (x >= low).all() and (x <= high).all()
-    uphill = (curve @ x[..., None])[..., 0] + slope
-    held = np.where(x <= low, np.minimum(uphill, 0), np.where(x >= high, np.maximum(uphill, 0), uphill))
-    assert np.abs(held).max() < 1e-8
 
 
 def test_every_effect_of_the_catalogue_can_be_predicted_with(paper_robot: Robot) -> None:

@@ -1,7 +1,5 @@
 """The robot in PyElastica: the same robot, with a law of its own where it is stretched."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The robot in SoRoMoX: the same robot, with strain that is constant within a segment."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Effects in robot.yaml: what is refused and how it is told, and that the model has them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +12,7 @@ from model.effects import CATALOGUE, EffectSpec, ForwardModel, Law, Parameter, d
 from model.errors import BadRobot
 from model.robot import Robot, robot_from_dict
 from model.stated import Stated
-from tests.model.effects.conftest import campaign
+from tests.model.effects.campaigns import campaign
 
 SLIP = {"moment": {"value": 0.15, "sd": 0.01, "unit": "N m"}, "stroke": {"value": 0.3, "sd": 0.2, "unit": "ln"}}
 AZIMUTH = {"angle": {"value": 0.1, "sd": 0.01, "unit": "rad"}}
@@ -125,13 +123,7 @@ def test_the_uncertainty_of_a_robot_is_one_covariance(paper_robot: Robot) -> Non
 
 def test_a_stated_effect_acts_where_it_stands_in_the_catalogue(paper_robot: Robot) -> None:
     """An offset of a gauge goes with its regulator to the chambers that hang on it, be their order stated or varied."""
-    columns = {
-        "trial": np.ones(2, int),
-        "spine_length": np.zeros(2),
-        "x": np.zeros(2),
-        "y": np.zeros(2),
-        "z": np.zeros(2),
-    }
+    columns = {"trial": np.ones(2, int), "spine_length": np.zeros(2), "x": np.zeros(2), "y": np.zeros(2), "z": np.zeros(2)}
     columns |= {f"p{c}": np.array([0.0, 100e3 if c in (3, 4, 5) else 0.0]) for c in range(1, 10)}
     design = design_from_columns(paper_robot, columns)
     stated = {"chamber_order": {"blend": Stated(value=1.0, unit="1"), "which": Stated(value=2.0, unit="1")}}

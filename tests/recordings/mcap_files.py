@@ -1,7 +1,5 @@
 """MCAP files of any writer: every combination of what the format leaves open, built byte by byte."""
 
-from __future__ import annotations
-
 import itertools
 import struct
 import zlib

@@ -1,12 +1,10 @@
 """What was found by mutating files: each is one clear error."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
 import pytest
-from synthetic_run import TARGETS
+from synthetic_run import state
 
 from recordings.campaign.journal import read as read_journal
 from recordings.campaign.shelf import INDEX, runs
@@ -19,10 +17,7 @@ from recordings.trials import TrialRow
 
 HEAD = "trial,step,protocol,repeat,branch,t,spine_length,p1,x,y,z"
 ROW = "1,1,bending,1,load,1,0,0,0,0,0"
-STATE = State(
-    trial=1, step=1, protocol="bending", repeat=1, branch="load", rule=Settled(), t_start=0.0, ramp_end=0.0, rate=0.0,
-    targets=TARGETS, spine_length=0, tip_mass=0.0,
-)  # fmt: skip
+STATE = state(rule=Settled())
 
 
 @pytest.mark.parametrize("text", ["[" * 100_000, '{"a":' * 5000, "9" * 5000, '"\\ud800"', "", b"\xff", "\0", "[" * 60 + "]" * 60])
@@ -102,10 +97,7 @@ def test_a_journal_with_such_a_line_is_refused(tmp_path: Path, line: str) -> Non
 
 
 def test_counts_that_are_none_are_left_out() -> None:
-    told = {
-        "/tip": '{"written": 5, "lost": 1e999, "dropped": ' + "9" * 30 + ', "generated": -1}',
-        "/arm": "[" * 100_000,
-    }
+    told = {"/tip": '{"written": 5, "lost": 1e999, "dropped": ' + "9" * 30 + ', "generated": -1}', "/arm": "[" * 100_000}
     assert counted({"counts": told}) == {"/tip": {"written": 5}}
 
 

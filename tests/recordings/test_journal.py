@@ -1,19 +1,16 @@
 """The journal and the campaign: what is finished stays finished, what was broken off counts as it was done last."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
 import pytest
-from synthetic_run import TARGETS
+from synthetic_run import TARGETS, state
 
 from recordings.campaign.journal import Journal, read
 from recordings.campaign.resumed import metadata, tables
 from recordings.errors import BadJournal, WriteFailed
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
-from recordings.states.rules import State, Window
 from recordings.trials import TrialRow
 
 WALL = 1_700_000_000 * 10**9
@@ -79,11 +76,7 @@ def test_what_is_no_journal_is_told(tmp_path: Path, text: str) -> None:
 def record(path: Path, start: int, campaign: dict[str, dict[str, str]], rows: list[tuple[int, int]]) -> Recording:
     with Recorder(path, start_wall_ns=start, metadata=campaign) as recorder:
         for k, (trial, step) in enumerate(rows):
-            state = State(
-                trial=trial, step=step, protocol="bending", repeat=1, branch="load", rule=Window(0.5), t_start=0.0,
-                ramp_end=0.0, rate=0.0, targets=TARGETS, spine_length=0.1, tip_mass=0.0, topics=("/pressure",),
-            )  # fmt: skip
-            number = recorder.state(float(k), state)
+            number = recorder.state(float(k), state(trial=trial, step=step, topics=("/pressure",)))
             recorder.trial(float(k), number, TrialRow(trial, step, "bending", 1, "load", float(k), 0.1, TARGETS))
             recorder.push("/pressure", float(k), (TARGETS, TARGETS))
     return Recording.open(path)

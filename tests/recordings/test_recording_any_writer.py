@@ -1,7 +1,5 @@
 """Files of any writer: counts, contents and verdict are right for every combination of what the format leaves open."""
 
-from __future__ import annotations
-
 import itertools
 import struct
 import zlib
@@ -11,20 +9,7 @@ import pytest
 from mcap.reader import NonSeekingReader
 from mcap.records import Channel, Chunk, DataEnd, Header, Message
 from mcap.writer import CompressionType, IndexType, Writer
-from mcap_files import (
-    ATTACHED,
-    CHANNEL,
-    FEATURES,
-    INPUTS,
-    MAGIC,
-    NOTED,
-    ONE,
-    PACKERS,
-    build,
-    combinations,
-    message,
-    written,
-)
+from mcap_files import ATTACHED, CHANNEL, FEATURES, INPUTS, MAGIC, NOTED, ONE, PACKERS, build, combinations, message, written
 
 from recordings.campaign.info import info
 from recordings.errors import NotARecording, Oversized
@@ -137,9 +122,7 @@ def test_every_option_of_the_python_writer(tmp_path: Path, compression: Compress
         (IndexType.ALL, IndexType.NONE, IndexType.MESSAGE, IndexType.CHUNK), *[(True, False)] * 4
     ):
         with open(path, "wb") as file:
-            writer = Writer(
-                file, 300, compression, index, True, True, chunking, statistics, offsets, crcs, data_crcs
-            )  # fmt: skip
+            writer = Writer(file, 300, compression, index, True, True, chunking, statistics, offsets, crcs, data_crcs)
             writer.start("ros2", "another")
             for topic in ("/a", "/b"):
                 channel = writer.register_channel(topic, "json", writer.register_schema(topic, "jsonschema", b"{}"))
@@ -196,21 +179,6 @@ def test_bags_that_rosbags_writes(tmp_path: Path) -> None:
             writer.write(connection, k, store.serialize_cdr(kind(data=float(k)), kind.__msgtype__))
     (path,) = (tmp_path / "bag").glob("*.mcap")
     assert verify(path).problems == () and info(path).streams["/x"].timing.count == 20
-
-
-def test_what_the_summary_does_not_repeat_is_found_in_the_chunks(tmp_path: Path) -> None:
-    path = tmp_path / "a.mcap"
-    for channels, schemas in itertools.product((True, False), repeat=2):
-        with open(path, "wb") as file:
-            writer = Writer(file, 300, repeat_channels=channels, repeat_schemas=schemas)
-            writer.start()
-            for topic in ("/a", "/b"):
-                channel = writer.register_channel(topic, "json", writer.register_schema(topic, "jsonschema", b"{}"))
-                for k in range(20):
-                    writer.add_message(channel, k, b"{}", k)
-            writer.finish()
-        assert len(Recording.open(path).contents.schemas) == 2
-        assert info(path).complete and info(path).damage == ()
 
 
 # ------------------------------------------------------------------ damage

@@ -1,15 +1,13 @@
 """Identity of the bodies that the cameras report: reach, jumps, places at rest; the same live, in the file and in replay."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from synthetic_run import state
 
 from recordings.campaign.replay import compare, replay
 from recordings.errors import BadMessage, Misplaced
@@ -21,10 +19,7 @@ from recordings.states.rules import State, Window
 
 ARCS = (0.4, 0.1, 0.2, 0.3)
 """The tip and three markers."""
-STATE = State(
-    trial=1, step=1, protocol="bending", repeat=1, branch="load", rule=Window(0.0, 1.0, 2), t_start=3.0, ramp_end=3.0,
-    rate=0.0, targets=(0.0,) * 9, spine_length=0.1, tip_mass=0.0, topics=("/tip",), bodies=Bodies(1.0, ARCS, 1.2),
-)  # fmt: skip
+ASKED = state(rule=Window(0.0, 1.0, 2), t_start=3.0, ramp_end=3.0, topics=("/tip",), bodies=Bodies(1.0, ARCS, 1.2))
 PERIOD = 0.01
 Places = Callable[[float], list[tuple[float, float, float]]]
 
@@ -58,20 +53,14 @@ def shifted(body: int, by: float, begin: float, within: float = 0.0) -> Places:
     return places
 
 
-def recorded(path: Path, places: Places, state: State = STATE) -> Recorder:
+def following(path: Path, places: Places, asked: State = ASKED) -> Recorder:
     """A recording of 5 s at 100 Hz with one state."""
     recorder = Recorder(path, start_wall_ns=10**18, markers=len(ARCS) - 1)
-    recorder.state(0.0, state)
-    push = recorder.sink("/tip")
+    recorder.state(0.0, asked)
     for k in range(1, 501):
         t = round(PERIOD * k, 9)
         tip, *markers = places(t)
-        push(
-            SimpleNamespace(
-                t=t, device_time=t, frame=k, position=tip, orientation=(1.0, 0.0, 0.0, 0.0), marker_error=1e-4, valid=True,
-                markers=tuple(markers),
-            )
-        )  # fmt: skip
+        recorder.push("/tip", t, (t, k, tip, (1.0, 0.0, 0.0, 0.0), 1e-4, True, tuple(markers)))
     recorder.sync()
     return recorder
 
@@ -91,10 +80,7 @@ IMPOSSIBLE = {
     "tip and first marker": (swapped(0, 1, 1.5), r"marker 1 are \d+ mm apart, the stretched robot allows 125 mm"),
     "two markers": (swapped(1, 3, 1.5), r"marker \d"),
     "a strange body at the tip": (shifted(0, 0.6, 1.5, 0.5), r"the tip and marker 3 are 608 mm apart"),
-    "a jump within reach": (
-        shifted(2, 0.05, 2.0),
-        r"marker 2 jumped by 50 mm within 10 ms at 2\.01 s and is still 50 mm away",
-    ),
+    "a jump within reach": (shifted(2, 0.05, 2.0), r"marker 2 jumped by 50 mm within 10 ms at 2\.01 s and is still 50 mm away"),
 }
 POSSIBLE = {
     "at rest": straight,
@@ -109,33 +95,33 @@ POSSIBLE = {
 @pytest.mark.parametrize("kind", IMPOSSIBLE)
 def test_a_state_is_not_concluded_where_the_robot_cannot_be(kind: str, tmp_path: Path) -> None:
     places, says = IMPOSSIBLE[kind]
-    with recorded(tmp_path / "a.mcap", places) as recorder, pytest.raises(Misplaced, match=says):
-        conclude(recorder.buffers, STATE)
+    with following(tmp_path / "a.mcap", places) as recorder, pytest.raises(Misplaced, match=says):
+        conclude(recorder.buffers, ASKED)
     assert not list(replay(tmp_path / "a.mcap"))
 
 
 @pytest.mark.parametrize("kind", POSSIBLE)
 def test_a_state_is_concluded_where_the_robot_can_be(kind: str, tmp_path: Path) -> None:
-    with recorded(tmp_path / "a.mcap", POSSIBLE[kind]) as recorder:
-        row = conclude(recorder.buffers, STATE)
+    with following(tmp_path / "a.mcap", POSSIBLE[kind]) as recorder:
+        row = conclude(recorder.buffers, ASKED)
         assert row is not None and row.tip is not None
         recorder.trial(4.5, 1, row)
     recording = Recording.open(tmp_path / "a.mcap")
-    assert recording.states[0].state == STATE and compare(recording).equal
+    assert recording.states[0].state == ASKED and compare(recording).equal
 
 
 def test_without_the_robot_s_limits_everything_counts(tmp_path: Path) -> None:
-    state = replace(STATE, bodies=None)
-    with recorded(tmp_path / "a.mcap", swapped(0, 1, 1.5), state) as recorder:
-        assert conclude(recorder.buffers, state) is not None
-    assert Recording.open(tmp_path / "a.mcap").states[0].state == state
+    free = replace(ASKED, bodies=None)
+    with following(tmp_path / "a.mcap", swapped(0, 1, 1.5), free) as recorder:
+        assert conclude(recorder.buffers, free) is not None
+    assert Recording.open(tmp_path / "a.mcap").states[0].state == free
     with pytest.raises(BadMessage, match="need /tip"):
-        replace(STATE, topics=("/pressure",))
+        replace(ASKED, topics=("/pressure",))
 
 
 def test_states_at_rest_are_compared_body_by_body(tmp_path: Path) -> None:
-    with recorded(tmp_path / "a.mcap", straight) as recorder:
-        row = conclude(recorder.buffers, STATE)
+    with following(tmp_path / "a.mcap", straight) as recorder:
+        row = conclude(recorder.buffers, ASKED)
     assert row is not None and row.tip is not None
     assert not elsewhere(row, row)
     moved = replace(row, markers=(row.markers[1], row.markers[0], row.markers[2]))

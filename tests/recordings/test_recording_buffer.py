@@ -1,7 +1,5 @@
 """Samples in memory: whole across blocks, also for who looks while they come."""
 
-from __future__ import annotations
-
 import threading
 
 import numpy as np

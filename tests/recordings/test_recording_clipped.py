@@ -1,27 +1,23 @@
 """A state on whose way set-points were clipped says so in the recording and in the table, and older readers are not disturbed."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from synthetic_run import state
 
 from recordings.campaign.replay import compare, table_of
 from recordings.errors import BadTable
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
 from recordings.states.concluding import conclude
-from recordings.states.rules import State, Window
+from recordings.states.rules import Window
 from recordings.table_file import read_csv, write_csv
 from recordings.trials import Table, TrialRow
 
-STATE = State(
-    trial=1, step=1, protocol="bending", repeat=1, branch="load", rule=Window(0.0, 0.5, 3), t_start=0.0, ramp_end=0.0,
-    rate=0.0, targets=(50e3,) * 9, spine_length=0.1, tip_mass=0.05, topics=("/pressure",), clipped=True,
-)  # fmt: skip
+STATE = state(rule=Window(0.0, 0.5, 3), targets=(50e3,) * 9, topics=("/pressure",), clipped=True)
 ROW = TrialRow(
     trial=1, step=1, protocol="bending", repeat=1, branch="load", t=0.5, spine_length=0.1, pressures=(50e3,) * 9,
     tip=(0.0, 0.0, 0.4), clipped=True,
@@ -42,19 +38,13 @@ def test_it_is_recorded_with_the_state_and_concluded_again(tmp_path: Path, clipp
         push = recorder.sink("/pressure")
         for k in range(1, 12):
             push(SimpleNamespace(t=0.1 * k, setpoint=(50e3,) * 9, measured=(49e3 + k,) * 9))
-        recorder.sync()
-        recorder.trial(1.2, number, table_row(recorder, clipped))
+        row = conclude(recorder.buffers, replace(STATE, clipped=clipped))
+        assert row is not None
+        recorder.trial(1.2, number, row)
     recording = Recording.open(path)
     assert [event.state.clipped for event in recording.states] == [clipped]
     assert [row.clipped for row in table_of(recording)] == [clipped]
     assert compare(recording).equal
-
-
-def table_row(recorder: Recorder, clipped: bool) -> TrialRow:
-    """The row that a live run would have concluded."""
-    row = conclude(recorder.buffers, replace(STATE, clipped=clipped))
-    assert row is not None
-    return row
 
 
 def test_the_table_has_the_column_only_when_a_state_was_clipped(tmp_path: Path) -> None:

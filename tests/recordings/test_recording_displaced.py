@@ -1,7 +1,5 @@
 """A recording that is deleted, renamed, replaced or truncated while it is written goes on in a rescue file."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Callable
@@ -48,22 +46,6 @@ def push(recorder: Recorder, first: bool) -> None:
     recorder.sync()
 
 
-def delete(file: Path) -> None:
-    file.unlink()
-
-
-def rename(file: Path) -> None:
-    file.rename(file.with_name("other.mcap"))
-
-
-def delete_folder(file: Path) -> None:
-    shutil.rmtree(file.parent)
-
-
-def rename_folder(file: Path) -> None:
-    file.parent.rename(file.parent.with_name("moved"))
-
-
 def replace(file: Path) -> None:
     other = file.with_name("new")
     other.write_bytes(b"something else")
@@ -75,10 +57,17 @@ def into_folder(file: Path) -> None:
     file.mkdir()
 
 
-LOSSLESS = (delete, rename, delete_folder, rename_folder, replace, into_folder)
+LOSSLESS: dict[str, Callable[[Path], object]] = {
+    "deleted": Path.unlink,
+    "renamed": lambda file: file.rename(file.with_name("other.mcap")),
+    "folder deleted": lambda file: shutil.rmtree(file.parent),
+    "folder renamed": lambda file: file.parent.rename(file.parent.with_name("moved")),
+    "replaced": replace,
+    "now a folder": into_folder,
+}
 
 
-@pytest.mark.parametrize("harm", LOSSLESS)
+@pytest.mark.parametrize("harm", LOSSLESS.values(), ids=LOSSLESS)
 def test_a_recording_that_lost_its_place_is_whole_in_the_rescue_file(harm: Callable[[Path], None], tmp_path: Path) -> None:
     recorder, journal = begun(tmp_path / "out", tmp_path / "rig")
     harm(tmp_path / "out" / "run.mcap")
@@ -147,7 +136,7 @@ def test_a_rescue_file_goes_into_the_temporary_folder_where_the_rig_s_cannot_be_
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "tmp"))
     recorder, journal = begun(tmp_path / "out", tmp_path / "rig")
     shutil.rmtree(tmp_path / "rig")
-    delete_folder(tmp_path / "out" / "run.mcap")
+    shutil.rmtree(tmp_path / "out")
     until(lambda: recorder.displaced)
     assert recorder.path == tmp_path / "tmp" / "run-rescue.mcap"
     recorder.path.unlink()  # and once more
@@ -172,7 +161,7 @@ def test_a_rescue_file_of_a_killed_program_can_be_recovered(tmp_path: Path) -> N
     assert len(Recording.open(tmp_path / "cut-recovered.mcap").stream("/force")) == sent
 
 
-@pytest.mark.parametrize("harm", [delete, lambda file: os.truncate(file, 0)])
+@pytest.mark.parametrize("harm", [Path.unlink, lambda file: os.truncate(file, 0)])
 def test_a_journal_that_is_lost_is_written_anew_in_its_place(harm: Callable[[Path], None], tmp_path: Path) -> None:
     recorder, journal = begun(tmp_path / "out", tmp_path / "rig")
     harm(journal.path)

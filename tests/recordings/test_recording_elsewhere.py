@@ -5,8 +5,6 @@ SOFTLAB_NODE_MODULES=<folder>/node_modules, or let the test install them into a 
 SOFTLAB_NPM_INSTALL=1. Another viewer's importer is checked where its command `rerun` is found, or named in SOFTLAB_RERUN.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

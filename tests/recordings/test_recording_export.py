@@ -1,7 +1,5 @@
 """Export: every number of every stream, as CSV and as Parquet, and the case folder."""
 
-from __future__ import annotations
-
 import csv
 import re
 import sys
@@ -11,7 +9,7 @@ import numpy as np
 import pytest
 from pyarrow import parquet
 from scipy.io import loadmat
-from synthetic_run import Run
+from synthetic_run import Run, recorded
 
 from recordings.campaign.export import export_case, export_streams
 from recordings.errors import BadTable, MissingPackage
@@ -29,11 +27,7 @@ COLUMNS = {
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
-    path = tmp_path_factory.mktemp("export") / "run.mcap"
-    with Recorder(path, start_wall_ns=10**18, markers=2) as recorder:
-        for topic, t, values in Run(duration=2.0).messages():
-            recorder.push(topic, t, values)
-    return Recording.open(path)
+    return Recording.open(recorded(tmp_path_factory.mktemp("export") / "run.mcap", Run(duration=2.0)))
 
 
 def test_csv_holds_every_number_to_the_last_bit(recording: Recording, tmp_path: Path) -> None:
@@ -101,10 +95,7 @@ def test_every_column_is_described_with_unit_and_time_base(recording: Recording,
             assert [column for of, column in rows if of == name] == heads
     assert rows["pressure", "measured_2"]["unit"] == "Pa" and rows["pressure", "measured_2"]["meaning"].startswith("chamber 2;")
     assert [rows["tip", f"orientation_{i}"]["meaning"].partition(";")[0] for i in range(1, 5)] == ["w", "x", "y", "z"]
-    assert [rows["tip", f"markers_{i}"]["meaning"].partition(";")[0] for i in (1, 6)] == [
-        "x of number 1",
-        "z of number 2",
-    ]
+    assert [rows["tip", f"markers_{i}"]["meaning"].partition(";")[0] for i in (1, 6)] == ["x of number 1", "z of number 2"]
     assert (rows["force", "raw_3"]["unit"], rows["force", "raw_4"]["unit"]) == ("N", "N m")
     assert [key for key, row in rows.items() if not row["meaning"]] == []
     assert re.search(r"t = 0 at \d{4}-\d\d-\d\dT.*[+]00:00", rows["tip", "t"]["meaning"])

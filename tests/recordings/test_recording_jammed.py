@@ -1,16 +1,14 @@
 """What a state demands of its jammed spine, and how the force sensor's zero moved: the same live, in the file and in replay."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from synthetic_run import state
 
 from recordings.campaign.replay import compare, replay, replay_states, table_of
 from recordings.errors import BadMessage, BadTable, NoResistance, VacuumLost
@@ -26,30 +24,22 @@ from recordings.table_file import read_csv, write_csv
 from recordings.trials import Table, TrialRow
 
 BAND = VacuumBand(1.0, 69e3, 91e3)
-STATE = State(
-    trial=1, step=1, protocol="stiffness", repeat=1, branch="load", rule=Window(0.0, 1.0, 2), t_start=3.0, ramp_end=3.0,
-    rate=0.0, targets=(0.0,) * 9, spine_length=0.1, tip_mass=0.0, topics=("/force", "/arm", "/vacuum"), specimen="spine",
-    probe=Probe((1.0, 0.0, 0.0), (0.0, 0.0, 0.0)), vacuum=BAND, least_force=1.0,
+STATE = state(
+    protocol="stiffness", specimen="spine", rule=Window(0.0, 1.0, 2), t_start=3.0, ramp_end=3.0, targets=(0.0,) * 9,
+    topics=("/force", "/arm", "/vacuum"), probe=Probe((1.0, 0.0, 0.0), (0.0, 0.0, 0.0)), vacuum=BAND, least_force=1.0,
 )  # fmt: skip
 POLL = 0.1
 
 
-def recorded(path: Path, vacuum: Callable[[float], float], force: float = 2.0, state: State = STATE) -> Recorder:
+def pushing(path: Path, vacuum: Callable[[float], float], force: float = 2.0, asked: State = STATE) -> Recorder:
     """A recording of 6 s with one state: `vacuum` Pa below ambient by time, `force` N."""
     recorder = Recorder(path, start_wall_ns=10**18)
-    recorder.state(0.0, state)
-    pushes = {topic: recorder.sink(topic) for topic in ("/force", "/arm", "/vacuum")}
+    recorder.state(0.0, asked)
     for k in range(1, 61):
         t = round(POLL * k, 9)
-        raw = (-force, 0.0, 0.0, 0.0, 0.0, 0.0)
-        pushes["/force"](SimpleNamespace(t=t, raw=raw, zero=(0.0,) * 6))
-        pose = (0.001, 0.0, 0.0, 0.0, 0.0, 0.0)
-        pushes["/arm"](
-            SimpleNamespace(
-                t=t, device_time=t, joints=(0.0,) * 6, tcp_pose=pose, tcp_speed=(0.0,) * 6, safety_bits=1, program_running=True
-            )
-        )  # fmt: skip
-        pushes["/vacuum"](SimpleNamespace(t=t, absolute=AMBIENT - vacuum(t)))
+        recorder.push("/force", t, ((-force, *(0.0,) * 5), (0.0,) * 6))
+        recorder.push("/arm", t, (t, (0.0,) * 6, (0.001, *(0.0,) * 5), (0.0,) * 6, 1, True))
+        recorder.push("/vacuum", t, (AMBIENT - vacuum(t),))
     recorder.sync()
     return recorder
 
@@ -73,7 +63,7 @@ KEPT = {
 
 @pytest.mark.parametrize("kind", LOST)
 def test_a_state_whose_spine_lost_its_vacuum_is_not_concluded(tmp_path: Path, kind: str) -> None:
-    with recorded(tmp_path / "a.mcap", LOST[kind]) as recorder, pytest.raises(VacuumLost, match=r"69\.0 to 91\.0 kPa"):
+    with pushing(tmp_path / "a.mcap", LOST[kind]) as recorder, pytest.raises(VacuumLost, match=r"69\.0 to 91\.0 kPa"):
         conclude(recorder.buffers, STATE)
     (again,) = replay_states(Recording.open(tmp_path / "a.mcap"))
     assert again.row is None and "kPa below ambient" in again.reason
@@ -81,7 +71,7 @@ def test_a_state_whose_spine_lost_its_vacuum_is_not_concluded(tmp_path: Path, ki
 
 @pytest.mark.parametrize("kind", KEPT)
 def test_one_whose_vacuum_stayed_is(tmp_path: Path, kind: str) -> None:
-    with recorded(tmp_path / "a.mcap", KEPT[kind]) as recorder:
+    with pushing(tmp_path / "a.mcap", KEPT[kind]) as recorder:
         row = conclude(recorder.buffers, STATE)
         assert row is not None and row.force == pytest.approx(2.0)
         recorder.trial(6.0, 1, row)
@@ -90,25 +80,25 @@ def test_one_whose_vacuum_stayed_is(tmp_path: Path, kind: str) -> None:
 
 def test_it_is_known_as_soon_as_the_vacuum_is_lost(tmp_path: Path) -> None:
     later = replace(STATE, rule=Window(100.0, 1.0, 2))
-    with recorded(tmp_path / "a.mcap", LOST["within the window"], state=later) as recorder, pytest.raises(VacuumLost):
+    with pushing(tmp_path / "a.mcap", LOST["within the window"], asked=later) as recorder, pytest.raises(VacuumLost):
         conclude(recorder.buffers, later)
 
 
 def test_without_a_band_no_vacuum_is_judged(tmp_path: Path) -> None:
     plain = replace(STATE, vacuum=None)
-    with recorded(tmp_path / "a.mcap", between(0.0, 9.0, 0.0), state=plain) as recorder:
+    with pushing(tmp_path / "a.mcap", between(0.0, 9.0, 0.0), asked=plain) as recorder:
         assert conclude(recorder.buffers, plain) is not None
 
 
 def test_a_specimen_that_hardly_pushes_back_is_not_concluded(tmp_path: Path) -> None:
-    with recorded(tmp_path / "a.mcap", KEPT["within its band"], force=0.5) as recorder:
+    with pushing(tmp_path / "a.mcap", KEPT["within its band"], force=0.5) as recorder:
         with pytest.raises(NoResistance, match=r"0\.50 N"):
             conclude(recorder.buffers, STATE)
         assert conclude(recorder.buffers, replace(STATE, least_force=None)) is not None
 
 
 def test_the_file_holds_what_is_demanded_and_older_readers_are_not_disturbed(tmp_path: Path) -> None:
-    with recorded(tmp_path / "a.mcap", KEPT["within its band"]):
+    with pushing(tmp_path / "a.mcap", KEPT["within its band"]):
         pass
     (event,) = Recording.open(tmp_path / "a.mcap").states
     assert event.state == STATE
@@ -165,7 +155,7 @@ def test_a_line_is_removed_and_anything_else_marks_the_rows_of_that_time_only() 
 def test_zeros_and_marks_are_in_the_file_and_in_its_table(tmp_path: Path) -> None:
     plain = replace(STATE, vacuum=None, least_force=None)
     zeros = Zeros(1, (1.0, 0.0, 0.0), (0.05, 0.45), (0.5, 1.0), (5.0, 5.9), 1.5)
-    with recorded(tmp_path / "a.mcap", KEPT["within its band"], state=plain) as recorder:
+    with pushing(tmp_path / "a.mcap", KEPT["within its band"], asked=plain) as recorder:
         row = conclude(recorder.buffers, plain)
         assert row is not None
         recorder.trial(6.0, 1, row)
@@ -183,7 +173,7 @@ def test_zeros_and_marks_are_in_the_file_and_in_its_table(tmp_path: Path) -> Non
 
 def test_a_drift_that_replay_gives_otherwise_is_a_difference(tmp_path: Path) -> None:
     zeros = Zeros(1, (1.0, 0.0, 0.0), (0.05, 0.45), (0.5, 1.0), (5.0, 5.9), 1.5)
-    with recorded(tmp_path / "a.mcap", KEPT["within its band"]) as recorder:
+    with pushing(tmp_path / "a.mcap", KEPT["within its band"]) as recorder:
         recorder.zero(6.0, zeros, Drift(1.0, 0.1, True))
         recorder.zero(6.0, replace(zeros, end=(7.0, 8.0)), Drift(1.0, 0.1, True))
     comparison = compare(Recording.open(tmp_path / "a.mcap"))

@@ -1,13 +1,11 @@
 """A recording of schema version 1, written before clock models and views for markers and joints, and kept since."""
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from synthetic_run import OLD, STREAMS
 
 from recordings.campaign.info import info
 from recordings.campaign.replay import compare, replay_states
@@ -18,7 +16,6 @@ from recordings.file.verify import verify
 from recordings.messages import TIP, VACUUM, Field
 from recordings.trials import Table
 
-OLD = Path(__file__).parent / "data" / "bending-schema-1.mcap"
 ROWS = "da6d84d895c56a82090180ffc0f5f7c9d00ac08e6b23e46202a8829fd361d3a4"
 """sha256 of its rows, concluded by the version that wrote it."""
 
@@ -26,7 +23,7 @@ ROWS = "da6d84d895c56a82090180ffc0f5f7c9d00ac08e6b23e46202a8829fd361d3a4"
 def test_it_reads_in_full() -> None:
     recording = Recording.open(OLD)
     assert recording.metadata["recording"]["schema_version"] == "1"
-    counts = {topic: len(recording.stream(topic)) for topic in ("/pressure", "/tip", "/spine", "/vacuum", "/force", "/arm")}
+    counts = {topic: len(recording.stream(topic)) for topic in STREAMS}
     assert counts == {"/pressure": 90, "/tip": 112, "/spine": 22, "/vacuum": 22, "/force": 22, "/arm": 28}
     assert recording.stream("/tip")["markers"].shape == (112, 2, 3)
     assert [line.text for line in recording.log] == ["recording starts", "written by version 0.1.0"]

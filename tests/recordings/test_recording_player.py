@@ -1,7 +1,5 @@
 """Playing a recording: all messages, in the order of time, the same at any pace; and concluding as they come in."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from dataclasses import dataclass, field
@@ -9,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from synthetic_run import TARGETS, Run
+from synthetic_run import Run, state
 
 from recordings.campaign.replay import replay_states
 from recordings.file.player import Played, play
@@ -18,12 +16,15 @@ from recordings.file.writer import Recorder
 from recordings.messages import streams
 from recordings.states.buffer import Buffers
 from recordings.states.concluding import conclude
-from recordings.states.rules import Settled, State
+from recordings.states.rules import Settled
 
-ASKED = State(
-    trial=1, step=1, protocol="bending", repeat=1, branch="load", t_start=2.0, ramp_end=2.0, rate=1.0, targets=TARGETS,
-    spine_length=0.2, tip_mass=0.0, rule=Settled(still=0.6, still_distance=1e-3, min_samples=3, average=0.4),
-)  # fmt: skip
+ASKED = state(
+    rule=Settled(still=0.6, still_distance=1e-3, min_samples=3, average=0.4),
+    t_start=2.0,
+    ramp_end=2.0,
+    rate=1.0,
+    spine_length=0.2,
+)
 
 
 @pytest.fixture(scope="module")

@@ -1,18 +1,15 @@
 """The shelf: what the files say, from an index that can be thrown away at any time."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 
 import pytest
-from synthetic_run import TARGETS
+from synthetic_run import TARGETS, state
 
 from recordings.campaign.labels import RECORD, labels, split
 from recordings.campaign.shelf import INDEX, runs
 from recordings.errors import BadMessage
 from recordings.file.writer import Recorder
-from recordings.states.rules import State, Window
 
 
 def record(path: Path, day: int, protocol: str, spine: float, lost: int = 0, end: str = "completed", **said: str) -> None:
@@ -20,11 +17,7 @@ def record(path: Path, day: int, protocol: str, spine: float, lost: int = 0, end
     recorder = Recorder(path, start_wall_ns=1_700_000_000 * 10**9 + day * 86_400 * 10**9, metadata={RECORD: said} if said else {})
     for k in range(50):
         recorder.push("/pressure", k * 0.1, (TARGETS, TARGETS))
-    state = State(
-        trial=1, step=1, protocol=protocol, repeat=1, branch="load", rule=Window(0.5), t_start=0.0, ramp_end=0.0,
-        rate=0.0, targets=TARGETS, spine_length=spine, tip_mass=0.0, topics=("/pressure",),
-    )  # fmt: skip
-    recorder.state(0.0, state)
+    recorder.state(0.0, state(protocol=protocol, spine_length=spine, topics=("/pressure",)))
     recorder.note_lost("/force", lost)
     recorder.close(end)
 

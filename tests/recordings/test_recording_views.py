@@ -1,7 +1,5 @@
 """Views: what viewers show, in published schemas and not too often."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The recorder: what goes in is in the file, nothing is lost unnoticed."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal
@@ -13,11 +11,11 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from mcap.stream_reader import StreamReader
 from mcap_protobuf.decoder import DecoderFactory
 from synthetic_run import Run
 
@@ -52,12 +50,6 @@ def test_an_independent_reader_finds_every_message_with_its_values_and_log_time(
         assert [log for log, _ in found[topic]] == [WALL + round(t * 1e9) for _, t, _ in messages]
     assert [list(d.measured) for _, d in found["/pressure"]] == [list(v[1]) for _, _, v in sent["/pressure"]]  # type: ignore[attr-defined, call-overload]
     assert [d.frame for _, d in found["/tip"]] == [v[1] for _, _, v in sent["/tip"]]  # type: ignore[attr-defined]
-
-
-def test_a_finished_file_passes_all_checksums(tmp_path: Path) -> None:
-    record(tmp_path / "a.mcap", Run(duration=1.0)).close("completed")
-    with open(tmp_path / "a.mcap", "rb") as file:
-        assert list(StreamReader(file, validate_crcs=True).records)
 
 
 def test_the_buffer_and_the_file_hold_the_same_numbers_bit_by_bit(tmp_path: Path) -> None:
@@ -108,26 +100,21 @@ def test_what_is_not_a_message_is_refused_and_counted(tmp_path: Path) -> None:
     assert recorder.counts()["/vacuum"].dropped == 4
 
 
-@dataclass(frozen=True)
-class Body:
-    t: float
-    device_time: float
-    frame: int
-    position: tuple[float, float, float]
-    orientation: tuple[float, float, float, float]
-    marker_error: float
-    valid: bool
-    markers: tuple[tuple[float, float, float], ...]
+def body(t: float, frame: int, *markers: tuple[float, float, float]) -> SimpleNamespace:
+    turn = (1, 0, 0, 0)
+    return SimpleNamespace(
+        t=t, device_time=t, frame=frame, position=(1, 2, 3), orientation=turn, marker_error=0.0, valid=True, markers=markers
+    )
 
 
 def test_a_sink_fills_up_markers_and_never_raises(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "a.mcap", start_wall_ns=WALL, markers=2)
     sink = recorder.sink("/tip")
-    sink(Body(0.1, 0.1, 1, (1, 2, 3), (1, 0, 0, 0), 0.0, True, ((4, 5, 6),)))
-    sink(Body(0.2, 0.2, 2, (1, 2, 3), (1, 0, 0, 0), 0.0, True, ((4, 5, 6),) * 3))
-    sink(Body(0.3, 0.3, 3, (1, 2, 3), (1, 0, 0, 0), 0.0, True, ((4, 5, 6),) * 3))
+    sink(body(0.1, 1, (4, 5, 6)))
+    for k in (2, 3):
+        sink(body(0.1 * k, k, *[(4.0, 5.0, 6.0)] * 3))
     recorder.close("completed")
-    sink(Body(0.4, 0.4, 4, (1, 2, 3), (1, 0, 0, 0), 0.0, True, ()))
+    sink(body(0.4, 4))
     recording = Recording.open(tmp_path / "a.mcap")
     (markers,) = recording.stream("/tip")["markers"]
     assert markers[0].tolist() == [4, 5, 6] and np.isnan(markers[1]).all()
@@ -136,28 +123,29 @@ def test_a_sink_fills_up_markers_and_never_raises(tmp_path: Path) -> None:
 
 
 def test_many_producers_at_once_lose_nothing_and_keep_each_stream_in_order(tmp_path: Path) -> None:
+    """Of /vacuum there are two: what comes late is dropped, and counted."""
     recorder = Recorder(tmp_path / "a.mcap", start_wall_ns=WALL)
-    topics = {
-        "/vacuum": lambda k: (float(k),),
-        "/valve": lambda k: (k % 2 == 0,),
-        "/force": lambda k: ((k,) * 6, (0,) * 6),
-    }
+    values = {"/vacuum": lambda k: (k,), "/valve": lambda k: (k % 2 == 0,), "/force": lambda k: ((k,) * 6, (0,) * 6)}
 
     def produce(topic: str) -> None:
         for k in range(3000):
-            recorder.push(topic, k * 1e-3, topics[topic](k))
+            recorder.push(topic, k * 1e-3, values[topic](float(k)))
 
-    threads = [threading.Thread(target=produce, args=(topic,)) for topic in topics]
+    threads = [threading.Thread(target=produce, args=(topic,)) for topic in (*values, "/vacuum")]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
     counts = recorder.close("completed")
     recording = Recording.open(tmp_path / "a.mcap")
-    for topic in topics:
+    for topic in ("/valve", "/force"):
         assert counts[topic].written == 3000
         assert np.array_equal(recording.stream(topic)["t"], np.array([round(k * 1e-3 * 1e9) / 1e9 for k in range(3000)]))
-    assert recording.stream("/vacuum")["absolute"].tolist() == list(range(3000))
+    assert recording.stream("/force")["raw"][:, 0].tolist() == list(range(3000))
+    written = recording.stream("/vacuum")
+    assert counts["/vacuum"].generated == 6000 and counts["/vacuum"].written == len(written) >= 3000
+    assert (np.diff(written["t"]) >= 0).all() and written["t"][-1] == 2.999
+    assert recorder.buffers.window("/vacuum", 0.0, 9.0).tobytes() == written.tobytes()
 
 
 @dataclass
@@ -248,25 +236,6 @@ def test_what_waits_when_the_disk_fails_is_counted_as_dropped(tmp_path: Path, mo
         recorder.push("/valve", 10.0, on=True)
     counts = recorder.counts()["/valve"]
     assert (counts.generated, counts.written, counts.dropped) == (11, 0, 11)
-
-
-def test_two_producers_of_one_stream_keep_it_in_order_and_every_sample_is_counted(tmp_path: Path) -> None:
-    recorder = Recorder(tmp_path / "a.mcap", start_wall_ns=WALL)
-
-    def produce() -> None:
-        for k in range(3000):
-            recorder.push("/vacuum", k * 1e-3, (float(k),))
-
-    threads = [threading.Thread(target=produce) for _ in range(2)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    counts = recorder.close("completed")["/vacuum"]
-    written = Recording.open(tmp_path / "a.mcap").stream("/vacuum")
-    assert counts.generated == 6000 and counts.written == len(written) >= 3000
-    assert (np.diff(written["t"]) >= 0).all() and written["t"][-1] == 2.999
-    assert recorder.buffers.window("/vacuum", 0.0, 9.0).tobytes() == written.tobytes()
 
 
 def test_an_existing_file_is_never_written_over(tmp_path: Path) -> None:

@@ -1,7 +1,5 @@
 """The table of trials and its file: exact numbers, strict reading, messages that help."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

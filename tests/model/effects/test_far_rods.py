@@ -1,7 +1,5 @@
 """How equilibria are found that are far from a known one, or close to buckling."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -64,9 +62,7 @@ def test_a_rod_that_was_followed_is_a_start(monkeypatch: pytest.MonkeyPatch) -> 
     np.testing.assert_allclose(found.result[:, :3], exact.result[:, :3], atol=1e-6)
 
 
-def test_who_asks_for_the_whole_waits_for_no_other_state_once_one_has_no_equilibrium(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_who_asks_for_the_whole_waits_for_no_other_state_once_one_has_no_equilibrium(monkeypatch: pytest.MonkeyPatch) -> None:
     free, pressed = rows(0.0, 0.0, 0.0), rows(1.05, 1.06, 1.07)
     steps = integration_steps(at.UNIFORM, free)
     known, tried = solve(at.UNIFORM, free, NOWHERE, steps), []

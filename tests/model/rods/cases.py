@@ -1,7 +1,5 @@
 """The robot of the reference values, as arrays of rods: bends in the x-z plane, hangs along z."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

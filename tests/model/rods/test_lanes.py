@@ -1,7 +1,5 @@
 """Numbers in lanes are read and written by their names, and single instructions say what Python's words say."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import numba
@@ -60,27 +58,7 @@ def test_numbers_of_a_record_are_read_and_written_by_name_in_their_lane_only() -
 
     numbers = np.ones(2 * size * LANES)
     call(numbers, 3)
-    assert lane(numbers, 3, 1) == [
-        1.0,
-        1.0,
-        2.0,
-        3.0,
-        5.0,
-        1.0,
-        5.0,
-        1.0,
-        1.0,
-        1.0,
-        1.0,
-        1.0,
-        1.0,
-        1.0,
-        1.0,
-        1.0,
-        6.0,
-        7.0,
-        1.0,
-    ]
+    assert lane(numbers, 3, 1) == [1.0, 1.0, 2.0, 3.0, 5.0, 1.0, 5.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 6.0, 7.0, 1.0]
     numbers.reshape(2, size, LANES)[1, :, 3] = 1.0
     assert (numbers == 1.0).all()
 

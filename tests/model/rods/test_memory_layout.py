@@ -1,7 +1,5 @@
 """What a group of rods finds does not depend on where its arrays lie in memory."""
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 from numpy.typing import NDArray

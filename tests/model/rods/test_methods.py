@@ -1,7 +1,5 @@
 """One call, several methods: they agree where they must, and refuse what they do not know."""
 
-from __future__ import annotations
-
 import doctest
 
 import numpy as np
