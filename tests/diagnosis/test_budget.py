@@ -85,17 +85,9 @@ def test_an_exact_law_is_as_wrong_as_any_where_tolerances_may_hide_the_error_of_
 def test_the_answer_is_what_is_named_in_most_draws(
     named: tuple[str, ...], weight: tuple[float, ...], expected: tuple[str, ...]
 ) -> None:
-    draws = np.zeros((len(named), 3))
-    b = Budget(
-        EFFECTS,
-        draws,
-        draws,
-        np.array(weight),
-        np.zeros(len(named)),
-        np.zeros(len(named), bool),
-        dict.fromkeys(EFFECTS, 1.0),
-        tuple(tuple(n) for n in named),
-    )
+    draws, n = np.zeros((len(named), 3)), len(named)
+    sizes, each = dict.fromkeys(EFFECTS, 1.0), tuple(tuple(each) for each in named)
+    b = Budget(EFFECTS, draws, draws, np.array(weight), np.zeros(n), np.zeros(n, bool), sizes, each)
     found = module.by_what_is_carried(b, Posterior((((), 1.0),), {(): None}))  # type: ignore[dict-item]
     counted = [set(expected) <= set(n) if expected else not n for n in named]
     assert found.ranking[0] == (expected, pytest.approx(float(np.array(weight) @ counted)))

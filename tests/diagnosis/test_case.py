@@ -104,21 +104,11 @@ def test_chambers_swept_one_after_another_in_a_trial_are_repeats_of_themselves()
                 step += 1
                 pressure = np.zeros(9)
                 pressure[chamber] = level + 60.0 * rng.normal() * (level > 0)
-                branch = "unload" if step % 5 in (4, 0) else "load"
+                made = row(trial, step, 0.0, 0.0, branch="unload" if step % 5 in (4, 0) else "load", repeat=trial)
                 rows.append(
-                    TrialRow(
-                        trial,
-                        step,
-                        "bending",
-                        trial,
-                        branch,
-                        10.0 * len(rows),
-                        0.0,
-                        tuple(pressure.tolist()),
-                        tip=(-1e-6 * level, 1e-3 * chamber, 0.4),
-                    )  # fmt: skip
+                    replace(made, t=10.0 * len(rows), pressures=tuple(pressure), tip=(-1e-6 * level, 1e-3 * chamber, 0.4))
                 )
-    own, concerns = states(Measured(ROBOT, Table(tuple(rows))))
+    own, concerns = states(case(rows))
     _, counts = np.unique(own.condition, return_counts=True)
     assert set(counts.tolist()) <= {3, 6} and counts.sum() == 45
     assert not any("no state was repeated" in text for text in concerns)

@@ -64,10 +64,15 @@ def test_a_file_of_another_schema_is_refused() -> None:
 
 
 @few_and_all
-def test_the_same_campaign_gives_the_same_text(catalogue: Catalogue) -> None:
-    small = measured(3, 2, FEW)
-    wanted = quick(catalogue)
-    assert diagnose(small, wanted).to_json() == diagnose(small, wanted).to_json()
+def test_the_same_campaign_gives_the_same_text_and_linear_algebra_has_one_thread_meanwhile(catalogue: Catalogue) -> None:
+    small, threads = measured(3, 2, FEW), set[int]()
+
+    def look(_: FirstLook) -> None:
+        threads.update(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")
+
+    watched = diagnose(small, replace(quick(catalogue), executor=Executor(first_look=look)))
+    assert threads == {1}
+    assert diagnose(small, quick(catalogue)).to_json() == watched.to_json()
 
 
 @few_and_all
@@ -92,17 +97,6 @@ def test_experiments_are_proposed_with_a_catalogue_that_knows_no_wrong_pressures
     one = {"chamber_azimuth": CATALOGUE["chamber_azimuth"]}
     found = diagnose(measured(2, 1, FEW, chamber_azimuth__angle=np.radians(8)), Options(quantify=False, catalogue=one))
     assert found.attribute.effects == ("chamber_azimuth",) and found.next_experiment
-
-
-def test_linear_algebra_has_one_thread_while_a_diagnosis_goes_on_whatever_the_program_says() -> None:
-    threads: set[int] = set()
-
-    def look(_: FirstLook) -> None:
-        threads.update(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")
-
-    executor = Executor(first_look=look)
-    diagnose(measured(3, 2, FEW), Options(quantify=False, experiments=False, catalogue=SOME, executor=executor))
-    assert threads == {1}
 
 
 WARM = """

@@ -17,7 +17,6 @@ from tests.docs.blocks import ROOT
 @pytest.fixture(scope="module")
 def reference(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     spec = importlib.util.spec_from_file_location("reference_pages", ROOT / "docs/reference_pages.py")
-    assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     folder: Path = tmp_path_factory.mktemp("docs")

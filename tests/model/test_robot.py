@@ -82,7 +82,6 @@ def test_every_number_tells_its_unit() -> None:
 
 def test_the_spine_s_modulus_goes_through_its_table_without_kinks_and_levels_off_beyond_it(paper_robot: Robot) -> None:
     spine = paper_robot.spine
-    assert spine is not None
     known = np.array(sorted(spine.modulus))
     np.testing.assert_allclose(spine.modulus_at(known), [spine.modulus[x] for x in known])
     step = 1e-6
@@ -125,7 +124,6 @@ def test_reading_a_robot_loads_no_solver() -> None:
 
 
 def test_a_copy_with_another_table_uses_that_table(paper_robot: Robot) -> None:
-    assert paper_robot.spine is not None
     paper_robot.spine.modulus_at(0.1)
     other = paper_robot.spine.model_copy(update={"modulus": {0.1: 5e6}})
     assert other.modulus_at(0.1) == 5e6

@@ -118,7 +118,9 @@ def test_an_index_that_was_changed_is_made_anew(tmp_path: Path, key: str, value:
     assert (tmp_path / INDEX).read_text() == sound
 
 
-@pytest.mark.parametrize("text", ["[" * 100_000, "[]", '{"version": 6, "runs": 1}', '{"version": 1}', "\0"])
+@pytest.mark.parametrize(
+    "text", ["", "no index at all" * 100, "[" * 100_000, "[]", '{"version": 6, "runs": 1}', '{"version": 1}', "\0"]
+)
 def test_an_index_that_is_none_is_made_anew(tmp_path: Path, text: str) -> None:
     (tmp_path / INDEX).write_text(text)
     assert runs(tmp_path) == []

@@ -70,7 +70,7 @@ def test_a_file_cut_anywhere_is_told_as_such_and_read_as_far_as_it_goes(own: Pat
         assert not info(path).finished and info(path).to_dict()["complete"] is False
 
 
-@pytest.mark.parametrize("every", [19, pytest.param(1, marks=pytest.mark.long)])
+@pytest.mark.parametrize("every", [41, pytest.param(1, marks=pytest.mark.long)])
 @pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.NONE], ids=["zstd", "not packed"])
 def test_cut_at_any_byte_of_the_last_two_chunks_every_whole_message_is_kept(
     tmp_path: Path, compression: CompressionType, every: int
@@ -97,22 +97,6 @@ def test_cut_at_any_byte_of_the_last_two_chunks_every_whole_message_is_kept(
 
 
 # ------------------------------------------------------------------ changed bytes
-@pytest.mark.parametrize("every", [89, pytest.param(17, marks=pytest.mark.long)])
-def test_every_changed_byte_of_a_file_is_found(tmp_path: Path, every: int) -> None:
-    path, random = recorded(tmp_path / "a.mcap", Run(duration=0.5)), np.random.default_rng(5)
-    data, unnoticed = bytearray(path.read_bytes()), []
-    for at in range(0, len(data), every):
-        bit = 1 << int(random.integers(8))
-        data[at] ^= bit
-        path.write_bytes(data)
-        data[at] ^= bit
-        try:
-            unnoticed += [at] if verify(path).ok else []
-        except RecordingError:
-            assert at < 8
-    assert unnoticed == []
-
-
 def test_a_changed_byte_in_a_chunk_is_found_where_it_is_whatever_reads_it(own: Path, tmp_path: Path) -> None:
     data, bad = own.read_bytes(), tmp_path / "bad.mcap"
     chunk = max(Recording.open(own).contents.chunks, key=lambda c: c.data_end - c.data_start)

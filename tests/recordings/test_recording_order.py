@@ -1,8 +1,11 @@
-"""Equal messages give equal tables, in whatever order of chunks, and however they are packed."""
+"""Equal messages give equal tables, in whatever order of chunks, however they are packed, and from a version of years ago."""
 
+import hashlib
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from mcap.records import Message
 from mcap.writer import CompressionType
@@ -11,12 +14,16 @@ from synthetic_run import OLD, STREAMS, Run, rewritten, state
 from recordings import events
 from recordings.campaign.info import info
 from recordings.campaign.replay import compare, replay_states, table_of
+from recordings.errors import OtherVersion
+from recordings.file import samples
 from recordings.file.player import messages
 from recordings.file.reader import Recording
 from recordings.file.recover import recover
 from recordings.file.verify import verify
 from recordings.file.writer import Recorder
+from recordings.messages import TIP, VACUUM, Field
 from recordings.states.rules import Settled
+from recordings.trials import Table
 
 
 @pytest.fixture(scope="module")
@@ -40,16 +47,18 @@ def unnumbered(topic: str, number: int, message: Message) -> None:
     message.sequence = 0
 
 
-@pytest.mark.parametrize("numbers", [True, False], ids=["numbered", "without numbers"])
+SMALL = {"seed": 1, "chunk_size": 700}
+
+
 @pytest.mark.parametrize(
-    "how",
+    ("how", "numbers"),
     [
-        {"seed": 1, "chunk_size": 700},
-        {"seed": 2, "chunk_size": 5000, "compression": CompressionType.LZ4},
-        {"seed": 3, "chunk_size": 2**22, "compression": CompressionType.NONE},
-        {"seed": None, "chunk_size": 900},
+        pytest.param(SMALL, True, id="small chunks"),
+        pytest.param(SMALL, False, id="small chunks without numbers"),
+        pytest.param({"seed": 2, "chunk_size": 5000, "compression": CompressionType.LZ4}, False, id="lz4"),
+        pytest.param({"seed": 3, "chunk_size": 2**22, "compression": CompressionType.NONE}, True, id="one chunk"),
+        pytest.param({"chunk_size": 900}, False, id="packed anew"),
     ],
-    ids=["small chunks", "lz4", "one chunk", "packed anew"],
 )
 def test_tables_replay_and_what_is_played_do_not_depend_on_the_order_in_the_file(
     run: Path, tmp_path: Path, how: dict[str, object], numbers: bool
@@ -105,3 +114,43 @@ def test_counts_below_zero_in_a_file_are_no_counts_and_verify_says_so(run: Path,
     assert found.lost is None and found.dropped is None
     texts = [p.text for p in verify(path).problems]
     assert any("lost is given as -5" in text for text in texts) and any("written is given as -2" in text for text in texts)
+
+
+ROWS = "da6d84d895c56a82090180ffc0f5f7c9d00ac08e6b23e46202a8829fd361d3a4"
+"""sha256 of its rows, concluded by the version that wrote it."""
+
+
+def test_it_reads_in_full() -> None:
+    recording = Recording.open(OLD)
+    assert recording.metadata["recording"]["schema_version"] == "1"
+    counts = {topic: len(recording.stream(topic)) for topic in STREAMS}
+    assert counts == {"/pressure": 90, "/tip": 112, "/spine": 22, "/vacuum": 22, "/force": 22, "/arm": 28}
+    assert recording.stream("/tip")["markers"].shape == (112, 2, 3)
+    assert [line.text for line in recording.log] == ["recording starts", "written by version 0.1.0"]
+    assert verify(OLD).ok and info(OLD).complete
+
+
+def test_its_state_is_concluded_as_it_was_then_to_the_last_bit() -> None:
+    recording = Recording.open(OLD)
+    assert compare(recording).equal
+    rows = [again.row.to_json() for again in replay_states(recording) if again.row is not None]
+    assert hashlib.sha256("\n".join(rows).encode()).hexdigest() == ROWS
+    assert Table(tuple(e.row for e in recording.trials))["x"] == pytest.approx([0.0993], abs=1e-4)
+
+
+def test_a_field_that_came_later_is_nan_or_zero_and_the_rest_is_as_it_was() -> None:
+    recording = Recording.open(OLD)
+    channel = next(c for c in recording.contents.channels.values() if c.topic == "/tip")
+    schema = recording.contents.schemas[channel.schema_id]
+    later = replace(TIP, fields=(*TIP.fields, Field("exposure", "double", (), "s"), Field("cameras", "fixed32")))
+    payload = TIP.sized(markers=(0, 3)).encode(1.0, (1.0, 7, (1, 2, 3), (1, 0, 0, 0), 0.1, True, ()))
+    (row,) = samples.decode(later, schema, [payload], 1)
+    assert np.isnan(row["exposure"]) and row["cameras"] == 0
+    assert row["frame"] == 7 and row["position"].tolist() == [1, 2, 3]
+
+
+def test_a_message_that_is_another_one_altogether_is_refused() -> None:
+    recording = Recording.open(OLD)
+    channel = next(c for c in recording.contents.channels.values() if c.topic == "/log")
+    with pytest.raises(OtherVersion, match="another message"):
+        samples.decode(VACUUM, recording.contents.schemas[channel.schema_id], [b""], 1)

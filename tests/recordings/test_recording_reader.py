@@ -97,10 +97,15 @@ def test_another_kind_of_file_is_told(tmp_path: Path, content: bytes, way: Calla
     if content or way is not followed:  # an empty file may still be written
         with pytest.raises(NotARecording, match="not an MCAP file"):
             way(tmp_path / "a.mcap")
-    os.mkfifo(tmp_path / "pipe.mcap")
-    for other in (tmp_path / "absent.mcap", tmp_path / "pipe.mcap", tmp_path):
+    with pytest.raises(NotARecording, match="cannot be read"):
+        way(tmp_path / "absent.mcap")
+
+
+def test_a_pipe_or_a_folder_is_not_followed(tmp_path: Path) -> None:
+    os.mkfifo(pipe := tmp_path / "pipe.mcap")
+    for other in (pipe, tmp_path):
         with pytest.raises(NotARecording):
-            way(other)
+            Tail(other)
 
 
 def test_an_index_that_lies_or_leaves_out_messages_misleads_nobody_and_is_noticed(whole: Path, tmp_path: Path) -> None:

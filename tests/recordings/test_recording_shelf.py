@@ -7,7 +7,7 @@ import pytest
 from synthetic_run import TARGETS, state
 
 from recordings.campaign.labels import RECORD, labels, split
-from recordings.campaign.shelf import INDEX, runs
+from recordings.campaign.shelf import runs
 from recordings.errors import BadMessage
 from recordings.file.writer import Recorder
 
@@ -73,19 +73,6 @@ def test_files_that_did_not_change_are_not_read_again(shelf: Path) -> None:
     assert runs(shelf) == first
     os.utime(target)
     assert next(r for r in runs(shelf) if r.path == "a/one.mcap").outcome == "unreadable"
-
-
-@pytest.mark.parametrize("damage", [b"", b"no index at all, only text" * 100])
-def test_a_lost_or_damaged_index_is_made_anew(shelf: Path, damage: bytes) -> None:
-    first = runs(shelf)
-    (shelf / INDEX).unlink()
-    if damage:
-        (shelf / INDEX).write_bytes(damage)
-    assert runs(shelf) == first
-    data = bytearray((shelf / INDEX).read_bytes())
-    data[100:200] = bytes(100)
-    (shelf / INDEX).write_bytes(data)
-    assert runs(shelf) == first
 
 
 def test_runs_are_picked_by_what_a_person_said_of_them(tmp_path: Path) -> None:

@@ -1,6 +1,8 @@
-"""The recorder: what goes in is in the file, nothing is lost unnoticed."""
+"""The recorder: what goes in is in the file and at once in memory, nothing is lost unnoticed, and viewers get
+published schemas."""
 
 import json
+import math
 import os
 import signal
 import subprocess
@@ -23,8 +25,10 @@ from recordings.errors import BadMessage, RecordingError, WriteFailed
 from recordings.file import writer
 from recordings.file.mcap_file import MOST
 from recordings.file.reader import Recording
+from recordings.file.recover import recover
 from recordings.file.writer import Recorder
-from recordings.states.buffer import BLOCK
+from recordings.messages import streams
+from recordings.states.buffer import BLOCK, Buffer, Buffers
 
 WALL = 1_700_000_000_000_000_123
 
@@ -211,7 +215,6 @@ def test_chunks_stay_small_however_much_has_waited(held: Held, tmp_path: Path) -
     held.recorder.close("completed")
     with open(tmp_path / "a.mcap", "rb") as file:
         summary = make_reader(file).get_summary()
-    assert summary is not None
     sizes = [chunk.uncompressed_size for chunk in summary.chunk_indexes]
     assert sum(sizes) > 4 * MOST and max(sizes) < 1.1 * MOST
 
@@ -358,3 +361,92 @@ def test_what_instruments_say_is_kept_as_it_is_but_not_without_end(tmp_path: Pat
     assert len(long) < 11_000 and long.endswith("x ... (990000 more characters)")
     assert recording.metadata["outcome"]["detail"].startswith("half \\ud800yyy")
     assert len(recording.metadata["outcome"]["detail"]) < 11_000
+
+
+COUNT = 5 * BLOCK + 7
+
+
+def valve(keep: float) -> Buffer:
+    return Buffer(streams(9, 0, ())["/valve"], keep)
+
+
+def append(buffer: Buffer) -> None:
+    for k in range(COUNT):
+        buffer.append(float(k), buffer.message.encode(float(k), (k % 2 == 0,)))
+
+
+def test_windows_are_whole_across_blocks() -> None:
+    buffer = valve(1e9)
+    assert len(buffer.window(0.0, 1.0)) == 0 and buffer.newest == -np.inf
+    append(buffer)
+    assert buffer.newest == COUNT - 1
+    for first, last in ((0, COUNT - 1), (BLOCK - 1, BLOCK), (BLOCK, BLOCK), (BLOCK + 3, 4 * BLOCK), (COUNT, 2 * COUNT)):
+        expected = np.arange(first, min(last, COUNT - 1) + 1)
+        assert buffer.window(first, last)["t"].tolist() == expected.tolist()
+
+
+def test_who_looks_while_samples_come_sees_all_up_to_some_moment() -> None:
+    buffers = Buffers(streams(9, 0, ()), 1e9)
+
+    def come() -> None:
+        for k in range(COUNT):
+            with buffers.lock:
+                buffers["/valve"].append(float(k), buffers["/valve"].message.encode(float(k), (k % 2 == 0,)))
+
+    writer = threading.Thread(target=come)
+    writer.start()
+    while True:
+        alive, newest = writer.is_alive(), buffers.newest("/valve")
+        seen = buffers.window("/valve", 0.0, np.inf)["t"]
+        assert seen.tolist() == list(range(len(seen))) and (newest == -np.inf or len(seen) > newest)
+        if not alive:
+            break
+    writer.join()
+    assert len(seen) == COUNT
+
+
+def test_only_what_is_older_than_asked_for_is_forgotten() -> None:
+    buffer = valve(float(BLOCK))
+    append(buffer)
+    held = buffer.window(float(COUNT - 1 - BLOCK), np.inf)["t"]
+    assert held[0] == COUNT - 1 - BLOCK and len(held) == BLOCK + 1
+
+
+def test_pose_markers_and_joints_come_at_thirty_a_second_of_rig_time(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with Recorder(path, start_wall_ns=10**18, markers=3) as recorder:
+        for k in range(500):
+            t = k * 0.004
+            markers = ((0.1, 0.2, 0.3), (math.nan,) * 3, (0.4, 0.5, 0.6))
+            recorder.push("/tip", t, (t, k, (1.0, 2.0, 3.0), (0.5, 0.5, 0.5, 0.5), 0.0, k < 400, markers))
+            recorder.push("/arm", t, (t, tuple(range(6)), (0.0,) * 6, (0.0,) * 6, 1, True))
+    counts = recorder.counts()
+    with open(path, "rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        found: dict[str, list[tuple[int, object]]] = {}
+        for schema, channel, message, decoded in reader.iter_decoded_messages():
+            if schema is not None and schema.name.startswith("foxglove.") and channel.topic != "/log":
+                found.setdefault(f"{channel.topic} {schema.name}", []).append((message.log_time, decoded))
+    assert set(found) == {
+        "/tip/pose foxglove.PoseInFrame",
+        "/tip/markers foxglove.PosesInFrame",
+        "/arm/joints foxglove.JointStates",
+    }
+    for messages in found.values():
+        assert np.diff([time for time, _ in messages]).min() >= 1e9 / 30 - 1
+    assert len(found["/arm/joints foxglove.JointStates"]) == len(found["/tip/markers foxglove.PosesInFrame"]) == 56
+    poses = found["/tip/markers foxglove.PosesInFrame"][0][1].poses  # type: ignore[attr-defined]
+    assert [(p.position.x, p.position.y, p.position.z) for p in poses] == [(0.1, 0.2, 0.3), (0.4, 0.5, 0.6)]
+    joints = found["/arm/joints foxglove.JointStates"][0][1].joints  # type: ignore[attr-defined]
+    assert [(j.name, j.position) for j in joints][:2] == [("shoulder_pan", 0.0), ("shoulder_lift", 1.0)]
+    # Where the tip was not tracked there is no pose; that is no loss.
+    assert len(found["/tip/pose foxglove.PoseInFrame"]) == 45
+    assert counts["/tip/pose"].complete and counts["/tip/pose"].written == 45
+
+
+def test_a_recording_with_views_that_saw_nothing_is_recovered_as_complete(tmp_path: Path) -> None:
+    with Recorder(tmp_path / "a.mcap", start_wall_ns=10**18) as recorder:
+        for k in range(20):
+            recorder.push("/tip", k * 0.1, (0.0, k, (1.0, 2.0, 3.0), (1.0, 0.0, 0.0, 0.0), 0.0, k % 2 == 0, ()))
+    assert recover(tmp_path / "a.mcap", tmp_path / "b.mcap").complete
+    assert len(Recording.open(tmp_path / "b.mcap").log_times("/tip/pose")) == 10

@@ -196,7 +196,6 @@ def test_a_late_touch_may_be_a_soft_layer_that_is_squeezed_flat(paper_robot: Rob
 
 
 def test_a_shear_soft_spine_gives_the_papers_table_of_moduli(paper_robot: Robot) -> None:
-    assert paper_robot.spine is not None
     forward = Moved(paper_robot, pushes("spine", sorted(paper_robot.spine.modulus), [1e-3]), None).forward
     theta = np.zeros(len(forward.parameters))
     table = forward.predict(theta)
