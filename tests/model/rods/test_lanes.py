@@ -6,13 +6,13 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.rod_cases import wild_rods
 from model.rods.fast.algebra import Vector
 from model.rods.fast.compiler import fused
 from model.rods.fast.direct import COARSE_DIVISIONS
 from model.rods.fast.group import ROD, SECTION, Group, RowLayout, cut, gather
 from model.rods.fast.lanes import LANES, Record, copy, copy_lanes, record
 from model.rods.fast.newton import first_guess
-from tests.model.rods.cases import wild_robots
 
 Array = NDArray[np.float64]
 
@@ -95,7 +95,7 @@ def first_pass(rods: Array, layout: tuple[int, int, int], work: Array, elements:
 
 def test_arrays_side_by_side_give_the_same_bits_as_arrays_far_apart() -> None:
     # Compiled code takes another way where it cannot exclude that arrays overlap.
-    robots = wild_robots(LANES, 3)
+    robots = wild_rods(LANES, 3)
     size, found = robots.form.elements * SECTION * LANES, []
     for between in (0, 64, 10 * size):
         memory = np.zeros(2 * (size + ROD * LANES) + between)

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 import model.rods.solver
+from benchmarks.rod_cases import wild_rods
 from model.errors import BadCondition, SolveFailed
 from model.rods import FAST, FINE, PAPER, Fast, Form, Method, Paper, Rods, Status, rods, solve
 from model.rods.beam import bar_deflection, bending_compliance, shear_compliance
-from tests.model.rods.cases import robots, wild_robots
+from tests.model.rods.cases import robots
 from tests.model.rods.reference import REFERENCE
 
 EDGES, BEND, SHEAR = (0.0, 0.1, 0.25, 0.4), (3.0, 2.0, 1.5), (900.0, 700.0, 500.0)
@@ -96,7 +97,7 @@ def test_arc_lengths_beyond_the_rod_are_refused(method: Method) -> None:
 
 
 def test_what_did_not_converge_holds_nan_and_says_why() -> None:
-    found = solve(wild_robots(4, 1).changed(dead_force=[0.0, 0.0, -400.0], load=0.0, tip_moment=0.0), FAST)
+    found = solve(wild_rods(4, 1).changed(dead_force=[0.0, 0.0, -400.0], load=0.0, tip_moment=0.0), FAST)
     assert not found.converged.any() and np.isnan(found.tip).all()
     assert set(found.status) <= {Status.OTHER_BRANCH, Status.FAILED}
     with pytest.raises(SolveFailed, match="of the load"):

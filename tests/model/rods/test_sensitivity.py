@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from benchmarks.rod_cases import LENGTH
 from model.errors import BadCondition
 from model.rods import FINE, Fast, Form, Rods, gauss_points, sensitivities, solve, stations
-from tests.model.rods.cases import LENGTH, robots
+from tests.model.rods.cases import robots
 
 Array = np.ndarray
 TIGHT = Fast(divisions=16.0, close=1e-13)

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+from benchmarks.rod_cases import LENGTH, wild_rods
 from model.errors import BadCondition, SolveFailed
 from model.rods import FINE, Fast, Form, Status, rods, solve, stations
 from model.rotation import to_base
-from tests.model.rods.cases import LENGTH, reference_robots, robots, wild_robots
+from tests.model.rods.cases import reference_robots, robots
 from tests.model.rods.reference import REFERENCE
 
 SECOND_MODE = 2.4674
@@ -19,7 +20,7 @@ def test_reference_tips_hold_to_a_hundredth_of_a_millimetre_by_default() -> None
 
 
 def test_random_robots_agree_with_the_slow_converged_solver() -> None:
-    found = wild_robots(96, seed=7)
+    found = wild_rods(96, seed=7)
     fast, slow = solve(found), solve(found, REFERENCE)
     both = fast.converged & slow.converged
     assert both.sum() > 90
@@ -30,7 +31,7 @@ def test_random_robots_agree_with_the_slow_converged_solver() -> None:
 
 
 def test_default_stays_within_a_hundredth_of_a_millimetre_of_fine_over_many_random_robots() -> None:
-    found = wild_robots(4000, seed=11)
+    found = wild_rods(4000, seed=11)
     coarse, fine = solve(found), solve(found, FINE)
     both = coarse.converged & fine.converged
     assert np.linalg.norm(coarse.tip - fine.tip, axis=1)[both].max() < 1e-5
@@ -45,7 +46,7 @@ def test_a_single_rod_and_a_batch_give_the_same() -> None:
 
 
 def test_two_threads_give_what_one_gives() -> None:
-    found = wild_robots(200, seed=3)
+    found = wild_rods(200, seed=3)
     assert np.array_equal(solve(found).tip, solve(found, Fast(cores=2)).tip, equal_nan=True)
 
 
