@@ -6,6 +6,7 @@ import io
 import itertools
 import operator
 import struct
+import zlib
 from collections.abc import Callable, Iterator
 from typing import Any
 from unittest import mock
@@ -14,7 +15,7 @@ import lz4.frame
 import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, Chunk, DataEnd, Header, Message, Metadata, Schema
 from mcap.writer import CompressionType, IndexType, Writer
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -106,3 +107,15 @@ def written(record: Any) -> bytes:
     builder = RecordBuilder()
     record.write(builder)
     return bytes(builder.end())
+
+
+def chunk(raw: bytes, compression: str = "", crc: int | None = None, size: int | None = None) -> bytes:
+    """A chunk of records, which may state another checksum, size or compression than it has."""
+    packed = PACKERS.get(compression, bytes)(raw)
+    return written(Chunk(compression, packed, 19, 10, zlib.crc32(raw) if crc is None else crc, size or len(raw)))
+
+
+def whole(*parts: bytes) -> bytes:
+    """A file that has its end, with no summary."""
+    end = written(DataEnd(0)) + struct.pack("<BQQQI", Opcode.FOOTER, 20, 0, 0, 0) + MAGIC
+    return b"".join([MAGIC, written(Header("", "another")), *parts, end])

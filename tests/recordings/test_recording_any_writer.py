@@ -2,13 +2,13 @@
 
 import itertools
 import struct
-import zlib
 from pathlib import Path
+from typing import Any
 
 import pytest
 from mcap.reader import NonSeekingReader
-from mcap.records import Channel, Chunk, DataEnd, Header, Message
-from mcap_files import ATTACHED, CHANNEL, FEATURES, INPUTS, MAGIC, NOTED, ONE, PACKERS, build, combinations, message, written
+from mcap.records import Channel, Message
+from mcap_files import ATTACHED, CHANNEL, FEATURES, INPUTS, NOTED, ONE, build, chunk, combinations, message, whole, written
 
 from recordings.campaign.info import info
 from recordings.errors import NotARecording, Oversized
@@ -161,15 +161,8 @@ def test_bags_that_rosbags_writes(tmp_path: Path) -> None:
 MESSAGES = [message(k) for k in range(10)]
 
 
-def chunked(*records: object, compression: str = "", crc: int | None = None, size: int | None = None) -> bytes:
-    raw = b"".join(map(written, records))
-    crc = zlib.crc32(raw) if crc is None else crc
-    return written(Chunk(compression, PACKERS.get(compression, bytes)(raw), 19, 10, crc, size or len(raw)))
-
-
-def whole(*parts: bytes) -> bytes:
-    end = written(DataEnd(0)) + struct.pack("<BQQQI", 2, 20, 0, 0, 0) + MAGIC
-    return b"".join([MAGIC, written(Header("", "another")), *parts, end])
+def chunked(*records: object, **stated: Any) -> bytes:
+    return chunk(b"".join(map(written, records)), **stated)
 
 
 DEFINED = written(ONE) + written(CHANNEL)
@@ -212,7 +205,7 @@ def test_a_broken_chunk_keeps_the_messages_before_what_makes_no_sense(tmp_path: 
     cut = b"".join(map(written, MESSAGES))[:-3]
     short = DEFINED + b"".join(map(written, MESSAGES[:5])) + SHORT + b"".join(map(written, MESSAGES[5:]))
     for raw, count in ((DEFINED + cut, 9), (short, 10)):
-        path.write_bytes(whole(written(Chunk("", raw, 19, 10, zlib.crc32(raw), len(raw)))))
+        path.write_bytes(whole(chunk(raw)))
         (seen,) = info(path).streams.values()
         assert seen.timing.count == count and not info(path).complete
         (tmp_path / "b.mcap").unlink(missing_ok=True)
@@ -291,10 +284,10 @@ def test_a_limit_is_named_with_the_option_that_lifts_it(tmp_path: Path, monkeypa
 def test_zeros_behind_what_was_written_cost_nothing(tmp_path: Path, features: frozenset[str]) -> None:
     """As a file system leaves them after a loss of power."""
     data = build(INPUTS["everything"], features, chunk_size=60)
-    whole = data[: data.index(struct.pack("<BQ", 15, 4))]
-    (tmp_path / "a.mcap").write_bytes(whole + bytes(100_000))
+    kept = data[: data.index(struct.pack("<BQ", 15, 4))]
+    (tmp_path / "a.mcap").write_bytes(kept + bytes(100_000))
     found = info(tmp_path / "a.mcap")
-    assert not found.finished and found.readable == len(whole)
+    assert not found.finished and found.readable == len(kept)
     assert sum(recover(tmp_path / "a.mcap", tmp_path / "b.mcap").messages.values()) == 7
 
 

@@ -7,18 +7,18 @@ import struct
 import subprocess
 import sys
 import textwrap
-import zlib
 from pathlib import Path
 
 import pytest
 import zstandard
 from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, Message, MessageIndex, Schema
 from mcap.writer import CompressionType, Writer
+from mcap_files import MAGIC, chunk, whole, written
 
 from recordings.errors import Damaged, OtherVersion, Oversized
 from recordings.file.budget import MAX_CHUNK, SMALL_CHUNK, Budget, Cost, largest_chunk
 from recordings.file.reader import Recording
-from recordings.file.records import MAGIC
 from recordings.file.recover import recover
 from recordings.file.verify import verify
 from recordings.messages import PRESSURE
@@ -35,46 +35,31 @@ def text(value: bytes) -> bytes:
     return struct.pack("<I", len(value)) + value
 
 
-def chunk(packed: bytes, size: int, compression: bytes = b"zstd", crc: int = 0, length: int | None = None) -> bytes:
-    head = struct.pack("<QQQI", 0, 1, size, crc) + text(compression)
-    return record(Opcode.CHUNK, head + struct.pack("<Q", len(packed) if length is None else length) + packed)
-
-
-def plain(raw: bytes) -> bytes:
-    return chunk(raw, len(raw), b"", zlib.crc32(raw))
-
-
 def packed(raw: bytes) -> bytes:
-    return chunk(zstandard.compress(raw), len(raw), b"zstd", zlib.crc32(raw))
+    return chunk(raw, "zstd")
 
 
-def whole(*records: bytes) -> bytes:
-    """A file that has its end, with no summary."""
-    end = record(Opcode.DATA_END, bytes(4)) + record(Opcode.FOOTER, bytes(20))
-    return MAGIC + record(Opcode.HEADER, text(b"") + text(b"")) + b"".join(records) + end + MAGIC
+def as_if(data: bytes, size: int, compression: str = "zstd") -> bytes:
+    """A chunk of these bytes, which are said to unpack to a size."""
+    return written(Chunk(compression, data, 1, 0, 0, size))
 
 
-SCHEMA = record(
-    Opcode.SCHEMA,
-    struct.pack("<H", 1) + text(PRESSURE.full_name.encode()) + text(b"protobuf") + text(PRESSURE.schema),
-)
+SCHEMA = written(Schema(1, PRESSURE.schema, "protobuf", PRESSURE.full_name))
 
 
 def channel(shape: str = "9") -> bytes:
-    texts = b"".join(text(k) + text(v.encode()) for k, v in ((b"shape.measured", shape), (b"schema_version", "1")))
-    return record(Opcode.CHANNEL, struct.pack("<HH", 1, 1) + text(b"/pressure") + text(b"protobuf") + text(texts))
+    return written(Channel(1, "/pressure", "protobuf", {"shape.measured": shape, "schema_version": "1"}, 1))
 
 
 DEFINED = SCHEMA + channel()
 
 
-def message(payload: bytes = PRESSURE.encode(0.5, REST), length: int | None = None) -> bytes:
-    return record(Opcode.MESSAGE, struct.pack("<HIQQ", 1, 1, 1, 1) + payload, length)
+def message(payload: bytes = PRESSURE.encode(0.5, REST)) -> bytes:
+    return written(Message(1, 1, payload, 1, 1))
 
 
 def index(offsets: list[int]) -> bytes:
-    pairs = b"".join(struct.pack("<QQ", 1, offset) for offset in offsets)
-    return record(Opcode.MESSAGE_INDEX, struct.pack("<H", 1) + text(pairs))
+    return written(MessageIndex(1, [(1, offset) for offset in offsets]))
 
 
 def bomb(size: int) -> bytes:
@@ -85,7 +70,7 @@ def bomb(size: int) -> bytes:
 
 def torn_bomb() -> bytes:
     """The last chunk of a recording that ended abruptly: 15 kB that unpack to half a gigabyte."""
-    torn = chunk(zstandard.ZstdCompressor(level=1).compress(bytes(500 * MB)), 500 * MB, crc=1)
+    torn = as_if(zstandard.ZstdCompressor(level=1).compress(bytes(500 * MB)), 500 * MB)
     return MAGIC + record(Opcode.HEADER, bytes(8)) + torn[:-5]
 
 
@@ -115,27 +100,27 @@ def hostile() -> dict[str, bytes]:
     channels = b"".join(record(Opcode.CHANNEL, struct.pack("<HHI", k, 0, 4) + b"/tip" + bytes(8)) for k in range(60_000))
     return {
         "a record longer than all disks": MAGIC + record(Opcode.CHUNK, b"", HUGE),
-        "a chunk whose data is longer than its record": whole(chunk(b"abc", 100, length=HUGE)),
-        "a chunk that says it holds exabytes": whole(DEFINED, chunk(zstandard.compress(b"x"), HUGE)),
-        "packed data that say they hold exabytes": whole(chunk(says_exabytes, 100)),
-        "a bomb that says it is small": whole(DEFINED, chunk(bomb(2**30), 1000)),
-        "a bomb in many chunks": whole(DEFINED, chunk(zstandard.compress(bytes(MAX_CHUNK)), MAX_CHUNK) * 100),
-        "lz4 that goes on and on": whole(chunk(endless_lz4, 10, b"lz4")),
+        "a chunk whose data is longer than its record": whole(as_if(b"abc", 100)[:-11] + struct.pack("<Q", HUGE) + b"abc"),
+        "a chunk that says it holds exabytes": whole(DEFINED, as_if(zstandard.compress(b"x"), HUGE)),
+        "packed data that say they hold exabytes": whole(as_if(says_exabytes, 100)),
+        "a bomb that says it is small": whole(DEFINED, as_if(bomb(2**30), 1000)),
+        "a bomb in many chunks": whole(DEFINED, as_if(zstandard.compress(bytes(MAX_CHUNK)), MAX_CHUNK) * 100),
+        "lz4 that goes on and on": whole(as_if(endless_lz4, 10, "lz4")),
         "a name of a compression as long as memory": whole(record(Opcode.CHUNK, bytes(28) + struct.pack("<I", 2**31))),
-        "an unknown compression": whole(chunk(b"abc", 3, b"brotli")),
+        "an unknown compression": whole(as_if(b"abc", 3, "brotli")),
         "an attachment longer than its record": whole(record(Opcode.ATTACHMENT, bytes(16) + b"\xff" * 4)),
         "metadata longer than its record": whole(record(Opcode.METADATA, text(b"x") + b"\xff" * 4)),
-        "a schema that is no schema": whole(record(Opcode.SCHEMA, b"\x01"), plain(DEFINED + message())),
-        "a message longer than its chunk": whole(plain(DEFINED + message(length=HUGE))),
-        "a message shorter than its head": whole(plain(DEFINED + record(Opcode.MESSAGE, b"\x01\x00"))),
-        "arrays as large as memory": whole(SCHEMA, channel("1000000000"), plain(message()), index([0])),
-        "a shape that is no number": whole(SCHEMA, channel("9xq"), plain(message()), index([0])),
-        "a negative shape": whole(SCHEMA, channel("-9"), plain(message()), index([0])),
-        "a schema of rubbish": whole(DEFINED.replace(PRESSURE.schema, b"\xff" * len(PRESSURE.schema)), plain(message(b"x"))),
-        "an index that lists one message a million times": whole(DEFINED, plain(message()), index([0] * 10**6)),
-        "an index that points behind the end": whole(DEFINED, plain(message()), index([2**64 - 1])),
-        "chunks in chunks in chunks": whole(DEFINED, plain(plain(plain(message())))),
-        "records of length zero without end": whole(DEFINED, plain(record(Opcode.SUMMARY_OFFSET, b"") * 10**5)),
+        "a schema that is no schema": whole(record(Opcode.SCHEMA, b"\x01"), chunk(DEFINED + message())),
+        "a message longer than its chunk": whole(chunk(DEFINED + record(Opcode.MESSAGE, message()[9:], HUGE))),
+        "a message shorter than its head": whole(chunk(DEFINED + record(Opcode.MESSAGE, b"\x01\x00"))),
+        "arrays as large as memory": whole(SCHEMA, channel("1000000000"), chunk(message()), index([0])),
+        "a shape that is no number": whole(SCHEMA, channel("9xq"), chunk(message()), index([0])),
+        "a negative shape": whole(SCHEMA, channel("-9"), chunk(message()), index([0])),
+        "a schema of rubbish": whole(DEFINED.replace(PRESSURE.schema, b"\xff" * len(PRESSURE.schema)), chunk(message(b"x"))),
+        "an index that lists one message a million times": whole(DEFINED, chunk(message()), index([0] * 10**6)),
+        "an index that points behind the end": whole(DEFINED, chunk(message()), index([2**64 - 1])),
+        "chunks in chunks in chunks": whole(DEFINED, chunk(chunk(chunk(message())))),
+        "records of length zero without end": whole(DEFINED, chunk(record(Opcode.SUMMARY_OFFSET, b"") * 10**5)),
         "a footer that points behind the file": sound[:-28] + struct.pack("<QQI", HUGE, HUGE, 1) + MAGIC,
         "a footer that points at itself": sound[:-28] + struct.pack("<QQI", len(sound) - 37, 0, 1) + MAGIC,
         "a torn chunk that goes on and on": torn_bomb(),
