@@ -103,18 +103,26 @@ def test_replacing_the_area_factor_checks_it_and_holds_at_every_spine_length(pap
         paper_robot.with_area_factor(-1.0)
 
 
-@pytest.mark.parametrize(("text", "word"), [("- 1\n- 2\n", "no table"), ("a: [1,\n", "not valid YAML"), ("name: x\n", "length")])
-def test_a_bad_file_is_named(tmp_path: Path, text: str, word: str) -> None:
+@pytest.mark.parametrize(
+    ("data", "word"),
+    [
+        (b"- 1\n- 2\n", "no table"),
+        (b"a: [1,\n", "not valid YAML"),
+        (b"name: x\n", "length"),
+        (b"\xff\xfe", ""),
+        (b"name: !!int ''", "tag"),
+    ],
+)
+def test_a_bad_file_is_named(tmp_path: Path, data: bytes, word: str) -> None:
     path = tmp_path / "robot.yaml"
-    path.write_text(text)
+    path.write_bytes(data)
     with pytest.raises(BadRobot) as caught:
         load_robot(path)
     assert str(path) in str(caught.value) and word in str(caught.value)
-
-
-def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(BadRobot, match="nowhere.yaml"):
         load_robot(tmp_path / "nowhere.yaml")
+    with pytest.raises(BadRobot, match="not a file"):
+        load_robot(tmp_path)
 
 
 def test_reading_a_robot_loads_no_solver() -> None:
