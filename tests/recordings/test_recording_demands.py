@@ -6,14 +6,13 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from synthetic_run import state
 
 from recordings.campaign.replay import compare, replay, replay_states, table_of
-from recordings.errors import BadMessage, BadTable, Misplaced, NoResistance, VacuumLost
+from recordings.errors import BadMessage, BadTable, Misplaced, NoResistance, NotSettled, VacuumLost
 from recordings.events import Mark
 from recordings.file.reader import Recording
 from recordings.file.verify import verify
@@ -25,51 +24,6 @@ from recordings.states.zeros import Drift, Unloaded, Zeros, drift, unloaded, wit
 from recordings.table_file import read_csv, write_csv
 from recordings.trials import Table, TrialRow
 
-STATE = state(rule=Window(0.0, 0.5, 3), targets=(50e3,) * 9, topics=("/pressure",), clipped=True)
-ROW = TrialRow(
-    trial=1, step=1, protocol="bending", repeat=1, branch="load", t=0.5, spine_length=0.1, pressures=(50e3,) * 9,
-    tip=(0.0, 0.0, 0.4), clipped=True,
-)  # fmt: skip
-
-
-def test_the_text_that_older_readers_take_apart_does_not_mention_it() -> None:
-    for marked, plain in ((STATE, replace(STATE, clipped=False)), (ROW, replace(ROW, clipped=False))):
-        assert "clipped" not in json.loads(marked.to_json())
-        assert marked.to_json() == plain.to_json()
-
-
-@pytest.mark.parametrize("clipped", [True, False])
-def test_it_is_recorded_with_the_state_and_concluded_again(tmp_path: Path, clipped: bool) -> None:
-    path = tmp_path / "a.mcap"
-    with Recorder(path, start_wall_ns=10**18) as recorder:
-        number = recorder.state(0.0, replace(STATE, clipped=clipped))
-        push = recorder.sink("/pressure")
-        for k in range(1, 12):
-            push(SimpleNamespace(t=0.1 * k, setpoint=(50e3,) * 9, measured=(49e3 + k,) * 9))
-        row = conclude(recorder.buffers, replace(STATE, clipped=clipped))
-        assert row is not None
-        recorder.trial(1.2, number, row)
-    recording = Recording.open(path)
-    assert [event.state.clipped for event in recording.states] == [clipped]
-    assert [row.clipped for row in table_of(recording)] == [clipped]
-    assert compare(recording).equal
-
-
-def test_the_table_has_the_column_only_when_a_state_was_clipped(tmp_path: Path) -> None:
-    plain = replace(ROW, step=2, clipped=False)
-    assert "clipped" not in Table((plain,)).columns
-    write_csv(Table((ROW, plain)), tmp_path / "trials.csv")
-    again = read_csv(tmp_path / "trials.csv")
-    assert [row.clipped for row in again] == [True, False]
-    assert again.clipped == (again.rows[0],)
-    text = (tmp_path / "trials.csv").read_text()
-    head, first, second = text.splitlines()
-    assert head.endswith(",clipped") and first.endswith(",1") and second.endswith(",")
-    (tmp_path / "trials.csv").write_text(text.replace("0.4,1\n", "0.4,2\n"))
-    with pytest.raises(BadTable, match="clipped: 2 is neither 0 nor 1"):
-        read_csv(tmp_path / "trials.csv")
-
-
 BAND = VacuumBand(1.0, 69e3, 91e3)
 JAMMED = state(
     protocol="stiffness", specimen="spine", rule=Window(0.0, 1.0, 2), t_start=3.0, ramp_end=3.0, targets=(0.0,) * 9,
@@ -78,17 +32,21 @@ JAMMED = state(
 POLL = 0.1
 
 
-def pushing(path: Path, vacuum: Callable[[float], float], force: float = 2.0, asked: State = JAMMED) -> Recorder:
+def pushing(vacuum: Callable[[float], float], force: float = 2.0) -> Callable[[Path, State], Recorder]:
     """A recording of 6 s with one state: `vacuum` Pa below ambient by time, `force` N."""
-    recorder = Recorder(path, start_wall_ns=10**18)
-    recorder.state(0.0, asked)
-    for k in range(1, 61):
-        t = round(POLL * k, 9)
-        recorder.push("/force", t, ((-force, *(0.0,) * 5), (0.0,) * 6))
-        recorder.push("/arm", t, (t, (0.0,) * 6, (0.001, *(0.0,) * 5), (0.0,) * 6, 1, True))
-        recorder.push("/vacuum", t, (AMBIENT - vacuum(t),))
-    recorder.sync()
-    return recorder
+
+    def made(path: Path, asked: State) -> Recorder:
+        recorder = Recorder(path, start_wall_ns=10**18)
+        recorder.state(0.0, asked)
+        for k in range(1, 61):
+            t = round(POLL * k, 9)
+            recorder.push("/force", t, ((-force, *(0.0,) * 5), (0.0,) * 6))
+            recorder.push("/arm", t, (t, (0.0,) * 6, (0.001, *(0.0,) * 5), (0.0,) * 6, 1, True))
+            recorder.push("/vacuum", t, (AMBIENT - vacuum(t),))
+        recorder.sync()
+        return recorder
+
+    return made
 
 
 def between(begin: float, end: float, level: float) -> Callable[[float], float]:
@@ -106,58 +64,6 @@ KEPT = {
     "before it was jammed": between(0.0, 0.95, 0.0), "after the window": between(4.15, 9.0, 0.0),
     "within its band": between(3.4, 3.6, 70e3),
 }  # fmt: skip
-
-
-@pytest.mark.parametrize("kind", LOST)
-def test_a_state_whose_spine_lost_its_vacuum_is_not_concluded(tmp_path: Path, kind: str) -> None:
-    with pushing(tmp_path / "a.mcap", LOST[kind]) as recorder, pytest.raises(VacuumLost, match=r"69\.0 to 91\.0 kPa"):
-        conclude(recorder.buffers, JAMMED)
-    (again,) = replay_states(Recording.open(tmp_path / "a.mcap"))
-    assert again.row is None and "kPa below ambient" in again.reason
-
-
-@pytest.mark.parametrize("kind", KEPT)
-def test_one_whose_vacuum_stayed_is(tmp_path: Path, kind: str) -> None:
-    with pushing(tmp_path / "a.mcap", KEPT[kind]) as recorder:
-        row = conclude(recorder.buffers, JAMMED)
-        assert row is not None and row.force == pytest.approx(2.0)
-        recorder.trial(6.0, 1, row)
-    assert compare(Recording.open(tmp_path / "a.mcap")).equal
-
-
-def test_it_is_known_as_soon_as_the_vacuum_is_lost(tmp_path: Path) -> None:
-    later = replace(JAMMED, rule=Window(100.0, 1.0, 2))
-    with pushing(tmp_path / "a.mcap", LOST["within the window"], asked=later) as recorder, pytest.raises(VacuumLost):
-        conclude(recorder.buffers, later)
-
-
-def test_without_a_band_no_vacuum_is_judged(tmp_path: Path) -> None:
-    plain = replace(JAMMED, vacuum=None)
-    with pushing(tmp_path / "a.mcap", between(0.0, 9.0, 0.0), asked=plain) as recorder:
-        assert conclude(recorder.buffers, plain) is not None
-
-
-def test_a_specimen_that_hardly_pushes_back_is_not_concluded(tmp_path: Path) -> None:
-    with pushing(tmp_path / "a.mcap", KEPT["within its band"], force=0.5) as recorder:
-        with pytest.raises(NoResistance, match=r"0\.50 N"):
-            conclude(recorder.buffers, JAMMED)
-        assert conclude(recorder.buffers, replace(JAMMED, least_force=None)) is not None
-
-
-def test_the_file_holds_what_is_demanded_and_older_readers_are_not_disturbed(tmp_path: Path) -> None:
-    with pushing(tmp_path / "a.mcap", KEPT["within its band"]):
-        pass
-    (event,) = Recording.open(tmp_path / "a.mcap").states
-    assert event.state == JAMMED
-    assert JAMMED.to_json() == replace(JAMMED, vacuum=None, least_force=None).to_json()
-    assert not {"vacuum", "least_force", "clipped"} & set(json.loads(JAMMED.to_json()))
-
-
-def test_a_vacuum_needs_a_gauge_and_a_least_force_a_probe() -> None:
-    with pytest.raises(BadMessage, match="needs /vacuum"):
-        replace(JAMMED, topics=("/force", "/arm"))
-    with pytest.raises(BadMessage, match="needs a probe"):
-        replace(JAMMED, probe=None)
 
 
 ERROR = 0.01
@@ -184,6 +90,10 @@ def test_noise_alone_is_never_marked() -> None:
         assert moved(lambda t: 0.08 * t + ERROR * random.normal()).linear
 
 
+ROW = TrialRow(
+    trial=1, step=1, protocol="bending", repeat=1, branch="load", t=0.5, spine_length=0.1, pressures=(50e3,) * 9,
+    tip=(0.0, 0.0, 0.4), clipped=True,
+)  # fmt: skip
 PUSHED = TrialRow(
     trial=1, step=1, protocol="stiffness", repeat=1, branch="load", t=30.0, spine_length=0.1, pressures=(0.0,) * 9,
     specimen="spine", force=2.0, deflection=0.001,
@@ -202,7 +112,7 @@ def test_a_line_is_removed_and_anything_else_marks_the_rows_of_that_time_only() 
 def test_zeros_and_marks_are_in_the_file_and_in_its_table(tmp_path: Path) -> None:
     plain = replace(JAMMED, vacuum=None, least_force=None)
     zeros = Zeros(1, (1.0, 0.0, 0.0), (0.05, 0.45), (0.5, 1.0), (5.0, 5.9), 1.5)
-    with pushing(tmp_path / "a.mcap", KEPT["within its band"], asked=plain) as recorder:
+    with pushing(KEPT["within its band"])(tmp_path / "a.mcap", plain) as recorder:
         row = conclude(recorder.buffers, plain)
         assert row is not None
         recorder.trial(6.0, 1, row)
@@ -220,23 +130,11 @@ def test_zeros_and_marks_are_in_the_file_and_in_its_table(tmp_path: Path) -> Non
 
 def test_a_drift_that_replay_gives_otherwise_is_a_difference(tmp_path: Path) -> None:
     zeros = Zeros(1, (1.0, 0.0, 0.0), (0.05, 0.45), (0.5, 1.0), (5.0, 5.9), 1.5)
-    with pushing(tmp_path / "a.mcap", KEPT["within its band"]) as recorder:
+    with pushing(KEPT["within its band"])(tmp_path / "a.mcap", JAMMED) as recorder:
         recorder.zero(6.0, zeros, Drift(1.0, 0.1, True))
         recorder.zero(6.0, replace(zeros, end=(7.0, 8.0)), Drift(1.0, 0.1, True))
     comparison = compare(Recording.open(tmp_path / "a.mcap"))
     assert len(comparison.differences) == 2 and "drift of the zero" in comparison.differences[0]
-
-
-def test_the_table_has_both_columns_only_where_they_say_something(tmp_path: Path) -> None:
-    assert not {"doubt", "force_drift"} & set(Table((PUSHED,)).columns)
-    rows = (replace(PUSHED, force_drift=-0.25, doubt="drift"), replace(PUSHED, step=2))
-    write_csv(Table(rows), tmp_path / "trials.csv")
-    again = read_csv(tmp_path / "trials.csv")
-    assert [row.cells() for row in again] == [row.cells() for row in rows] and again.doubtful == (again.rows[0],)
-    text = (tmp_path / "trials.csv").read_text()
-    (tmp_path / "trials.csv").write_text(text.replace("drift\n", "odd\n"))
-    with pytest.raises(BadTable, match="doubt: 'odd' is not one of soft, bodies, drift"):
-        read_csv(tmp_path / "trials.csv")
 
 
 ARCS = (0.4, 0.1, 0.2, 0.3)
@@ -275,16 +173,20 @@ def shifted(body: int, by: float, begin: float, within: float = 0.0) -> Places:
     return places
 
 
-def following(path: Path, places: Places, asked: State = ASKED) -> Recorder:
+def following(places: Places) -> Callable[[Path, State], Recorder]:
     """A recording of 5 s at 100 Hz with one state."""
-    recorder = Recorder(path, start_wall_ns=10**18, markers=len(ARCS) - 1)
-    recorder.state(0.0, asked)
-    for k in range(1, 501):
-        t = round(PERIOD * k, 9)
-        tip, *markers = places(t)
-        recorder.push("/tip", t, (t, k, tip, (1.0, 0.0, 0.0, 0.0), 1e-4, True, tuple(markers)))
-    recorder.sync()
-    return recorder
+
+    def made(path: Path, asked: State) -> Recorder:
+        recorder = Recorder(path, start_wall_ns=10**18, markers=len(ARCS) - 1)
+        recorder.state(0.0, asked)
+        for k in range(1, 501):
+            t = round(PERIOD * k, 9)
+            tip, *markers = places(t)
+            recorder.push("/tip", t, (t, k, tip, (1.0, 0.0, 0.0, 0.0), 1e-4, True, tuple(markers)))
+        recorder.sync()
+        return recorder
+
+    return made
 
 
 def bent(t: float) -> list[tuple[float, float, float]]:
@@ -314,35 +216,105 @@ POSSIBLE = {
 }
 
 
-@pytest.mark.parametrize("kind", IMPOSSIBLE)
-def test_a_state_is_not_concluded_where_the_robot_cannot_be(kind: str, tmp_path: Path) -> None:
-    places, says = IMPOSSIBLE[kind]
-    with following(tmp_path / "a.mcap", places) as recorder, pytest.raises(Misplaced, match=says):
-        conclude(recorder.buffers, ASKED)
-    assert not list(replay(tmp_path / "a.mcap"))
+CLIPPED = state(rule=Window(0.0, 0.5, 3), targets=(50e3,) * 9, topics=("/pressure",), clipped=True)
 
 
-@pytest.mark.parametrize("kind", POSSIBLE)
-def test_a_state_is_concluded_where_the_robot_can_be(kind: str, tmp_path: Path) -> None:
-    with following(tmp_path / "a.mcap", POSSIBLE[kind]) as recorder:
-        row = conclude(recorder.buffers, ASKED)
-        assert row is not None and row.tip is not None
-        recorder.trial(4.5, 1, row)
+def inflated(path: Path, asked: State) -> Recorder:
+    """A recording of 1 s with one state of a robot whose pressures hardly rise."""
+    recorder = Recorder(path, start_wall_ns=10**18)
+    recorder.state(0.0, asked)
+    for k in range(1, 12):
+        recorder.push("/pressure", 0.1 * k, ((50e3,) * 9, (49e3 + k,) * 9))
+    recorder.sync()
+    return recorder
+
+
+Made = Callable[[Path, State], Recorder]
+REFUSED: dict[str, tuple[Made, State, type[NotSettled], str]] = {
+    **{f"vacuum lost {kind}": (pushing(vacuum), JAMMED, VacuumLost, r"69\.0 to 91\.0 kPa") for kind, vacuum in LOST.items()},
+    "vacuum lost long before the window": (
+        pushing(LOST["within the window"]), replace(JAMMED, rule=Window(100.0, 1.0, 2)), VacuumLost, "kPa below ambient"),
+    "hardly a push": (pushing(KEPT["within its band"], force=0.5), JAMMED, NoResistance, r"0\.50 N"),
+    **{kind: (following(places), ASKED, Misplaced, says) for kind, (places, says) in IMPOSSIBLE.items()},
+}  # fmt: skip
+CONCLUDED: dict[str, tuple[Made, State]] = {
+    **{f"vacuum lost {kind}": (pushing(vacuum), JAMMED) for kind, vacuum in KEPT.items()},
+    "no vacuum demanded": (pushing(between(0.0, 9.0, 0.0)), replace(JAMMED, vacuum=None)),
+    "no force demanded": (pushing(KEPT["within its band"], force=0.5), replace(JAMMED, least_force=None)),
+    **{kind: (following(places), ASKED) for kind, places in POSSIBLE.items()},
+    "without the robot's limits": (following(swapped(0, 1, 1.5)), replace(ASKED, bodies=None)),
+    "clipped": (inflated, CLIPPED),
+    "not clipped": (inflated, replace(CLIPPED, clipped=False)),
+}
+
+
+@pytest.mark.parametrize("kind", REFUSED)
+def test_a_state_that_does_not_meet_its_demands_is_not_concluded(kind: str, tmp_path: Path) -> None:
+    made, asked, error, says = REFUSED[kind]
+    with made(tmp_path / "a.mcap", asked) as recorder, pytest.raises(error, match=says):
+        conclude(recorder.buffers, asked)
+    (again,) = replay_states(Recording.open(tmp_path / "a.mcap"))
+    assert again.row is None and again.reason
+
+
+@pytest.mark.parametrize("kind", CONCLUDED)
+def test_a_state_that_meets_its_demands_is_concluded_live_and_again_and_is_in_the_file(kind: str, tmp_path: Path) -> None:
+    made, asked = CONCLUDED[kind]
+    with made(tmp_path / "a.mcap", asked) as recorder:
+        row = conclude(recorder.buffers, asked)
+        assert row is not None
+        recorder.trial(6.0, 1, row)
     recording = Recording.open(tmp_path / "a.mcap")
-    assert recording.states[0].state == ASKED and compare(recording).equal
+    assert recording.states[0].state == asked and compare(recording).equal
+    assert [row.clipped for row in table_of(recording)] == [asked.clipped]
 
 
-def test_without_the_robot_s_limits_everything_counts(tmp_path: Path) -> None:
-    free = replace(ASKED, bodies=None)
-    with following(tmp_path / "a.mcap", swapped(0, 1, 1.5), free) as recorder:
-        assert conclude(recorder.buffers, free) is not None
-    assert Recording.open(tmp_path / "a.mcap").states[0].state == free
-    with pytest.raises(BadMessage, match="need /tip"):
-        replace(ASKED, topics=("/pressure",))
+def test_demands_that_no_stream_can_show_are_refused() -> None:
+    for asked, change, said in (
+        (JAMMED, {"topics": ("/force", "/arm")}, "needs /vacuum"),
+        (JAMMED, {"probe": None}, "needs a probe"),
+        (ASKED, {"topics": ("/pressure",)}, "need /tip"),
+    ):
+        with pytest.raises(BadMessage, match=said):
+            replace(asked, **change)  # type: ignore[arg-type]
+
+
+def test_the_text_that_older_readers_take_apart_does_not_mention_what_came_later() -> None:
+    later = {"vacuum": None, "least_force": None, "clipped": False}
+    for marked, plain in ((JAMMED, replace(JAMMED, **later)), (CLIPPED, replace(CLIPPED, clipped=False))):  # type: ignore[arg-type]
+        assert not set(later) & set(json.loads(marked.to_json())) and marked.to_json() == plain.to_json()
+    assert "clipped" not in json.loads(ROW.to_json()) and ROW.to_json() == replace(ROW, clipped=False).to_json()
+
+
+@pytest.mark.parametrize(
+    ("rows", "new", "last", "wrong", "said"),
+    [
+        ((ROW, replace(ROW, step=2, clipped=False)), {"clipped"}, "1", "2", "clipped: 2 is neither 0 nor 1"),
+        (
+            (replace(PUSHED, force_drift=-0.25, doubt="drift"), replace(PUSHED, step=2)), {"doubt", "force_drift"}, "drift", "odd",
+            "doubt: 'odd' is not one of soft, bodies, drift",
+        ),
+    ],
+    ids=["clipped", "doubtful"],
+)  # fmt: skip
+def test_the_table_has_the_columns_only_where_they_say_something(
+    tmp_path: Path, rows: tuple[TrialRow, TrialRow], new: set[str], last: str, wrong: str, said: str
+) -> None:
+    path = tmp_path / "trials.csv"
+    assert not new & set(Table(rows[1:]).columns)
+    write_csv(Table(rows), path)
+    again = read_csv(path)
+    assert [row.cells() for row in again] == [row.cells() for row in rows]
+    assert (*again.clipped, *again.doubtful) == (again.rows[0],)
+    head, first, second = path.read_text().splitlines()
+    assert new <= set(head.split(",")) and first.endswith(f",{last}") and second.endswith(",")
+    path.write_text(path.read_text().replace(f",{last}\n", f",{wrong}\n"))
+    with pytest.raises(BadTable, match=said):
+        read_csv(path)
 
 
 def test_states_at_rest_are_compared_body_by_body(tmp_path: Path) -> None:
-    with following(tmp_path / "a.mcap", straight) as recorder:
+    with following(straight)(tmp_path / "a.mcap", ASKED) as recorder:
         row = conclude(recorder.buffers, ASKED)
     assert row is not None and row.tip is not None
     assert not elsewhere(row, row)
