@@ -291,8 +291,8 @@ def test_the_text_that_older_readers_take_apart_does_not_mention_what_came_later
     [
         ((ROW, replace(ROW, step=2, clipped=False)), {"clipped"}, "1", "2", "clipped: 2 is neither 0 nor 1"),
         (
-            (replace(PUSHED, force_drift=-0.25, doubt="drift"), replace(PUSHED, step=2)), {"doubt", "force_drift"}, "drift", "odd",
-            "doubt: 'odd' is not one of soft, bodies, drift",
+            (replace(PUSHED, force_drift=-0.25, doubt="drift"), replace(PUSHED, step=2)), {"doubt", "force_drift"},
+            "drift", "odd", "doubt: 'odd' is not one of soft, bodies, drift",
         ),
     ],
     ids=["clipped", "doubtful"],
