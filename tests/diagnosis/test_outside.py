@@ -218,13 +218,11 @@ def test_what_is_predicted_does_not_depend_on_its_own_measurement() -> None:
 
 def test_with_the_right_effect_unseen_lengths_are_predicted_to_the_floor_and_without_it_they_are_not() -> None:
     problem = toy_problem(2, {"play": 1.0})
-    without = rms(CrossValidation(problem, LENGTH).residuals([fitted(problem, (), 0.0, 0.0)])()[0])
-    assert (
-        rms(CrossValidation(problem, LENGTH).residuals([fitted(problem, ("play",), 0.0, 0.5)])()[0])
-        < 0.4 * MM
-        < 0.8 * MM
-        < without
+    without, right = (
+        rms(CrossValidation(problem, LENGTH).residuals([fitted(problem, *named)])()[0])
+        for named in (((), 0.0, 0.0), (("play",), 0.0, 0.5))
     )
+    assert right < 0.4 * MM < 0.8 * MM < without
 
 
 def test_values_of_no_fold_are_not_predicted() -> None:

@@ -39,14 +39,9 @@ NAMES = {"base_tilt": "tilt of the base"}
 MATERIAL = (StageError("material", "time", 20.0),)
 BOTH = (StageError("material", "time", 5.0), StageError("load", "pressure", 5.0))
 HEADS = (
-    "Cause: ",
-    "Behaves most like ",
-    "not in the catalogue (p",
-    "not in the catalogue; it",
-    "No cause: ",
-    "No gap: ",
+    "Cause: ", "Behaves most like ", "not in the catalogue (p", "not in the catalogue; it", "No cause: ", "No gap: ",
     "Too little",
-)
+)  # fmt: skip
 
 
 def weighed(**p: float) -> Posterior:

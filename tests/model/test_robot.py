@@ -46,25 +46,10 @@ def test_all_wrong_and_missing_fields_are_named_at_once(paper_robot: Robot) -> N
         robot_from_dict(given)
 
 
-UNITLESS = (
-    "name",
-    "chambers",
-    "spine",
-    "base_to_world",
-    "effects",
-    "tolerances",
-    "posterior",
-    "residual",
-    "uncertainty",
-    "states",
-    "noise",
-    "parameters",
-    "unit",
-    "value",
-    "sd",
-    "sections",
-    "tendons",
-)
+UNITLESS = {
+    "name", "chambers", "spine", "base_to_world", "effects", "tolerances", "posterior", "residual", "uncertainty", "states",
+    "noise", "parameters", "unit", "value", "sd", "sections", "tendons",
+}  # fmt: skip
 """Fields that are no numbers, and those whose unit stands beside them."""
 
 

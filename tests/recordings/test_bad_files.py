@@ -53,16 +53,8 @@ def test_a_state_with_a_value_of_another_kind_is_refused(where: str, key: str, v
     ("name", "value"), [("t", "x"), ("trial", 1.5), ("m999999999x", 1.0), ("protocol", 1), ("p1", [1]), ("x", None)]
 )
 def test_a_row_with_a_value_of_another_kind_is_refused(name: str, value: object) -> None:
-    cells = {
-        "trial": 1,
-        "step": 1,
-        "protocol": "bending",
-        "repeat": 1,
-        "branch": "load",
-        "t": 1.0,
-        "spine_length": 0.1,
-        "p1": 0.0,
-    }
+    row = ("trial", 1), ("step", 1), ("protocol", "bending"), ("repeat", 1), ("branch", "load"), ("t", 1.0), ("spine_length", 0.1)
+    cells = {**dict(row), "p1": 0.0}
     TrialRow.from_json(json.dumps(cells))
     with pytest.raises(BadTable):
         TrialRow.from_json(json.dumps(cells | {name: value}))

@@ -16,13 +16,8 @@ from recordings.file.writer import Recorder
 from recordings.states.concluding import conclude
 from recordings.states.rules import Settled
 
-ASKED = state(
-    rule=Settled(still=0.6, still_distance=1e-3, min_samples=3, average=0.4),
-    t_start=2.0,
-    ramp_end=2.0,
-    rate=1.0,
-    spine_length=0.2,
-)
+RULE = Settled(still=0.6, still_distance=1e-3, min_samples=3, average=0.4)
+ASKED = state(rule=RULE, t_start=2.0, ramp_end=2.0, rate=1.0, spine_length=0.2)
 
 
 @pytest.fixture(scope="module")

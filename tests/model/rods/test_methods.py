@@ -27,13 +27,9 @@ def three_parts(**loads: object) -> Rods:
 @EVERY
 def test_under_small_loads_every_method_finds_the_same_rod_of_three_elements(method: Method) -> None:
     small = three_parts(
-        dead_force=[2e-3, 1e-3, 0.0],
-        tip_moment=[1e-4, -2e-4, 1e-4],
-        dead_moment=[-1e-4, 3e-4, 0.0],
-        tip_force=[1e-3, 0.0, 5e-3],
-        load=[[1e-3, 0.0, 0.0], [0.0, 2e-3, 0.0], [0.0, 0.0, 3e-3]],
-        rest_curvature=[[1e-3, 0.0, 0.0], [0.0, 1e-3, 0.0], [0.0, 0.0, 1e-3]],
-    )
+        dead_force=[2e-3, 1e-3, 0.0], tip_moment=[1e-4, -2e-4, 1e-4], dead_moment=[-1e-4, 3e-4, 0.0], tip_force=[1e-3, 0.0, 5e-3],
+        load=1e-3 * np.diag([1.0, 2.0, 3.0]), rest_curvature=1e-3 * np.diag([1.0, 1.0, 1.0]),
+    )  # fmt: skip
     arcs = [0.0, 0.05, 0.1, 0.3, 0.4]
     exact, found = solve(small, FINE, arc_lengths=arcs), solve(small, method, arc_lengths=arcs)
     assert found.converged.all()
