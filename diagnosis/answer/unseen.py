@@ -10,6 +10,7 @@ import numpy as np
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import DiagnosisStep, Executor
 from ..inference.posterior import UNKNOWN
+from ..judgement import RIVAL_PROBABILITY
 from .attribute import Attribution
 from .result import Shrink, Waterfall
 from .shrink import HeldOut, HeldOutErrors, candidate_model, shrink
@@ -45,7 +46,7 @@ def unseen(f: Attribution, executor: Executor) -> Callable[[], Unseen]:
 def _leading_rms(f: Attribution, held_out: HeldOut) -> Callable[[HeldOutErrors], dict[Hypothesis, float]]:
     """Start the refits of the leading hypotheses that `shrink` does not make; the function that is returned waits for them and
     returns the rms error (mm) of each leading hypothesis on states that it did not see."""
-    leading = [h for h, _ in f.posterior.ranking[:4] if h != UNKNOWN]
+    leading = [h for h, share in f.posterior.ranking[:4] if h != UNKNOWN and share > RIVAL_PROBABILITY]
     rest = [h for h in leading if h not in (NONE, f.best.named)]
     errors = held_out.errors(
         [candidate_model(f.prepared, f.posterior.candidates[h]) for h in rest], DiagnosisStep.HELD_OUT_STATES

@@ -29,7 +29,7 @@ from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, DiagnosisStep, Executor
 from ..inference.fit import fit
 from ..inference.prepare import Prepared, prepare
-from ..judgement import SMOOTH_SIZES
+from ..judgement import SMOOTH_SIZES, UNCONVERGED
 from .attribute import Attribution, calibrated
 from .result import Absorbed, Level, Step, StepName, Waterfall
 from .shrink import HeldOut, HeldOutErrors, baseline_model, candidate_model, resampled, rms
@@ -46,7 +46,7 @@ def waterfall(f: Attribution, held_out: HeldOut) -> Callable[[HeldOutErrors], Wa
     p, named = f.prepared, f.decision.effects
     with_tolerances, subsets = candidate_model(p, f.best if named else f.none), _subsets(named)
     refitted = bool(named) or f.best.named == NONE
-    smooth = [replace(with_tolerances, size=size, smooth=True) for size in SMOOTH_SIZES]
+    smooth = [_smooth(p, with_tolerances, size) for size in SMOOTH_SIZES]
     models = [*([] if refitted else [with_tolerances]), *smooth, *(_only(f, s) for s in subsets)]
     refits, absorbed = held_out.errors(models, DiagnosisStep.GAP_STEP_BY_STEP), _absorbed(f, held_out.executor)
 
@@ -86,6 +86,12 @@ def _steps(p: Prepared, errors: _Errors, named: Hypothesis, how: str, absorbed: 
 
 def _subsets(named: Hypothesis) -> list[Hypothesis]:
     return [s for k in range(1, len(named) + 1) for s in itertools.combinations(named, k)]
+
+
+def _smooth(p: Prepared, model: Model, size: float) -> Model:
+    """The same model with a smooth discrepancy that predicts too."""
+    theta = fit(p.problem, model.prior, size, model.theta, 4, least_promise=UNCONVERGED).theta
+    return replace(model, size=size, theta=theta, smooth=True)
 
 
 def _only(f: Attribution, named: Hypothesis) -> Model:
