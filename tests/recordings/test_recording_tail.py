@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
@@ -91,6 +91,7 @@ def test_what_was_pushed_is_there_after_the_next_sync_and_its_numbers_have_no_ga
 
 
 @settings(max_examples=25)
+@example(cuts=list(range(1, 120)))
 @given(cuts=st.lists(st.integers(1, 60_000), max_size=12))
 def test_however_the_bytes_come_the_pieces_are_the_same(path: Path, cuts: list[int]) -> None:
     data = path.read_bytes()
