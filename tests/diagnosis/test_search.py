@@ -35,10 +35,6 @@ def test_no_effect_is_ranked_first_where_there_is_none(seed: int, clutter: float
     assert most_probable(toy_problem(seed, {}, clutter=clutter)) == NONE
 
 
-def test_two_effects_are_found_together() -> None:
-    assert set(most_probable(toy_problem(5, {"play": 1.0, "turned": -0.9}))) == {"play", "turned"}
-
-
 def test_a_fit_stays_within_bounds() -> None:
     problem = toy_problem(1, {"turned": 1.5})
     upper = problem.parameters.upper
