@@ -1,7 +1,5 @@
 """Textbook methods name a clear cause of a clean toy problem, and nothing where nothing is."""
 
-from __future__ import annotations
-
 import pytest
 
 from benchmarks.rivals import METHODS

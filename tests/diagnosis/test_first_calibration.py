@@ -1,7 +1,5 @@
 """Numbers of robot.yaml that are far off are calibrated before the diagnosis, and told; others stay."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
@@ -184,20 +182,9 @@ def test_a_payload_on_an_arm_across_gravity_is_no_modulus(monkeypatch: pytest.Mo
     """It sags as a softer arm does; the diagnosis can name the payload, so nothing is taken over."""
     tendons = {"path_radius": 0.012, "azimuths_deg": [90.0, 210.0, 330.0]}
     values = {
-        "length": 0.32,
-        "outer_radius": 0.0011,
-        "inner_radius": 0.0,
-        "density": 2e3,
-        "youngs_modulus": 43.5e9,
-        "mass_per_length": 0.12,
-    }
-    values |= {
-        "shear_modulus": 16e9,
-        "tip_mass": 0.0,
-        "gravity": [0.0, -9.81, 0.0],
-        "tendons": tendons,
-        "area_factor": 1.0,
-    }
+        "length": 0.32, "outer_radius": 0.0011, "inner_radius": 0.0, "density": 2e3, "youngs_modulus": 43.5e9, "tip_mass": 0.0,
+        "mass_per_length": 0.12, "shear_modulus": 16e9, "gravity": [0.0, -9.81, 0.0], "tendons": tendons, "area_factor": 1.0,
+    }  # fmt: skip
     arm = robot_from_dict({"name": "arm", **values})
     plan = [tuple(p * (c == k) for c in range(3)) for k in range(3) for p in (0.0, 40e3, 80e3, 120e3)]
     rows = [

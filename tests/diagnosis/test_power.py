@@ -1,7 +1,5 @@
 """What a plan can tell before it is measured."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
