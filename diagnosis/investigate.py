@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from model.effects.design import design_from_columns
 from recordings.trials import Table
 
-from .answer.next_experiment import planned
+from .answer.experiments import planned
 from .answer.result import Diagnosis, Proposal
 from .answer.rivals import Rivals
 from .data.case import Case, CaseLike, states

@@ -153,4 +153,4 @@ def _distinguishability(
             size[mask] = (found[(effect,)].fit.theta[parameters.of_effect] / parameters.scale)[mask]
     linear = best.linear(p.problem)
     reduced = linear.reduced(max(best.grid_point.size, COMPARED_DISCREPANCY), best.grid_point.form_error)
-    return distinguishability(reduced, parameters, parameters.ids, size, best.grid_point.spike, linear.effect_size)
+    return distinguishability(reduced, parameters, size, best.grid_point.spike, linear.effect_size)

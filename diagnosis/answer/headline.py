@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from model.actuators import Chambers, Words
 from model.effects.spec import EffectSpec
 
-from ..criticism.stage_errors import StageError
 from ..inference.posterior import UNKNOWN
 from ..judgement import CAUSE_PROBABILITY, TIE_STATED
 from .result import Attribute, Value
@@ -77,10 +76,9 @@ def sized(v: Value, words: Words = Chambers.words) -> str:
 def headline(
     a: Attribute,
     catalogue: Mapping[str, EffectSpec],
-    asking: Sequence[StageError] = (),
+    words: Words = Chambers.words,
     missing: Sequence[str] = (),
     by_calibration: float | None = None,
-    words: Words = Chambers.words,
     closed: float | None = None,
     as_stiff: str = "",
 ) -> str:
@@ -101,7 +99,7 @@ def headline(
             return _start(words.say(f"unclear: nothing closes the gap; nearest is {_name_all(a.effects, catalogue)} {sure}."))
         return _start(words.say(_tied(a, catalogue, words) or f"most likely {said} {sure}."))
     if a.verdict == "unknown":
-        found = stage(asking)
+        found = stage(a.stage_errors)
         where = f"; it may be in the {found.stage} and {words.say(found.varies)}" if found else ""
         return f"No known cause fits {sure}{where}.".replace("_", " ")
     if by_calibration is not None:

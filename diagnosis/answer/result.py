@@ -11,7 +11,10 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any, Literal
+from functools import cache
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, TypeAdapter
 
 from model.actuators import Chambers, Tendons, Words
 from recordings.json_text import read_json
@@ -24,6 +27,8 @@ FACTORS = ("spine_length", "pressure", "axis", "branch", "time", "arc_length")
 """What the gap is split by; with stiffness trials also by "stiffness": specimen and spine length."""
 STAGES = ("actuation", "material", "structure", "load", "boundary", "measurement")
 
+Number = Annotated[float, BeforeValidator(lambda value: math.nan if value is None else value)]
+"""A number; null in diagnosis.json where it is not finite."""
 Verdict = Literal["effect", "none", "unknown"]
 Conclusion = Literal["cause", "one of several", "stage", "outside", "none", "noise", "too little data"]
 """The verdict as deep as the data carry it; see `verdict`."""
@@ -36,7 +41,7 @@ class Data:
     rows: int
     trials: int
     channels: tuple[str, ...]
-    noise_mm: float
+    noise_mm: Number
     """White noise of a tip coordinate, or of stiffness trials alone of a deflection, mm."""
     noise_from: str
 
@@ -51,8 +56,8 @@ class Cell:
     bias_mm: float
     """Mean of measured minus model: along x for all factors but axis."""
     n: int
-    low95_mm: float
-    high95_mm: float
+    low95_mm: Number
+    high95_mm: Number
     significant: bool
     """Above the noise floor, with the share of false alarms over all cells held to 5 %."""
 
@@ -61,12 +66,12 @@ class Cell:
 class Locate:
     """Where the gap lies."""
 
-    gap_rmse_mm: float
-    noise_floor_mm: float
+    gap_rmse_mm: Number
+    noise_floor_mm: Number
     significant: bool
     by: Mapping[str, tuple[Cell, ...]]
     stage: Mapping[str, float]
-    numerical_error_mm: float
+    numerical_error_mm: Number
     """Root mean square tip error that the paper's Euler integration alone would add to its model."""
     of: Literal["tip", "deflection"] = "tip"
     """What the gap is of: the tip's position; of stiffness trials alone the deflection, a missed force over the specimen's
@@ -138,7 +143,7 @@ class Ranked:
     effects: tuple[str, ...]
     """Empty for none, `("unknown",)` for a cause outside the catalogue."""
     probability: float
-    log_evidence: float
+    log_evidence: Number
     heldout_rmse_mm: float | None
     """Not computed for hypotheses of little weight."""
     parameters: Mapping[str, Value]
@@ -173,8 +178,8 @@ class Carries:
     """present: too little to be a cause; unseen: these data could not show it at its plausible size."""
     mm: float
     """rms over the states, of what the gap is of; median."""
-    low95_mm: float
-    high95_mm: float
+    low95_mm: Number
+    high95_mm: Number
 
 
 @dataclass(frozen=True)
@@ -213,8 +218,8 @@ class Step:
     """Of a cause."""
     mm: float
     """Decrease of the rms; all steps add up to the gap as given."""
-    low95_mm: float
-    high95_mm: float
+    low95_mm: Number
+    high95_mm: Number
     left_mm: float
     """rms after it."""
 
@@ -346,11 +351,16 @@ class Diagnosis:
             data = read_json(text)
             if data["schema"] != SCHEMA:
                 raise BadCase(f"schema {repr(data['schema'])[:80]}, this version reads {SCHEMA!r}")
-            return _read(data)
+            return _reader().validate_python(data)
         except BadCase:
             raise
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise BadCase(f"not a {SCHEMA} file: {type(error).__name__} {str(error)[:200]}") from error
+        except (KeyError, TypeError, ValueError) as error:
+            raise BadCase(f"not a {SCHEMA} file: {type(error).__name__} {' '.join(str(error).split())[:200]}") from error
+
+
+@cache
+def _reader() -> TypeAdapter[Diagnosis]:
+    return TypeAdapter(Diagnosis)
 
 
 def _plain(value: Any) -> Any:
@@ -364,57 +374,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
-
-
-def _names(lists: list[list[str]]) -> tuple[tuple[str, ...], ...]:
-    return tuple(tuple(x) for x in lists)
-
-
-def _read(d: dict[str, Any]) -> Diagnosis:
-    where, which, far = d["locate"], d["attribute"], d["shrink"]
-    ranking = tuple(
-        Ranked(**{**r, "effects": tuple(r["effects"]), "parameters": {k: Value(**v) for k, v in r["parameters"].items()}})
-        for r in which["ranking"]
-    )
-    shrink = None
-    if far is not None:
-        lengths = tuple(LengthShrink(**x) for x in far["by_spine_length"])
-        shrink = Shrink(**{**far, "ci95": tuple(far["ci95"]) if far["ci95"] else None, "by_spine_length": lengths})
-    return Diagnosis(
-        statement=d["statement"],
-        data=Data(**{**d["data"], "channels": tuple(d["data"]["channels"])}),
-        locate=Locate(**{**where, "by": {k: tuple(Cell(**c) for c in v) for k, v in where["by"].items()}}),
-        attribute=Attribute(
-            which["verdict"], tuple(which["effects"]), which["probability"], _names(which["credible_set"]), ranking,
-            _names(which["cannot_tell_apart"]), tuple(StageError(**x) for x in which.get("stage_errors", ())),
-            which.get("conclusion"), tuple(which.get("rivals", ())), tuple(which.get("relatives", ())),
-        ),
-        shrink=shrink,
-        next_experiment=tuple(Proposal(**{**p, "separates": _names(p["separates"])}) for p in d["next_experiment"]),
-        concerns=tuple(d["concerns"]),
-        detail=d["detail"],
-        budget=tuple(Carries(**x) for x in d.get("budget", ())),
-        waterfall=_waterfall(d.get("waterfall")),
-        change=_change(d.get("change")),
-        calibration=_calibration(d.get("calibration")),
-        headline=d.get("headline", ""),
-    )  # fmt: skip
-
-
-def _calibration(d: dict[str, Any] | None) -> Calibration | None:
-    return None if d is None else Calibration(**{**d, "origins": tuple(Origin(**o) for o in d.get("origins", ()))})
-
-
-def _change(d: dict[str, Any] | None) -> Change | None:
-    if d is None:
-        return None
-    ranking = tuple((tuple(effects), p) for effects, p in d["ranking"])
-    return Change(d["statement"], ranking, d["sizes"], tuple(d.get("effects", ranking[0][0])))
-
-
-def _waterfall(d: dict[str, Any] | None) -> Waterfall | None:
-    if d is None:
-        return None
-    by = {k: tuple(Level(x["value"], x["n"], tuple(x["left_mm"])) for x in v) for k, v in d["by"].items()}
-    absorbed = Absorbed(**d["absorbed"]) if d["absorbed"] else None
-    return Waterfall(**{**d, "steps": tuple(Step(**x) for x in d["steps"]), "by": by, "absorbed": absorbed})

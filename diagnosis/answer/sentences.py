@@ -20,12 +20,14 @@ from ..inference.posterior import UNKNOWN
 from ..inference.problem import Parameters
 from ..judgement import (
     ABSORBED,
+    BENCHMARK,
     CALIBRATION_STATED,
     EXPLAINS,
     MORE_THAN_GAP,
     OTHER_UNIT,
     OUTSIDE_STATED,
     OUTSTANDING_FLOORS,
+    USUAL_EXCESS,
 )
 from .headline import LEAST_STATED, percent, stated
 from .result import Calibration, Carries, Conclusion, Locate, Ranked, Shrink, Simulator, Waterfall
@@ -38,11 +40,9 @@ class Facts:
     """All that the sentences are made from."""
 
     decision: Decision
-    conclusion: Conclusion
+    conclusion: Conclusion | None
     where: Locate
-    benchmark: str
-    """What probabilities were calibrated on."""
-    budget: Sequence[Carries] = ()
+    budget: tuple[Carries, ...] = ()
     shrink: Shrink | None = None
     waterfall: Waterfall | None = None
     rivals: Sequence[str] = ()
@@ -108,7 +108,7 @@ def _what(f: Facts) -> tuple[str, int]:
 def _sure(f: Facts) -> str:
     d = f.decision
     given = "" if d.verdict == "unknown" or d.outside < OUTSIDE_STATED else f"; {d.within:.2f} if it is in the catalogue"
-    return f"p = {d.probability:.2f}{given}; {f.benchmark}"
+    return f"p = {d.probability:.2f}{given}; {BENCHMARK}"
 
 
 def _verdict(f: Facts) -> str:
@@ -204,8 +204,10 @@ def _factor(f: Facts) -> str:
     return f" ({c.area_factor:.2f} instead of {c.given:.2f}; a body {how} would look the same)"
 
 
-def as_stiff(c: Calibration) -> str:
+def as_stiff(c: Calibration | None) -> str:
     """What a body that looks the same is, against that of robot.yaml."""
+    if c is None:
+        return ""
     if c.stiffness > 2:
         return f"{c.stiffness:.1f} times as stiff"
     return f"{100 * abs(c.stiffness - 1):.0f} % {'stiffer' if c.stiffness > 1 else 'softer'}"
@@ -277,6 +279,15 @@ def doubtful_area_factor(ratio: float) -> Iterator[str]:
         yield (
             f"calibration asks for {ratio:.2g} times the area factor of robot.yaml: the pressures seem to be too {size} by "
             f"{factor:.2g}; check their unit, and path_radius of the chambers"
+        )
+
+
+def scatter(excess: float) -> Iterator[str]:
+    """What to say where repeats scatter `excess` times more than usual."""
+    if excess >= USUAL_EXCESS:
+        yield (
+            f"repeats of the same state scatter {excess:.1f} times more than instruments and re-grown spines usually do: "
+            "find out what changes from trial to trial before trusting a cause"
         )
 
 

@@ -28,7 +28,7 @@ Ints = NDArray[np.int64]
 
 
 class Missed(NamedTuple):
-    """Errors (m) of the states as one model predicts them; NaN where nothing was measured or predicted."""
+    """Errors (m) of the states as one model predicts them, NaN where nothing was measured or predicted."""
 
     distance: Array
     """(states,) length of `vector`."""
@@ -46,7 +46,6 @@ class HeldOutErrors:
     """Of the calibrated baseline."""
     after: Missed
     """Of the best hypothesis."""
-    how: str
 
 
 def baseline_model(p: Prepared, calibrated: Fit) -> Model:
@@ -90,20 +89,14 @@ class HeldOut:
         return lambda: [missed(residual) for residual in residuals()]
 
 
-def shrink(p: Prepared, calibrated: Fit, best: Candidate, held_out: HeldOut) -> Callable[[], tuple[Shrink, HeldOutErrors]]:
-    """Start the refits of the baseline and of the named hypothesis; the function that is returned waits for them."""
-    both = held_out.errors([baseline_model(p, calibrated), candidate_model(p, best)], DiagnosisStep.HELD_OUT_STATES)
-
-    def shrunk() -> tuple[Shrink, HeldOutErrors]:
-        of_baseline, of_best = both()
-        before, after = of_baseline.distance, of_best.distance
-        seen = np.isfinite(before) & np.isfinite(after)
-        share, interval = closed_with_interval(before[seen], after[seen], p.noise_floor, p.states.trial[seen])
-        by = by_length(p.states.spine_length[seen], before[seen], after[seen])
-        made = Shrink(held_out.how, 1e3 * rms(before[seen]), 1e3 * rms(after[seen]), 1e3 * p.noise_floor, share, interval, by)
-        return made, HeldOutErrors(of_baseline, of_best, held_out.how)
-
-    return shrunk
+def shrink(p: Prepared, how: str, errors: HeldOutErrors) -> Shrink:
+    """The section `shrink`, from errors of states that the fits did not see; `how` they were left out."""
+    before, after = errors.before.distance, errors.after.distance
+    seen = np.isfinite(before) & np.isfinite(after)
+    before, after, own = before[seen], after[seen], p.states.take(seen)
+    share, interval = closed_with_interval(before, after, p.noise_floor, own.trial)
+    by = by_length(own.spine_length, before, after)
+    return Shrink(how, 1e3 * rms(before), 1e3 * rms(after), 1e3 * p.noise_floor, share, interval, by)
 
 
 def by_length(spine_length: Array, before: Array, after: Array) -> tuple[LengthShrink, ...]:
@@ -136,13 +129,10 @@ def closed_with_interval(
     names, first, index = np.unique(trial, return_index=True, return_inverse=True)
     if len(names) < 2:
         return share, None
-    count = np.bincount(index).astype(float)
-    worse, better = np.bincount(index, before**2), np.bincount(index, after**2)
     drawn = _drawn_anew(np.zeros(len(names), np.int64) if kind is None else kind[first])
-    n = count[drawn].sum(axis=1)
+    n = np.bincount(index)[drawn].sum(axis=1)
     # m^2 above the floor in each draw, as in `share_closed`
-    left = better[drawn].sum(axis=1) / n - floor**2
-    reducible = worse[drawn].sum(axis=1) / n - floor**2
+    reducible, left = (np.bincount(index, e**2)[drawn].sum(axis=1) / n - floor**2 for e in (before, after))
     shares = 1 - left[reducible > 0] / reducible[reducible > 0]
     if not shares.size:
         return share, None

@@ -16,7 +16,7 @@ from model.effects.spec import EffectSpec
 from model.robot import Robot
 from recordings.trials import TEXTS, Table, TrialRow
 
-from ..answer.candidate_experiments import Experiment, candidate_experiments, columns
+from ..answer.experiments import Experiment, candidate_experiments, columns
 from ..data.case import Case, CaseLike, states
 from ..errors import BadCase
 from ..inference.prepare import prepare

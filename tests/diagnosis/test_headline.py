@@ -63,7 +63,7 @@ def test_two_causes_and_the_other_conclusions_fit_too() -> None:
     vain = headline(attribute("effect", "one of several", {}, "tether", p=0.77), CATALOGUE, closed=0.0)
     assert vain.startswith("Unclear: nothing closes the gap; nearest is") and vain.endswith("(p = 0.77).")
     asking = (StageError("material", "spine_length", 20.0),)
-    unknown = headline(attribute("unknown", "stage", p=0.6), CATALOGUE, asking)
+    unknown = headline(replace(attribute("unknown", "stage", p=0.6), stage_errors=asking), CATALOGUE)
     assert unknown == ("No known cause fits (p = 0.60); it may be in the material and varies with spine length.")
     none = headline(attribute("none", "noise", p=0.9), CATALOGUE, by_calibration=0.93)
     assert none == "Calibration closes 93 % of the gap; no other cause is needed (p = 0.90)."

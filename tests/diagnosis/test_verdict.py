@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.answer.confounding import origins
+from diagnosis.answer.calibration import origins
 from diagnosis.answer.result import Absorbed, Calibration, Carries, Locate, Shrink, Simulator, Step, Waterfall
 from diagnosis.answer.sentences import Facts, beyond_tolerance, stands_for, statement, stiffness_sentence
 from diagnosis.answer.verdict import conclude, decide, rivals
 from diagnosis.criticism.stage_errors import StageError
 from diagnosis.inference.posterior import Posterior
+from diagnosis.judgement import BENCHMARK
 from lab.files.config import load
 from lab.files.example import paper_robot
 from model.robot import Robot
@@ -49,7 +50,6 @@ def facts(posterior: Posterior, enough: bool = True, gap: bool = True, asking: t
         d,
         conclusion,
         WHERE,
-        "bench",
         budget,
         rivals=rivals(d, posterior),
         nearest=("base_tilt",),
@@ -67,18 +67,18 @@ OUTSIDE, NONE = weighed(unknown=0.6, base_tilt=0.3, none=0.1), weighed(none=0.8,
 @pytest.mark.parametrize(
     ("found", "conclusion", "told"),
     [
-        (facts(SURE), "cause", "Cause: tilt of the base [base_tilt] (p = 0.97; bench)."),
+        (facts(SURE), "cause", f"Cause: tilt of the base [base_tilt] (p = 0.97; {BENCHMARK})."),
         (
             facts(OPEN),
             "one of several",
-            "tilt of the base [base_tilt] (p = 0.72; 0.76 if it is in the catalogue; bench)",
+            f"tilt of the base [base_tilt] (p = 0.72; 0.76 if it is in the catalogue; {BENCHMARK})",
         ),
         (facts(OPEN), "one of several", "do not exclude weight [weight]."),
         (facts(ALONE), "one of several", "do not exclude that no effect carries enough."),
         (facts(STRANGE), "one of several", "do not exclude a cause outside the catalogue."),
         (facts(OUTSIDE), "stage", "An error in the material that varies with time fits best (log evidence 20.0"),
-        (facts(OUTSIDE, asking=BOTH), "outside", "The cause is not in the catalogue (p = 0.60; bench)."),
-        (facts(OUTSIDE, asking=()), "outside", "The cause is not in the catalogue (p = 0.60; bench)."),
+        (facts(OUTSIDE, asking=BOTH), "outside", f"The cause is not in the catalogue (p = 0.60; {BENCHMARK})."),
+        (facts(OUTSIDE, asking=()), "outside", f"The cause is not in the catalogue (p = 0.60; {BENCHMARK})."),
         (facts(NONE), "none", "No cause: no effect accounts for enough"),
         (facts(NONE, gap=False), "noise", "No gap: nothing is above the noise floor"),
         (replace(facts(SURE, enough=False), missing=("only one pressure",)), "too little data", ": only one pressure."),

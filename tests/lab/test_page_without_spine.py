@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from page_text import read_as_text
 
-from diagnosis.answer.candidate_experiments import candidate_experiments
+from diagnosis.answer.experiments import candidate_experiments
 from diagnosis.answer.result import Diagnosis, Ranked
 from diagnosis.answer.sentences import disorder
 from diagnosis.data.case import states

@@ -13,7 +13,7 @@ import yaml
 from diagnosed_case import ROBOT, campaign
 from virtual_lab import VirtualLab
 
-from diagnosis.answer.candidate_experiments import Experiment, candidate_experiments, columns
+from diagnosis.answer.experiments import Experiment, candidate_experiments, columns
 from diagnosis.answer.result import Proposal
 from diagnosis.data.case import states
 from lab.cli import main
