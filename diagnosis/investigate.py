@@ -1,4 +1,4 @@
-"""The loop closed: diagnose, choose the experiment that tells most for its time, foretell it, do it, diagnose again.
+"""Diagnose, choose the experiment that tells most for its time, predict it, do it, diagnose again.
 
     bits gained = sum_h q_h log2(q_h / p_h),    p before the experiment, q after
 
@@ -13,7 +13,6 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.effects.design import design_from_columns
 from recordings.trials import Table
@@ -21,13 +20,13 @@ from recordings.trials import Table
 from .answer.experiments import planned
 from .answer.result import Diagnosis, Proposal
 from .answer.rivals import Rivals
+from .answer.shrink import rms
+from .arrays import Array
 from .data.case import Case, CaseLike, states
 from .diagnose import Examined, Options, examine
 from .errors import BadCase
 from .inference.prepare import table_columns
 from .judgement import CERTAIN, LEAST_BITS, UNFORESEEN
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -218,13 +217,16 @@ def judge(before: Examined, case: CaseLike, more: CaseLike) -> tuple[Judged, ...
         return ()
     observed = rivals.prepared.forward.on(design_from_columns(rivals.prepared.robot, table)).observe(table)
     density = [float(p.log_density(np.nan_to_num(observed[None, :]))[0]) for p in predictions]
-    out = []
-    for c, p, its in zip(rivals.candidates, predictions, density, strict=True):
-        missed = np.linalg.norm(own.tip - p.tip[0], axis=1)
-        bits = float((its - max(density)) / np.log(2))
-        chance = p.p_value(observed, rivals.prepared.noise_components.contrasts)
-        out.append(Judged(c.named, float(np.sqrt(np.nanmean(missed**2))) * 1e3, chance, bits))
-    return tuple(out)
+    contrasts = rivals.prepared.noise_components.contrasts
+    return tuple(
+        Judged(
+            c.named,
+            1e3 * rms(own.tip - p.tip[0]),
+            p.p_value(observed, contrasts),
+            float((its - max(density)) / np.log(2)),
+        )
+        for c, p, its in zip(rivals.candidates, predictions, density, strict=True)
+    )
 
 
 def bits_gained(before: Diagnosis, after: Diagnosis) -> float:
@@ -243,16 +245,19 @@ def _mm(values: Array) -> tuple[tuple[float, ...], ...]:
 
 
 def _round(r: Round) -> dict[str, Any]:
-    leading = [{"effects": list(x.effects), "probability": x.probability} for x in r.diagnosis.attribute.ranking[:6]]
+    found = r.diagnosis.attribute
     out: dict[str, Any] = {
-        "verdict": r.diagnosis.attribute.verdict, "probability": r.diagnosis.attribute.probability, "ranking": leading,
-        "minutes": r.minutes, "not_done": dict(r.refused),
-    }  # fmt: skip
+        "verdict": found.verdict,
+        "probability": found.probability,
+        "ranking": [{"effects": x.effects, "probability": x.probability} for x in found.ranking[:6]],
+        "minutes": r.minutes,
+        "not_done": dict(r.refused),
+    }
     if r.foretold is not None:
         out |= {
-            "experiment": {"id": r.foretold.proposal.id, "do": r.foretold.proposal.do,
-                           "expected_bits": r.foretold.proposal.expected_bits, "cost_min": r.foretold.proposal.cost_min},
-            "came_out": [{**asdict(j), "effects": list(j.effects), "failed": j.failed} for j in r.judged],
-            "unforeseen": r.unforeseen, "bits_gained": r.bits,
-        }  # fmt: skip
+            "experiment": {name: getattr(r.foretold.proposal, name) for name in ("id", "do", "expected_bits", "cost_min")},
+            "came_out": [{**asdict(j), "failed": j.failed} for j in r.judged],
+            "unforeseen": r.unforeseen,
+            "bits_gained": r.bits,
+        }
     return out

@@ -11,8 +11,8 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..data.levels import SPINE_GAP, levels
 from ..inference.prepare import AREA, Prepared
 from ..inference.problem import Parameters
@@ -21,10 +21,8 @@ from ..judgement import BENCHMARK, TIED
 from .attribute import Attribution
 from .calibration import simulator
 from .holdout import Holdout
-from .shrink import HeldOutErrors
+from .shrink import HeldOutErrors, rms
 from .size import sizes
-
-Array = NDArray[np.float64]
 
 
 def detail(f: Attribution, unseen: HeldOutErrors | None, holdout: Holdout | None, names: Mapping[str, str]) -> dict[str, Any]:
@@ -118,7 +116,7 @@ def _stiffness(
         errors |= {"unseen: calibrated": unseen.before.deflection, "unseen: explained": unseen.after.deflection}
     forces = {"force": p.problem.observed, **predicted}
     return {
-        "waterfall_mm": {name: 1e3 * float(np.sqrt(np.nanmean(error**2))) for name, error in errors.items()},
+        "waterfall_mm": {name: 1e3 * rms(error) for name, error in errors.items()},
         "floor_mm": pushes.noise_floor * 1e3,
         "floor_from_repeats": pushes.noise_components.contrasts > 0,
         "trial": p.states.trial[own].tolist(),

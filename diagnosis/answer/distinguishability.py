@@ -10,13 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Mask
 from ..inference.linear import Reduced
 from ..inference.problem import Parameters
 from ..judgement import TIED
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -74,7 +72,7 @@ def _separation(
     return _chi_square_left(information, own, size[mask]), _chi_square_left(information, ~own, size[mask])
 
 
-def _chi_square_left(information: Array, own: NDArray[np.bool_], size: Array) -> float:
+def _chi_square_left(information: Array, own: Mask, size: Array) -> float:
     """Misfit left of `own` at `size` when the others are fitted under their prior."""
     at, rest = size[own], ~own
     among = information[np.ix_(rest, rest)] + np.eye(int(rest.sum()))

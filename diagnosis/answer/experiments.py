@@ -21,6 +21,7 @@ from model.actuators import Words
 from model.condition import NOMINAL_VACUUM
 from model.robot import Robot
 
+from ..arrays import Array
 from ..data.campaign import Campaign, tip_masses
 from ..inference.executor import SINGLE_THREAD, DiagnosisStep, Executor
 from ..inference.posterior import Posterior
@@ -29,7 +30,6 @@ from ..judgement import OVERHEAD_MIN, RIVAL_WORTH_SEPARATING, SEPARATED_BITS
 from .result import Proposal
 from .rivals import Prediction, Rivals
 
-Array = NDArray[np.float64]
 Columns = dict[str, NDArray[np.generic]]
 
 PER_TRIAL = 25.0

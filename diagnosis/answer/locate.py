@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from model.errors import ModelError
@@ -19,15 +18,14 @@ from model.robot import Robot
 from model.rods import FINE, PAPER, solve
 from model.section import rods_of
 
+from ..arrays import Array, Ints, Mask
 from ..data.campaign import Campaign, settings
 from ..data.levels import SPINE_GAP, levels
 from ..inference.prepare import Prepared
 from ..judgement import FALSE_DISCOVERY_RATE
 from .attribute import Attribution
 from .result import FACTORS, STAGES, Cell, Locate
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from .shrink import rms
 
 
 def locate(f: Attribution, stages: Mapping[str, str]) -> Locate:
@@ -41,7 +39,7 @@ def locate(f: Attribution, stages: Mapping[str, str]) -> Locate:
         cells.setdefault(factor, []).append((cell, probability))
     by = _mark_significant(cells)
     return Locate(
-        gap_rmse_mm=1e3 * float(np.sqrt((gap[seen] ** 2).sum(axis=1).mean())),
+        gap_rmse_mm=1e3 * rms(gap[seen]),
         noise_floor_mm=1e3 * p.noise_floor,
         significant=any(c.significant for group in by.values() for c in group),
         by=by,
@@ -100,7 +98,7 @@ def _specimens(p: Prepared, missed: Array, floor: float, rng: np.random.Generato
         yield "stiffness", *_cell(name, s.trial[own], missed[own, None], floor, rng)
 
 
-def _masks(level: NDArray[np.int64]) -> list[Mask]:
+def _masks(level: Ints) -> list[Mask]:
     return [np.asarray(level == k) for k in np.unique(level)]
 
 
@@ -117,9 +115,7 @@ def _mean(values: Array, own: Mask) -> float:
     return float(np.round(values[own].mean(), 6))
 
 
-def _cell(
-    value: float | str, trial: NDArray[np.int64], missed: Array, floor: float, rng: np.random.Generator
-) -> tuple[Cell, float]:
+def _cell(value: float | str, trial: Ints, missed: Array, floor: float, rng: np.random.Generator) -> tuple[Cell, float]:
     """The cell, its 95 % interval from trials drawn anew, and the probability of a mean square as large by the floor alone.
 
     `missed` (n, axes) m, `trial` (n,), `floor` m rms; a floor that is not known (NaN) makes no cell significant.
@@ -133,8 +129,9 @@ def _cell(
     # Readings of a trial erring together leave as many independent vectors as there are trials.
     freedom = missed.shape[1] * len(names)
     probability = float(chdtrc(freedom, freedom * (total / count).mean() / floor**2)) if floor > 0 else 1.0
-    rmse, bias = float(np.sqrt(squared.mean())), float(missed[:, 0].mean())
-    return Cell(value, rmse * 1e3, bias * 1e3, len(missed), float(low) * 1e3, float(high) * 1e3, False), probability
+    return Cell(
+        value, 1e3 * rms(missed), 1e3 * float(missed[:, 0].mean()), len(missed), 1e3 * float(low), 1e3 * float(high), False
+    ), probability
 
 
 def _mark_significant(found: Mapping[str, list[tuple[Cell, float]]]) -> dict[str, tuple[Cell, ...]]:
@@ -156,5 +153,4 @@ def numerical_error(robot: Robot, states: Campaign) -> float:
         converged, stepped = solve(rods, FINE), solve(rods, PAPER)
     except ModelError:
         return float("nan")
-    ok = converged.converged & stepped.converged
-    return float(np.sqrt(((stepped.tip - converged.tip)[ok] ** 2).sum(axis=1).mean())) if ok.any() else float("nan")
+    return rms((stepped.tip - converged.tip)[converged.converged & stepped.converged])

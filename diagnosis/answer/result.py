@@ -1,8 +1,4 @@
-"""The answer, as frozen data and as diagnosis.json ("diagnosis/1").
-
-Lengths are mm where the name says so, otherwise SI. `Diagnosis.detail` holds what the figures of the report need beyond
-the contract; everything else is fixed.
-"""
+"""The answer, as frozen data and as diagnosis.json ("diagnosis/1"). Lengths are mm where the name says so, otherwise SI."""
 
 from __future__ import annotations
 
@@ -74,8 +70,8 @@ class Locate:
     numerical_error_mm: Number
     """Root mean square tip error that the paper's Euler integration alone would add to its model."""
     of: Literal["tip", "deflection"] = "tip"
-    """What the gap is of: the tip's position; of stiffness trials alone the deflection, a missed force over the specimen's
-    stiffness. Beside tips, stiffness trials stand in `by` under stiffness, in mm of deflection."""
+    """The gap's quantity: the tip's position, or, of stiffness trials alone, the deflection: a missed force over the specimen's
+    stiffness. Next to tips, stiffness trials stand in `by` under stiffness, in mm of deflection."""
 
 
 @dataclass(frozen=True)
@@ -215,7 +211,7 @@ class Step:
 
     step: StepName
     effect: str | None
-    """Of a cause."""
+    """The cause; None of other steps."""
     mm: float
     """Decrease of the rms; all steps add up to the gap as given."""
     low95_mm: Number
@@ -253,7 +249,7 @@ class Waterfall:
     how: str
     """What each state was predicted without."""
     n: int
-    """States."""
+    """Number of states."""
     given_mm: float
     steps: tuple[Step, ...]
     by: Mapping[str, tuple[Level, ...]]
@@ -295,7 +291,6 @@ class Diagnosis:
     """The whole answer."""
 
     statement: str
-    """The verdict in a sentence."""
     data: Data
     locate: Locate
     attribute: Attribute
@@ -304,10 +299,11 @@ class Diagnosis:
     concerns: tuple[str, ...] = ()
     """What could not be concluded, and why."""
     detail: Mapping[str, Any] = field(default_factory=dict)
+    """What the figures of the report need beyond the contract."""
     budget: tuple[Carries, ...] = ()
-    """Largest first: named causes, what is present beside them, what could not be seen."""
+    """Largest first within named, present and unseen."""
     waterfall: Waterfall | None = None
-    """The gap step by step on unseen states; None where nothing can be left out, or it was not asked for."""
+    """On unseen states; None where nothing can be left out, or it was not asked for."""
     change: Change | None = None
     """Since a reference campaign, where one was given."""
     calibration: Calibration | None = None

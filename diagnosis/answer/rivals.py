@@ -26,6 +26,7 @@ from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
 from model.errors import ModelError
 
+from ..arrays import Array, Ints
 from ..criticism.gaussian import Gaussian
 from ..inference.candidate import Candidate
 from ..inference.discrepancy import Settings, by_channel, settings
@@ -36,8 +37,6 @@ from ..inference.prepare import Prepared
 from ..inference.reading_noise import OFFSET, noise_to_come
 from ..judgement import COMPARED_DISCREPANCY, RIVAL_LEAST_WEIGHT, TOLERATED_SIZES
 from .distinguishability import Distinguishability
-
-Array = NDArray[np.float64]
 
 MOST = 5
 """Rivals that are compared."""
@@ -53,7 +52,7 @@ class Prediction:
     mean: Array
     factor: Array
     """(n, n) lower Cholesky factor of the covariance."""
-    row: NDArray[np.int64]
+    row: Ints
     channel: NDArray[np.str_]
     """(n,) state and channel of each value."""
 

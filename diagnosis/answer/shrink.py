@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Ints
 from ..data.levels import SPINE_GAP, levels
 from ..inference.candidate import Candidate
 from ..inference.cross_validation import CrossValidation, Model
@@ -22,9 +22,6 @@ from ..inference.fit import Fit
 from ..inference.prepare import Prepared
 from ..judgement import REDUCIBLE_RATIO
 from .result import LengthShrink, Shrink
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 class Missed(NamedTuple):
@@ -161,5 +158,7 @@ def _drawn_anew(kind: Ints, draws: int = 500, seed: int = 31337) -> Ints:
 
 
 def rms(values: Array) -> float:
-    """Root mean square; NaN of nothing."""
-    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
+    """Root mean square of the finite values, of rows (n, k) that of their lengths; NaN of nothing."""
+    distance = values if values.ndim == 1 else np.linalg.norm(values, axis=1)
+    known = distance[np.isfinite(distance)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")

@@ -20,8 +20,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Mask
 from ..data.levels import SPINE_GAP, levels
 from ..inference.cross_validation import Model
 from ..inference.evidence import NONE, Hypothesis
@@ -33,8 +33,6 @@ from ..judgement import SMOOTH_SIZES
 from .attribute import Attribution, calibrated
 from .result import Absorbed, Level, Shrink, Step, StepName, Waterfall
 from .shrink import HeldOut, HeldOutErrors, baseline_model, candidate_model, resampled, rms, shrink
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -62,7 +60,7 @@ def unseen(f: Attribution, executor: Executor) -> Callable[[], Unseen]:
     def found() -> Unseen:
         errors = HeldOutErrors(*both())
         known = {NONE: errors.before, f.best.named: errors.after, **dict(zip(others, rest(), strict=True))}
-        rms_mm = {h: 1e3 * float(np.sqrt(np.nanmean(known[h].distance ** 2))) for h in leading}
+        rms_mm = {h: 1e3 * rms(known[h].distance) for h in leading}
         return Unseen(shrink(p, held_out.how, errors), errors, rms_mm, step_by_step(errors))
 
     return found
@@ -126,7 +124,7 @@ class _Steps:
         self._before += [("simulator", simulator)] if simulator is not None else []
         self._after: list[tuple[StepName, Array]] = [("tolerances", tolerant), ("regular", smooth)]
         every = [*by_causes.values(), *(e for _, e in (*self._before, *self._after))]
-        self._seen: NDArray[np.bool_] = np.asarray(np.isfinite(every).all(axis=0))
+        self._seen: Mask = np.asarray(np.isfinite(every).all(axis=0))
         """(states,) predicted by every model."""
         again = resampled(p.states.trial[self._seen])
         self._weights = np.vstack([np.ones(again.shape[1]), again])

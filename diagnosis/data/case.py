@@ -10,18 +10,15 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.robot import Robot
 from recordings.trials import Table, TrialRow
 
+from ..arrays import Array, Ints, Mask
 from ..errors import BadCase
 from . import plausible, pushes
 from .campaign import Campaign
 from .levels import FORCE_GAP, MASS_GAP, RATE_GAP, ROLL_GAP, SPINE_GAP, VACUUM_GAP, by_frequency, distinct, levels, pressure_gap
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 class CaseLike(Protocol):
@@ -118,7 +115,7 @@ def _kinds(s: Campaign) -> Ints:
     )
 
 
-def _sweeps(inflated: NDArray[np.bool_], highest: Array, gap: float) -> NDArray[np.bool_]:
+def _sweeps(inflated: Mask, highest: Array, gap: float) -> Mask:
     """(m, chambers) chambers of the sweep that each of the m states of a trial belongs to.
 
     They are those of the state of highest pressure, unless a state has none of these inflated; near zero pressure those of the
@@ -131,7 +128,7 @@ def _sweeps(inflated: NDArray[np.bool_], highest: Array, gap: float) -> NDArray[
     if not with_pressure.size:
         return np.broadcast_to(top, out.shape)
     following = np.searchsorted(with_pressure, np.arange(len(out)))
-    of_sweep: NDArray[np.bool_] = out[with_pressure[np.minimum(following, with_pressure.size - 1)]]
+    of_sweep: Mask = out[with_pressure[np.minimum(following, with_pressure.size - 1)]]
     return of_sweep
 
 

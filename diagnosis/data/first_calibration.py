@@ -18,7 +18,6 @@ from collections.abc import Collection
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
@@ -29,6 +28,7 @@ from model.rods import FINE, solve
 from model.section import body_mass, rods_of
 from recordings.trials import TrialRow
 
+from ..arrays import Array, Mask
 from ..judgement import (
     FIRST_AS_GOOD,
     FIRST_AT_BOUND,
@@ -45,8 +45,6 @@ from ..judgement import (
 )
 from .campaign import Campaign, settings, spread_over, tip_masses
 from .chamber_sides import can_name_order, exchanged, order_told, with_order
-
-Array = NDArray[np.float64]
 
 NAMES = ("area_factor", "youngs_modulus", "azimuth", "gravity_x", "gravity_y", "origin_x", "origin_y", "origin_z")
 ORIGIN, STEP = 5, 1.5e-8
@@ -306,9 +304,7 @@ def _with(robot: Robot, theta: Array) -> Robot:
     return made.model_copy(update={"area_factor": areas, "gravity": (x, y, z)})
 
 
-def _adjusted(
-    robot: Robot, made: Robot, theta: Array, beyond: NDArray[np.bool_], hanging: bool, counted: bool
-) -> tuple[Adjusted, ...]:
+def _adjusted(robot: Robot, made: Robot, theta: Array, beyond: Mask, hanging: bool, counted: bool) -> tuple[Adjusted, ...]:
     """The numbers of `made` that were taken over; `hanging`: upside down, `counted`: chambers counted the other way round."""
     at_bound = np.abs(theta) > FIRST_AT_BOUND * FIRST_WIDEST
     given, now = robot.actuators.azimuths_deg, made.actuators.azimuths_deg

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from recordings.trials import TrialRow
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from ..arrays import Array, Ints
 
 SPINE_GAP, PRESSURE_GAP, VACUUM_GAP = 3e-3, 3e3, 10e3
 """m, Pa, Pa: readings that differ by less were meant to be the same setting. Of pressures this is the most, see below."""

@@ -16,7 +16,6 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.robot import Robot
 from model.section import body_area, body_mass, body_second_moment
@@ -26,8 +25,6 @@ from ..errors import BadCase
 from .plausible_pressures import Pressures, implausible_pressures, implausible_roll
 from .pushes import implausible_pushes
 from .units import LENGTH_UNITS, nearest
-
-Array = NDArray[np.float64]
 
 STRAIGHT, TURNED = 0.9, 75.0
 """Robot lengths and degrees: a body bent along an arc so that its tip lies 75 degrees off its axis is 0.74 lengths away."""

@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.body import body_of
 from model.condition import HIGHEST_PRESSURE
@@ -19,11 +18,9 @@ from model.robot import Robot
 from model.section import body_area, body_mass, combined_modulus
 from recordings.trials import TrialRow
 
+from ..arrays import Array, Ints, Mask
 from .levels import MASS_GAP, ROLL_GAP, SPINE_GAP, VACUUM_GAP, distinct, levels
 from .units import PRESSURE_UNITS, Unit, units_near
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 LEAST_DISPLACEMENT = 0.015
 """Robot lengths; smaller displacements of the tip are not evaluated."""
@@ -49,7 +46,7 @@ class Pressures:
     """Pa per unit of the table as far as the displacement of the tip tells it; 1 where it does not."""
     ratio: float
     """Measured to expected displacement; 1 where it cannot be determined."""
-    resting: NDArray[np.bool_]
+    resting: Mask
     """(n,) without pressure, be it gauge or absolute."""
 
     @classmethod
@@ -116,10 +113,10 @@ def _ratio(robot: Robot, displacement: Array, expected: Array) -> float:
     return float(np.median(moved[most] / expected[most]))
 
 
-def _resting(pressure: Array) -> NDArray[np.bool_]:
+def _resting(pressure: Array) -> Mask:
     """(n,) states in which no chamber holds pressure (n, chambers) Pa, or all hold what looks like ambient pressure."""
     level = np.abs(pressure).max(axis=1)
-    out: NDArray[np.bool_] = level <= max(SHARE_AT_REST * level.max(), AT_REST)
+    out: Mask = level <= max(SHARE_AT_REST * level.max(), AT_REST)
     if not out.any() and _like_ambient(pressure.min(axis=0)):
         above = (pressure - pressure.min(axis=0)).max(axis=1)
         out = above <= max(SHARE_AT_REST * above.max(), AT_REST)

@@ -5,19 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.robot import Robot
 from model.section import annulus_second_moment, body_second_moment
 from recordings.trials import TrialRow
 
+from ..arrays import Array, Ints
 from ..errors import BadCase
 from .campaign import Campaign
 from .levels import SPINE_GAP, VACUUM_GAP, by_frequency, distinct, levels, step_gap
 from .units import FORCE_UNITS, LENGTH_UNITS, nearest
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 FARTHEST = 0.3
 """Largest deflection of beam theory, as a share of the cantilever's length."""
