@@ -6,7 +6,7 @@ import html
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cache
 from typing import Annotated, Any, Literal
 
@@ -326,13 +326,10 @@ class Diagnosis:
         )
         return f"<p>{html.escape(self.statement)}</p><table><tr><th>hypothesis</th><th>probability</th></tr>{ranking}</table>"
 
-    def as_dict(self) -> dict[str, Any]:
-        """JSON-able, as diagnosis.json holds it."""
-        return {"schema": SCHEMA, **_plain(asdict(self))}
-
     def to_json(self) -> str:
         """The text of diagnosis.json."""
-        return json.dumps(self.as_dict(), indent=1, allow_nan=False)
+        plain = json.loads(_adapter().dump_json(self, fallback=lambda array: array.tolist()))
+        return json.dumps({"schema": SCHEMA, **plain}, indent=1)
 
     @classmethod
     def from_json(cls, text: str) -> Diagnosis:
@@ -347,7 +344,7 @@ class Diagnosis:
             data = read_json(text)
             if data["schema"] != SCHEMA:
                 raise BadCase(f"schema {repr(data['schema'])[:80]}, this version reads {SCHEMA!r}")
-            return _reader().validate_python(data)
+            return _adapter().validate_python(data)
         except BadCase:
             raise
         except (KeyError, TypeError, ValueError) as error:
@@ -355,18 +352,5 @@ class Diagnosis:
 
 
 @cache
-def _reader() -> TypeAdapter[Diagnosis]:
+def _adapter() -> TypeAdapter[Diagnosis]:
     return TypeAdapter(Diagnosis)
-
-
-def _plain(value: Any) -> Any:
-    """Tuples to lists, numbers of numpy to Python's, NaN and infinities to null."""
-    if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, tuple | list):
-        return [_plain(v) for v in value]
-    if hasattr(value, "tolist"):
-        return _plain(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

@@ -121,7 +121,8 @@ class Rivals:
         here, fitted = np.array(shared).T  # the same parameters in this model and in the problem
         own_sd = np.array([p.noise_components.trial.get(info.source, info.sd) for info in forward.parameters])
         fresh = np.setdiff1d(np.arange(len(own_sd)), here)
-        mounted = [i for i, info in enumerate(forward.parameters) if info.source in MOUNTED]
+        source = np.array([info.source for info in forward.parameters])
+        mounted = np.isin(source, MOUNTED)
         smooth, laws = _errors(p, forward)
         observed = forward.observations
         made = []
@@ -141,7 +142,7 @@ class Rivals:
             by_pressure = np.zeros((len(mean), 1)) if offset is None else slope[:, [offset]]
             covariance += noise_to_come(p.noise_components, observed, forward.design, by_pressure).covariance  # R
             for effect in c.named:
-                done = mean - forward.predict(_without(theta, forward, effect))
+                done = mean - forward.predict(np.where(source == effect, 0.0, theta))
                 if np.isfinite(done).all():
                     wrong = c.grid_point.form_error * known.law_error[effect] * done[:, None] * laws
                     covariance += wrong @ wrong.T  # f^2 F F^T
@@ -159,12 +160,6 @@ class Rivals:
             known = Gaussian(linear, prior, at.size, at.form_error).covariance(p.of_effect)
             self._covariances[k] = scale[:, None] * known * scale[None, :]
         return self._covariances[k]
-
-
-def _without(theta: Array, forward: ForwardModel, effect: str) -> Array:
-    out = theta.copy()
-    out[[i for i, info in enumerate(forward.parameters) if info.source == effect]] = 0.0
-    return out
 
 
 def _errors(p: Prepared, forward: ForwardModel) -> tuple[Array, Array]:
