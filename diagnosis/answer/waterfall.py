@@ -29,7 +29,7 @@ from ..inference.executor import SINGLE_THREAD, DiagnosisStep, Executor
 from ..inference.fit import fit
 from ..inference.posterior import UNKNOWN
 from ..inference.prepare import Prepared, prepare
-from ..judgement import SMOOTH_SIZES
+from ..judgement import RIVAL_PROBABILITY, SMOOTH_SIZES, UNCONVERGED
 from .attribute import Attribution, calibrated
 from .result import Absorbed, Level, Shrink, Step, StepName, Waterfall
 from .shrink import HeldOut, HeldOutErrors, baseline_model, candidate_model, resampled, rms, shrink
@@ -51,7 +51,7 @@ def unseen(f: Attribution, executor: Executor) -> Callable[[], Unseen]:
     p, held_out = f.prepared, HeldOut.of(f.prepared, executor)
     if held_out is None:
         return Unseen
-    leading = [h for h, _ in f.posterior.ranking[:4] if h != UNKNOWN]
+    leading = [h for h, share in f.posterior.ranking[:4] if h != UNKNOWN and share > RIVAL_PROBABILITY]
     others = [h for h in leading if h not in (NONE, f.best.named)]
     both = held_out.errors([baseline_model(p, f.calibrated), candidate_model(p, f.best)], DiagnosisStep.HELD_OUT_STATES)
     rest = held_out.errors([candidate_model(p, f.posterior.candidates[h]) for h in others], DiagnosisStep.HELD_OUT_STATES)
@@ -75,7 +75,7 @@ def waterfall(f: Attribution, held_out: HeldOut) -> Callable[[HeldOutErrors], Wa
     p, named = f.prepared, f.decision.effects
     with_tolerances, subsets = candidate_model(p, f.best if named else f.none), _subsets(named)
     known = bool(named) or f.best.named == NONE
-    smooth = [replace(with_tolerances, size=size, smooth=True) for size in SMOOTH_SIZES]
+    smooth = [_smooth(p, with_tolerances, size) for size in SMOOTH_SIZES]
     models = [*([] if known else [with_tolerances]), *smooth, *(_only(f, s) for s in subsets)]
     refits, absorbed = held_out.errors(models, DiagnosisStep.GAP_STEP_BY_STEP), _absorbed(f, held_out.executor)
 
@@ -93,6 +93,12 @@ def waterfall(f: Attribution, held_out: HeldOut) -> Callable[[HeldOutErrors], Wa
 
 def _subsets(named: Hypothesis) -> list[Hypothesis]:
     return [s for k in range(1, len(named) + 1) for s in itertools.combinations(named, k)]
+
+
+def _smooth(p: Prepared, model: Model, size: float) -> Model:
+    """The same model with a smooth discrepancy that predicts too."""
+    theta = fit(p.problem, model.prior, size, model.theta, 4, least_promise=UNCONVERGED).theta
+    return replace(model, size=size, theta=theta, smooth=True)
 
 
 def _only(f: Attribution, named: Hypothesis) -> Model:

@@ -110,7 +110,7 @@ def _predicted(problem: Problem, rest: Problem, model: Model, around: tuple[Arra
     own = Jacobian(slope.parameters, slope.at, slope.own.rows(seen))
     found = refit(rest, model.prior, model.size, Fit(model.theta, predicted[seen], own, np.nan, np.nan))
     if found.predicted_decrease > UNCONVERGED:
-        found = fit(rest, model.prior, model.size, found.theta)
+        found = fit(rest, model.prior, model.size, found.theta, least_promise=UNCONVERGED)
     everywhere = problem.forward.predict(found.theta)
     return everywhere + _discrepancy(problem, rest, model.size, found.predicted) if model.smooth else everywhere
 

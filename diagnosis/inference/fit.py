@@ -100,12 +100,13 @@ def fit(
     start: Array | Fit,
     rounds: int = 6,
     frozen: Jacobian | None = None,
+    least_promise: float = LEAST_PROMISE,
 ) -> Fit:
     """Search from parameters (k,), or from another fit, whose derivatives are then used for the first step.
 
     `prior` of the effects, `size` of the discrepancy. Effects of variance 0 are left out, wherever the start has them, and
     the slope of the result has nothing for them. With `frozen`, derivatives by named effects alone are taken anew at each step;
-    all others are these.
+    all others are these. It ends where less than `least_promise` is left to gain.
     """
     fresh = problem.parameters.scaled(prior)[0] > 0
     if frozen is not None:
@@ -122,7 +123,7 @@ def fit(
         frozen,
         fresh,
         tolerance=0.05,
-        least_promise=LEAST_PROMISE,
+        least_promise=least_promise,
         dampings=dampings,
     )
 
@@ -156,7 +157,7 @@ def _search(
         if there is None:  # a trial took a state for one in equilibrium that has none
             break
         gained, local = local.cost - cost, there
-        if gained < LEAST_GAIN:
+        if gained < max(LEAST_GAIN, least_promise):
             break
         level = max(level - 2, 0)
     return Fit(local.theta, local.predicted, local.slope, local.cost, descent.promise(local))
@@ -211,21 +212,25 @@ class _Descent:
         Where the strongest leads to no equilibrium, all are tried again with predictions that do not give up.
         """
         for trial in (True, False):
-            reached = 0.0
-            for k in range(level, len(self._dampings)):
+            reached, k = 0.0, level
+            while k < len(self._dampings):
                 found = self._damped(local, self._dampings[k], trial)
                 if found is None:
                     return None
-                goal, reached = found
+                goal, reached, share = found
                 if reached <= local.cost and np.isfinite(reached):
                     return goal, reached, k
+                # with damping d a step is about 1 / (1 + d) as long
+                wanted = (1.0 + self._dampings[k]) / share - 1.0
+                k = max(k + 1, min(int(np.searchsorted(self._dampings, wanted)), len(self._dampings) - 1))
             if np.isfinite(reached):
                 return None
         return None
 
-    def _damped(self, local: _Local, damping: float, trial: bool) -> tuple[Array, float] | None:
-        """The point (k,) that a step with this damping leads to, and its cost, which may be higher or infinite; None where the
-        linear problem promises a decrease of less than `least_promise`.
+    def _damped(self, local: _Local, damping: float, trial: bool) -> tuple[Array, float, float] | None:
+        """The point (k,) that a step with this damping leads to, its cost, which may be higher or infinite, and the share of the
+        step at which a parabola through both costs is lowest; None where the linear problem promises a decrease of less than
+        `least_promise`.
 
         Where the decrease falls short of the promise by too much, the model is curved: the step is corrected by the difference
         between the prediction at its end and the linear one. `trial`: see `Forward.predict`.
@@ -238,14 +243,16 @@ class _Descent:
             return None
         predicted = self._forward.predict(goal, trial)
         reached = self.cost(goal, predicted)
-        if local.cost - reached >= TRUST_RATIO * promised or not np.isfinite(reached):
-            return goal, reached
+        gained = local.cost - reached
+        if gained >= TRUST_RATIO * promised or not np.isfinite(reached):
+            return goal, reached, 1.0
+        lowest = promised / (2.0 * promised - gained)
         corrected = local.goal(damping, predicted - linear)
         sd = self._p.sd
         if np.linalg.norm((corrected - goal) / sd) > MOST_CORRECTION * np.linalg.norm((goal - local.theta) / sd):
-            return goal, reached
+            return goal, reached, lowest
         corrected_cost = self.cost(corrected, self._forward.predict(corrected, trial))
-        return (corrected, corrected_cost) if corrected_cost < reached else (goal, reached)
+        return (corrected, corrected_cost, lowest) if corrected_cost < reached else (goal, reached, lowest)
 
     def _linearised(self, theta: Array) -> tuple[Array, Jacobian]:
         predicted, columns = linearise(self._forward, theta, self._fresh.tolist())

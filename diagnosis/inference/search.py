@@ -132,14 +132,15 @@ class Search:
         self._executor.progress(str(DiagnosisStep.HYPOTHESES), 1.0)
 
     def _first(self) -> list[Candidate]:
-        """Every single effect around none without and with tolerances; those that are not linear there, at each of their starts,
-        with or without tolerances as none is more probable."""
+        """Every single effect around none without and with tolerances; those that are not linear without, at each of their starts
+        instead, with or without tolerances as none is more probable."""
         out, at_starts = [], []
         better = max(self._none, key=lambda w: self._none[w].log_evidence)
         for c in (c for w in self._none for c in self._singles(w)):
-            if not self._starts.needs_own(c.named):
+            needs_own = self._starts.needs_own(c.named)
+            if c.with_tolerances or not needs_own:  # within its tolerance none may have moved to where it acts
                 out.append(c)
-            elif c.with_tolerances == better:
+            if needs_own and c.with_tolerances == better:
                 at_starts.append(c)
         for found in self._map(self._at_starts, at_starts, DiagnosisStep.FIRST_LOOK):
             out += found
@@ -301,7 +302,15 @@ class Search:
     def leading_and_answer(self, leading: Candidate, answer: Candidate) -> tuple[Candidate, Candidate]:
         """Both with all derivatives; once where they are one."""
         whole = self.with_all_derivatives(leading)
-        return whole, whole if answer is leading else self.with_all_derivatives(answer)
+        return whole, whole if answer is leading else self.with_all_derivatives(self._searched_beside(leading, answer))
+
+    def _searched_beside(self, leading: Candidate, answer: Candidate) -> Candidate:
+        """An answer that was only weighed, searched to its end from there and from the leading one, where it is a tolerance."""
+        if answer.turns:
+            return answer
+        named, with_tolerances, size = answer.named, leading.with_tolerances, leading.grid_point.size
+        fits = [self._fit(named, with_tolerances, size, start.theta, LAST_ROUNDS) for start in (answer.fit, leading.fit)]
+        return max((self._weigh(named, f, with_tolerances) for f in fits), key=_evidence)
 
     # ------------------------------------------------------------------ here or elsewhere
 
