@@ -127,9 +127,8 @@ def sentence(
 class _JointForward:
     """Two campaigns as one forward model.
 
-    Its parameters theta are those of the reference; those that the later campaign has for itself (`later_only`: trials, repeats,
-    drift, what another day brings); and the change of each effect since. The later campaign is predicted with the values that it
-    shares with the reference, plus the changes, and with its own.
+    Its parameters theta are those of the reference; those that the later campaign has for itself (trials, repeats, drift, what
+    another day brings); and the change of each effect since, which is added to the value that both share.
     """
 
     def __init__(self, before: Prepared, after: Prepared) -> None:

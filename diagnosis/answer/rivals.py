@@ -1,4 +1,4 @@
-"""The hypotheses still in play, and what each predicts of an experiment: before it is done, and where it was done.
+"""The hypotheses still in play, and what each predicts of an experiment.
 
 A prediction is a normal distribution about the hypothesis' own fit,
 

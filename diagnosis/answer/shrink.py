@@ -1,8 +1,7 @@
 """How far the gap shrinks, on data that no fit saw.
 
-Before: the baseline, calibrated with one area factor. After: the named effects fitted too, every other effect free within
-the tolerance that the data ask for. Each spine length is predicted by a fit to the others (each trial, when there is one
-length only); the share closed counts from the noise floor, its interval comes from drawing trials anew.
+Before: the baseline, calibrated with one area factor. After: the named effects fitted too, every other effect free within the
+tolerance that the data ask for. The share closed counts from the noise floor, its interval comes from drawing trials anew.
 """
 
 from __future__ import annotations

@@ -93,8 +93,8 @@ def _conditions(s: Campaign) -> Ints:
 
 
 def _kinds(s: Campaign) -> Ints:
-    """(n,) number of each state's kind of experiment, 0 the most frequent: protocol, chambers inflated in its sweep, tip mass,
-    roll, force at the tip, vacuum, and the rate of a trial that was read while ramping. What a row does not state counts as 0."""
+    """(n,) number of each state's kind of experiment, 0 the most frequent: protocol, chambers of its sweep, tip mass, roll, force
+    at the tip, vacuum, and the rate of a trial that was read while ramping. What a row does not state counts as 0."""
     rows = s.rows
     while_ramping = np.array([r.hold is not None and r.hold <= 0 for r in rows])
     rate = np.array([abs(r.rate or 0.0) for r in rows])

@@ -201,8 +201,8 @@ class _Solved:
 
 @dataclass(frozen=True)
 class _ByParameter:
-    """Of each parameter: by the logarithm of the sd and the logit of what lasts, of each channel; by the pressure's sd, rest, the
-    pressure's share and the memory. A gradient (c,), (c,), (4,), or what a vector is turned into (k, c), (k, c), (k, c, 4)."""
+    """By ln sd and the logit of what lasts, of each channel; by the pressure's sd, rest, the pressure's share and the memory:
+    a gradient (c,), (c,), (4,), or what a vector is turned into (k, c), (k, c), (k, c, 4)."""
 
     sd: Array
     share: Array

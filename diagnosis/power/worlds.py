@@ -1,15 +1,13 @@
-"""Before anything is measured: which causes a plan can tell apart, at which size, and which it cannot.
+"""Worlds drawn under a plan, and their probabilities: which causes it can tell apart, before anything is measured.
 
-Worlds are drawn under the design, linear about the robot as it is described,
+They are linear about the robot as it is described,
 
     y = A theta + N u + g D w + sum_e f_e r_e o (B z_e) + e,    r_e = A_e theta_e,
 
 with at most one cause at 0.5 to 1.5 plausible scales; every other effect in clutter, heavy-tailed; each law wrong by a smooth
-share f_e of what its effect does there; the rest as the prior has it. Each world is weighed under none and every single
-effect with the evidence of the diagnosis (`inference.evidence`), and named by the largest probability.
-
-Not drawn: pairs, causes outside the catalogue, and what is not linear. Source of the scheme: simulation-based calibration, Talts
-et al. 2018, and power by simulation.
+share f_e of what its effect does there; the rest as the prior has it. Each world is weighed under none and every single effect
+with the evidence of the diagnosis (`inference.evidence`), and named by the largest probability. Pairs and causes outside the
+catalogue are not drawn. Source: simulation-based calibration (Talts et al. 2018).
 """
 
 from __future__ import annotations
