@@ -7,7 +7,7 @@ nothing else can explain it, with its column, the value, what it looks like and 
     orientation     unit quaternions, near qw = 1 at rest
     pressures       what the tip's displacement needs, by beam theory, within a factor of 30 (see `plausible_pressures`)
     spine, masses   against length and tip_mass of robot.yaml
-    pushes          against the cantilever's length and stiffness (see `plausible_pushes`)
+    pushes          against the cantilever's length and stiffness (see `pushes`)
 """
 
 from __future__ import annotations

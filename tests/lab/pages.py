@@ -1,12 +1,18 @@
-"""What the page of `lab watch` is told."""
+"""What a page says without its markup, and what the page of `lab watch` is told."""
 
 from __future__ import annotations
 
 import json
+import re
 import socket
 from collections.abc import Iterator
 from typing import Any
 from urllib.parse import urlsplit
+
+
+def read_as_text(page: str) -> str:
+    """The page without links, small print and classes."""
+    return re.sub(r"</?a\b[^>]*>|</?small[^>]*>|<wbr>| class=\"\w+\"", "", page)
 
 
 def events(page: str) -> Iterator[tuple[str, dict[str, Any]]]:
