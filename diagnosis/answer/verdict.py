@@ -53,11 +53,11 @@ def decide(posterior: Posterior, enough: bool, nothing_stands_out: float = 0.0) 
     """
     outside = posterior.probability(UNKNOWN)
     named, probability = next((h, p) for h, p in posterior.ranking if h != UNKNOWN)
+    small = (1 - outside) * nothing_stands_out
     if not enough or outside >= OUTSIDE_PROBABILITY:
         return Decision("unknown", (), outside, outside, enough)
     if named == NONE:
         return Decision("none", (), probability, outside)
-    small = (1 - outside) * nothing_stands_out
     if probability < min(small, NAMED_PROBABILITY):
         return Decision("none", (), small, outside, too_small=named)
     return Decision("effect", named, probability, outside)

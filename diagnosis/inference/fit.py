@@ -222,7 +222,7 @@ class _Descent:
                     return goal, reached, k
                 # with damping d a step is about 1 / (1 + d) as long
                 wanted = (1.0 + self._dampings[k]) / share - 1.0
-                k = max(k + 1, min(int(np.searchsorted(self._dampings, wanted)), len(self._dampings) - 1))
+                k = max(k + 1, int(np.searchsorted(self._dampings, wanted)) - 1)
             if np.isfinite(reached):
                 return None
         return None

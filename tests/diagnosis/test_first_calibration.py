@@ -8,7 +8,7 @@ import pytest
 
 from diagnosis.data import first_calibration
 from diagnosis.data.first_calibration import _Misfit, calibrate_first
-from diagnosis.diagnose import diagnose
+from diagnosis.diagnose import Options, diagnose
 from diagnosis.fit_effects import fit_effects
 from model.condition import conditions
 from model.effects.catalogue import CATALOGUE
@@ -159,7 +159,7 @@ def test_a_modulus_of_another_unit_is_found_even_where_no_rod_stands(case: Measu
 
 def test_the_cause_is_found_around_the_calibrated_robot(case: Measured) -> None:
     """Told another modulus, the diagnosis names what it names of the robot as it is."""
-    options = replace(quick(), catalogue=ONE)
+    options = Options(experiments=False, catalogue=ONE)
     there = replace(case, robot=softer(ROBOT, 2.4))
     found = diagnose(there, options)
     assert found.attribute.effects == ("chamber_azimuth",)
@@ -168,8 +168,8 @@ def test_the_cause_is_found_around_the_calibrated_robot(case: Measured) -> None:
     assert len(told["adjusted"]) == 1
     assert found.calibration is not None and found.calibration.modulus == pytest.approx(1 / 2.4, rel=0.15)
     assert "these data show hardly more than their ratio" in found.statement
-    steps = found.detail["waterfall_mm"]
-    assert steps["as given"] > 4 * steps["calibrated"]  # as robot.yaml stands, not as it was calibrated
+    gap = found.waterfall
+    assert gap is not None and gap.given_mm > 4 * gap.steps[0].left_mm  # as robot.yaml stands, not as it was calibrated
 
 
 def test_what_is_fitted_is_the_calibrated_robot(case: Measured) -> None:

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from diagnosis.answer.candidate_experiments import columns
+from diagnosis.answer.experiments import columns
 from diagnosis.answer.result import Diagnosis, Proposal
 from diagnosis.diagnose import Examined, Options, examine
 from diagnosis.investigate import Foretold, Limits, NotDone, Round, bits_gained, investigate, settled

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.answer.candidate_experiments import columns
+from diagnosis.answer.experiments import columns
 from diagnosis.data.case import Case
 from diagnosis.inference.evidence import KNOWN, NONE, weigh
 from diagnosis.judgement import PRIOR_OF_NUMBER, SAME_ODDS, TEMPERATURE

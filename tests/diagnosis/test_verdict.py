@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.answer.confounding import origins
+from diagnosis.answer.calibration import origins
 from diagnosis.answer.headline import headline
 from diagnosis.answer.result import (
     Absorbed,
@@ -27,6 +27,7 @@ from diagnosis.answer.sentences import Facts, beyond_tolerance, stands_for, stat
 from diagnosis.answer.verdict import conclude, decide, rivals
 from diagnosis.criticism.stage_errors import StageError
 from diagnosis.inference.posterior import Posterior
+from diagnosis.judgement import BENCHMARK
 from lab.files.config import load
 from lab.files.example import paper_robot
 from model.effects.catalogue import CATALOGUE
@@ -55,7 +56,7 @@ def facts(posterior: Posterior, enough: bool = True, gap: bool = True, asking: t
     budget = tuple(c for c in BUDGET if c.role != "named" or c.effect in d.effects)
     conclusion = conclude(d, gap, asking)
     others = {"rivals": rivals(d, posterior), "nearest": ("base_tilt",), "asking": asking, "names": NAMES}
-    return Facts(d, conclusion, WHERE, "bench", budget, **others)
+    return Facts(d, conclusion, WHERE, budget, **others)
 
 
 SURE = weighed(base_tilt=0.97, none=0.025, unknown=0.005)
@@ -67,14 +68,14 @@ OUTSIDE, NONE = weighed(unknown=0.6, base_tilt=0.3, none=0.1), weighed(none=0.8,
 @pytest.mark.parametrize(
     ("found", "conclusion", "told"),
     [
-        (facts(SURE), "cause", "Cause: tilt of the base [base_tilt] (p = 0.97; bench)."),
-        (facts(OPEN), "one of several", "tilt of the base [base_tilt] (p = 0.72; 0.76 if it is in the catalogue; bench)"),
+        (facts(SURE), "cause", f"Cause: tilt of the base [base_tilt] (p = 0.97; {BENCHMARK})."),
+        (facts(OPEN), "one of several", f"tilt of the base [base_tilt] (p = 0.72; 0.76 if it is in the catalogue; {BENCHMARK})"),
         (facts(OPEN), "one of several", "do not exclude weight [weight]."),
         (facts(ALONE), "one of several", "do not exclude that no effect carries enough."),
         (facts(STRANGE), "one of several", "do not exclude a cause outside the catalogue."),
         (facts(OUTSIDE), "stage", "An error in the material that varies with time fits best (log evidence 20.0"),
-        (facts(OUTSIDE, asking=BOTH), "outside", "The cause is not in the catalogue (p = 0.60; bench)."),
-        (facts(OUTSIDE, asking=()), "outside", "The cause is not in the catalogue (p = 0.60; bench)."),
+        (facts(OUTSIDE, asking=BOTH), "outside", f"The cause is not in the catalogue (p = 0.60; {BENCHMARK})."),
+        (facts(OUTSIDE, asking=()), "outside", f"The cause is not in the catalogue (p = 0.60; {BENCHMARK})."),
         (facts(NONE), "none", "No cause: no effect accounts for enough"),
         (facts(NONE, gap=False), "noise", "No gap: nothing is above the noise floor"),
         (replace(facts(SURE, enough=False), missing=("only one pressure",)), "too little data", ": only one pressure."),
@@ -280,7 +281,7 @@ def test_two_causes_and_the_other_conclusions_fit_too() -> None:
     vain = headline(attribute("effect", "one of several", {}, "tether", p=0.77), CATALOGUE, closed=0.0)
     assert vain.startswith("Unclear: nothing closes the gap; nearest is") and vain.endswith("(p = 0.77).")
     asking = (StageError("material", "spine_length", 20.0),)
-    unknown = headline(attribute("unknown", "stage", p=0.6), CATALOGUE, asking)
+    unknown = headline(replace(attribute("unknown", "stage", p=0.6), stage_errors=asking), CATALOGUE)
     assert unknown == ("No known cause fits (p = 0.60); it may be in the material and varies with spine length.")
     none = headline(attribute("none", "noise", p=0.9), CATALOGUE, by_calibration=0.93)
     assert none == "Calibration closes 93 % of the gap; no other cause is needed (p = 0.90)."

@@ -16,7 +16,7 @@ from commands import SOUND, Cli
 from diagnosed_case import ROBOT, campaign, folder
 from virtual_lab import VirtualLab, settings
 
-from diagnosis.answer.candidate_experiments import Experiment, candidate_experiments, columns
+from diagnosis.answer.experiments import Experiment, candidate_experiments, columns
 from diagnosis.answer.result import Diagnosis, Proposal, Ranked
 from diagnosis.data.case import states
 from diagnosis.investigate import Investigation, Round

@@ -16,7 +16,7 @@ from diagnosed_case import ROBOT as PAPER
 from diagnosed_case import folder
 from pages import read_as_text
 
-from diagnosis.answer.candidate_experiments import candidate_experiments
+from diagnosis.answer.experiments import candidate_experiments
 from diagnosis.answer.result import Diagnosis, Ranked
 from diagnosis.answer.sentences import disorder
 from diagnosis.data.case import states

@@ -27,15 +27,17 @@ PRESSURE_UNITS = (
 FORCE_UNITS = (Unit("mN", 1000.0), Unit("gram-force", 1000 / 9.80665))
 
 
+def units_near(ratio: float, units: Sequence[Unit], within: float) -> list[Unit]:
+    """All units whose `per_si` is within a factor of a ratio of numbers found to numbers expected; the nearest, even if it is
+    not, comes first."""
+    distance = {unit: abs(math.log(ratio / unit.per_si)) for unit in units}
+    first, *others = sorted(units, key=distance.__getitem__)
+    return [first, *(unit for unit in others if distance[unit] < math.log(within))]
+
+
 def nearest(ratio: float, units: Sequence[Unit], within: float) -> Unit | None:
-    """The unit whose `per_si` is nearest to a ratio of numbers found to numbers expected; None beyond a factor `within`."""
+    """The unit whose `per_si` is nearest to a ratio; None beyond a factor `within`."""
     if not ratio > 0:
         return None
-    best = min(units, key=lambda unit: abs(math.log(ratio / unit.per_si)))
+    best = units_near(ratio, units, within)[0]
     return best if abs(math.log(ratio / best.per_si)) < math.log(within) else None
-
-
-def units_within(ratio: float, units: Sequence[Unit], within: float) -> list[Unit]:
-    """All units within a factor of a ratio, the nearest first; at least one."""
-    order = sorted(units, key=lambda unit: abs(math.log(ratio / unit.per_si)))
-    return [u for u in order if u is order[0] or abs(math.log(ratio / u.per_si)) < math.log(within)]
