@@ -101,11 +101,12 @@ def test_another_kind_of_file_is_told(tmp_path: Path, content: bytes, way: Calla
         way(tmp_path / "absent.mcap")
 
 
-def test_a_pipe_or_a_folder_is_not_followed(tmp_path: Path) -> None:
+@pytest.mark.parametrize("way", [Tail, Recording.open, verify, recover])
+def test_a_pipe_or_a_folder_is_no_recording_and_nobody_waits_for_one(tmp_path: Path, way: Callable[[Path], object]) -> None:
     os.mkfifo(pipe := tmp_path / "pipe.mcap")
     for other in (pipe, tmp_path):
         with pytest.raises(NotARecording):
-            Tail(other)
+            way(other)
 
 
 def test_an_index_that_lies_or_leaves_out_messages_misleads_nobody_and_is_noticed(whole: Path, tmp_path: Path) -> None:
