@@ -115,6 +115,8 @@ OUTSTANDING_FLOORS = 2.0
 """Noise floors that an effect must carry to be named although no hypothesis names it; the definition of "none" in a score."""
 TOGETHER = 2 / 3
 """Probability above which effects are named together: naming one too few then costs as much as one too many."""
+LEAST_SECOND = 0.1
+"""Probability above which an effect is listed among those of which one acts together with what is named."""
 RIVAL_PROBABILITY = 0.01
 """Probability below which an effect is no rival."""
 COMPARED_DISCREPANCY = 0.25

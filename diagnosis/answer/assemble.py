@@ -48,7 +48,7 @@ def attribute_section(f: Attribution, significant: bool, heldout: Mapping[Hypoth
     d = f.decision
     return Attribute(
         d.verdict, d.effects, d.probability, f.posterior.credible_set, tuple(ranked), f.cannot_tell_apart, f.asking,
-        conclude(d, significant, f.asking, bool(f.tense)), rivals(d, f.posterior), d.relatives,
+        conclude(d, significant, f.asking, bool(f.tense)), rivals(d, f.posterior), d.relatives, d.second,
     )  # fmt: skip
 
 

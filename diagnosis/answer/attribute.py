@@ -117,6 +117,11 @@ def attribute(p: Prepared, stages: Mapping[str, Stage], executor: Executor = SIN
     ranked = with_unknown(w.known, found[NONE], odds / (1 + odds))
     decision = decide(ranked, not lacking(p.states), w.budget.nothing_stands_out)
     answered = best if decision.verdict == "effect" else leading
+    decision = replace(
+        decision,
+        relatives=alike(among, decision.effects, answered.log_evidence),
+        second=w.budget.second(decision.effects) if decision.effects else {},
+    )
     return Attribution(
         prepared=p,
         posterior=ranked,
@@ -124,7 +129,7 @@ def attribute(p: Prepared, stages: Mapping[str, Stage], executor: Executor = SIN
         best=replace(best, made=None),
         calibrated=calibrated(p),
         misfit=misfit,
-        decision=replace(decision, relatives=alike(among, decision.effects, answered.log_evidence)),
+        decision=decision,
         distinguishability=_distinguishability(p, found, ranked, best),
         budget=w.budget,
         stage_errors=of_stages,

@@ -163,6 +163,8 @@ class Attribute:
     """Effects of the 95 % set beside what is named."""
     relatives: tuple[str, ...] = ()
     """Causes outside the catalogue that do the same to these readings, `criticism.relatives`."""
+    second: Mapping[str, float] = field(default_factory=dict)
+    """Effects of which one acts together with what is named, and the probability of each."""
 
 
 @dataclass(frozen=True)

@@ -114,10 +114,10 @@ def _sure(f: Facts) -> str:
 def _verdict(f: Facts) -> str:
     named = " and ".join(with_id(e, f.names) for e in f.decision.effects)
     if f.conclusion == "cause":
-        return f"Cause: {named} ({_sure(f)})."
+        return f"Cause: {named} ({_sure(f)}).{_second(f)}"
     if f.conclusion == "one of several":
         by = f" To tell them apart: {f.tie_breaker}." if f.tie_breaker else ""
-        return f"Behaves most like {named} ({_sure(f)}); the data do not exclude {_others(f)}.{by}{_relatives(f)}"
+        return f"Behaves most like {named} ({_sure(f)}); the data do not exclude {_others(f)}.{by}{_second(f)}{_relatives(f)}"
     if f.conclusion == "none" and f.decision.too_small:
         leading = " and ".join(with_id(e, f.names) for e in f.decision.too_small)
         return (
@@ -138,6 +138,12 @@ def _verdict(f: Facts) -> str:
             "another stage may do the same to these states."
         )
     return f"The cause is not in the catalogue ({_sure(f)}).{where}{_relatives(f)}"
+
+
+def _second(f: Facts) -> str:
+    """One of several effects that acts together with what is named."""
+    each = [f"{with_id(e, f.names)} (p = {p:.2f})" for e, p in f.decision.second.items()]
+    return f" Together with it acts another of comparable size: {' or '.join(each)}." if each else ""
 
 
 def _relatives(f: Facts) -> str:

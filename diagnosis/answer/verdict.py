@@ -11,8 +11,8 @@ too little data   the table lacks what it takes to name a cause
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -39,6 +39,8 @@ class Decision:
     """Effects that lead but are not named, as probably nothing stands out."""
     relatives: tuple[str, ...] = ()
     """Causes outside the catalogue that do the same to these readings (`criticism.relatives`)."""
+    second: Mapping[str, float] = field(default_factory=dict)
+    """Effects of which one acts together with what is named, and the probability of each (`Budget.second`)."""
 
     @property
     def within(self) -> float:

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from ..judgement import COMPARABLE, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE, OUTSTANDING_FLOORS, TOGETHER
+from ..judgement import COMPARABLE, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE, LEAST_SECOND, OUTSTANDING_FLOORS, TOGETHER
 from .candidate import Candidate
 from .evidence import KNOWN, NONE, Hypothesis, Weighed
 from .fit import Fit
@@ -67,6 +67,18 @@ class Budget:
     def nothing_stands_out(self) -> float:
         """Probability that no effect carries `OUTSTANDING_FLOORS`."""
         return float(self.weight[(self.floors < OUTSTANDING_FLOORS).all(axis=1)].sum())
+
+    def second(self, answer: Hypothesis) -> dict[str, float]:
+        """Effects that draws name together with an answer, and how probable each is given that: where it is probable that one of
+        them acts, but of none by itself. Most probable first."""
+        named = np.array([[e in own for e in self.effects] for own in self.named])
+        held = self.weight * np.array([set(answer) <= set(own) for own in self.named])
+        named[:, [self.effects.index(e) for e in answer]] = False
+        any_other, each = float(held @ named.any(axis=1)), held @ named
+        if any_other <= TOGETHER * held.sum():
+            return {}
+        listed = [i for i in np.argsort(-each).tolist() if each[i] > LEAST_SECOND * held.sum()]
+        return {self.effects[i]: float(each[i] / held.sum()) for i in listed}
 
     def interval(self, effect: str, *quantiles: float) -> tuple[float, ...]:
         """Quantiles (m) of what an effect carries, its law as wrong as laws may be."""

@@ -29,7 +29,7 @@ NONE, TOLERANT = 0.0, 0.3
         ((1.9, 0.3, 0.1), NONE, ("b",), ()),  # what carries most is a tolerance, and less than two floors
         ((1.9, 0.3, 0.1), NONE, ("a",), ("a",)),
         ((2.1, 0.3, 0.1), NONE, ("a",), ("a",)),
-        ((5.0, 2.0, 0.1), NONE, ("a", "b"), ("a",)),  # less than half of the largest carrier
+        ((5.0, 1.6, 0.1), NONE, ("a", "b"), ("a",)),  # less than a third of the largest carrier
         ((5.0, 3.0, 0.1), NONE, ("a", "b"), ("a", "b")),
         ((5.0, 3.0, 0.1), NONE, ("a",), ("a",)),  # a tolerance beside the largest carrier is none
         ((1.5, 4.0, 0.1), NONE, (), ("b",)),  # the largest carrier is named though no hypothesis names it
@@ -41,11 +41,26 @@ NONE, TOLERANT = 0.0, 0.3
         ((1.4, 1.9, 0.0), 0.4, ("a",), ()),  # the largest is no cause
     ],
 )
-def test_what_carries_at_least_half_of_the_largest_and_a_floor_is_named(
+def test_what_carries_a_third_of_the_largest_and_a_floor_is_named(
     floors: tuple[float, ...], second: float, hypothesis: tuple[str, ...], expected: tuple[str, ...]
 ) -> None:
     size = np.array([1.0, second, 0.1]) * (second > 0)
     assert module._named(np.array(floors), size, EFFECTS, hypothesis) == expected
+
+
+@pytest.mark.parametrize(
+    ("named", "weight", "expected"),
+    [
+        (("ab", "ac", "a"), (0.5, 0.4, 0.1), {"b": 0.5, "c": 0.4}),  # one of them acts, these data do not tell which
+        (("ab", "ac", "a"), (0.3, 0.3, 0.4), {}),  # perhaps none does
+        (("ab", "ac", "b"), (0.4, 0.05, 0.55), {"b": 0.4 / 0.45, "c": 0.05 / 0.45}),  # of the draws that name the answer
+    ],
+)
+def test_where_one_of_several_acts_with_the_answer_all_are_told(
+    named: tuple[str, ...], weight: tuple[float, ...], expected: dict[str, float]
+) -> None:
+    b = Budget(EFFECTS, *(np.zeros((3, 3)),) * 2, np.array(weight), np.zeros(3), np.zeros(3, bool), {}, tuple(map(tuple, named)))
+    assert b.second(("a",)) == pytest.approx(expected)
 
 
 def test_quantiles_are_weighted() -> None:

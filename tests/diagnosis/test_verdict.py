@@ -65,6 +65,12 @@ ALONE, STRANGE = weighed(base_tilt=0.72, none=0.2, unknown=0.08), weighed(base_t
 OUTSIDE, NONE = weighed(unknown=0.6, base_tilt=0.3, none=0.1), weighed(none=0.8, base_tilt=0.15, unknown=0.05)
 
 
+def test_a_second_cause_that_may_be_one_of_several_is_told() -> None:
+    sure = facts(SURE)
+    both = replace(sure, decision=replace(sure.decision, second={"weight": 0.55, "contact": 0.44}))
+    assert "acts another of comparable size: weight [weight] (p = 0.55) or contact [contact] (p = 0.44)." in statement(both)
+
+
 @pytest.mark.parametrize(
     ("found", "conclusion", "told"),
     [
