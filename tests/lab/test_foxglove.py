@@ -11,7 +11,7 @@ import socket
 import struct
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
@@ -77,7 +77,10 @@ class Viewer:
             said = self.answer()
             assert said["op"] == "advertise"
             self.channels |= {channel["id"]: channel for channel in said["channels"]}
-        wanted = [{"id": n, "channelId": n} for n, channel in self.channels.items() if channel["topic"] in topics]
+        self._subscribe(n for n, channel in self.channels.items() if channel["topic"] in topics)
+
+    def _subscribe(self, numbers: Iterable[int]) -> None:
+        wanted = [{"id": n, "channelId": n} for n in numbers]
         self.wire.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
 
     def told(self, within: float = WITHIN) -> Iterator[Any]:
@@ -90,7 +93,12 @@ class Viewer:
                 yield None
                 continue
             if isinstance(data, str):
-                assert json.loads(data)["op"] == "advertise"
+                said = json.loads(data)
+                if said["op"] == "status" and "unknown channel" in said["message"].lower():
+                    # the server tells of a channel before it takes subscriptions to it: again, as Foxglove does by the user
+                    self._subscribe(n for n in self.channels if str(n) in re.findall(r"\d+", said["message"]))
+                else:
+                    assert said["op"] == "advertise", said
             elif data[0] == 1:
                 number, log_time = struct.unpack_from("<IQ", data, 1)
                 yield self.channels[number]["topic"], log_time, data[13:]
