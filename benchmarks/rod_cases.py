@@ -17,7 +17,7 @@ SPINE_AREA = math.pi * INNER**2
 CHAMBER, PATH = 1.5 * math.pi * 0.005**2, 0.04
 
 
-def _robots(
+def rods_like_it(
     spine: Array, moduli: tuple[Array, Array], push: Array, roll: Array, dead: tuple[Array, Array, Array], weight: Array,
     form: Form | None = None,
 ) -> Rods:  # fmt: skip
@@ -49,7 +49,7 @@ def paper_rods(n: int, seed: int, form: Form | None = None) -> Rods:
     push = pressure * CHAMBER * r.uniform(0.9, 1.1, n)
     weight = 1300.0 * AREA * GRAVITY * r.uniform(0.9, 1.1, n)
     dead = (np.zeros(n), np.zeros(n), 0.053 * GRAVITY * r.uniform(0.5, 1.5, n))
-    return _robots(spine, (mixed, body), push, roll, dead, weight, form)
+    return rods_like_it(spine, (mixed, body), push, roll, dead, weight, form)
 
 
 def directions(found: Rods) -> Array:
@@ -101,4 +101,4 @@ def wild_rods(n: int, seed: int) -> Rods:
     roll = r.uniform(0, 2 * np.pi, n)
     angle, size = r.uniform(0, 2 * np.pi, n), r.uniform(0, 5, n)
     dead = (size * np.cos(angle), size * np.sin(angle), 0.053 * GRAVITY * r.uniform(0, 3, n))
-    return _robots(spine, (mixed, body), pressure * CHAMBER, roll, dead, 1300.0 * AREA * GRAVITY * r.uniform(0.8, 1.2, n))
+    return rods_like_it(spine, (mixed, body), pressure * CHAMBER, roll, dead, 1300.0 * AREA * GRAVITY * r.uniform(0.8, 1.2, n))

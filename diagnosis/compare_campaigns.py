@@ -1,8 +1,7 @@
-"""Yesterday it matched, today it does not: what changed between a reference campaign and a later one?
+"""What changed between a reference campaign and a later one.
 
-The reference is diagnosed for what the robot is; whatever it already had, named or not, is common to both. The later
-campaign gets parameters of its own for every effect, and those are weighed: one effect changed, two, none, or something
-outside the catalogue. What both campaigns have in common, the smooth discrepancy included, can change nothing.
+Both are fitted at once. What the robot already had is common to both; the later campaign has parameters of its own for every
+effect, and those are weighed: one effect changed, two, none, or something outside the catalogue.
 """
 
 from __future__ import annotations
@@ -12,33 +11,29 @@ from copy import copy
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from model.actuators import Chambers, Words
 from model.effects.catalogue import CATALOGUE
 from model.effects.spec import EffectSpec
 
+from .answer.attribute import weighed
 from .answer.headline import for_people
 from .answer.result import Change
 from .answer.sentences import OUTSIDE, plain_name, with_id
+from .arrays import Array
 from .criticism.misfit import misfit_diagnostics
 from .criticism.outside import odds_outside
 from .data.campaign import Campaign
 from .data.case import CaseLike, states
-from .data.noise import Lasting, Noise
 from .errors import TooLittle
-from .inference.budget import budget, by_what_is_carried, parts
+from .inference.budget import parts
 from .inference.evidence import NONE, Hypothesis
 from .inference.executor import SINGLE_THREAD, Executor, one_thread
-from .inference.posterior import UNKNOWN, Posterior, posterior, with_unknown
+from .inference.posterior import UNKNOWN, Posterior, with_unknown
 from .inference.prepare import Prepared, prepare
 from .inference.problem import Parameters, Problem
-from .inference.search import Search
-from .judgement import BENCHMARK, LEAST_NAMED_SIZE, TEMPERATURE, UNCHANGED
-
-Array = NDArray[np.float64]
-
+from .judgement import BENCHMARK, LEAST_NAMED_SIZE, UNCHANGED
 
 ANOTHER_DAY = {
     "tilt": "base_tilt",
@@ -68,42 +63,31 @@ def compare_campaigns(
         )
     both = _comparable(states(reference)[0], states(later)[0])
     before, after = (prepare(later.robot, s, catalogue=catalogue) for s in both)
-    search = Search(_joined(before, after), executor=executor)
-    candidates = search.run()
-    effects = len(after.problem.parameters.ids)
-    whole = posterior(candidates, effects, TEMPERATURE)
     # A change is named for what it moves in the later campaign, as a cause is.
     offset = len(before.problem.observed)
-    where = [replace(part, rows=part.rows + offset) for part in parts(after)]
-    known = by_what_is_carried(budget(search.problem, where, search.tried, TEMPERATURE), whole)
-    first, answer = search.leading_and_answer(*(k.candidates[k.ranking[0][0]] for k in (whole, known)))
-    trials = [before.labels.trial, after.labels.trial + before.labels.trial.max() + 1]
-    excess_scatter = max(before.noise_components.excess_scatter, after.noise_components.excess_scatter)
-    misfit = misfit_diagnostics(search.problem, first, np.concatenate(trials), excess_scatter, answer)
-    odds = odds_outside(search.tried, (), misfit.law_error_gain, excess_scatter, effects)
-    found = with_unknown(known, whole.candidates[NONE], odds / (1 + odds))
-    named = found.ranking[0][0]
-    best = found.candidates[named]
-    parameters = search.problem.parameters
-    sizes = {
-        name: float(best.fit.theta[i])
-        for i, name in enumerate(parameters.names)
-        if parameters.effects[i] in named and named != UNKNOWN
-    }
+    w = weighed(_joined(before, after), [replace(part, rows=part.rows + offset) for part in parts(after)], executor)
+    trials = np.concatenate([before.labels.trial, after.labels.trial + before.labels.trial.max() + 1])
+    excess_scatter = max(p.noise_components.excess_scatter for p in (before, after))
+    misfit = misfit_diagnostics(w.search.problem, w.leading, trials, excess_scatter, w.best)
+    odds = odds_outside(w.search.tried, (), misfit.law_error_gain, excess_scatter, len(after.problem.parameters.ids))
+    found = with_unknown(w.known, w.whole.candidates[NONE], odds / (1 + odds))
+    named, parameters = found.ranking[0][0], w.search.problem.parameters
+    theta = found.candidates[named].fit.theta
+    own = [i for i, effect in enumerate(parameters.effects) if effect in named and named != UNKNOWN]
+    sizes = {parameters.names[i]: float(theta[i]) for i in own}
     told = what_is_told(found)
     return Change(sentence(found, told, sizes, catalogue, later.robot.actuators.words), found.ranking[:10], sizes, told)
 
 
 def _comparable(before: Campaign, after: Campaign) -> tuple[Campaign, Campaign]:
     """What both campaigns hold: states of the robot, stiffness trials, or both."""
-    kinds = [sum(bool((s.pushed == pushed).any()) for s in (before, after)) == 2 for pushed in (False, True)]
-    if not any(kinds):
+    kinds = np.array([all((s.pushed == pushed).any() for s in (before, after)) for pushed in (False, True)])
+    if not kinds.any():
         raise TooLittle(
             "one campaign has only stiffness trials and the other has none: compare campaigns of the same kind, or "
             "record what is missing"
         )
-    both = [s.take(np.array(kinds)[s.pushed.astype(int)]) for s in (before, after)]
-    return both[0], both[1]
+    return before.take(kinds[before.pushed.astype(int)]), after.take(kinds[after.pushed.astype(int)])
 
 
 def what_is_told(found: Posterior) -> Hypothesis:
@@ -119,34 +103,32 @@ def sentence(
     words: Words = Chambers.words,
 ) -> str:
     """What changed, in words; `sizes` of the most probable change's parameters."""
-    (named, p), benchmark = found.ranking[0], BENCHMARK
+    named, p = found.ranking[0]
+    sure = f"p = {p:.2f}, {BENCHMARK}"
     names = {e: words.say(spec.name) for e, spec in catalogue.items()}
     effects = OUTSIDE if named == UNKNOWN else " and ".join(with_id(e, names) for e in named)
     if named == NONE:
-        return f"No change since the reference stands out from the noise (p = {p:.2f}, {benchmark})."
+        return f"No change since the reference stands out from the noise ({sure})."
     if told == NONE:
         return (
             f"No change since the reference is certain: that nothing changed has p = {found.probability(NONE):.2f}; most "
-            f"probable otherwise: {effects} (p = {p:.2f}, {benchmark})."
+            f"probable otherwise: {effects} ({sure})."
         )
     if named == UNKNOWN:
-        return f"Something has changed since the reference that no effect of the catalogue explains (p = {p:.2f}, {benchmark})."
+        return f"Something has changed since the reference that no effect of the catalogue explains ({sure})."
     units = {f"{e}.{q.name}": q.unit for e in named for q in catalogue[e].parameters}
-    by = "; ".join(_changed(name.removesuffix(CHANGE), value, units, names, words) for name, value in sizes.items())
-    return f"Since the reference {effects} changed ({by}; p = {p:.2f}, {benchmark})."
-
-
-def _changed(name: str, value: float, units: Mapping[str, str], names: Mapping[str, str], words: Words) -> str:
-    number, unit = for_people(value, units[name], words)
-    return f"{plain_name(name, names)} by {number:.3g} {unit}".rstrip()
+    by = []
+    for name, value in ((name.removesuffix(CHANGE), value) for name, value in sizes.items()):
+        number, unit = for_people(value, units[name], words)
+        by.append(f"{plain_name(name, names)} by {number:.3g} {unit}".rstrip())
+    return f"Since the reference {effects} changed ({'; '.join(by)}; {sure})."
 
 
 class _JointForward:
     """Two campaigns as one forward model.
 
-    Its parameters theta are those of the reference; those that the later campaign has for itself (`later_only`: trials, repeats,
-    drift, what another day brings); and the change of each effect since. The later campaign is predicted with the values that it
-    shares with the reference, plus the changes, and with its own.
+    Its parameters theta are those of the reference; those that the later campaign has for itself (trials, repeats, drift, what
+    another day brings); and the change of each effect since, which is added to the value that both share.
     """
 
     def __init__(self, before: Prepared, after: Prepared) -> None:
@@ -223,29 +205,8 @@ def _joined(before: Prepared, after: Prepared) -> Problem:
     of the later one, whose changes are named."""
     forward = _JointForward(before, after)
     first, second = before.problem, after.problem
-    wide = max(x.noise.pressure_response.shape[1] for x in (first, second))
-    noise = replace(
-        first.noise,
-        state=np.concatenate([first.noise.state, second.noise.state + first.noise.state.max() + 1]),
-        sd=np.concatenate([first.noise.sd, second.noise.sd]),
-        pressure_response=np.concatenate([_wide(x.noise.pressure_response, wide) for x in (first, second)]),
-        lasting=_lasting(first.noise, second.noise),
-    )
     smooth = block_diag(first.discrepancy, second.discrepancy)
     later = (second.shared_basis, second.channel_basis)
     shared_basis, channel_basis = (np.vstack([np.zeros((len(first.observed), x.shape[1])), x]) for x in later)
     measured = np.concatenate([first.observed, second.observed])
-    return Problem(forward, forward.parameters, measured, noise, smooth, shared_basis, channel_basis)
-
-
-def _lasting(first: Noise, second: Noise) -> Lasting | None:
-    """Errors that last from one reading to the next (see `data.noise`), of the values of both; None where neither has any."""
-    if first.lasting is None and second.lasting is None:
-        return None
-    before, after = (noise.lasting or Lasting.none(len(noise.sd)) for noise in (first, second))
-    return before.then(after)
-
-
-def _wide(columns: Array, wide: int) -> Array:
-    """Columns (n, r) with empty ones behind (n, wide)."""
-    return np.pad(columns, ((0, 0), (0, wide - columns.shape[1])))
+    return Problem(forward, forward.parameters, measured, first.noise.then(second.noise), smooth, shared_basis, channel_basis)

@@ -16,11 +16,14 @@ import numpy as np
 from model.effects.catalogue import CATALOGUE
 from model.effects.spec import EffectSpec
 
-from .answer import assemble, next_experiment
+from .answer import assemble
 from .answer.attribute import attribute
-from .answer.carried import carried
+from .answer.calibration import calibration, simulator
+from .answer.detail import detail
+from .answer.experiments import propose
 from .answer.headline import headline
 from .answer.holdout import evaluate_holdout, unseen_states
+from .answer.locate import locate
 from .answer.result import Diagnosis
 from .answer.rivals import Rivals
 from .answer.sentences import (
@@ -29,10 +32,11 @@ from .answer.sentences import (
     beyond_tolerance,
     closed_by_calibration,
     doubtful_area_factor,
+    scatter,
     statement,
     stiffness_sentence,
 )
-from .answer.unseen import Unseen, unseen
+from .answer.waterfall import Unseen, unseen
 from .data.baseline import Baseline
 from .data.case import CaseLike, lacking, states
 from .data.chamber_sides import ORDER
@@ -40,7 +44,6 @@ from .data.first_calibration import FirstCalibration, calibrate_first
 from .errors import BadCase
 from .inference.executor import SINGLE_THREAD, Executor, one_thread
 from .inference.prepare import prepare
-from .judgement import BENCHMARK, USUAL_EXCESS
 
 
 @dataclass(frozen=True)
@@ -112,65 +115,47 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     # Other processes predict what was held out while this one does the rest.
     predicting = unseen(found, wanted.executor) if wanted.quantify else Unseen
     rivals = Rivals.of(prepared, found.posterior, found.distinguishability)
-    proposals = next_experiment.propose(prepared, rivals, found.posterior, wanted.executor) if wanted.experiments else ()
+    proposals = propose(prepared, rivals, found.posterior, wanted.executor) if wanted.experiments else ()
     tested = evaluate_holdout(found, other) if other is not None else None
-    where = assemble.locate_section(found, stages)
+    where = locate(found, stages)
     held_out = predicting()
     words = case.robot.actuators.words
     names = {e: words.say(spec.name) for e, spec in wanted.catalogue.items()}
-    detail = {**assemble.detail_section(found, held_out.errors, tested, names), "names": names}
-    if first.changed:
-        detail["first_calibration"] = first.detail()
-    budget = carried(found)
+    shown = detail(found, held_out.errors, tested, names)
     which = assemble.attribute_section(found, where.significant, held_out.rms_mm)
+    scale = calibration(found)
     facts = Facts(
-        found.decision, which.conclusion or "none", where, BENCHMARK, budget, held_out.shrink,
-        held_out.waterfall, which.rivals,
-        next((x.do for x in proposals if x.separates), None), found.best.named, found.asking,
-        found.misfit.outlier_trial, lacking(first.states), assemble.simulator_section(found),
-        calibration := assemble.calibration_section(found), names,
+        found.decision, which.conclusion, where, assemble.budget_section(found), held_out.shrink, held_out.waterfall,
+        which.rivals, next((x.do for x in proposals if x.separates), None), found.best.named, found.asking,
+        found.misfit.outlier_trial, lacking(first.states), simulator(found), scale, names,
     )  # fmt: skip
     text = statement(facts)
     if first.changed:
+        shown["first_calibration"] = first.detail()
         text = f"{first.sentence} {'Beside that: ' if first.order else ''}{text}"
-    if "stiffness" in detail and where.of == "tip":
-        text += f" {stiffness_sentence(detail['stiffness'], found.decision)}"
+    if "stiffness" in shown and where.of == "tip":
+        text += f" {stiffness_sentence(shown['stiffness'], found.decision)}"
     if first.order:
         which = assemble.beside(which, ORDER)
-    if calibration is not None:
-        concerns = (*concerns, *doubtful_area_factor(calibration.area_factor / calibration.given))
-    concerns = (*concerns, *beyond_tolerance(prepared.problem.parameters, found.tense, first.robot))
-    concerns = (*concerns, *_scatter_concern(prepared.noise_components.excess_scatter))
+    concerns = (
+        *concerns,
+        *(doubtful_area_factor(scale.area_factor / scale.given) if scale is not None else ()),
+        *beyond_tolerance(prepared.problem.parameters, found.tense, first.robot),
+        *scatter(prepared.noise_components.excess_scatter),
+    )
+    closed = None if held_out.shrink is None else held_out.shrink.share_closed
     answer = Diagnosis(
-        statement=words.say(text) + (f" {detail['holdout']['statement']}" if tested is not None else ""),
+        statement=words.say(text) + (f" {shown['holdout']['statement']}" if tested is not None else ""),
         data=assemble.data_section(prepared, case.table),
         locate=where,
         attribute=which,
         shrink=held_out.shrink,
         next_experiment=proposals,
         concerns=tuple(map(words.say, concerns)),
-        detail=detail,
-        budget=budget,
+        detail=shown,
+        budget=facts.budget,
         waterfall=held_out.waterfall,
-        calibration=calibration,
-        headline=headline(
-            which,
-            wanted.catalogue,
-            found.asking,
-            facts.missing,
-            closed_by_calibration(facts),
-            words,
-            None if held_out.shrink is None else held_out.shrink.share_closed,
-            as_stiff(calibration) if calibration is not None else "",
-        ),
+        calibration=scale,
+        headline=headline(which, wanted.catalogue, words, facts.missing, closed_by_calibration(facts), closed, as_stiff(scale)),
     )
     return Examined(answer, rivals, first)
-
-
-def _scatter_concern(excess_scatter: float) -> tuple[str, ...]:
-    if excess_scatter < USUAL_EXCESS:
-        return ()
-    return (
-        f"repeats of the same state scatter {excess_scatter:.1f} times more than instruments and re-grown spines usually do: "
-        "find out what changes from trial to trial before trusting a cause",
-    )

@@ -1,12 +1,4 @@
-"""The error tree of the diagnosis.
-
-    DiagnosisError                 anything the diagnosis refuses
-    |-- BadCase       (ValueError)     the table cannot be used at all: nothing measured, mixed units, not finite
-    |-- BadHoldout    (ValueError)     the campaign held out cannot be used, or the fit saw it
-    `-- TooLittle     (ValueError)     the table is sound but does not hold what this question needs
-
-Each message says what is there, what would be needed and what to do next.
-"""
+"""What the diagnosis refuses. Each message says what is there, what would be needed and what to do next."""
 
 from __future__ import annotations
 
@@ -16,7 +8,7 @@ class DiagnosisError(Exception):
 
 
 class BadCase(DiagnosisError, ValueError):
-    """The table cannot be used at all."""
+    """The table cannot be used at all: nothing measured, mixed units, not finite."""
 
 
 class BadHoldout(DiagnosisError, ValueError):

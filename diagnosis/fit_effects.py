@@ -1,13 +1,11 @@
 """A robot fitted with the effects that are asked for: the area factor, their parameters, and the tolerances of the set-up.
 
-The problem is that of the diagnosis (noise, discrepancy, tolerances of single trials integrated out) and so is the search;
-what is written down is the most probable point and how uncertain it is. Effects that are not named are absent.
+Problem and search are those of the diagnosis (noise, discrepancy, tolerances of single trials integrated out); what is written
+down is the most probable point and how uncertain it is. Effects that are not named are absent.
 
     fitted = fit_effects(case, ["spine_slip"])
     fitted.robot          # for robot.yaml
     fitted.parameters     # area_factor, spine_slip.moment .. with sd and unit
-
-With `residual=True` what the robot then still misses is learnt on top, see `diagnosis.fit_residual`.
 """
 
 from __future__ import annotations
@@ -17,7 +15,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.effects.catalogue import CATALOGUE
 from model.effects.nominal import TOLERANCES, stated_effects
@@ -29,10 +26,11 @@ from model.stated import AREA_FACTOR, Stated
 from .answer.attribute import calibrated
 from .answer.sentences import beyond_tolerance
 from .answer.shrink import rms
+from .arrays import Array
 from .criticism.gaussian import Gaussian
 from .data.case import CaseLike, states
 from .data.chamber_sides import ORDER, contradicted
-from .data.first_calibration import FirstCalibration, calibrate_first
+from .data.first_calibration import calibrate_first
 from .errors import BadCase
 from .fit_residual import DIGITS, learn_residual
 from .inference.candidate import Candidate
@@ -44,8 +42,6 @@ from .inference.problem import Parameters
 from .inference.reading_noise import with_vented_at_zero
 from .inference.search import Search
 from .judgement import UNDETERMINED_SHARE
-
-Array = NDArray[np.float64]
 
 ALWAYS_CONSIDERED = "pressure_offset"
 """Noise of the pressure readings is found by its derivatives, whether or not it is fitted."""
@@ -91,14 +87,12 @@ class Fitted:
         """JSON-able."""
         posterior = self.robot.posterior
         return {
-            "effects": list(self.effects),
-            "parameters": {n: {"value": p.value, "sd": p.sd, "unit": p.unit} for n, p in self.parameters.items()},
-            "undetermined": list(self.undetermined),
-            "states": self.states,
-            "trials": self.trials,
+            **{
+                name: getattr(self, name)
+                for name in ("effects", "undetermined", "states", "trials", "calibrated_mm", "fitted_mm")
+            },
+            "parameters": {n: p.model_dump() for n, p in self.parameters.items()},
             "in_sample": True,
-            "calibrated_mm": self.calibrated_mm,
-            "fitted_mm": self.fitted_mm,
             "noise_floor_mm": 1e3 * posterior.noise.floor if posterior else None,
             "law_error": posterior.law_error if posterior else None,
             "discrepancy_mm": 1e3 * posterior.discrepancy if posterior else None,
@@ -120,14 +114,16 @@ def fit_effects(
     the catalogue, `BadRobot` for one that robot.yaml states wrongly, `BadCase` when the table cannot be used, or is too short
     for a residual.
     """
-    named = _known(effects, catalogue)
+    for effect in effects:
+        if effect not in catalogue:
+            raise BadEffect(f"effect {effect!r}: is not known, {nearest(effect, catalogue)}")
+    named = tuple(id for id in catalogue if id in effects)
     own, concerns = states(case)
     if own.pushed.all():
         raise BadCase("effects are fitted to tips, and no row has one: record a bending or elongation run")
-    robot = case.robot
-    kept = {id: stated for id, stated in robot.effects.items() if id not in named}
-    robot = robot.model_copy(update={"effects": kept, "tolerances": {}, "posterior": None, "residual": None})
-    first = calibrate_first(robot, own, named) if not kept else FirstCalibration(robot, own)
+    kept = {id: stated for id, stated in case.robot.effects.items() if id not in named}
+    robot = case.robot.model_copy(update={"effects": kept, "tolerances": {}, "posterior": None, "residual": None})
+    first = calibrate_first(robot, own, named)  # leaves a robot with effects as it is
     robot, own = first.robot, first.states
     concerns = (first.concern, *concerns) if first.changed else concerns
     # an order that was found is part of the robot now
@@ -144,28 +140,21 @@ def fit_effects(
     progress("step 3 of 4: effects", 0.0)
     found = search.fitted(named)
     progress("step 4 of 4: tolerances", 0.0)
-    missed = _missed(p, _written_alone(p, found.fit.theta))
-    before, after = _rms(p, _missed(p, p.common(baseline.theta))), _rms(p, missed)
+    main = own.main
+    before, missed = (_missed(p, theta)[main] for theta in (p.common(baseline.theta), _written_alone(p, found.fit.theta)))
+    after = rms(missed)
     stated, posterior, unseen = _posterior(p, found, after)
     written = _written(robot, p, named, stated, posterior)
     learnt = None
     if residual:
-        main = own.main
-        learnt = learn_residual(written, own.trial[main], with_vented_at_zero(own)[main], own.spine_length[main], missed[main])
+        learnt = learn_residual(written, own.trial[main], with_vented_at_zero(own)[main], own.spine_length[main], missed)
         written = written.model_copy(update={"residual": learnt.residual})
     parameters = p.problem.parameters
     concerns = (*concerns, *beyond_tolerance(parameters, parameters.tense(found.fit.theta), robot))
     return Fitted(
-        written, (*found_before, *named), stated, len(own), len(np.unique(own.trial)), 1e3 * before,
+        written, (*found_before, *named), stated, len(own), len(np.unique(own.trial)), 1e3 * rms(before),
         p.area_factor(baseline.theta), 1e3 * after, concerns, unseen, None if learnt is None else 1e3 * learnt.left_out,
     )  # fmt: skip
-
-
-def _known(effects: Sequence[str], catalogue: Mapping[str, EffectSpec]) -> tuple[str, ...]:
-    for effect in effects:
-        if effect not in catalogue:
-            raise BadEffect(f"effect {effect!r}: is not known, {nearest(effect, catalogue)}")
-    return tuple(id for id in catalogue if id in effects)
 
 
 def _written_alone(p: Prepared, theta: Array) -> Array:
@@ -179,11 +168,6 @@ def _written_alone(p: Prepared, theta: Array) -> Array:
 def _missed(p: Prepared, theta: Array) -> Array:
     """(n, 3) m, measured - predicted tips."""
     return p.tip(p.problem.observed - p.problem.forward.predict(theta))
-
-
-def _rms(p: Prepared, missed: Array) -> float:
-    gap = np.linalg.norm(missed[p.states.main], axis=1)
-    return rms(gap[np.isfinite(gap)])
 
 
 def _posterior(p: Prepared, c: Candidate, left: float) -> tuple[dict[str, Stated], dict[str, Any], tuple[str, ...]]:

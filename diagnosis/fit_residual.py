@@ -4,9 +4,8 @@ The most probable scales maximise
 
     log N(y_x) + log N(y_y) + log N(y_z) + log p(scales),    y ~ N(0, C),
 
-y the distances missed along the three axes, C their covariance, and p a wide log-normal prior that keeps the scales of few
-states near the range of the campaign. How good it is is told from trials that were left out: with Q = C^-1, the
-residual of trial b without its own states is Q_bb^-1 (Q y)_b (Rasmussen & Williams, 2006, ch. 5).
+y the distances missed along the three axes, C their covariance, p a wide log-normal prior about the range of the campaign. With
+Q = C^-1, the residual of trial b without its own states is Q_bb^-1 (Q y)_b (Rasmussen & Williams, 2006, ch. 5).
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 
@@ -23,10 +21,8 @@ from model.robot import Robot
 from model.stated import Residual
 
 from .answer.shrink import rms
+from .arrays import Array, Ints, Mask
 from .errors import BadCase
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 LEAST_STATES = 6
 SCALE_RANGE, SCALE_SD = 0.7, 1.0
@@ -65,7 +61,7 @@ def learn_residual(robot: Robot, trial: Ints, pressure: Array, length: Array, mi
     kept = _some(trial, 1000)
     trial, pressure, length, missed = trial[kept], pressure[kept], length[kept], missed[kept]
     u = section_sums(robot, pressure)
-    ranges = _range(np.linalg.norm(u, axis=1)), _range(length)
+    ranges = tuple(max(float(np.max(np.abs(v))), 1e-6) for v in (np.linalg.norm(u, axis=1), length))
     kept = _some(trial, 400)
     scales = _scales(u[kept], length[kept], trial[kept], missed[kept], ranges)
     table = np.column_stack([trial, u, length, missed])
@@ -73,17 +69,17 @@ def learn_residual(robot: Robot, trial: Ints, pressure: Array, length: Array, mi
         **dict(zip(("amplitude", "pressure_scale", "length_scale", "trial", "reading"), scales, strict=True)),
         states=[[float(f"{v:.{DIGITS}g}") for v in row] for row in table.tolist()],
     )
-    return Learnt(own, _rms(_left_out(own, u, length, trial, missed)))
+    return Learnt(own, rms(_left_out(own, u, length, trial, missed)))
 
 
-def _scales(u: Array, length: Array, trial: Ints, missed: Array, ranges: tuple[float, float]) -> list[float]:
+def _scales(u: Array, length: Array, trial: Ints, missed: Array, ranges: tuple[float, ...]) -> list[float]:
     """Scales of the Gaussian process at their most probable values, from several starts: amplitude (m), scales of pressure (Pa)
     and of spine length (m), standard deviations (m) of trials and of readings.
 
     `u` (n, 3) Pa: sums of the pressures over the section; `missed` (n, 3) m; `ranges`: the largest |u| and the largest length.
     """
-    size = max(_rms(missed) / np.sqrt(3), 1e-9)  # m, of one axis
-    log_usual = np.log([size, ranges[0], ranges[1], size, size])
+    size = max(rms(missed) / np.sqrt(3), 1e-9)  # m, of one axis
+    log_usual = np.log([size, *ranges, size, size])
 
     def cost(x: Array) -> float:
         """Minus the logarithm that is maximised, up to a constant; x (5,): logarithms of the scales over usual values."""
@@ -96,12 +92,8 @@ def _scales(u: Array, length: Array, trial: Ints, missed: Array, ranges: tuple[f
         prior = (((x[1:3] - np.log(SCALE_RANGE)) / SCALE_SD) ** 2).sum()
         return 0.5 * (chi_square + 3 * log_det + float(prior))
 
-    bounds = [
-        (np.log(1e-2), np.log(1e2)),
-        *[(np.log(LOW), np.log(HIGH))] * 2,
-        # below this share of the rms, two equal states would be one
-        *[(np.log(1e-3), np.log(10.0))] * 2,
-    ]
+    # below 1e-3 of the rms, two equal states would be one
+    bounds = np.log([(1e-2, 1e2), *[(LOW, HIGH)] * 2, *[(1e-3, 10.0)] * 2])
     found = [minimize(cost, np.log(start), method="L-BFGS-B", bounds=bounds) for start in STARTS]
     best = min(found, key=lambda f: float(f.fun))
     return [float(f"{v:.{DIGITS}g}") for v in np.exp(best.x + log_usual).tolist()]
@@ -120,16 +112,8 @@ def _left_out(own: Residual, u: Array, length: Array, trial: Ints, missed: Array
     return out
 
 
-def _some(trial: Ints, most: int) -> NDArray[np.bool_]:
+def _some(trial: Ints, most: int) -> Mask:
     """States of so many whole trials, evenly, that about `most` remain, and no more."""
     step = int(np.ceil(len(trial) / most))
     chosen = np.isin(trial, np.unique(trial)[::step])
     return chosen & (np.cumsum(chosen) <= most)
-
-
-def _range(values: Array) -> float:
-    return max(float(np.max(np.abs(values))), 1e-6)
-
-
-def _rms(distance: Array) -> float:
-    return rms(np.linalg.norm(distance, axis=1))

@@ -1,4 +1,4 @@
-"""The loop closed: diagnose, choose the experiment that tells most for its time, foretell it, do it, diagnose again.
+"""Diagnose, choose the experiment that tells most for its time, predict it, do it, diagnose again.
 
     bits gained = sum_h q_h log2(q_h / p_h),    p before the experiment, q after
 
@@ -8,26 +8,25 @@ and by how far they are off. An experiment that no rival foretold speaks for a c
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.effects.design import design_from_columns
 from recordings.trials import Table
 
-from .answer.next_experiment import planned
+from .answer.experiments import planned
 from .answer.result import Diagnosis, Proposal
 from .answer.rivals import Rivals
+from .answer.shrink import rms
+from .arrays import Array
 from .data.case import Case, CaseLike, states
 from .diagnose import Examined, Options, examine
 from .errors import BadCase
 from .inference.prepare import table_columns
 from .judgement import CERTAIN, LEAST_BITS, UNFORESEEN
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -140,12 +139,6 @@ def settled(d: Diagnosis) -> bool:
     return d.attribute.verdict != "unknown" and d.attribute.probability >= CERTAIN
 
 
-def wanted(d: Diagnosis, refusal: Callable[[Proposal], str]) -> Iterator[tuple[Proposal, str]]:
-    """Proposals worth doing, best first, each with why it cannot be done; none where the answer is settled."""
-    if not settled(d):
-        yield from ((p, refusal(p)) for p in d.next_experiment if p.expected_bits >= LEAST_BITS)
-
-
 def investigate(
     case: CaseLike,
     laboratory: Laboratory,
@@ -155,7 +148,7 @@ def investigate(
 ) -> Investigation:
     """Diagnose and experiment until the cause is settled, nothing on the menu tells more, or the limits are reached.
 
-    `diagnosed` is told of each round as soon as its diagnosis is there. Raises `BadCase`, and what the laboratory raises.
+    `diagnosed` gets each round as soon as its diagnosis is there. Raises `BadCase`, and what the laboratory raises.
     """
     rounds: list[Round] = []
     done: set[str] = set()
@@ -170,27 +163,32 @@ def investigate(
             said = "settled" if settled(found.diagnosis) else f"{len(done)} experiments were done"
             return Investigation((*rounds, here), said)
         refused: dict[str, str] = {}
-        for proposal, why in wanted(found.diagnosis, laboratory.refusal):
-            if proposal.id in done:
+        for proposal in found.diagnosis.next_experiment:
+            if proposal.id in done or proposal.expected_bits < LEAST_BITS:
                 continue
-            if not why and spent + proposal.cost_min > limits.minutes:
-                why = f"takes {proposal.cost_min:g} min, {limits.minutes - spent:.0f} are left"
             try:
-                if why:
-                    raise NotDone(why)
-                foretold = foretell(found.rivals, proposal)
-                more = laboratory.perform(foretold)
+                foretold, more = _performed(found.rivals, proposal, laboratory, limits.minutes - spent)
             except NotDone as e:
                 refused[proposal.id] = str(e)
                 continue
             rounds.append(replace(here, foretold=foretold, judged=judge(found, case, more), refused=refused))
             done.add(proposal.id)
-            spent += proposal.cost_min
-            case = more
+            spent, case = spent + proposal.cost_min, more
             break
         else:
             ended = "nothing that can be done is expected to tell more" if refused else "no experiment is expected to tell more"
             return Investigation((*rounds, replace(here, refused=refused)), ended)
+
+
+def _performed(rivals: Rivals, proposal: Proposal, laboratory: Laboratory, minutes: float) -> tuple[Foretold, CaseLike]:
+    """What was foretold, and the campaign with the experiment; raises `NotDone`, also where fewer `minutes` are left."""
+    why = laboratory.refusal(proposal)
+    if not why and proposal.cost_min > minutes:
+        why = f"takes {proposal.cost_min:g} min, {minutes:.0f} are left"
+    if why:
+        raise NotDone(why)
+    foretold = foretell(rivals, proposal)
+    return foretold, laboratory.perform(foretold)
 
 
 def foretell(rivals: Rivals, proposal: Proposal) -> Foretold:
@@ -205,10 +203,9 @@ def foretell(rivals: Rivals, proposal: Proposal) -> Foretold:
 
 def judge(before: Examined, case: CaseLike, more: CaseLike) -> tuple[Judged, ...]:
     """How what was foretold from `case` came out in the rows that `more` has behind it; none where they hold no tips."""
-    rows = more.table.rows[len(case.table.rows) :]
-    rivals = before.rivals
+    rivals, p = before.rivals, before.rivals.prepared
     try:
-        own = before.first.moved(states(Case(rivals.prepared.robot, Table(rows)))[0])
+        own = before.first.moved(states(Case(p.robot, Table(more.table.rows[len(case.table.rows) :])))[0])
     except BadCase:
         return ()
     own = own.take(~own.pushed)
@@ -216,15 +213,13 @@ def judge(before: Examined, case: CaseLike, more: CaseLike) -> tuple[Judged, ...
     predictions = rivals.predict(table) if len(own) else None
     if predictions is None:
         return ()
-    observed = rivals.prepared.forward.on(design_from_columns(rivals.prepared.robot, table)).observe(table)
-    density = [float(p.log_density(np.nan_to_num(observed[None, :]))[0]) for p in predictions]
-    out = []
-    for c, p, its in zip(rivals.candidates, predictions, density, strict=True):
-        missed = np.linalg.norm(own.tip - p.tip[0], axis=1)
-        bits = float((its - max(density)) / np.log(2))
-        chance = p.p_value(observed, rivals.prepared.noise_components.contrasts)
-        out.append(Judged(c.named, float(np.sqrt(np.nanmean(missed**2))) * 1e3, chance, bits))
-    return tuple(out)
+    observed = p.forward.on(design_from_columns(p.robot, table)).observe(table)
+    density = [float(q.log_density(np.nan_to_num(observed[None, :]))[0]) for q in predictions]
+    contrasts = p.noise_components.contrasts
+    return tuple(
+        Judged(c.named, 1e3 * rms(own.tip - q.tip[0]), q.p_value(observed, contrasts), float((its - max(density)) / np.log(2)))
+        for c, q, its in zip(rivals.candidates, predictions, density, strict=True)
+    )
 
 
 def bits_gained(before: Diagnosis, after: Diagnosis) -> float:
@@ -243,16 +238,19 @@ def _mm(values: Array) -> tuple[tuple[float, ...], ...]:
 
 
 def _round(r: Round) -> dict[str, Any]:
-    leading = [{"effects": list(x.effects), "probability": x.probability} for x in r.diagnosis.attribute.ranking[:6]]
+    found = r.diagnosis.attribute
     out: dict[str, Any] = {
-        "verdict": r.diagnosis.attribute.verdict, "probability": r.diagnosis.attribute.probability, "ranking": leading,
-        "minutes": r.minutes, "not_done": dict(r.refused),
-    }  # fmt: skip
+        "verdict": found.verdict,
+        "probability": found.probability,
+        "ranking": [{"effects": x.effects, "probability": x.probability} for x in found.ranking[:6]],
+        "minutes": r.minutes,
+        "not_done": dict(r.refused),
+    }
     if r.foretold is not None:
         out |= {
-            "experiment": {"id": r.foretold.proposal.id, "do": r.foretold.proposal.do,
-                           "expected_bits": r.foretold.proposal.expected_bits, "cost_min": r.foretold.proposal.cost_min},
-            "came_out": [{**asdict(j), "effects": list(j.effects), "failed": j.failed} for j in r.judged],
-            "unforeseen": r.unforeseen, "bits_gained": r.bits,
-        }  # fmt: skip
+            "experiment": {name: getattr(r.foretold.proposal, name) for name in ("id", "do", "expected_bits", "cost_min")},
+            "came_out": [{**asdict(j), "failed": j.failed} for j in r.judged],
+            "unforeseen": r.unforeseen,
+            "bits_gained": r.bits,
+        }
     return out

@@ -107,12 +107,16 @@ SIZE_SD_FACTOR = 1.2
 """Factor on the standard deviation of a size in the linear problem. Chosen on the practice robots."""
 CREDIBLE_SHARE = 0.95
 """Probability of the credible set of hypotheses."""
-COMPARABLE = 0.5
-"""Share of what the largest effect carries that another must carry to be named with it; the definition of right in a score."""
+COMPARABLE = 1 / 3
+"""Share of what the largest effect carries that another must carry in a draw to be named with it. Less than the half by which a
+score calls an answer right, as an effect that a hypothesis does not name is shrunk towards its tolerance. Chosen on 60 opened
+robots."""
 OUTSTANDING_FLOORS = 2.0
 """Noise floors that an effect must carry to be named although no hypothesis names it; the definition of "none" in a score."""
 TOGETHER = 2 / 3
 """Probability above which effects are named together: naming one too few then costs as much as one too many."""
+LEAST_SECOND = 0.1
+"""Probability above which an effect is listed among those of which one acts together with what is named."""
 RIVAL_PROBABILITY = 0.01
 """Probability below which an effect is no rival."""
 COMPARED_DISCREPANCY = 0.25

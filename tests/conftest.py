@@ -17,6 +17,7 @@ import pytest
 from hypothesis import settings
 from xdist.scheduler import LoadScopeScheduling
 
+from tests.simulated.bench import Bench
 from tests.simulated.clock import SimulatedClock
 
 if TYPE_CHECKING:
@@ -33,15 +34,13 @@ GROUPS = {
     "test_contract.py": REAL,
     "test_fault_matrix.py": REAL,
     "test_pages.py": REAL,
-    "test_processes.py": REAL,
     "test_ur5.py": REAL,
     "test_ur5_faults.py": REAL,
     "test_ur5_state.py": REAL,
-    "test_call_order_network.py": REAL,
     "diagnosis": RODS,
     "model": RODS,
     "test_blind_bench.py": RODS,
-    "test_paper_findings.py": RODS,
+    "test_paper.py": RODS,
     "test_sampled_evidence.py": RODS,
     "test_diagnose_verb.py": ANSWERED,
     "test_diagnosis_page.py": ANSWERED,
@@ -111,11 +110,17 @@ def simulated() -> Iterator[SimulatedClock]:
 
 
 @pytest.fixture
-def plant() -> Plant:
-    """What one fake acts on."""
-    from sim_fakes.plant import Plant
+def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
+    """What a test starts and makes; `of_speed` gives its clock another speed than twenty times the host's."""
+    bench = Bench(getattr(request, "param", 20.0))
+    yield bench
+    bench.end()
 
-    return Plant()
+
+@pytest.fixture
+def plant(bench: Bench) -> Plant:
+    """What the fakes act on."""
+    return bench.plant
 
 
 REAL_TIME = {

@@ -1,7 +1,5 @@
 """The examples in docstrings run, in a folder with a robot.yaml, a recording run.mcap and a case folder campaign/."""
 
-from __future__ import annotations
-
 import doctest
 import importlib
 import shutil

@@ -1,7 +1,5 @@
 """The rules of the house hold: who may import whom, and who may know of fakes."""
 
-from __future__ import annotations
-
 import ast
 import re
 import subprocess

@@ -50,8 +50,9 @@ def closed(p: Prepared, start: Array, part: Ints) -> tuple[float, float, float |
     for one in np.unique(part):
         seen = part != one
         theta = fit(only(problem, seen[p.labels.state]), prior, 0.0, start).theta
-        missed = p.tip(problem.observed - problem.forward.predict(theta))
-        before[~seen] = missed[~seen]
+        before[~seen] = p.tip(problem.observed - problem.forward.predict(theta))[~seen]
+        # what the parameters of single trials take up in the fit is there again in a trial that was not fitted
+        missed = p.tip(problem.observed - problem.forward.predict(p.common(theta)))
         after[~seen] = (missed - predicted(x, missed, seen))[~seen]
     own = np.isfinite(before).all(axis=1)
     left = [rms(np.linalg.norm(errors[own], axis=1)) for errors in (before, after)]

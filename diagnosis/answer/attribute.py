@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.effects.spec import Stage
 
@@ -16,20 +15,19 @@ from ..criticism.outside import alike, odds_outside, related
 from ..criticism.stage_errors import Dependence, StageError, smooth_functions, stage_errors, total_gain
 from ..data.case import lacking
 from ..data.levels import SPINE_GAP
-from ..inference.budget import Budget, budget, by_what_is_carried, parts, standard_normal
+from ..inference.budget import Budget, Part, budget, by_what_is_carried, parts, standard_normal
 from ..inference.candidate import Candidate
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, Executor
 from ..inference.fit import Fit, fit
 from ..inference.posterior import Posterior, posterior, with_unknown
 from ..inference.prepare import Prepared
+from ..inference.problem import Problem
 from ..inference.search import Search
 from ..judgement import COMPARED_DISCREPANCY, REDUCIBLE_RATIO, RIVAL_PROBABILITY, STAGE_GAIN, TEMPERATURE
 from .distinguishability import Distinguishability, distinguishability
 from .shrink import rms
 from .verdict import Decision, decide
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -67,8 +65,7 @@ class Attribution:
     @property
     def _calibration_suffices(self) -> bool:
         p = self.prepared
-        missed = np.linalg.norm(p.gap(p.problem.observed - self.calibrated.predicted), axis=1)
-        return rms(missed[np.isfinite(missed)]) < REDUCIBLE_RATIO * p.noise_floor
+        return rms(p.gap(p.problem.observed - self.calibrated.predicted)) < REDUCIBLE_RATIO * p.noise_floor
 
     @property
     def cannot_tell_apart(self) -> tuple[tuple[str, ...], ...]:
@@ -79,44 +76,62 @@ class Attribution:
         return tuple(dict.fromkeys(g for g in groups if len(g) > 1))
 
 
-def attribute(p: Prepared, stages: Mapping[str, Stage], executor: Executor = SINGLE_THREAD) -> Attribution:
-    """Log evidence of the catalogue's hypotheses, their probabilities, and the decision; `stages` effect -> stage.
+@dataclass(frozen=True)
+class Weighed:
+    """Hypotheses of the catalogue, ranked twice: `whole` by their evidence, `known` by what their effects carry of the gap (see
+    `inference.budget`), which is the answer once something outside the catalogue is weighed too."""
 
-    Hypotheses are ranked twice: `whole` by their evidence, `known` by what their effects carry of the gap (see `budget`). The
-    second is the answer, once something outside the catalogue is weighed too.
-    """
-    draws = executor.ahead(standard_normal, [len(p.problem.parameters.scale)])
-    search = Search(p.problem, executor=executor)
-    candidates = search.run()
-    found = {c.named: c for c in candidates}
-    effects = len(p.problem.parameters.ids)
-    whole = posterior(candidates, effects, TEMPERATURE)
-    carried = budget(p.problem, parts(p), search.tried, TEMPERATURE, *draws())
+    search: Search
+    whole: Posterior
+    known: Posterior
+    budget: Budget
+    leading: Candidate
+    """The first of `whole`, with all derivatives."""
+    best: Candidate
+    """The first of `known`, with all derivatives."""
+
+
+def weighed(problem: Problem, where: Sequence[Part], executor: Executor) -> Weighed:
+    """Search the hypotheses of a problem and rank them; `where` effects carry the gap."""
+    draws = executor.ahead(standard_normal, [len(problem.parameters.scale)])
+    search = Search(problem, executor=executor)
+    whole = posterior(search.run(), len(problem.parameters.ids), TEMPERATURE)
+    carried = budget(problem, where, search.tried, TEMPERATURE, *draws())
     known = by_what_is_carried(carried, whole)
     leading, best = search.leading_and_answer(*(k.candidates[k.ranking[0][0]] for k in (whole, known)))
+    return Weighed(search, whole, known, carried, leading, best)
+
+
+def attribute(p: Prepared, stages: Mapping[str, Stage], executor: Executor = SINGLE_THREAD) -> Attribution:
+    """Log evidence of the catalogue's hypotheses, their probabilities, and the decision; `stages` effect -> stage."""
+    w = weighed(p.problem, parts(p), executor)
+    leading, best, found = w.leading, w.best, w.whole.candidates
     misfit = misfit_diagnostics(p.problem, leading, p.labels.trial, p.noise_components.excess_scatter, best)
     # Where a tolerance of the leading hypothesis is the cause that is named, an error of its stage is that cause.
     of_stages = min((_stage_errors(p, c, stages) for c in {leading.named: leading, best.named: best}.values()), key=total_gain)
     asked = {c.named: c for c in (leading, best)}
     if NONE not in asked:
-        asked[NONE] = search.with_all_derivatives(found[NONE])
+        asked[NONE] = w.search.with_all_derivatives(found[NONE])
     among = related(p, tuple(asked.values()), found)
-    odds = odds_outside(search.tried, among, total_gain(of_stages), misfit.excess_scatter, effects)
-    weighed = with_unknown(known, found[NONE], odds / (1 + odds))
-    decision = decide(weighed, not lacking(p.states), carried.nothing_stands_out)
+    odds = odds_outside(w.search.tried, among, total_gain(of_stages), misfit.excess_scatter, len(p.problem.parameters.ids))
+    ranked = with_unknown(w.known, found[NONE], odds / (1 + odds))
+    decision = decide(ranked, not lacking(p.states), w.budget.nothing_stands_out)
     answered = best if decision.verdict == "effect" else leading
-    decision = replace(decision, relatives=alike(among, decision.effects, answered.log_evidence))
-    separations = _distinguishability(p, found, weighed, best)
+    decision = replace(
+        decision,
+        relatives=alike(among, decision.effects, answered.log_evidence),
+        second=w.budget.second(decision.effects) if decision.effects else {},
+    )
     return Attribution(
         prepared=p,
-        posterior=weighed,
+        posterior=ranked,
         none=found[NONE],
         best=replace(best, made=None),
         calibrated=calibrated(p),
         misfit=misfit,
         decision=decision,
-        distinguishability=separations,
-        budget=carried,
+        distinguishability=_distinguishability(p, found, ranked, best),
+        budget=w.budget,
         stage_errors=of_stages,
     )
 
@@ -142,15 +157,15 @@ def calibrated(p: Prepared) -> Fit:
 
 
 def _distinguishability(
-    p: Prepared, found: Mapping[Hypothesis, Candidate], weighed: Posterior, best: Candidate
+    p: Prepared, found: Mapping[Hypothesis, Candidate], ranked: Posterior, best: Candidate
 ) -> Distinguishability:
     """Separations of all single effects: at the fitted size where an effect is probable, else at its plausible scale."""
     parameters = p.problem.parameters
     size = np.ones(len(parameters.scale))
     for effect in parameters.ids:
-        if weighed.of_effect(effect) > RIVAL_PROBABILITY:
+        if ranked.of_effect(effect) > RIVAL_PROBABILITY:
             mask = parameters.mask((effect,))
             size[mask] = (found[(effect,)].fit.theta[parameters.of_effect] / parameters.scale)[mask]
     linear = best.linear(p.problem)
     reduced = linear.reduced(max(best.grid_point.size, COMPARED_DISCREPANCY), best.grid_point.form_error)
-    return distinguishability(reduced, parameters, parameters.ids, size, best.grid_point.spike, linear.effect_size)
+    return distinguishability(reduced, parameters, size, best.grid_point.spike, linear.effect_size)

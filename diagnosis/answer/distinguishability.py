@@ -1,23 +1,20 @@
 """Distinguishability: which effects these data cannot tell apart.
 
-T_ij is the misfit (chi-square) that would be left if effect i were at work with size t and effect j were fitted
-instead, everything else refitted too: T = t (H_ii - H_ij (H_jj + I)^-1 H_ji) t. Below 9 the two are tied: the right one
-would lead by less than three standard deviations.
+T_ij is the misfit (chi-square) that would be left if effect i were at work with size t and effect j were fitted instead,
+everything else refitted too: T = t (H_ii - H_ij (H_jj + I)^-1 H_ji) t, H the information about both. Below 9 the two are tied:
+the right one would lead by less than three standard deviations.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Mask
 from ..inference.linear import Reduced
 from ..inference.problem import Parameters
 from ..judgement import TIED
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -40,62 +37,44 @@ class Distinguishability:
 
 
 def distinguishability(
-    reduced: Reduced,
-    parameters: Parameters,
-    effects: Sequence[str],
-    size: Array,
-    spike: float,
-    effect_size: Array | None = None,
+    reduced: Reduced, p: Parameters, size: Array, spike: float, effect_size: Array | None
 ) -> Distinguishability:
-    """Separations of `effects`, each with its parameters at `size` (p,) in units of the scale.
+    """Separations of all effects, each with its parameters at `size` (k,) in units of the scale.
 
     `reduced` has the discrepancy integrated out; the other effects are free within `spike` of their scale, their shape
-    parameters as `effect_size` (p,) allows (see `Parameters.prior`).
+    parameters as `effect_size` (k,) allows (see `Parameters.prior`).
     """
-    n = len(effects)
-    out = np.zeros((n, n))
-    for i, one in enumerate(effects):
-        for j, other in enumerate(effects):
-            if j >= i:
-                pair = (one,) if i == j else (one, other)
-                information, mask = _information(reduced, parameters, pair, spike, effect_size)
-                own = parameters.mask((one,))[mask]
-                rest = ~own
-                out[i, j] = _chi_square_left(information, own, rest, size[mask])
-                out[j, i] = _chi_square_left(information, rest, own, size[mask]) if i != j else out[i, j]
-    return Distinguishability(tuple(effects), out)
+    out = np.diag([_separation(reduced, p, one, None, size, spike, effect_size)[0] for one in p.ids])
+    for i, one in enumerate(p.ids):
+        for j, other in enumerate(p.ids[:i]):
+            out[i, j], out[j, i] = _separation(reduced, p, one, other, size, spike, effect_size)
+    return Distinguishability(p.ids, out)
 
 
-def visible(
-    reduced: Reduced, parameters: Parameters, effects: Sequence[str], spike: float, effect_size: Array | None = None
-) -> tuple[str, ...]:
-    """The effects that would be seen at their plausible size, as `distinguishability` judges it."""
-    found = []
-    for one in effects:
-        information, mask = _information(reduced, parameters, (one,), spike, effect_size)
-        own = parameters.mask((one,))[mask]
-        size = np.where(parameters.sizes, 1.0, 0.0)[mask]
-        if _chi_square_left(information, own, ~own, size) >= TIED:
-            found.append(one)
-    return tuple(found)
+def visible(reduced: Reduced, p: Parameters, spike: float, effect_size: Array | None) -> tuple[str, ...]:
+    """The effects that would be seen at their plausible size."""
+    size = np.where(p.sizes, 1.0, 0.0)
+    return tuple(e for e in p.ids if _separation(reduced, p, e, None, size, spike, effect_size)[0] >= TIED)
 
 
-def _information(
-    reduced: Reduced, p: Parameters, pair: tuple[str, ...], spike: float, effect_size: Array | None
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Information about the parameters of `pair`, all other effects integrated out within their spikes."""
-    mask = p.mask(pair)
-    other = ~mask
-    root = np.sqrt(p.prior(mask, spike, effect_size).variance[other])
+def _separation(
+    reduced: Reduced, p: Parameters, one: str, other: str | None, size: Array, spike: float, effect_size: Array | None
+) -> tuple[float, float]:
+    """T of one effect against the other (None: against no effect), and of the other against the one."""
+    mask = p.mask((one,) if other is None else (one, other))
+    free = ~mask
+    root = np.sqrt(p.prior(mask, spike, effect_size).variance[free])
     full = reduced.information
-    inner = np.eye(int(other.sum())) + root[:, None] * full[np.ix_(other, other)] * root[None, :]
-    across = full[np.ix_(mask, other)] * root
-    return full[np.ix_(mask, mask)] - across @ np.linalg.solve(inner, across.T), mask
+    inner = np.eye(int(free.sum())) + root[:, None] * full[np.ix_(free, free)] * root[None, :]
+    across = full[np.ix_(mask, free)] * root
+    information = full[np.ix_(mask, mask)] - across @ np.linalg.solve(inner, across.T)
+    own = p.mask((one,))[mask]
+    return _chi_square_left(information, own, size[mask]), _chi_square_left(information, ~own, size[mask])
 
 
-def _chi_square_left(information: Array, own: NDArray[np.bool_], rest: NDArray[np.bool_], size: Array) -> float:
-    """Misfit left of `own` at `size` when `rest` is fitted under its prior."""
-    at = size[own]
+def _chi_square_left(information: Array, own: Mask, size: Array) -> float:
+    """Misfit left of `own` at `size` when the others are fitted under their prior."""
+    at, rest = size[own], ~own
     among = information[np.ix_(rest, rest)] + np.eye(int(rest.sum()))
     across = information[np.ix_(own, rest)]
     left = information[np.ix_(own, own)] - across @ np.linalg.solve(among, across.T)

@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from model.actuators import Chambers, Words
 from model.effects.spec import EffectSpec
 
-from ..criticism.stage_errors import StageError
 from ..inference.posterior import UNKNOWN
 from ..judgement import CAUSE_PROBABILITY, TIE_STATED
 from .result import Attribute, Value
@@ -77,10 +76,9 @@ def sized(v: Value, words: Words = Chambers.words) -> str:
 def headline(
     a: Attribute,
     catalogue: Mapping[str, EffectSpec],
-    asking: Sequence[StageError] = (),
+    words: Words = Chambers.words,
     missing: Sequence[str] = (),
     by_calibration: float | None = None,
-    words: Words = Chambers.words,
     closed: float | None = None,
     as_stiff: str = "",
 ) -> str:
@@ -92,16 +90,17 @@ def headline(
     """
     sure = f"(p = {a.probability:.2f})"
     if a.conclusion == "too little data":
-        return _start(f"too little data to name a cause{': ' + missing[0] if missing else ''}.")
+        return f"Too little data to name a cause{': ' + missing[0] if missing else ''}."
     if a.verdict == "effect":
-        said = _says_all(a.effects, _sizes(a, a.effects), catalogue, words)
-        if a.conclusion != "one of several":
-            return _start(words.say(f"{said} {sure}."))
-        if closed is not None and closed <= 0:
-            return _start(words.say(f"unclear: nothing closes the gap; nearest is {_name_all(a.effects, catalogue)} {sure}."))
-        return _start(words.say(_tied(a, catalogue, words) or f"most likely {said} {sure}."))
+        text = f"{_says_all(a.effects, _sizes(a, a.effects), catalogue, words)} {sure}."
+        if a.conclusion == "one of several" and closed is not None and closed <= 0:
+            text = f"unclear: nothing closes the gap; nearest is {_name_all(a.effects, catalogue)} {sure}."
+        elif a.conclusion == "one of several":
+            text = _tied(a, catalogue, words) or f"most likely {text}"
+        said = words.say(text)
+        return said[0].upper() + said[1:]
     if a.verdict == "unknown":
-        found = stage(asking)
+        found = stage(a.stage_errors)
         where = f"; it may be in the {found.stage} and {words.say(found.varies)}" if found else ""
         return f"No known cause fits {sure}{where}.".replace("_", " ")
     if by_calibration is not None:
@@ -183,7 +182,3 @@ def _amount(value: float, sd: float, unit: str, words: Words) -> str:
     digits = max(0, 1 - math.floor(math.log10(abs(number)))) if number and unit != "1" else 0
     spread = f"{factor * sd:.{digits}f}"
     return f"{number:.{digits}f}{f' ± {spread}' if float(spread) else ''} {name}"
-
-
-def _start(text: str) -> str:
-    return text[0].upper() + text[1:]

@@ -1,9 +1,8 @@
 """A campaign that the fit never sees: what the named effect does to the tip error there.
 
-Both models were fitted to the diagnosed data alone. The calibrated baseline and the best hypothesis predict the other
-campaign with all they learned of the robot; what belongs to a trial is at its expectation. The share closed counts from
-the noise floor of the diagnosed campaign; its interval comes from drawing the other campaign's trials anew, within each
-spine length.
+The calibrated baseline and the best hypothesis, both fitted to the diagnosed data alone, predict the other campaign; what belongs
+to a trial is at its expectation. The share closed counts from the noise floor of the diagnosed campaign; its interval comes from
+drawing the other campaign's trials anew, within each spine length.
 """
 
 from __future__ import annotations
@@ -13,11 +12,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.effects.design import design_from_columns
-from recordings.trials import TrialRow
 
+from ..arrays import Array
 from ..data.campaign import Campaign
 from ..data.case import CaseLike, states
 from ..data.levels import SPINE_GAP, levels
@@ -29,9 +27,6 @@ from .headline import percent
 from .result import LengthShrink
 from .sentences import with_id
 from .shrink import by_length, closed_with_interval, rms
-
-Array = NDArray[np.float64]
-
 
 HoldoutVerdict = Literal["confirmed", "contradicted", "open"]
 
@@ -98,19 +93,14 @@ def unseen_states(diagnosed: CaseLike, other: CaseLike) -> Campaign:
             f"a held-out test compares tips, and {which} has none: stiffness trials alone cannot be held out, "
             "nor tested on a bending run; diagnose and hold out bending or elongation runs"
         )
-    diagnosed_readings = {_reading(r) for r in diagnosed.table}
-    shared = sum(_reading(r) in diagnosed_readings for r in with_tip.rows)
-    if shared:
+    # no two readings have the same tip, pressures and spine length to the last digit
+    known = {(r.tip, r.pressures, r.spine_length) for r in diagnosed.table}
+    if shared := sum((r.tip, r.pressures, r.spine_length) in known for r in with_tip.rows):
         raise BadHoldout(
             f"{shared} of its {len(with_tip)} states are among those diagnosed, so the fit saw them; "
             "give a campaign that is not among the inputs"
         )
     return with_tip
-
-
-def _reading(row: TrialRow) -> tuple[object, ...]:
-    """Identifies a reading: no two have the same tip, pressures and spine length to the last digit."""
-    return row.tip, row.pressures, row.spine_length
 
 
 def evaluate_holdout(f: Attribution, own: Campaign) -> Holdout:
@@ -123,10 +113,13 @@ def evaluate_holdout(f: Attribution, own: Campaign) -> Holdout:
     share, interval = closed_with_interval(
         before, after, f.prepared.noise_floor, kept.trial, levels(kept.spine_length, SPINE_GAP)
     )
-    sure = f.decision.verdict == "effect"
+    named = f.decision.verdict == "effect"
+    verdict: HoldoutVerdict = "open"
+    if named and interval is not None:
+        verdict = "confirmed" if interval[0] >= CONFIRMED_SHARE else "contradicted" if interval[1] < 0 else "open"
     return Holdout(
-        len(kept), len(np.unique(kept.trial)), int((~seen).sum()), f.best.named, sure, rms(before) * 1e3, rms(after) * 1e3,
-        f.prepared.noise_floor * 1e3, share, interval, by_length(kept.spine_length, before, after), _verdict(sure, interval),
+        len(kept), len(np.unique(kept.trial)), int((~seen).sum()), f.best.named, named, rms(before) * 1e3, rms(after) * 1e3,
+        f.prepared.noise_floor * 1e3, share, interval, by_length(kept.spine_length, before, after), verdict,
     )  # fmt: skip
 
 
@@ -144,9 +137,3 @@ def _tip_errors(p: Prepared, own: Campaign, theta: Array) -> Array:
         tip[forward.observations.row[rows], axis] = predicted[rows]
     out: Array = np.linalg.norm(own.tip - tip, axis=1)
     return out
-
-
-def _verdict(named: bool, interval: tuple[float, float] | None) -> HoldoutVerdict:
-    if not named or interval is None:
-        return "open"
-    return "confirmed" if interval[0] >= CONFIRMED_SHARE else "contradicted" if interval[1] < 0 else "open"

@@ -1,18 +1,16 @@
 """Where the gap lies: root mean square by factor, with trial-bootstrap intervals, against the noise floor.
 
-The gap is measured minus baseline model, the baseline being calibrated with one area factor and nothing else; that of
-stiffness trials is the force missed over the specimen's stiffness. A cell is called significant when its mean square
-exceeds that of the noise floor, readings of one trial counted as fully correlated, with the false discovery rate over all
-cells held to 5 % (Benjamini and Hochberg 1995).
+The gap is measured minus baseline model, calibrated with one area factor and nothing else; that of stiffness trials is the force
+missed over the specimen's stiffness. A cell is significant when its mean square exceeds that of the noise floor, readings of one
+trial counted as fully correlated, with the false discovery rate over all cells held to 5 % (Benjamini and Hochberg 1995).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from model.errors import ModelError
@@ -20,82 +18,96 @@ from model.robot import Robot
 from model.rods import FINE, PAPER, solve
 from model.section import rods_of
 
+from ..arrays import Array, Ints, Mask
 from ..data.campaign import Campaign, settings
 from ..data.levels import SPINE_GAP, levels
+from ..inference.prepare import Prepared
 from ..judgement import FALSE_DISCOVERY_RATE
-from .result import Cell
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class Pushes:
-    """The gap of stiffness trials."""
-
-    states: Campaign
-    """Those of the stiffness trials."""
-    missed: Array
-    """(n,) m of deflection."""
-    floor: float
-    """m of deflection, rms of a single reading."""
+from .attribute import Attribution
+from .result import FACTORS, STAGES, Cell, Locate
+from .shrink import rms
 
 
-def cells(
-    states: Campaign, gap: Array, floor: float, markers: Mapping[float, Array], pushes: Pushes | None = None
-) -> dict[str, tuple[Cell, ...]]:
-    """The gap (n, 3) m by factor; `floor` m, rms distance of a single reading; `markers` arc length m -> (n, 3) m.
+def locate(f: Attribution, stages: Mapping[str, str]) -> Locate:
+    """The section `locate`; `stages` effect id -> stage of the chain."""
+    p = f.prepared
+    missed = p.problem.observed - p.problem.forward.predict(p.common(f.calibrated.theta))
+    gap = p.gap(missed)
+    seen = np.asarray(np.isfinite(gap).all(axis=1))
+    cells: dict[str, list[tuple[Cell, float]]] = {name: [] for name in FACTORS}
+    for factor, cell, probability in _cells(p, missed, gap, seen):
+        cells.setdefault(factor, []).append((cell, probability))
+    by = _mark_significant(cells)
+    return Locate(
+        gap_rmse_mm=1e3 * rms(gap[seen]),
+        noise_floor_mm=1e3 * p.noise_floor,
+        significant=any(c.significant for group in by.values() for c in group),
+        by=by,
+        stage=dict.fromkeys(STAGES, 0.0) | f.posterior.by_stage(stages),
+        numerical_error_mm=float("nan") if p.baseline is not None else 1e3 * numerical_error(p.robot, p.states.take(seen)),
+        of="deflection" if p.pushes_only else "tip",
+    )
 
-    The gap is that of tips; of stiffness trials alone it is the deflection, along x. `pushes` adds their gap by specimen
-    and spine length. A floor that is not known (NaN) makes no cell significant.
+
+def _cells(p: Prepared, missed: Array, gap: Array, seen: Mask) -> Iterator[tuple[str, Cell, float]]:
+    """Factor, cell and the probability of such a gap by noise alone. `missed` (values,), `gap` (states, 3) m, `seen` (states,).
+
+    The gap of stiffness trials alone is the deflection, along x; next to tips they are split by specimen and spine length.
     """
     rng = np.random.default_rng(20240)
-    length, pressure = levels(states.spine_length, SPINE_GAP), levels(states.highest, states.pressure_gap)
-    found: dict[str, list[tuple[Cell, float]]] = {}
+    s, tips = p.states.take(seen), not p.pushes_only
+    gap = gap[seen] if tips else gap[seen, :1]
+    splits = {"spine_length": (s.spine_length, levels(s.spine_length, SPINE_GAP))}
+    if tips:
+        splits["pressure"] = (s.highest, levels(s.highest, s.pressure_gap))
+    for factor, (values, level) in splits.items():
+        for own in _masks(level):
+            yield factor, *_cell(_mean(values, own), s.trial[own], gap[own], p.noise_floor, rng)
+    for k, axis in enumerate("xyz" if tips else ""):
+        yield "axis", *_cell(axis, s.trial, gap[:, [k]], p.noise_floor * np.sqrt(1 / 3), rng)
+    for branch, own in (("load", s.branch > 0), ("unload", s.branch < 0)):
+        if own.any():
+            yield "branch", *_cell(branch, s.trial[own], gap[own], p.noise_floor, rng)
+    for own in _quarters(s.time):
+        yield "time", *_cell(_mean(s.time, own), s.trial[own], gap[own], p.noise_floor, rng)
+    for k, arc in enumerate(p.robot.markers, 1):
+        marker = _marker(p, missed, k)[seen]
+        own = np.asarray(np.isfinite(marker).all(axis=1))
+        if np.isfinite(marker).any():
+            yield "arc_length", *_cell(float(arc), s.trial[own], marker[own], p.noise_floor, rng)
+    if p.pushes is not None:
+        yield from _specimens(p, p.deflection(missed), p.pushes.noise_floor, rng)
 
-    def cell(value: float | str, own: Mask, missed: Array, share: float = 1.0) -> tuple[Cell, float]:
-        return _cell(value, states.trial[own], missed[own], floor * np.sqrt(share), rng)
 
-    tips = not states.pushed.all()
-    gap = gap if tips else gap[:, :1]
-    found["spine_length"] = [cell(_mean(states.spine_length, m), m, gap) for m in _masks(length)]
-    found["pressure"] = [cell(_mean(states.highest, m), m, gap) for m in _masks(pressure) if tips]
-    everything = np.ones(len(states), bool)
-    found["axis"] = [cell(name, everything, gap[:, [k]], 1 / 3) for k, name in enumerate("xyz") if tips]
-    branches: dict[str, Mask] = {"load": states.branch > 0, "unload": states.branch < 0}
-    found["branch"] = [cell(name, own, gap) for name, own in branches.items() if own.any()]
-    found["time"] = [cell(_mean(states.time, m), m, gap) for m in _bins(states.time)]
-    found["arc_length"] = [
-        cell(s, np.asarray(np.isfinite(missed).all(axis=1)), missed) for s, missed in markers.items() if np.isfinite(missed).any()
-    ]
-    if pushes is not None:
-        found["stiffness"] = _specimens(pushes, rng)
-    return _mark_significant(found)
+def _marker(p: Prepared, missed: Array, k: int) -> Array:
+    """(states, 3) m by which marker k is missed; NaN where it was not measured."""
+    own = np.char.startswith(p.labels.channel, f"m{k}")
+    out = np.full((len(p.states), 3), np.nan)
+    out[p.labels.state[own], p.labels.axis[own]] = missed[own]
+    return out
 
 
-def _specimens(p: Pushes, rng: np.random.Generator) -> list[tuple[Cell, float]]:
-    """A cell for each specimen and spine length."""
-    body = np.array([r.specimen == "body" for r in p.states.rows], np.int64)
-    length = levels(p.states.spine_length, SPINE_GAP)
-    found = []
+def _specimens(p: Prepared, missed: Array, floor: float, rng: np.random.Generator) -> Iterator[tuple[str, Cell, float]]:
+    """A cell for each specimen and spine length of the stiffness trials; `missed` (states,) and `floor`: m of deflection."""
+    missed, s = missed[p.states.pushed], p.states.take(p.states.pushed)
+    body = np.array([r.specimen == "body" for r in s.rows], np.int64)
+    length = levels(s.spine_length, SPINE_GAP)
     for specimen, k in np.unique(np.column_stack([body, length]), axis=0):
         own = (body == specimen) & (length == k)
-        at = 100 * float(p.states.spine_length[own].mean())
-        name = f"body, spine {at:.3g} cm" if specimen else f"spine {at:.3g} cm"
-        found.append(_cell(name, p.states.trial[own], p.missed[own, None], p.floor, rng))
-    return found
+        name = f"{'body, ' if specimen else ''}spine {100 * float(s.spine_length[own].mean()):.3g} cm"
+        yield "stiffness", *_cell(name, s.trial[own], missed[own, None], floor, rng)
 
 
-def _masks(level: NDArray[np.int64]) -> list[Mask]:
+def _masks(level: Ints) -> list[Mask]:
     return [np.asarray(level == k) for k in np.unique(level)]
 
 
-def _bins(time: Array, bins: int = 4) -> list[Mask]:
+def _quarters(time: Array) -> list[Mask]:
     """Quarters of the campaign by time."""
     known = np.isfinite(time)
-    if known.sum() < bins or np.ptp(time[known]) == 0:
+    if known.sum() < 4 or np.ptp(time[known]) == 0:
         return []
-    edges = np.quantile(time[known], np.linspace(0, 1, bins + 1)[1:-1])
+    edges = np.quantile(time[known], [0.25, 0.5, 0.75])
     return [m for m in _masks(np.where(known, np.searchsorted(edges, time), -1)) if known[m].all()]
 
 
@@ -103,11 +115,11 @@ def _mean(values: Array, own: Mask) -> float:
     return float(np.round(values[own].mean(), 6))
 
 
-def _cell(
-    value: float | str, trial: NDArray[np.int64], missed: Array, floor: float, rng: np.random.Generator
-) -> tuple[Cell, float]:
-    """The cell, its 95 % interval from trials drawn anew, and the probability of a mean square as large when there is nothing but
-    the floor. `missed` (n, axes) m, `trial` (n,), `floor` m rms."""
+def _cell(value: float | str, trial: Ints, missed: Array, floor: float, rng: np.random.Generator) -> tuple[Cell, float]:
+    """The cell, its 95 % interval from trials drawn anew, and the probability of a mean square as large by the floor alone.
+
+    `missed` (n, axes) m, `trial` (n,), `floor` m rms; a floor that is not known (NaN) makes no cell significant.
+    """
     squared = (missed**2).sum(axis=1)
     names, index = np.unique(trial, return_inverse=True)
     total, count = np.bincount(index, squared), np.bincount(index)
@@ -116,19 +128,17 @@ def _cell(
     low, high = np.quantile(spread, [0.025, 0.975])
     # Readings of a trial erring together leave as many independent vectors as there are trials.
     freedom = missed.shape[1] * len(names)
-    statistic = freedom * float((total / count).mean()) / floor**2 if floor > 0 else 0.0
-    probability = float(chdtrc(freedom, statistic)) if np.isfinite(floor) and floor > 0 else 1.0
-    rmse, bias = float(np.sqrt(squared.mean())), float(missed[:, 0].mean())
-    made = Cell(value, rmse * 1e3, bias * 1e3, len(missed), float(low) * 1e3, float(high) * 1e3, False)
-    return made, probability
+    probability = float(chdtrc(freedom, freedom * (total / count).mean() / floor**2)) if floor > 0 else 1.0
+    return Cell(
+        value, 1e3 * rms(missed), 1e3 * float(missed[:, 0].mean()), len(missed), 1e3 * float(low), 1e3 * float(high), False
+    ), probability
 
 
 def _mark_significant(found: Mapping[str, list[tuple[Cell, float]]]) -> dict[str, tuple[Cell, ...]]:
     """Mark the significant cells, over all factors together."""
     probabilities = np.sort([p for group in found.values() for _, p in group])
     allowed = FALSE_DISCOVERY_RATE * np.arange(1, len(probabilities) + 1) / max(len(probabilities), 1)
-    passed = np.flatnonzero(probabilities <= allowed)
-    limit = probabilities[passed[-1]] if passed.size else -1.0
+    limit = max(probabilities[probabilities <= allowed], default=-1.0)
     return {name: tuple(replace(c, significant=bool(p <= limit)) for c, p in group) for name, group in found.items()}
 
 
@@ -143,7 +153,4 @@ def numerical_error(robot: Robot, states: Campaign) -> float:
         converged, stepped = solve(rods, FINE), solve(rods, PAPER)
     except ModelError:
         return float("nan")
-    ok = converged.converged & stepped.converged
-    if not ok.any():
-        return float("nan")
-    return float(np.sqrt(((stepped.tip - converged.tip)[ok] ** 2).sum(axis=1).mean()))
+    return rms((stepped.tip - converged.tip)[converged.converged & stepped.converged])

@@ -1,8 +1,4 @@
-"""The answer, as frozen data and as diagnosis.json ("diagnosis/1").
-
-Lengths are mm where the name says so, otherwise SI. `Diagnosis.detail` holds what the figures of the report need beyond
-the contract; everything else is fixed.
-"""
+"""The answer, as frozen data and as diagnosis.json ("diagnosis/1"). Lengths are mm where the name says so, otherwise SI."""
 
 from __future__ import annotations
 
@@ -10,8 +6,11 @@ import html
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from typing import Any, Literal
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, TypeAdapter
 
 from model.actuators import Chambers, Tendons, Words
 from recordings.json_text import read_json
@@ -24,6 +23,8 @@ FACTORS = ("spine_length", "pressure", "axis", "branch", "time", "arc_length")
 """What the gap is split by; with stiffness trials also by "stiffness": specimen and spine length."""
 STAGES = ("actuation", "material", "structure", "load", "boundary", "measurement")
 
+Number = Annotated[float, BeforeValidator(lambda value: math.nan if value is None else value)]
+"""A number; null in diagnosis.json where it is not finite."""
 Verdict = Literal["effect", "none", "unknown"]
 Conclusion = Literal["cause", "one of several", "stage", "outside", "none", "noise", "too little data"]
 """The verdict as deep as the data carry it; see `verdict`."""
@@ -36,7 +37,7 @@ class Data:
     rows: int
     trials: int
     channels: tuple[str, ...]
-    noise_mm: float
+    noise_mm: Number
     """White noise of a tip coordinate, or of stiffness trials alone of a deflection, mm."""
     noise_from: str
 
@@ -51,8 +52,8 @@ class Cell:
     bias_mm: float
     """Mean of measured minus model: along x for all factors but axis."""
     n: int
-    low95_mm: float
-    high95_mm: float
+    low95_mm: Number
+    high95_mm: Number
     significant: bool
     """Above the noise floor, with the share of false alarms over all cells held to 5 %."""
 
@@ -61,16 +62,16 @@ class Cell:
 class Locate:
     """Where the gap lies."""
 
-    gap_rmse_mm: float
-    noise_floor_mm: float
+    gap_rmse_mm: Number
+    noise_floor_mm: Number
     significant: bool
     by: Mapping[str, tuple[Cell, ...]]
     stage: Mapping[str, float]
-    numerical_error_mm: float
+    numerical_error_mm: Number
     """Root mean square tip error that the paper's Euler integration alone would add to its model."""
     of: Literal["tip", "deflection"] = "tip"
-    """What the gap is of: the tip's position; of stiffness trials alone the deflection, a missed force over the specimen's
-    stiffness. Beside tips, stiffness trials stand in `by` under stiffness, in mm of deflection."""
+    """The gap's quantity: the tip's position, or, of stiffness trials alone, the deflection: a missed force over the specimen's
+    stiffness. Next to tips, stiffness trials stand in `by` under stiffness, in mm of deflection."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +139,7 @@ class Ranked:
     effects: tuple[str, ...]
     """Empty for none, `("unknown",)` for a cause outside the catalogue."""
     probability: float
-    log_evidence: float
+    log_evidence: Number
     heldout_rmse_mm: float | None
     """Not computed for hypotheses of little weight."""
     parameters: Mapping[str, Value]
@@ -162,6 +163,8 @@ class Attribute:
     """Effects of the 95 % set beside what is named."""
     relatives: tuple[str, ...] = ()
     """Causes outside the catalogue that do the same to these readings, `criticism.relatives`."""
+    second: Mapping[str, float] = field(default_factory=dict)
+    """Effects of which one acts together with what is named, and the probability of each."""
 
 
 @dataclass(frozen=True)
@@ -173,8 +176,8 @@ class Carries:
     """present: too little to be a cause; unseen: these data could not show it at its plausible size."""
     mm: float
     """rms over the states, of what the gap is of; median."""
-    low95_mm: float
-    high95_mm: float
+    low95_mm: Number
+    high95_mm: Number
 
 
 @dataclass(frozen=True)
@@ -210,11 +213,11 @@ class Step:
 
     step: StepName
     effect: str | None
-    """Of a cause."""
+    """The cause; None of other steps."""
     mm: float
     """Decrease of the rms; all steps add up to the gap as given."""
-    low95_mm: float
-    high95_mm: float
+    low95_mm: Number
+    high95_mm: Number
     left_mm: float
     """rms after it."""
 
@@ -248,7 +251,7 @@ class Waterfall:
     how: str
     """What each state was predicted without."""
     n: int
-    """States."""
+    """Number of states."""
     given_mm: float
     steps: tuple[Step, ...]
     by: Mapping[str, tuple[Level, ...]]
@@ -290,7 +293,6 @@ class Diagnosis:
     """The whole answer."""
 
     statement: str
-    """The verdict in a sentence."""
     data: Data
     locate: Locate
     attribute: Attribute
@@ -299,10 +301,11 @@ class Diagnosis:
     concerns: tuple[str, ...] = ()
     """What could not be concluded, and why."""
     detail: Mapping[str, Any] = field(default_factory=dict)
+    """What the figures of the report need beyond the contract."""
     budget: tuple[Carries, ...] = ()
-    """Largest first: named causes, what is present beside them, what could not be seen."""
+    """Largest first within named, present and unseen."""
     waterfall: Waterfall | None = None
-    """The gap step by step on unseen states; None where nothing can be left out, or it was not asked for."""
+    """On unseen states; None where nothing can be left out, or it was not asked for."""
     change: Change | None = None
     """Since a reference campaign, where one was given."""
     calibration: Calibration | None = None
@@ -325,13 +328,10 @@ class Diagnosis:
         )
         return f"<p>{html.escape(self.statement)}</p><table><tr><th>hypothesis</th><th>probability</th></tr>{ranking}</table>"
 
-    def as_dict(self) -> dict[str, Any]:
-        """JSON-able, as diagnosis.json holds it."""
-        return {"schema": SCHEMA, **_plain(asdict(self))}
-
     def to_json(self) -> str:
         """The text of diagnosis.json."""
-        return json.dumps(self.as_dict(), indent=1, allow_nan=False)
+        plain = json.loads(_adapter().dump_json(self, fallback=lambda array: array.tolist()))
+        return json.dumps({"schema": SCHEMA, **plain}, indent=1)
 
     @classmethod
     def from_json(cls, text: str) -> Diagnosis:
@@ -346,75 +346,13 @@ class Diagnosis:
             data = read_json(text)
             if data["schema"] != SCHEMA:
                 raise BadCase(f"schema {repr(data['schema'])[:80]}, this version reads {SCHEMA!r}")
-            return _read(data)
+            return _adapter().validate_python(data)
         except BadCase:
             raise
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise BadCase(f"not a {SCHEMA} file: {type(error).__name__} {str(error)[:200]}") from error
+        except (KeyError, TypeError, ValueError) as error:
+            raise BadCase(f"not a {SCHEMA} file: {type(error).__name__} {' '.join(str(error).split())[:200]}") from error
 
 
-def _plain(value: Any) -> Any:
-    """Tuples to lists, numbers of numpy to Python's, NaN and infinities to null."""
-    if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, tuple | list):
-        return [_plain(v) for v in value]
-    if hasattr(value, "tolist"):
-        return _plain(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
-
-
-def _names(lists: list[list[str]]) -> tuple[tuple[str, ...], ...]:
-    return tuple(tuple(x) for x in lists)
-
-
-def _read(d: dict[str, Any]) -> Diagnosis:
-    where, which, far = d["locate"], d["attribute"], d["shrink"]
-    ranking = tuple(
-        Ranked(**{**r, "effects": tuple(r["effects"]), "parameters": {k: Value(**v) for k, v in r["parameters"].items()}})
-        for r in which["ranking"]
-    )
-    shrink = None
-    if far is not None:
-        lengths = tuple(LengthShrink(**x) for x in far["by_spine_length"])
-        shrink = Shrink(**{**far, "ci95": tuple(far["ci95"]) if far["ci95"] else None, "by_spine_length": lengths})
-    return Diagnosis(
-        statement=d["statement"],
-        data=Data(**{**d["data"], "channels": tuple(d["data"]["channels"])}),
-        locate=Locate(**{**where, "by": {k: tuple(Cell(**c) for c in v) for k, v in where["by"].items()}}),
-        attribute=Attribute(
-            which["verdict"], tuple(which["effects"]), which["probability"], _names(which["credible_set"]), ranking,
-            _names(which["cannot_tell_apart"]), tuple(StageError(**x) for x in which.get("stage_errors", ())),
-            which.get("conclusion"), tuple(which.get("rivals", ())), tuple(which.get("relatives", ())),
-        ),
-        shrink=shrink,
-        next_experiment=tuple(Proposal(**{**p, "separates": _names(p["separates"])}) for p in d["next_experiment"]),
-        concerns=tuple(d["concerns"]),
-        detail=d["detail"],
-        budget=tuple(Carries(**x) for x in d.get("budget", ())),
-        waterfall=_waterfall(d.get("waterfall")),
-        change=_change(d.get("change")),
-        calibration=_calibration(d.get("calibration")),
-        headline=d.get("headline", ""),
-    )  # fmt: skip
-
-
-def _calibration(d: dict[str, Any] | None) -> Calibration | None:
-    return None if d is None else Calibration(**{**d, "origins": tuple(Origin(**o) for o in d.get("origins", ()))})
-
-
-def _change(d: dict[str, Any] | None) -> Change | None:
-    if d is None:
-        return None
-    ranking = tuple((tuple(effects), p) for effects, p in d["ranking"])
-    return Change(d["statement"], ranking, d["sizes"], tuple(d.get("effects", ranking[0][0])))
-
-
-def _waterfall(d: dict[str, Any] | None) -> Waterfall | None:
-    if d is None:
-        return None
-    by = {k: tuple(Level(x["value"], x["n"], tuple(x["left_mm"])) for x in v) for k, v in d["by"].items()}
-    absorbed = Absorbed(**d["absorbed"]) if d["absorbed"] else None
-    return Waterfall(**{**d, "steps": tuple(Step(**x) for x in d["steps"]), "by": by, "absorbed": absorbed})
+@cache
+def _adapter() -> TypeAdapter[Diagnosis]:
+    return TypeAdapter(Diagnosis)

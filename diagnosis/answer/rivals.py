@@ -1,4 +1,4 @@
-"""The hypotheses still in play, and what each predicts of an experiment: before it is done, and where it was done.
+"""The hypotheses still in play, and what each predicts of an experiment.
 
 A prediction is a normal distribution about the hypothesis' own fit,
 
@@ -26,6 +26,7 @@ from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
 from model.errors import ModelError
 
+from ..arrays import Array, Ints
 from ..criticism.gaussian import Gaussian
 from ..inference.candidate import Candidate
 from ..inference.discrepancy import Settings, by_channel, settings
@@ -36,8 +37,6 @@ from ..inference.prepare import Prepared
 from ..inference.reading_noise import OFFSET, noise_to_come
 from ..judgement import COMPARED_DISCREPANCY, RIVAL_LEAST_WEIGHT, TOLERATED_SIZES
 from .distinguishability import Distinguishability
-
-Array = NDArray[np.float64]
 
 MOST = 5
 """Rivals that are compared."""
@@ -53,7 +52,7 @@ class Prediction:
     mean: Array
     factor: Array
     """(n, n) lower Cholesky factor of the covariance."""
-    row: NDArray[np.int64]
+    row: Ints
     channel: NDArray[np.str_]
     """(n,) state and channel of each value."""
 
@@ -122,7 +121,8 @@ class Rivals:
         here, fitted = np.array(shared).T  # the same parameters in this model and in the problem
         own_sd = np.array([p.noise_components.trial.get(info.source, info.sd) for info in forward.parameters])
         fresh = np.setdiff1d(np.arange(len(own_sd)), here)
-        mounted = [i for i, info in enumerate(forward.parameters) if info.source in MOUNTED]
+        source = np.array([info.source for info in forward.parameters])
+        mounted = np.isin(source, MOUNTED)
         smooth, laws = _errors(p, forward)
         observed = forward.observations
         made = []
@@ -142,7 +142,7 @@ class Rivals:
             by_pressure = np.zeros((len(mean), 1)) if offset is None else slope[:, [offset]]
             covariance += noise_to_come(p.noise_components, observed, forward.design, by_pressure).covariance  # R
             for effect in c.named:
-                done = mean - forward.predict(_without(theta, forward, effect))
+                done = mean - forward.predict(np.where(source == effect, 0.0, theta))
                 if np.isfinite(done).all():
                     wrong = c.grid_point.form_error * known.law_error[effect] * done[:, None] * laws
                     covariance += wrong @ wrong.T  # f^2 F F^T
@@ -160,12 +160,6 @@ class Rivals:
             known = Gaussian(linear, prior, at.size, at.form_error).covariance(p.of_effect)
             self._covariances[k] = scale[:, None] * known * scale[None, :]
         return self._covariances[k]
-
-
-def _without(theta: Array, forward: ForwardModel, effect: str) -> Array:
-    out = theta.copy()
-    out[[i for i, info in enumerate(forward.parameters) if info.source == effect]] = 0.0
-    return out
 
 
 def _errors(p: Prepared, forward: ForwardModel) -> tuple[Array, Array]:

@@ -1,7 +1,6 @@
-"""The statement of the answer, made from typed facts. docs/explanations/diagnosis.md explains it.
+"""The statement of the answer. docs/explanations/diagnosis.md explains it.
 
-No two sentences of one answer contradict each other: what a hypothesis does on unseen states (`_closing`) is said in the same
-words wherever it stands, and what is "not explained" leaves at least half of the reducible gap.
+No two sentences of one answer contradict each other: what is "not explained" leaves at least half of the reducible gap.
 """
 
 from __future__ import annotations
@@ -20,12 +19,14 @@ from ..inference.posterior import UNKNOWN
 from ..inference.problem import Parameters
 from ..judgement import (
     ABSORBED,
+    BENCHMARK,
     CALIBRATION_STATED,
     EXPLAINS,
     MORE_THAN_GAP,
     OTHER_UNIT,
     OUTSIDE_STATED,
     OUTSTANDING_FLOORS,
+    USUAL_EXCESS,
 )
 from .headline import LEAST_STATED, percent, stated
 from .result import Calibration, Carries, Conclusion, Locate, Ranked, Shrink, Simulator, Waterfall
@@ -38,11 +39,9 @@ class Facts:
     """All that the sentences are made from."""
 
     decision: Decision
-    conclusion: Conclusion
+    conclusion: Conclusion | None
     where: Locate
-    benchmark: str
-    """What probabilities were calibrated on."""
-    budget: Sequence[Carries] = ()
+    budget: tuple[Carries, ...] = ()
     shrink: Shrink | None = None
     waterfall: Waterfall | None = None
     rivals: Sequence[str] = ()
@@ -96,8 +95,9 @@ def hypothesis_name(effects: Iterable[str], names: Mapping[str, str], ids: bool 
 
 def statement(f: Facts) -> str:
     """The answer in a few sentences, the verdict first."""
-    parts = (_verdict, _gap, _simulator, _moved, _closing, _absorbed, _present, _odd)
-    return " ".join(text for part in parts if (text := part(f)))
+    present = also_present(f.budget, lambda effect: with_id(effect, f.names), _what(f)[1])
+    parts = (_verdict(f), _gap(f), _simulator(f), _moved(f), _closing(f), _absorbed(f), present, _odd(f))
+    return " ".join(filter(None, parts))
 
 
 def _what(f: Facts) -> tuple[str, int]:
@@ -108,41 +108,42 @@ def _what(f: Facts) -> tuple[str, int]:
 def _sure(f: Facts) -> str:
     d = f.decision
     given = "" if d.verdict == "unknown" or d.outside < OUTSIDE_STATED else f"; {d.within:.2f} if it is in the catalogue"
-    return f"p = {d.probability:.2f}{given}; {f.benchmark}"
+    return f"p = {d.probability:.2f}{given}; {BENCHMARK}"
 
 
 def _verdict(f: Facts) -> str:
     named = " and ".join(with_id(e, f.names) for e in f.decision.effects)
     if f.conclusion == "cause":
-        return f"Cause: {named} ({_sure(f)})."
+        return f"Cause: {named} ({_sure(f)}).{_second(f)}"
     if f.conclusion == "one of several":
         by = f" To tell them apart: {f.tie_breaker}." if f.tie_breaker else ""
-        return f"Behaves most like {named} ({_sure(f)}); the data do not exclude {_others(f)}.{by}{_relatives(f)}"
-    if f.conclusion == "none":
-        if f.decision.too_small:
-            leading = " and ".join(with_id(e, f.names) for e in f.decision.too_small)
-            by = _by_calibration(f)
-            start = f"{by} no cause stands out" if by else "No cause stands out"
-            return (
-                f"{start}: probably no effect carries {OUTSTANDING_FLOORS:.0f} noise floors ({_sure(f)}). The most probable "
-                f"one is {leading}."
-            )
-        first = _by_calibration(f) or "No cause:"
-        return f"{first} no effect accounts for enough above the noise floor ({_sure(f)})."
-    if f.conclusion == "noise":
-        first = _by_calibration(f) or "No gap:"
-        return f"{first} nothing is above the noise floor ({_sure(f)})."
-    if f.conclusion == "too little data":
-        lacks = f": {'; '.join(f.missing)}" if f.missing else ""
-        return f"Too little data to name a cause{lacks}."
-    found = stage(f.asking)
-    if found is not None:
+        return f"Behaves most like {named} ({_sure(f)}); the data do not exclude {_others(f)}.{by}{_second(f)}{_relatives(f)}"
+    if f.conclusion == "none" and f.decision.too_small:
+        leading = " and ".join(with_id(e, f.names) for e in f.decision.too_small)
         return (
-            f"The cause is not in the catalogue ({_sure(f)}). An error in the {found.stage} that {found.varies} fits best "
-            f"(log evidence {found.gain:.1f}{_next_stage(f, found)}); a cause of another stage may do the same to these states."
-            f"{_relatives(f)}"
+            f"{_by_calibration(f, 'No cause stands out', 'no cause stands out')}: probably no effect carries "
+            f"{OUTSTANDING_FLOORS:.0f} noise floors ({_sure(f)}). The most probable one is {leading}."
         )
-    return f"The cause is not in the catalogue ({_sure(f)}).{_relatives(f)}"
+    if f.conclusion == "none":
+        return f"{_by_calibration(f, 'No cause:')} no effect accounts for enough above the noise floor ({_sure(f)})."
+    if f.conclusion == "noise":
+        return f"{_by_calibration(f, 'No gap:')} nothing is above the noise floor ({_sure(f)})."
+    if f.conclusion == "too little data":
+        return f"Too little data to name a cause{': ' if f.missing else ''}{'; '.join(f.missing)}."
+    where, found = "", stage(f.asking)
+    if found is not None:
+        other = next((f", in the {e.stage} {e.gain:.1f}" for e in f.asking if e.stage != found.stage), "")
+        where = (
+            f" An error in the {found.stage} that {found.varies} fits best (log evidence {found.gain:.1f}{other}); a cause of "
+            "another stage may do the same to these states."
+        )
+    return f"The cause is not in the catalogue ({_sure(f)}).{where}{_relatives(f)}"
+
+
+def _second(f: Facts) -> str:
+    """One of several effects that acts together with what is named."""
+    each = [f"{with_id(e, f.names)} (p = {p:.2f})" for e, p in f.decision.second.items()]
+    return f" Together with it acts another of comparable size: {' or '.join(each)}." if each else ""
 
 
 def _relatives(f: Facts) -> str:
@@ -151,12 +152,6 @@ def _relatives(f: Facts) -> str:
     if f.decision.verdict == "unknown":
         return "".join(f" It may be {s.name}: {s.seen_best_in}, to find out." for s in said)
     return "".join(f" {s.name[0].upper()}{s.name[1:]} would do this too: {s.seen_best_in}, to find out." for s in said)
-
-
-def _next_stage(f: Facts, found: StageError) -> str:
-    """The evidence of the best error in another stage; empty where there is none."""
-    other = next((e for e in f.asking if e.stage != found.stage), None)
-    return "" if other is None else f", in the {other.stage} {other.gain:.1f}"
 
 
 def _others(f: Facts) -> str:
@@ -175,21 +170,19 @@ def _list(names: Sequence[str]) -> str:
 
 def _gap(f: Facts) -> str:
     what, digits = _what(f)
+    model = "the model" if f.simulator is None else f.simulator.name
     floor = f"the noise floor is {f.where.noise_floor_mm:.{digits}f} mm"
     if f.waterfall is None:
         missed = f"{f.where.gap_rmse_mm:.{digits}f} mm rms (in-sample)"
-        return f"Calibrated {_calibrated(f)} {_model(f)} misses {what} by {missed}; {floor}."
+        by = _factor(f) if f.simulator is None else " and towards the rod"
+        return f"Calibrated with one area factor{by} {model} misses {what} by {missed}; {floor}."
     calibrated = f.waterfall.steps[0].left_mm
     wrong = f.conclusion != "noise" and calibrated >= f.waterfall.given_mm
     vain = ", no less: no area factor makes up for what is wrong" if wrong else ""
     return (
-        f"Uncalibrated, {_model(f)} misses {what} by {f.waterfall.given_mm:.{digits}f} mm rms, calibrated with one area factor"
+        f"Uncalibrated, {model} misses {what} by {f.waterfall.given_mm:.{digits}f} mm rms, calibrated with one area factor"
         f"{_factor(f)} by {calibrated:.{digits}f} mm on states that the fit did not see{vain}; {floor}."
     )
-
-
-def _calibrated(f: Facts) -> str:
-    return f"with one area factor{_factor(f)}" if f.simulator is None else "with one area factor and towards the rod"
 
 
 def _factor(f: Facts) -> str:
@@ -204,8 +197,10 @@ def _factor(f: Facts) -> str:
     return f" ({c.area_factor:.2f} instead of {c.given:.2f}; a body {how} would look the same)"
 
 
-def as_stiff(c: Calibration) -> str:
+def as_stiff(c: Calibration | None) -> str:
     """What a body that looks the same is, against that of robot.yaml."""
+    if c is None:
+        return ""
     if c.stiffness > 2:
         return f"{c.stiffness:.1f} times as stiff"
     return f"{100 * abs(c.stiffness - 1):.0f} % {'stiffer' if c.stiffness > 1 else 'softer'}"
@@ -246,10 +241,12 @@ def closed_by_calibration(f: Facts) -> float | None:
     return closed if closed is not None and closed > EXPLAINS else None
 
 
-def _by_calibration(f: Facts) -> str:
-    """What calibration closes of the uncalibrated gap, where that is most of it; empty otherwise."""
+def _by_calibration(f: Facts, otherwise: str, rest: str = "") -> str:
+    """What calibration closes of the uncalibrated gap and then the `rest`, where that is most of it; else `otherwise`."""
     closed = closed_by_calibration(f)
-    return "" if closed is None else f"Calibration closes {percent(closed)} % of the reducible gap; beyond it,"
+    return (
+        otherwise if closed is None else f"Calibration closes {percent(closed)} % of the reducible gap; beyond it, {rest}".strip()
+    )
 
 
 def beyond_tolerance(p: Parameters, moved: Mapping[int, float], robot: Robot) -> Iterator[str]:
@@ -280,8 +277,13 @@ def doubtful_area_factor(ratio: float) -> Iterator[str]:
         )
 
 
-def _model(f: Facts) -> str:
-    return "the model" if f.simulator is None else f.simulator.name
+def scatter(excess: float) -> Iterator[str]:
+    """What to say where repeats scatter `excess` times more than usual."""
+    if excess >= USUAL_EXCESS:
+        yield (
+            f"repeats of the same state scatter {excess:.1f} times more than instruments and re-grown spines usually do: "
+            "find out what changes from trial to trial before trusting a cause"
+        )
 
 
 def _simulator(f: Facts) -> str:
@@ -321,11 +323,12 @@ def _closing(f: Facts) -> str:
     _, digits = _what(f)
     before, after = f"{f.shrink.before_mm:.{digits}f}", f"{f.shrink.after_mm:.{digits}f}"
     share = f.shrink.share_closed
-    if f.decision.verdict == "effect":
-        if share is None:
-            return f"On unseen states {after} mm remain; calibration alone leaves {before} mm, hardly above the noise floor."
-        if share < 0:
-            return f"On unseen states it makes the prediction worse: {before} mm without it, {after} mm with it."
+    named = f.decision.verdict == "effect"
+    if named and share is None:
+        return f"On unseen states {after} mm remain; calibration alone leaves {before} mm, hardly above the noise floor."
+    if named and share is not None and share < 0:
+        return f"On unseen states it makes the prediction worse: {before} mm without it, {after} mm with it."
+    if named and share is not None:
         by = f"With it, {after} mm remain on unseen states: {percent(share)} % of the reducible gap is closed"
         alone = closed_alone(f.waterfall, f.shrink)
         if alone is None:
@@ -366,12 +369,6 @@ def also_present(budget: Sequence[Carries], name: Callable[[str], str], digits: 
     """The sentence on effects that are there without being a cause, each by its `name`; empty where there is none."""
     found = ", ".join(f"{name(c.effect)} {c.mm:.{digits}f} mm" for c in budget if c.role == "present")
     return f"Also present: {found}." if found else ""
-
-
-def _present(f: Facts) -> str:
-    """What is there without being a cause."""
-    _, digits = _what(f)
-    return also_present(f.budget, lambda effect: with_id(effect, f.names), digits)
 
 
 def _odd(f: Facts) -> str:

@@ -1,8 +1,7 @@
 """How far the gap shrinks, on data that no fit saw.
 
-Before: the baseline, calibrated with one area factor. After: the named effects fitted too, every other effect free within
-the tolerance that the data ask for. Each spine length is predicted by a fit to the others (each trial, when there is one
-length only); the share closed counts from the noise floor, its interval comes from drawing trials anew.
+Before: the baseline, calibrated with one area factor. After: the named effects fitted too, every other effect free within the
+tolerance that the data ask for. The share closed counts from the noise floor, its interval comes from drawing trials anew.
 """
 
 from __future__ import annotations
@@ -12,8 +11,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Ints
 from ..data.levels import SPINE_GAP, levels
 from ..inference.candidate import Candidate
 from ..inference.cross_validation import CrossValidation, Model
@@ -23,12 +22,9 @@ from ..inference.prepare import Prepared
 from ..judgement import REDUCIBLE_RATIO
 from .result import LengthShrink, Shrink
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-
 
 class Missed(NamedTuple):
-    """Errors (m) of the states as one model predicts them; NaN where nothing was measured or predicted."""
+    """Errors (m) of the states as one model predicts them, NaN where nothing was measured or predicted."""
 
     distance: Array
     """(states,) length of `vector`."""
@@ -46,7 +42,6 @@ class HeldOutErrors:
     """Of the calibrated baseline."""
     after: Missed
     """Of the best hypothesis."""
-    how: str
 
 
 def baseline_model(p: Prepared, calibrated: Fit) -> Model:
@@ -90,20 +85,14 @@ class HeldOut:
         return lambda: [missed(residual) for residual in residuals()]
 
 
-def shrink(p: Prepared, calibrated: Fit, best: Candidate, held_out: HeldOut) -> Callable[[], tuple[Shrink, HeldOutErrors]]:
-    """Start the refits of the baseline and of the named hypothesis; the function that is returned waits for them."""
-    both = held_out.errors([baseline_model(p, calibrated), candidate_model(p, best)], DiagnosisStep.HELD_OUT_STATES)
-
-    def shrunk() -> tuple[Shrink, HeldOutErrors]:
-        of_baseline, of_best = both()
-        before, after = of_baseline.distance, of_best.distance
-        seen = np.isfinite(before) & np.isfinite(after)
-        share, interval = closed_with_interval(before[seen], after[seen], p.noise_floor, p.states.trial[seen])
-        by = by_length(p.states.spine_length[seen], before[seen], after[seen])
-        made = Shrink(held_out.how, 1e3 * rms(before[seen]), 1e3 * rms(after[seen]), 1e3 * p.noise_floor, share, interval, by)
-        return made, HeldOutErrors(of_baseline, of_best, held_out.how)
-
-    return shrunk
+def shrink(p: Prepared, how: str, errors: HeldOutErrors) -> Shrink:
+    """The section `shrink`, from errors of states that the fits did not see; `how` they were left out."""
+    before, after = errors.before.distance, errors.after.distance
+    seen = np.isfinite(before) & np.isfinite(after)
+    before, after, own = before[seen], after[seen], p.states.take(seen)
+    share, interval = closed_with_interval(before, after, p.noise_floor, own.trial)
+    by = by_length(own.spine_length, before, after)
+    return Shrink(how, 1e3 * rms(before), 1e3 * rms(after), 1e3 * p.noise_floor, share, interval, by)
 
 
 def by_length(spine_length: Array, before: Array, after: Array) -> tuple[LengthShrink, ...]:
@@ -136,13 +125,10 @@ def closed_with_interval(
     names, first, index = np.unique(trial, return_index=True, return_inverse=True)
     if len(names) < 2:
         return share, None
-    count = np.bincount(index).astype(float)
-    worse, better = np.bincount(index, before**2), np.bincount(index, after**2)
     drawn = _drawn_anew(np.zeros(len(names), np.int64) if kind is None else kind[first])
-    n = count[drawn].sum(axis=1)
+    n = np.bincount(index)[drawn].sum(axis=1)
     # m^2 above the floor in each draw, as in `share_closed`
-    left = better[drawn].sum(axis=1) / n - floor**2
-    reducible = worse[drawn].sum(axis=1) / n - floor**2
+    reducible, left = (np.bincount(index, e**2)[drawn].sum(axis=1) / n - floor**2 for e in (before, after))
     shares = 1 - left[reducible > 0] / reducible[reducible > 0]
     if not shares.size:
         return share, None
@@ -171,5 +157,7 @@ def _drawn_anew(kind: Ints, draws: int = 500, seed: int = 31337) -> Ints:
 
 
 def rms(values: Array) -> float:
-    """Root mean square; NaN of nothing."""
-    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
+    """Root mean square of the finite values, of rows (n, k) that of their lengths; NaN of nothing."""
+    distance = values if values.ndim == 1 else np.linalg.norm(values, axis=1)
+    known = distance[np.isfinite(distance)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")

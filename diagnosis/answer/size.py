@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import log_ndtr, ndtri_exp
 
 from ..inference.candidate import Candidate
@@ -18,7 +17,6 @@ from ..inference.prepare import Prepared
 from ..judgement import BOUND_SD, SIZE_SD_FACTOR, UNDETERMINED_SHARE
 from .result import Value
 
-Array = NDArray[np.float64]
 PAYLOAD = "tip_payload.mass"
 
 
@@ -54,13 +52,9 @@ def sizes(p: Prepared, c: Candidate) -> tuple[Size, ...]:
     if not c.named:
         return ()
     mean, sd = c.weighed.averaged_mean * parameters.scale, SIZE_SD_FACTOR * c.weighed.averaged_sd * parameters.scale
-    rows = np.flatnonzero(parameters.of_effect)
     seen = c.weighed.averaged_sd < UNDETERMINED_SHARE
-    return tuple(
-        _size(p, int(i), float(mean[j]), float(sd[j]), bool(seen[j]))
-        for j, i in enumerate(rows)
-        if parameters.effects[i] in c.named
-    )
+    found = zip(np.flatnonzero(parameters.of_effect).tolist(), mean.tolist(), sd.tolist(), seen.tolist(), strict=True)
+    return tuple(_size(p, i, *own) for i, *own in found if parameters.effects[i] in c.named)
 
 
 def values(found: tuple[Size, ...]) -> dict[str, Value]:
@@ -78,11 +72,10 @@ def _size(p: Prepared, i: int, mean: float, sd: float, seen: bool) -> Size:
 
 
 def cut_quantile(mean: float, sd: float, low: float, high: float, share: float) -> float:
-    """Quantile of a normal that is cut at `low` and `high`.
+    """Quantile of a normal that is cut at `low` and `high`; `share` is the probability below it.
 
-    `share` is the probability below it. Made from the logarithms of what lies below the bounds, mirrored where both are above the
-    mean, so that it keeps its digits however far out they are. `scipy.stats` has the same, and takes as long to import as a
-    hundred predictions.
+    In logarithms, mirrored where both bounds are above the mean, so that it keeps its digits however far out they are.
+    (`scipy.stats.truncnorm` takes as long to import as a hundred predictions.)
     """
     a, b = (low - mean) / sd, (high - mean) / sd
     side = -1.0 if a > 0 else 1.0

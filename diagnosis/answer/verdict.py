@@ -11,8 +11,8 @@ too little data   the table lacks what it takes to name a cause
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -39,6 +39,8 @@ class Decision:
     """Effects that lead but are not named, as probably nothing stands out."""
     relatives: tuple[str, ...] = ()
     """Causes outside the catalogue that do the same to these readings (`criticism.relatives`)."""
+    second: Mapping[str, float] = field(default_factory=dict)
+    """Effects of which one acts together with what is named, and the probability of each (`Budget.second`)."""
 
     @property
     def within(self) -> float:
@@ -53,11 +55,11 @@ def decide(posterior: Posterior, enough: bool, nothing_stands_out: float = 0.0) 
     """
     outside = posterior.probability(UNKNOWN)
     named, probability = next((h, p) for h, p in posterior.ranking if h != UNKNOWN)
+    small = (1 - outside) * nothing_stands_out
     if not enough or outside >= OUTSIDE_PROBABILITY:
         return Decision("unknown", (), outside, outside, enough)
     if named == NONE:
         return Decision("none", (), probability, outside)
-    small = (1 - outside) * nothing_stands_out
     if probability < min(small, NAMED_PROBABILITY):
         return Decision("none", (), small, outside, too_small=named)
     return Decision("effect", named, probability, outside)

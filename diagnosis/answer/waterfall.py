@@ -1,4 +1,4 @@
-"""The gap step by step, in mm rms where it is looked for, on states that the fits did not see.
+"""The gap on states that the fits did not see: how far it shrinks, and step by step, in mm rms where it is looked for.
 
     as given          the model of robot.yaml, nothing fitted
     calibration       one area factor, and the tolerances of geometry, frames and trials
@@ -9,79 +9,86 @@
     irregular         what is left above the noise floor
     noise             the noise floor: repeats of a state differ by as much
 
-Each state is predicted by fits to the states of the other folds (`shrink.HeldOut`). A step is the decrease of the rms from one
-model to the next, so that all steps add up to the gap as given; on unseen states it can be negative. Its interval is the 95 %
-range over trials drawn anew and, for a cause, over all orders in which the causes can be added.
+A step is the decrease of the rms from one model to the next, so that all steps add up to the gap as given; on unseen states it
+can be negative. Its interval is the 95 % range over trials drawn anew and, for a cause, over all orders of adding the causes.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Mask
 from ..data.levels import SPINE_GAP, levels
 from ..inference.cross_validation import Model
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, DiagnosisStep, Executor
 from ..inference.fit import fit
+from ..inference.posterior import UNKNOWN
 from ..inference.prepare import Prepared, prepare
-from ..judgement import SMOOTH_SIZES, UNCONVERGED
+from ..judgement import RIVAL_PROBABILITY, SMOOTH_SIZES, UNCONVERGED
 from .attribute import Attribution, calibrated
-from .result import Absorbed, Level, Step, StepName, Waterfall
-from .shrink import HeldOut, HeldOutErrors, baseline_model, candidate_model, resampled, rms
+from .result import Absorbed, Level, Shrink, Step, StepName, Waterfall
+from .shrink import HeldOut, HeldOutErrors, baseline_model, candidate_model, resampled, rms, shrink
 
-Array = NDArray[np.float64]
+
+@dataclass(frozen=True)
+class Unseen:
+    """What states say that no fit saw; nothing where no state was held out."""
+
+    shrink: Shrink | None = None
+    errors: HeldOutErrors | None = None
+    rms_mm: Mapping[Hypothesis, float] = field(default_factory=dict)
+    """By which leading hypotheses miss them."""
+    waterfall: Waterfall | None = None
+
+
+def unseen(f: Attribution, executor: Executor) -> Callable[[], Unseen]:
+    """Start all refits; the function that is returned waits for them."""
+    p, held_out = f.prepared, HeldOut.of(f.prepared, executor)
+    if held_out is None:
+        return Unseen
+    leading = [h for h, share in f.posterior.ranking[:4] if h != UNKNOWN and share > RIVAL_PROBABILITY]
+    others = [h for h in leading if h not in (NONE, f.best.named)]
+    both = held_out.errors([baseline_model(p, f.calibrated), candidate_model(p, f.best)], DiagnosisStep.HELD_OUT_STATES)
+    rest = held_out.errors([candidate_model(p, f.posterior.candidates[h]) for h in others], DiagnosisStep.HELD_OUT_STATES)
+    step_by_step = waterfall(f, held_out)
+
+    def found() -> Unseen:
+        errors = HeldOutErrors(*both())
+        known = {NONE: errors.before, f.best.named: errors.after, **dict(zip(others, rest(), strict=True))}
+        rms_mm = {h: 1e3 * rms(known[h].distance) for h in leading}
+        return Unseen(shrink(p, held_out.how, errors), errors, rms_mm, step_by_step(errors))
+
+    return found
 
 
 def waterfall(f: Attribution, held_out: HeldOut) -> Callable[[HeldOutErrors], Waterfall]:
-    """Start all refits; the function that is returned takes the errors that `shrink` has computed and waits for the others.
+    """Start the refits; the function that is returned takes the errors that are known and waits for the others.
 
-    Refitted are the model with tolerances, unless `shrink` has refitted it, that model with a smooth discrepancy of each of
+    Refitted are the model with tolerances, unless its errors are known, that model with a smooth discrepancy of each of
     `SMOOTH_SIZES`, and a model of each subset of the named causes without tolerances.
     """
     p, named = f.prepared, f.decision.effects
     with_tolerances, subsets = candidate_model(p, f.best if named else f.none), _subsets(named)
-    refitted = bool(named) or f.best.named == NONE
+    known = bool(named) or f.best.named == NONE
     smooth = [_smooth(p, with_tolerances, size) for size in SMOOTH_SIZES]
-    models = [*([] if refitted else [with_tolerances]), *smooth, *(_only(f, s) for s in subsets)]
+    models = [*([] if known else [with_tolerances]), *smooth, *(_only(f, s) for s in subsets)]
     refits, absorbed = held_out.errors(models, DiagnosisStep.GAP_STEP_BY_STEP), _absorbed(f, held_out.executor)
 
-    def made(unseen: HeldOutErrors) -> Waterfall:
+    def made(errors: HeldOutErrors) -> Waterfall:
         in_order = (missed.distance for missed in refits())
-        tolerant = unseen.after.distance if refitted else next(in_order)
+        tolerant = errors.after.distance if known else next(in_order)
         # the size that predicts best; none where a smooth function predicts worse than no function
         helped = min([tolerant, *(next(in_order) for _ in smooth)], key=lambda e: float(np.nanmean(e**2)))
-        by_causes = {frozenset[str](): unseen.before.distance}
+        by_causes = {frozenset[str](): errors.before.distance}
         by_causes |= {frozenset(subset): next(in_order) for subset in subsets}
-        errors = _Errors(p, by_causes, tolerant, helped, _simulator_as_it_is(p))
-        return _steps(p, errors, named, held_out.how, absorbed())
+        return _Steps(p, by_causes, tolerant, helped, _simulator_as_it_is(p)).waterfall(named, held_out.how, absorbed())
 
     return made
-
-
-def _steps(p: Prepared, errors: _Errors, named: Hypothesis, how: str, absorbed: Absorbed | None) -> Waterfall:
-    """Each step is the rms (draws,) m before it less the rms after it; the last two steps end at the noise floor and at 0."""
-    order = errors.largest_first(named)
-    columns = errors.in_order(order)
-    left = [errors.rms(c) for c in columns] + [np.full(errors.draws, p.noise_floor), np.zeros(errors.draws)]
-    titles: list[tuple[StepName, str | None]] = [("calibration", None)]
-    titles += [("simulator", None)] if errors.simulator is not None else []
-    titles += [("cause", e) for e in order]
-    titles += [("tolerances", None), ("regular", None), ("irregular", None), ("noise", None)]
-    steps = []
-    for (name, effect), before, after in zip(titles, left[:-1], left[1:], strict=True):
-        taken = before - after
-        low, high = np.quantile(taken if effect is None else errors.in_any_order(effect, named), [0.025, 0.975])
-        steps.append(Step(name, effect, *(1e3 * float(x) for x in (taken[0], low, high, after[0]))))
-    by = {
-        "spine_length": errors.by(p.states.spine_length, SPINE_GAP, columns),
-        "pressure": errors.by(p.states.highest, p.states.pressure_gap, columns),
-    }
-    return Waterfall(how, int(errors.seen.sum()), 1e3 * float(left[0][0]), tuple(steps), by, absorbed)
 
 
 def _subsets(named: Hypothesis) -> list[Hypothesis]:
@@ -112,55 +119,66 @@ def _simulator_as_it_is(p: Prepared) -> Array | None:
     return held_out.errors([baseline_model(own, calibrated(own))])()[0].distance
 
 
-class _Errors:
+class _Steps:
     """Errors (states,) m of all models, and their rms as the data are and with trials drawn anew."""
 
     def __init__(
-        self,
-        p: Prepared,
-        by_causes: Mapping[frozenset[str], Array],
-        tolerant: Array,
-        smooth: Array,
-        simulator: Array | None,
+        self, p: Prepared, by_causes: Mapping[frozenset[str], Array], tolerant: Array, smooth: Array, simulator: Array | None
     ) -> None:
-        self._given: Array = np.linalg.norm(p.gap(p.problem.observed - p.given), axis=1)
-        self._by_causes, self._tolerant, self._smooth = by_causes, tolerant, smooth
-        self.simulator = simulator
-        every = np.array([self._given, *by_causes.values(), tolerant, smooth, *([simulator] if simulator is not None else ())])
-        self.seen: NDArray[np.bool_] = np.asarray(np.isfinite(every).all(axis=0))
+        self._p, self._by_causes = p, by_causes
+        self._before = [("as given", np.linalg.norm(p.gap(p.problem.observed - p.given), axis=1))]
+        self._before += [("simulator", simulator)] if simulator is not None else []
+        self._after: list[tuple[StepName, Array]] = [("tolerances", tolerant), ("regular", smooth)]
+        every = [*by_causes.values(), *(e for _, e in (*self._before, *self._after))]
+        self._seen: Mask = np.asarray(np.isfinite(every).all(axis=0))
         """(states,) predicted by every model."""
-        again = resampled(p.states.trial[self.seen])
+        again = resampled(p.states.trial[self._seen])
         self._weights = np.vstack([np.ones(again.shape[1]), again])
-        self.draws = len(self._weights)
 
-    def rms(self, errors: Array) -> Array:
+    def waterfall(self, named: Hypothesis, how: str, absorbed: Absorbed | None) -> Waterfall:
+        """Each step is the rms (draws,) m before it less the rms after it; the last two end at the noise floor and at 0."""
+        order = self._largest_first(named)
+        causes = [self._with(order[:k]) for k in range(len(order) + 1)]
+        columns = [*(e for _, e in self._before), *causes, *(e for _, e in self._after)]
+        draws = len(self._weights)
+        left = [*map(self._rms, columns), np.full(draws, self._p.noise_floor), np.zeros(draws)]
+        titles: list[tuple[StepName, str | None]] = [("calibration", None)]
+        titles += [("simulator", None)] if len(self._before) > 1 else []
+        titles += [("cause", e) for e in order]
+        titles += [("tolerances", None), ("regular", None), ("irregular", None), ("noise", None)]
+        steps = []
+        for (name, effect), before, after in zip(titles, left[:-1], left[1:], strict=True):
+            taken = before - after
+            low, high = np.quantile(taken if effect is None else self._in_any_order(effect, named), [0.025, 0.975])
+            steps.append(Step(name, effect, *(1e3 * float(x) for x in (taken[0], low, high, after[0]))))
+        s = self._p.states
+        by = {
+            "spine_length": self._by(s.spine_length, SPINE_GAP, columns),
+            "pressure": self._by(s.highest, s.pressure_gap, columns),
+        }
+        return Waterfall(how, int(self._seen.sum()), 1e3 * float(left[0][0]), tuple(steps), by, absorbed)
+
+    def _rms(self, errors: Array) -> Array:
         """(draws,) m, the data as they are first."""
-        squares = self._weights @ errors[self.seen] ** 2
+        squares = self._weights @ errors[self._seen] ** 2
         return np.asarray(np.sqrt(squares / self._weights.sum(axis=1)))
 
-    def in_order(self, order: Sequence[str]) -> list[Array]:
-        """As given, calibrated, with the causes added in this order, with tolerances, with a smooth function; a simulator as it
-        is before it is taken back to the rod."""
-        causes = [self._with(order[:k]) for k in range(len(order) + 1)]
-        first = [self._given] if self.simulator is None else [self._given, self.simulator]
-        return [*first, *causes, self._tolerant, self._smooth]
-
-    def largest_first(self, named: Hypothesis) -> tuple[str, ...]:
+    def _largest_first(self, named: Hypothesis) -> tuple[str, ...]:
         """Each cause the one that takes most of what the causes before it leave."""
         order: tuple[str, ...] = ()
         while rest := [e for e in named if e not in order]:
-            order = (*order, min(rest, key=lambda e: float(self.rms(self._with((*order, e)))[0])))
+            order = (*order, min(rest, key=lambda e: float(self._rms(self._with((*order, e)))[0])))
         return order
 
-    def in_any_order(self, effect: str, named: Hypothesis) -> Array:
+    def _in_any_order(self, effect: str, named: Hypothesis) -> Array:
         """(..,) m that a cause takes: over draws, and over which others were added before it."""
         before = [s for s in [NONE, *_subsets(named)] if effect not in s]
-        return np.concatenate([self.rms(self._with(s)) - self.rms(self._with((*s, effect))) for s in before])
+        return np.concatenate([self._rms(self._with(s)) - self._rms(self._with((*s, effect))) for s in before])
 
-    def by(self, values: Array, gap: float, columns: Sequence[Array]) -> tuple[Level, ...]:
+    def _by(self, values: Array, gap: float, columns: Sequence[Array]) -> tuple[Level, ...]:
         """rms by level of a factor (states,)."""
         level = levels(values, gap)
-        parts = [np.flatnonzero(self.seen & (level == k)) for k in np.unique(level[self.seen])]
+        parts = [np.flatnonzero(self._seen & (level == k)) for k in np.unique(level[self._seen])]
         return tuple(Level(float(np.round(values[i].mean(), 6)), len(i), tuple(1e3 * rms(c[i]) for c in columns)) for i in parts)
 
     def _with(self, causes: Sequence[str]) -> Array:
@@ -169,14 +187,13 @@ class _Errors:
 
 def _absorbed(f: Attribution, executor: Executor) -> Callable[[], Absorbed | None]:
     """What an area factor for each spine length would hide: tip errors on pressures that no fit saw, with one area factor, with
-    one for each length, and with the named causes. None where there is but one length, where fewer than three pressures leave
-    too few to fit, and where there is no area factor (stiffness trials) or no more than one (another simulator).
+    one for each length, and with the named causes. None with one length, with fewer than three pressures, and where there is no
+    area factor (stiffness trials) or no more than one (another simulator).
 
     Starts the refits that run elsewhere; the function that is returned fits the rest meanwhile and waits for them.
     """
     p = f.prepared
-    length = levels(p.states.spine_length, SPINE_GAP)
-    pressure = levels(p.states.highest, p.states.pressure_gap)
+    length, pressure = levels(p.states.spine_length, SPINE_GAP), levels(p.states.highest, p.states.pressure_gap)
     if p.pushes_only or p.baseline is not None or len(np.unique(length)) < 2 or len(np.unique(pressure)) < 3:
         return lambda: None
     how = "leave one pressure out"
@@ -184,7 +201,6 @@ def _absorbed(f: Attribution, executor: Executor) -> Callable[[], Absorbed | Non
     errors = HeldOut(p, pressure, how, executor).errors(models, DiagnosisStep.GAP_STEP_BY_STEP)
 
     def absorbed() -> Absorbed:
-        """rms (mm) over the states that all of them predict."""
         by_length = prepare(p.robot, p.states, "per_length", catalogue={}, noise_components=p.noise_components)
         (per_length,) = HeldOut(by_length, pressure, how).errors([baseline_model(by_length, calibrated(by_length))])()
         one, *with_causes = (missed.distance for missed in errors())

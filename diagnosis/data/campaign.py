@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.condition import States, conditions
 from model.robot import Robot
 from recordings.trials import TrialRow
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from ..arrays import Array, Ints, Mask
 
 
 @dataclass(frozen=True)
@@ -36,13 +34,13 @@ class Campaign:
     def __len__(self) -> int:
         return len(self.rows)
 
-    def take(self, rows: NDArray[np.bool_]) -> Campaign:
+    def take(self, rows: Mask) -> Campaign:
         """The states picked by a mask."""
         kept = tuple(r for r, k in zip(self.rows, rows, strict=True) if k)
         return Campaign(kept, self.condition[rows], self.kind[rows], self.pressure_gap)
 
     @cached_property
-    def pushed(self) -> NDArray[np.bool_]:
+    def pushed(self) -> Mask:
         """(n,) states of stiffness trials: force and deflection of a cantilever, no tip."""
         return np.array([r.protocol == "stiffness" for r in self.rows], bool)
 
@@ -87,7 +85,7 @@ class Campaign:
         return np.radians([r.roll_deg or 0.0 for r in self.rows])
 
     @cached_property
-    def main(self) -> NDArray[np.bool_]:
+    def main(self) -> Mask:
         """(n,) states in which the gap is looked for: all with a tip; the pushes where there are no others."""
         return ~self.pushed if (~self.pushed).any() else self.pushed
 
@@ -102,9 +100,9 @@ class Campaign:
         return np.array([r.repeat for r in self.rows], np.int64)
 
     @cached_property
-    def inflated(self) -> NDArray[np.bool_]:
+    def inflated(self) -> Mask:
         """(n, chambers) chambers above half the state's highest pressure, and above `pressure_gap`."""
-        out: NDArray[np.bool_] = (self.pressure > 0.5 * self.highest[:, None]) & (self.pressure > self.pressure_gap)
+        out: Mask = (self.pressure > 0.5 * self.highest[:, None]) & (self.pressure > self.pressure_gap)
         return out
 
     @cached_property

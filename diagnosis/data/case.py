@@ -1,7 +1,7 @@
 """From a table of trials to arrays, and what such a table can and cannot be asked.
 
-Nothing is guessed: rows that cannot be used are left out and counted, a table that cannot be used at all is refused,
-and what a small table cannot answer is reported as a concern with the result.
+Rows that cannot be used are left out and counted, a table that cannot be used at all is refused, and what a small table cannot
+answer is reported as a concern with the result.
 """
 
 from __future__ import annotations
@@ -10,18 +10,15 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.robot import Robot
 from recordings.trials import Table, TrialRow
 
+from ..arrays import Array, Ints, Mask
 from ..errors import BadCase
 from . import plausible, pushes
 from .campaign import Campaign
-from .levels import FORCE_GAP, MASS_GAP, RATE_GAP, ROLL_GAP, SPINE_GAP, VACUUM_GAP, by_frequency, levels, pressure_gap
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from .levels import FORCE_GAP, MASS_GAP, RATE_GAP, ROLL_GAP, SPINE_GAP, VACUUM_GAP, by_frequency, distinct, levels, pressure_gap
 
 
 class CaseLike(Protocol):
@@ -54,18 +51,15 @@ def states(case: CaseLike) -> tuple[Campaign, tuple[str, ...]]:
         )
     usable = [r for r in of_robot if np.isfinite((*r.tip, r.spine_length, *r.pressures)).all()]  # type: ignore[misc]
     usable_pushes = [r for r in of_trials if np.isfinite((r.spine_length, r.force, r.deflection)).all()]  # type: ignore[arg-type]
-    concerns = []
-    if len(usable) + len(usable_pushes) < len(of_robot) + len(of_trials):
-        every = len(of_robot) + len(of_trials)
-        bad = every - len(usable) - len(usable_pushes)
-        concerns.append(f"{bad} of {every} states have values that are not finite and are left out")
-    if not usable and not usable_pushes:
-        raise BadCase(f"all {len(of_robot) + len(of_trials)} states have values that are not finite: nothing can be compared")
+    every, good = len(of_robot) + len(of_trials), len(usable) + len(usable_pushes)
+    if not good:
+        raise BadCase(f"all {every} states have values that are not finite: nothing can be compared")
+    concerns = [f"{every - good} of {every} states have values that are not finite and are left out"] if good < every else []
     plausible.require_plausible(robot, usable + usable_pushes)
     pushes.require_plausible(robot, usable_pushes)
     arrays = _arrays(usable, usable_pushes)
     concerns += _concerns(arrays, robot.spine is not None) if usable else []
-    return arrays, (*concerns, *pushes.concerns(usable_pushes, arrays, bool(usable)))
+    return arrays, (*concerns, *pushes.concerns(arrays, bool(usable)))
 
 
 def _arrays(of_robot: list[TrialRow], of_trials: list[TrialRow]) -> Campaign:
@@ -86,28 +80,22 @@ def _behind(first: Ints, second: Ints) -> Ints:
 def _conditions(s: Campaign) -> Ints:
     """(n,) number of each state's condition: spine length, highest pressure, branch, kind and hold; and the pressure of each
     chamber, where chambers of equal highest pressure were set to different ones."""
-    if not len(s):
-        return np.zeros(0, np.int64)
-    level = levels(s.highest, s.pressure_gap)
     # settled readings wait as long as it takes, holds of 2, 5 and 10 s were meant to differ
     hold = levels(np.log1p([r.hold or 0.0 for r in s.rows]), 0.4)
-    keys = np.column_stack([levels(s.spine_length, SPINE_GAP), level, s.branch.astype(np.int64), s.kind, hold])
-    found = np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
+    level, branch = levels(s.highest, s.pressure_gap), s.branch.astype(np.int64)
+    found = distinct(levels(s.spine_length, SPINE_GAP), level, branch, s.kind, hold)
     settings = np.zeros(s.pressure.shape, np.int64)
     for own in (found == c for c in np.unique(found)):
-        # The highest pressure alone tells settings apart where chambers are inflated together, not where each has its own.
         # chambers that differ by more were set otherwise, whatever the highest pressure is
         if np.ptp(s.pressure[own], axis=0).max() > 6.0 * s.pressure_gap:
             settings[own] = np.column_stack([levels(chamber, s.pressure_gap) for chamber in s.pressure[own].T])
-    return np.unique(np.column_stack([found, settings]), axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
+    return distinct(found, settings)
 
 
 def _kinds(s: Campaign) -> Ints:
-    """(n,) number of each state's kind of experiment, 0 the most frequent: protocol, chambers inflated in its sweep, tip mass,
-    roll, force at the tip, vacuum, and the rate of a trial that was read while ramping. What a row does not state counts as 0."""
+    """(n,) number of each state's kind of experiment, 0 the most frequent: protocol, chambers of its sweep, tip mass, roll, force
+    at the tip, vacuum, and the rate of a trial that was read while ramping. What a row does not state counts as 0."""
     rows = s.rows
-    if not rows:
-        return np.zeros(0, np.int64)
     while_ramping = np.array([r.hold is not None and r.hold <= 0 for r in rows])
     rate = np.array([abs(r.rate or 0.0) for r in rows])
     inflated, ramp = s.inflated.copy(), np.zeros(len(rows))
@@ -118,16 +106,16 @@ def _kinds(s: Campaign) -> Ints:
         ramp[own] = rate[own].max() if while_ramping[own].any() else 0.0
     return by_frequency(
         np.unique([r.protocol for r in rows], return_inverse=True)[1],
-        np.unique(inflated, axis=0, return_inverse=True)[1].reshape(-1),
+        distinct(inflated),
         levels(np.array([r.tip_mass or 0.0 for r in rows]), MASS_GAP),
         levels(np.array([r.roll_deg or 0.0 for r in rows]), ROLL_GAP),
-        *(levels(along_axis, FORCE_GAP) for along_axis in np.array([r.tip_force for r in rows]).T),
+        *(levels(along_axis, FORCE_GAP) for along_axis in np.array([r.tip_force for r in rows]).reshape(-1, 3).T),
         _vacuums(np.array([r.vacuum or 0.0 for r in rows]), s.spine_length),
         levels(ramp, RATE_GAP),
     )
 
 
-def _sweeps(inflated: NDArray[np.bool_], highest: Array, gap: float) -> NDArray[np.bool_]:
+def _sweeps(inflated: Mask, highest: Array, gap: float) -> Mask:
     """(m, chambers) chambers of the sweep that each of the m states of a trial belongs to.
 
     They are those of the state of highest pressure, unless a state has none of these inflated; near zero pressure those of the
@@ -140,7 +128,7 @@ def _sweeps(inflated: NDArray[np.bool_], highest: Array, gap: float) -> NDArray[
     if not with_pressure.size:
         return np.broadcast_to(top, out.shape)
     following = np.searchsorted(with_pressure, np.arange(len(out)))
-    of_sweep: NDArray[np.bool_] = out[with_pressure[np.minimum(following, with_pressure.size - 1)]]
+    of_sweep: Mask = out[with_pressure[np.minimum(following, with_pressure.size - 1)]]
     return of_sweep
 
 

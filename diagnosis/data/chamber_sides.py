@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.effects.laws.actuation import ORDERS, orders
 from model.effects.shows import sides_apart
@@ -14,8 +13,6 @@ from model.robot import Robot
 from model.stated import Stated
 
 from .campaign import Campaign
-
-Array = NDArray[np.float64]
 
 ORDER = "chamber_order"
 """The effect that exchanges chambers."""

@@ -1,15 +1,14 @@
 """Numbers of robot.yaml and of the set-up that are far off, calibrated before anything is diagnosed.
 
-Robot files of other laboratories are off by a factor of two, cameras stand turned, the tracked point is not the end of the body.
-The diagnosis is local: around such a robot each of its hypotheses is wrong. So a few numbers are fitted first, robustly and
-over wide bounds,
+The diagnosis is local: around a robot that is described far off, each of its hypotheses is wrong. So a few numbers are fitted
+first, robustly and over wide bounds,
 
     min sum_i rho(|tip_i - rod(theta)_i|^2 / s^2) + sum_k (theta_k / w_k)^2,    rho(z) = 2 (sqrt(1 + z) - 1),
 
 theta: area factor (free), E with G (w = ln 2), azimuth of the chambers, direction of gravity, and where the cameras' frame has
-its origin; s is 1 % of the robot's length. What the diagnosis can describe itself stays within `FIRST_USUAL`; only where going
-beyond leaves less than 0.3 of the robust rms are the numbers that lie beyond it taken over, and told. Where one
-weight more, at the tip or all along, leaves as little, nothing is: the diagnosis can name that weight.
+its origin; s is 1 % of the robot's length. Numbers are taken over only beyond `FIRST_USUAL`, which the diagnosis describes
+itself, and only where going beyond leaves less than 0.3 of the robust rms. Where one weight more, at the tip or all along,
+leaves as little, nothing is taken over: the diagnosis can name that weight.
 """
 
 from __future__ import annotations
@@ -19,7 +18,6 @@ from collections.abc import Collection
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
@@ -30,6 +28,7 @@ from model.rods import FINE, solve
 from model.section import body_mass, rods_of
 from recordings.trials import TrialRow
 
+from ..arrays import Array, Mask
 from ..judgement import (
     FIRST_AS_GOOD,
     FIRST_AT_BOUND,
@@ -47,15 +46,13 @@ from ..judgement import (
 from .campaign import Campaign, settings, spread_over, tip_masses
 from .chamber_sides import can_name_order, exchanged, order_told, with_order
 
-Array = NDArray[np.float64]
-
 NAMES = ("area_factor", "youngs_modulus", "azimuth", "gravity_x", "gravity_y", "origin_x", "origin_y", "origin_z")
 ORIGIN, STEP = 5, 1.5e-8
 """The first parameter of the origin, which moves every tip alike, and the step of differences by the others, relative."""
 DIRECT = replace(FINE, follow=False)
 """A rod so soft that it has to be loaded in steps, at a thousand times the cost, counts as one that does not stand."""
 CALIBRATED_FIRST = "calibrated first"
-"""How what a person has to know of it begins."""
+"""How the concern about it begins."""
 STIFFER = (3.0, 9.0)
 """Times the modulus, with the area factor as it is or as many times larger, where the wide fit may begin."""
 QUARTERS = (0.0, np.pi / 2, -np.pi / 2, np.pi)
@@ -70,7 +67,7 @@ class Adjusted:
     given: float
     found: float
     unit: str
-    at_bound: bool
+    at_bound: bool = False
 
     def __str__(self) -> str:
         bound = ", and would go beyond: another number beside it is wrong too" if self.at_bound else ""
@@ -88,7 +85,7 @@ class FirstCalibration:
     """m, taken off every measured position."""
     before: float = 0.0
     after: float = 0.0
-    """m, robust rms of the tip as far as the diagnosis follows by itself, and with the numbers found."""
+    """m, robust rms of the tip within `FIRST_USUAL`, and with the numbers found."""
     order: str = ""
     """Chambers that are connected in another order, in words; empty where they are not."""
 
@@ -103,7 +100,7 @@ class FirstCalibration:
 
     @property
     def concern(self) -> str:
-        """What a person has to know and to look at."""
+        """What a person has to know and to check."""
         return (
             f"{CALIBRATED_FIRST}, because robot.yaml is far from these data ({self.before * 1e3:.2f} mm at best, with "
             f"these numbers {self.after * 1e3:.2f} mm; a robust rms, which counts readings far off less): "
@@ -117,16 +114,14 @@ class FirstCalibration:
 
     def detail(self) -> dict[str, object]:
         """For the answer's JSON."""
-        return {
-            "before_mm": self.before * 1e3,
-            "after_mm": self.after * 1e3,
-            "adjusted": [asdict(a) for a in self.adjusted],
-            **({"order": self.order} if self.order else {}),
-        }
+        numbers = {"before_mm": self.before * 1e3, "after_mm": self.after * 1e3, "adjusted": [asdict(a) for a in self.adjusted]}
+        return {**numbers, **({"order": self.order} if self.order else {})}
 
     def moved(self, states: Campaign) -> Campaign:
         """Other states in the same frame."""
-        return _shifted(states, np.array(self.shift)) if any(self.shift) else states
+        if not any(self.shift):
+            return states
+        return replace(states, rows=tuple(_shifted(r, np.array(self.shift)) for r in states.rows))
 
 
 def calibrate_first(robot: Robot, states: Campaign, effects: Collection[str] = ()) -> FirstCalibration:
@@ -135,53 +130,55 @@ def calibrate_first(robot: Robot, states: Campaign, effects: Collection[str] = (
     `effects`: those that are weighed afterwards. Where the one that exchanges chambers is among them and they were inflated
     on several sides, a pattern turned or counted so that it is another order is taken for that, as an effect of the robot.
     """
-    kept = ~states.pushed
-    if robot.effects or robot.tolerances or kept.sum() < 6:
-        return FirstCalibration(robot, states)
-    with_tip = states.take(kept)
+    unchanged, with_tip = FirstCalibration(robot, states), states.take(~states.pushed)
+    if robot.effects or robot.tolerances or len(with_tip) < 6:
+        return unchanged
     # the others lie between them
-    seen = np.zeros(len(with_tip), bool)
-    seen[spread_over(len(with_tip), 60)] = True
-    fitted = with_tip.take(seen)
+    seen = with_tip.take(np.isin(np.arange(len(with_tip)), spread_over(len(with_tip), 60)))
     # one area factor, as the diagnosis has it
-    told, robot = robot, robot.with_area_factor(float(np.mean(robot.area_factor_at(fitted.spine_length))))
-    near = _fitted(robot, fitted, FIRST_USUAL, _turned(0.0))
+    one = robot.with_area_factor(float(np.mean(robot.area_factor_at(seen.spine_length))))
+    near = _fitted(one, seen, FIRST_USUAL, _turned(0.0))
     if near is None:
-        return FirstCalibration(told, states)
-    missed = _rms(robot, fitted, near)
-    if missed < FIRST_LOSS_SCALE * robot.length and not (np.abs(near) > FIRST_NEAR_BOUND * FIRST_USUAL)[1:].any():
-        return FirstCalibration(told, states)
-    far, senses, least = None, (1.0, 1.0), np.inf
-    for turn, gravity, counting in dict.fromkeys(((0.0, 1.0, 1.0), _counted(robot, fitted), (0.0, -1.0, 1.0))):
+        return unchanged
+    before = _rms(one, seen, near)
+    if before < FIRST_LOSS_SCALE * robot.length and not (np.abs(near) > FIRST_NEAR_BOUND * FIRST_USUAL)[1:].any():
+        return unchanged
+    far, (gravity, counting), after = _widely_fitted(one, seen)
+    beyond = np.abs(far) > FIRST_USUAL
+    upright = min(gravity, counting) > 0
+    if not (beyond.any() or not upright) or after > FIRST_GAIN * before:
+        return unchanged
+    if upright and _weight_explains(one, seen, min(FIRST_AS_GOOD * after, FIRST_GAIN * before)):
+        return unchanged  # the diagnosis names weights
+    named = np.array(NAMES)
+    turned = _with(_sensed(robot, gravity, counting), far * (named == "azimuth")).actuators.azimuths_deg
+    place = exchanged(robot, turned) if can_name_order(robot, states, effects) else None
+    if place is not None:
+        beyond[2], counting = False, 1.0
+    # what the diagnosis can describe itself stays for it, but the area factor goes with the others
+    theta = np.where(beyond | (named == "area_factor"), far, 0.0)
+    made = _with(_sensed(robot, gravity, counting), theta)
+    x, y, z = (theta[ORIGIN:] * robot.length).tolist()
+    adjusted = _adjusted(robot, made, theta, beyond, gravity < 0, counting < 0)
+    order = "" if place is None else order_told(robot, place)
+    made = made if place is None else with_order(made, place)
+    found = FirstCalibration(made, states, adjusted, (x, y, z), before, after, order)
+    return replace(found, states=found.moved(states))
+
+
+def _widely_fitted(robot: Robot, states: Campaign) -> tuple[Array, tuple[float, float], float]:
+    """Theta (8,) of the wide fit, the senses of gravity and of counting the chambers (1 or -1), and the robust rms (m): the first
+    that converges of the robot as it is, with chambers counted otherwise, and upside down; infinite where no rod stands."""
+    theta, senses, least = np.zeros(len(NAMES)), (1.0, 1.0), np.inf
+    for turn, gravity, counting in dict.fromkeys(((0.0, 1.0, 1.0), _counted(robot, states), (0.0, -1.0, 1.0))):
         if least < FIRST_CONVERGED * robot.length:
             break
         there = _sensed(robot, gravity, counting)
-        found = _fitted(there, fitted, FIRST_WIDEST, _standing(there, fitted, turn))
-        left = np.inf if found is None else _rms(there, fitted, found)
-        if left < (least if min(gravity, counting) > 0 else UPSIDE_DOWN_GAIN * least):
-            far, senses, least = found, (gravity, counting), left
-    if far is None:
-        return FirstCalibration(told, states)
-    before, after = missed, _rms(_sensed(robot, *senses), fitted, far)
-    beyond = np.abs(far) > FIRST_USUAL
-    if not (beyond.any() or min(senses) < 0) or after > FIRST_GAIN * before:
-        return FirstCalibration(told, states)
-    if min(senses) > 0 and _weight_explains(robot, fitted, min(FIRST_AS_GOOD * after, FIRST_GAIN * before)):
-        return FirstCalibration(told, states)  # a weight explains it, and the diagnosis names weights
-    turned = _with(_sensed(told, *senses), far * (np.array(NAMES) == "azimuth")).actuators.azimuths_deg
-    place = exchanged(told, turned) if can_name_order(told, states, effects) else None
-    if place is not None:
-        beyond[2], senses = False, (senses[0], 1.0)
-    # what the diagnosis can describe itself stays for it, but the area factor goes with the others
-    theta = np.where(beyond | (np.array(NAMES) == "area_factor"), far, 0.0)
-    shift = theta[ORIGIN:] * robot.length
-    made = _with(_sensed(told, *senses), theta)
-    adjusted = _told(told, made, theta, shift, beyond, senses)
-    moved = _shifted(states, shift) if shift.any() else states
-    x, y, z = shift.tolist()
-    order = "" if place is None else order_told(told, place)
-    made = made if place is None else with_order(made, place)
-    return FirstCalibration(made, moved, adjusted, (x, y, z), before, after, order)
+        found = _fitted(there, states, FIRST_WIDEST, _standing(there, states, turn))
+        left = np.inf if found is None else _rms(there, states, found)
+        if found is not None and left < (least if min(gravity, counting) > 0 else UPSIDE_DOWN_GAIN * least):
+            theta, senses, least = found, (gravity, counting), left
+    return theta, senses, least
 
 
 def _weight_explains(robot: Robot, states: Campaign, most: float) -> bool:
@@ -252,6 +249,7 @@ class _Misfit:
 
     def __init__(self, robot: Robot, states: Campaign) -> None:
         self._robot, self._states, self._asked = robot, states, settings(robot, states.rows)
+        self._unit = FIRST_LOSS_SCALE * robot.length
         self._last: tuple[Array, Array] = (np.full(len(NAMES), np.nan), np.zeros(0))
 
     def residual(self, theta: Array) -> Array:
@@ -273,20 +271,16 @@ class _Misfit:
         out[missed.size :, 1:] = np.diag(1 / FIRST_SD[1:])
         return out
 
-    @property
-    def _unit(self) -> float:
-        return FIRST_LOSS_SCALE * self._robot.length
-
     def _missed(self, theta: Array) -> Array:
         if not np.array_equal(theta, self._last[0]):
             self._last = theta.copy(), _missed(self._robot, self._states, theta, self._asked)
         return self._last[1]
 
 
-def _missed(robot: Robot, states: Campaign, theta: Array, asked: States | None = None) -> Array:
+def _missed(robot: Robot, states: Campaign, theta: Array, asked: States) -> Array:
     """(n, 3) m, tip predicted minus measured; a robot length in each axis where the rod has no equilibrium. `asked`: settings of
-    the states, where they are known."""
-    found = solve(rods_of(_with(robot, theta), asked or settings(robot, states.rows), full=True), DIRECT)
+    the states."""
+    found = solve(rods_of(_with(robot, theta), asked, full=True), DIRECT)
     tip = states.tip - theta[ORIGIN:] * robot.length
     return np.where(found.converged[:, None], np.nan_to_num(found.tip - tip), robot.length)
 
@@ -294,7 +288,7 @@ def _missed(robot: Robot, states: Campaign, theta: Array, asked: States | None =
 def _rms(robot: Robot, states: Campaign, theta: Array) -> float:
     """m, s sqrt(mean rho(d^2 / s^2)) over the states: the rms of distances d that are small, while large ones count less."""
     scale = FIRST_LOSS_SCALE * robot.length
-    squared = (_missed(robot, states, theta) ** 2).sum(axis=1) / scale**2
+    squared = (_missed(robot, states, theta, settings(robot, states.rows)) ** 2).sum(axis=1) / scale**2
     return scale * float(np.sqrt(np.mean(2 * (np.sqrt(1 + squared) - 1))))
 
 
@@ -310,37 +304,34 @@ def _with(robot: Robot, theta: Array) -> Robot:
     return made.model_copy(update={"area_factor": areas, "gravity": (x, y, z)})
 
 
-def _told(
-    robot: Robot, made: Robot, theta: Array, shift: Array, beyond: NDArray[np.bool_], senses: tuple[float, float]
-) -> tuple[Adjusted, ...]:
+def _adjusted(robot: Robot, made: Robot, theta: Array, beyond: Mask, hanging: bool, counted: bool) -> tuple[Adjusted, ...]:
+    """The numbers of `made` that were taken over; `hanging`: upside down, `counted`: chambers counted the other way round."""
     at_bound = np.abs(theta) > FIRST_AT_BOUND * FIRST_WIDEST
+    given, now = robot.actuators.azimuths_deg, made.actuators.azimuths_deg
     out = []
-    if senses[0] < 0:
+    if hanging:
         k = int(np.argmax(np.abs(robot.gravity)))
-        out.append(Adjusted(f"gravity {'xyz'[k]}", robot.gravity[k], made.gravity[k], "m/s^2", False))
-    if senses[1] < 0:
-        second = min(1, len(made.actuators.azimuths_deg) - 1)
-        given, now = robot.actuators.azimuths_deg[second], made.actuators.azimuths_deg[second]
-        out.append(Adjusted("chambers counted the other way round, azimuth of the second", given, now, "deg", False))
+        out.append(Adjusted(f"gravity {'xyz'[k]}", robot.gravity[k], made.gravity[k], "m/s^2"))
+    if counted:
+        second = min(1, len(now) - 1)
+        name = "chambers counted the other way round, azimuth of the second"
+        out.append(Adjusted(name, given[second], now[second], "deg"))
     if beyond[1]:
         out.append(Adjusted("youngs_modulus", robot.youngs_modulus / 1e3, made.youngs_modulus / 1e3, "kPa", bool(at_bound[1])))
     if beyond[2]:
-        first, now = robot.actuators.azimuths_deg[0], made.actuators.azimuths_deg[0]
-        out.append(Adjusted("azimuth of the first chamber", first, now, "deg", False))
+        out.append(Adjusted("azimuth of the first chamber", given[0], now[0], "deg"))
     if beyond[3] or beyond[4]:
         tilt = float(np.degrees(np.linalg.norm(theta[3:5])))
         out.append(Adjusted("gravity, turned from the one stated by", 0.0, tilt, "deg", bool(at_bound[3:5].any())))
-    for k, axis in enumerate("xyz"):
-        if beyond[ORIGIN + k]:
-            out.append(Adjusted(f"origin of the tip's {axis}", 0.0, float(shift[k]) * 1e3, "mm", bool(at_bound[ORIGIN + k])))
+    for k, axis in enumerate("xyz", ORIGIN):
+        if beyond[k]:
+            out.append(
+                Adjusted(f"origin of the tip's {axis}", 0.0, 1e3 * float(theta[k] * robot.length), "mm", bool(at_bound[k]))
+            )
     return tuple(out)
 
 
-def _shifted(states: Campaign, shift: Array) -> Campaign:
-    return replace(states, rows=tuple(_row(r, shift) for r in states.rows))
-
-
-def _row(row: TrialRow, shift: Array) -> TrialRow:
+def _shifted(row: TrialRow, shift: Array) -> TrialRow:
     if row.tip is None:
         return row
     x, y, z = (np.array(row.tip) - shift).tolist()

@@ -9,15 +9,14 @@ from numpy.typing import NDArray
 
 from recordings.trials import TrialRow
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from ..arrays import Array, Ints
 
 SPINE_GAP, PRESSURE_GAP, VACUUM_GAP = 3e-3, 3e3, 10e3
 """m, Pa, Pa: readings that differ by less were meant to be the same setting. Of pressures this is the most, see below."""
 MASS_GAP, FORCE_GAP, ROLL_GAP, RATE_GAP = 2e-3, 0.02, 1.0, 1e3
 """kg and N at the tip, degrees, Pa/s: the same."""
 OF_RANGE, OF_SCATTER = 0.02, 3.0
-"""Pressures are told apart from this share of the highest on; never finer than so many times their scatter in a reading."""
+"""Pressures are distinguished from this share of the highest on; never finer than this many times their scatter in a reading."""
 
 
 def levels(values: Array, gap: float) -> Ints:
@@ -28,35 +27,34 @@ def levels(values: Array, gap: float) -> Ints:
     """
     order = np.argsort(values, kind="stable")
     out = np.empty(len(values), np.int64)
-    out[order] = np.concatenate([[0], np.cumsum(np.diff(values[order]) > gap)])
+    out[order] = np.concatenate([[0], np.cumsum(np.diff(values[order]) > gap)])[: len(values)]
     return out
 
 
-def by_frequency(*columns: Ints) -> Ints:
-    """Number of each row of columns (n,) among different rows, 0 for the most frequent one."""
-    _, index, count = np.unique(np.column_stack(columns), axis=0, return_inverse=True, return_counts=True)
-    rank = np.argsort(np.argsort(-count, kind="stable"), kind="stable")
-    return rank[index.reshape(-1)].astype(np.int64)
+def distinct(*columns: NDArray[np.generic]) -> Ints:
+    """Number of each row of columns (n,) or (n, k) among different rows, in their order."""
+    return np.unique(np.column_stack(columns), axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
+
+
+def by_frequency(*columns: NDArray[np.generic]) -> Ints:
+    """The same, 0 for the most frequent row."""
+    index = distinct(*columns)
+    rank = np.argsort(np.argsort(-np.bincount(index), kind="stable"), kind="stable")
+    return rank[index].astype(np.int64)
 
 
 def pressure_gap(rows: Sequence[TrialRow]) -> float:
     """Pa within which pressures count as one setting: 3 kPa, less where the whole range is small."""
     highest = max((max(r.pressures) for r in rows), default=0.0)
-    spread = [value for r in rows if (value := _scatter(r)) is not None]
+    scatter = [r.sd.get(f"p{int(np.argmax(r.pressures)) + 1}", np.nan) for r in rows]  # of the highest chamber's samples
+    spread = [value for value in scatter if np.isfinite(value)]
     fine = max(OF_RANGE * highest, OF_SCATTER * float(np.median(spread)) if spread else 0.0)
     return min(PRESSURE_GAP, fine) if fine > 0 else PRESSURE_GAP
 
 
-def _scatter(row: TrialRow) -> float | None:
-    """Pa, standard deviation of the samples of the highest chamber."""
-    value = row.sd.get(f"p{int(np.argmax(row.pressures)) + 1}")
-    return value if value is not None and np.isfinite(value) else None
-
-
 def step_gap(deflection: Array, trial: Ints) -> float:
     """m within which deflections of one specimen at one length were meant to be the same."""
-    steps = [np.diff(np.sort(deflection[trial == t])) for t in np.unique(trial)]
-    moved = np.concatenate(steps)
+    moved = np.concatenate([np.diff(np.sort(deflection[trial == t])) for t in np.unique(trial)])
     moved = moved[moved > 0]
     # of the trials' usual step: deflections that differ by less were meant to be the same
     return 0.4 * float(np.median(moved)) if moved.size else 0.0

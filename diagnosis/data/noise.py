@@ -13,6 +13,7 @@ lasts. Chambers of one regulator are read wrongly together. Readings of differen
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -107,8 +108,22 @@ class Noise:
 
     def take(self, kept: NDArray[np.bool_]) -> Noise:
         """The noise of some of the values."""
-        lasting = None if self.lasting is None else self.lasting.take(kept)
+        lasting = self.lasting and self.lasting.take(kept)
         return Noise(self.state[kept], self.sd[kept], self.pressure_response[kept], lasting)
+
+    def then(self, other: Noise) -> Noise:
+        """With the noise of other values after these, of other states."""
+        responses = self.pressure_response, other.pressure_response
+        wide = max(r.shape[1] for r in responses)
+        lasting = None
+        if self.lasting is not None or other.lasting is not None:
+            lasting = (self.lasting or Lasting.none(len(self.sd))).then(other.lasting or Lasting.none(len(other.sd)))
+        return Noise(
+            np.concatenate([self.state, other.state + self.state.max() + 1]),
+            np.concatenate([self.sd, other.sd]),
+            np.concatenate([np.pad(r, ((0, 0), (0, wide - r.shape[1]))) for r in responses]),
+            lasting,
+        )
 
     def _applied(self, values: Array, matrix: Callable[[_Blocks], Array]) -> Array:
         """Values (n, ..), those of each block multiplied by that block's `matrix` (s, s)."""
@@ -181,12 +196,10 @@ class _Blocks:
 
 def blocks(trial: Ints, time: Array, longest: int) -> Ints:
     """(n,) block of each of n states: its trial, cut so that none has more than `longest` states; -1 where no time is known."""
-    out = np.full(len(trial), -1, np.intp)
-    count = 0
+    out, count = np.full(len(trial), -1, np.intp), itertools.count()
     for t in np.unique(trial):
         own = np.flatnonzero((trial == t) & np.isfinite(time))
         own = own[np.argsort(time[own], kind="stable")]
         for k in range(0, len(own), longest):
-            out[own[k : k + longest]] = count
-            count += 1
+            out[own[k : k + longest]] = next(count)
     return out

@@ -2,8 +2,7 @@
 
 Only differences between repeats enter (orthonormal contrasts within each condition), so errors of the model do not. The
 components are standard deviations: white noise of each kind of channel, the error of the pressure reading (which moves all
-channels of a state together), and parameters of each trial (spine length, stiffness of the re-jammed spine, ..). Of what cameras
-and pressure sensors err by, a share lasts from reading to reading of a trial and is forgotten over a time (`noise`).
+channels of a state together), and parameters of each trial. A share of an error lasts from reading to reading (`noise`).
 """
 
 from __future__ import annotations
@@ -12,12 +11,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Ints, Mask
 from ..judgement import MEMORY_S
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 PRESSURE = "pressure"
 """What lasts of the pressure readings."""
@@ -37,7 +33,7 @@ class Repeated:
     """(n, c, r) d(prediction)/d(pressure reading) of each regulator, per Pa."""
     scatter: Mapping[str, Scatter]
     """Component -> what is drawn anew with each trial or repeat."""
-    resting: NDArray[np.bool_]
+    resting: Mask
     """(n,) states read at rest: they are averaged for longer than those read while ramping."""
     drift: Array
     """(n, c, d) d(prediction)/d(what drifts over the campaign): regular, so no noise."""
@@ -79,12 +75,9 @@ class NoiseComponents:
     """s over which that is forgotten."""
 
 
-def reading_rms(data: Repeated, channels: NDArray[np.bool_]) -> float:
-    """Root mean square distance of a single reading from what its condition would give on average.
-
-    Over the channels marked (c,), summed in squares: the noise floor of the tip when these are x, y, z. NaN when
-    nothing was repeated.
-    """
+def reading_rms(data: Repeated, channels: Mask) -> float:
+    """Root mean square distance of a single reading from the average of its condition, over the channels marked (c,), summed in
+    squares: the noise floor of the tip when these are x, y, z. NaN when nothing was repeated."""
     contrast = contrasts(data.condition)
     if not len(contrast):
         return float("nan")

@@ -1,22 +1,19 @@
 """Noise components estimated by maximum a posteriori, with log-normal priors at the instruments' defaults.
 
-By Newton's method within bounds. Second derivatives are the average information and, close to the end, what gradients met on
-the way differ by from it, learnt by symmetric updates of rank one (as Dennis, Gay and Welsch 1981 do for least squares). A step
-that does not bring what it promised is damped and taken anew.
+By Newton's method within bounds, damped. Second derivatives are the average information and, close to the end, symmetric updates
+of rank one of what the gradients differ by from it (as Dennis, Gay and Welsch 1981 do for least squares).
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from model.prediction.box_minima import box_minima
 
+from ..arrays import Array
 from .noise_components import NoiseComponents, Repeated, contrasts
 from .noise_likelihood import Loss, Point
-
-Array = NDArray[np.float64]
 
 STEPS, ENOUGH = 100, 1e-9
 """Most steps, and the promised decrease of the loss below which no step is taken."""
@@ -25,11 +22,7 @@ LEAST, HELD = 0.1, 0.1
 
 
 def estimate_noise(data: Repeated, default: NoiseComponents) -> NoiseComponents:
-    """Components at the maximum of their posterior density.
-
-    `default` is the centre of their priors: it is returned where nothing was repeated, and components that no difference
-    between repeats depends on stay there.
-    """
+    """Components at the maximum of their posterior density; `default`, the centre of their priors, where nothing was repeated."""
     contrast = contrasts(data.condition)
     if not len(contrast):
         return default

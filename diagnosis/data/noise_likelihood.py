@@ -21,16 +21,17 @@ so no matrix is larger than k or k r, and none of all channels is ever made.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.linalg.lapack import dpotrf, dpotri
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
+from ..arrays import Array, Ints
 from ..judgement import (
     COMPONENT_LOG_SD,
     DRIFT_SD,
@@ -41,9 +42,6 @@ from ..judgement import (
     MEMORY_LOG_SD,
 )
 from .noise_components import PRESSURE, NoiseComponents, Repeated, Scatter
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 MOST_CONTRASTS = 150
 """Contrasts whose errors are taken to go together at most."""
@@ -95,8 +93,8 @@ class Loss:
         order, parts = _together(contrast, data.block)
         contrast = contrast[order]
         drift = DRIFT_SD * np.einsum("kn,ncd->kcd", contrast, data.drift).reshape(k * c, -1)
-        trials = [_parted(contrast, data.scatter[name]) for name in self._names]
-        columns, self._of = _side_by_side([*trials, drift])
+        every = [*(_parted(contrast, data.scatter[name]) for name in self._names), drift]
+        columns, self._of = np.hstack(every), np.repeat(np.arange(len(every)), [x.shape[1] for x in every])
         self._named = self._of[None, :] == np.arange(len(self._names))[:, None]
         self._parts = [_Part(data, contrast[own], columns[own.start * c : own.stop * c]) for own in parts]
 
@@ -203,8 +201,8 @@ class _Solved:
 
 @dataclass(frozen=True)
 class _ByParameter:
-    """Of each parameter: by the logarithm of the sd and the logit of what lasts, of each channel; by the pressure's sd, rest, the
-    pressure's share and the memory. A gradient (c,), (c,), (4,), or what a vector is turned into (k, c), (k, c), (k, c, 4)."""
+    """By ln sd and the logit of what lasts, of each channel; by the pressure's sd, rest, the pressure's share and the memory:
+    a gradient (c,), (c,), (4,), or what a vector is turned into (k, c), (k, c), (k, c, 4)."""
 
     sd: Array
     share: Array
@@ -347,11 +345,6 @@ def _parted(contrast: Array, scatter: Scatter) -> Array:
     return np.asarray(made.reshape(made.shape[0] * made.shape[1], -1))
 
 
-def _side_by_side(several: list[Array]) -> tuple[Array, Ints]:
-    """Columns of all, and of which each is."""
-    return np.hstack(several), np.repeat(np.arange(len(several)), [x.shape[1] for x in several])
-
-
 def _together(contrast: Array, block: Ints) -> tuple[Ints, list[slice]]:
     """An order of the contrasts (k, n), and slices of it whose errors go together as their states are of the same blocks."""
     k = len(contrast)
@@ -359,9 +352,6 @@ def _together(contrast: Array, block: Ints) -> tuple[Ints, list[slice]]:
     links = csr_array(used @ (block[:, None] == np.unique(block)[None, :]).astype(float))
     _, part = connected_components(links @ links.T, directed=False)
     order = np.argsort(part, kind="stable")
-    cuts = {0, k, *(np.flatnonzero(np.diff(part[order])) + 1).tolist()}
-    ends = sorted(cuts)
-    each = [
-        slice(a, min(a + MOST_CONTRASTS, e)) for b, e in zip(ends, ends[1:], strict=False) for a in range(b, e, MOST_CONTRASTS)
-    ]
+    ends = sorted({0, k, *(np.flatnonzero(np.diff(part[order])) + 1).tolist()})
+    each = [slice(a, min(a + MOST_CONTRASTS, e)) for b, e in itertools.pairwise(ends) for a in range(b, e, MOST_CONTRASTS)]
     return order, each

@@ -1,14 +1,13 @@
 """Whether a table can have been measured on this robot, in the units and the frame that a table of trials has.
 
-Tables come from other tools in kPa, mm, rad, g, upside down, or with quaternions that begin with x. Such numbers are off by
-the factor between two units, or by half a turn. A value is refused only where nothing else can explain it, with its column,
-the value, what it looks like and what to write.
+Tables come from other tools in kPa, mm, rad, g, upside down, or with quaternions that begin with x. A value is refused only where
+nothing else can explain it, with its column, the value, what it looks like and what to write.
 
     tips            at rest near `length` from the base, along +z
     orientation     unit quaternions, near qw = 1 at rest
     pressures       what the tip's displacement needs, by beam theory, within a factor of 30 (see `plausible_pressures`)
     spine, masses   against length and tip_mass of robot.yaml
-    pushes          against the cantilever's length and stiffness (see `plausible_pushes`)
+    pushes          against the cantilever's length and stiffness (see `pushes`)
 """
 
 from __future__ import annotations
@@ -17,7 +16,6 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.robot import Robot
 from model.section import body_area, body_mass, body_second_moment
@@ -25,10 +23,8 @@ from recordings.trials import TrialRow
 
 from ..errors import BadCase
 from .plausible_pressures import Pressures, implausible_pressures, implausible_roll
-from .plausible_pushes import implausible_pushes
-from .plausible_units import LENGTH_UNITS, nearest
-
-Array = NDArray[np.float64]
+from .pushes import implausible_pushes
+from .units import LENGTH_UNITS, nearest
 
 STRAIGHT, TURNED = 0.9, 75.0
 """Robot lengths and degrees: a body bent along an arc so that its tip lies 75 degrees off its axis is 0.74 lengths away."""
@@ -36,8 +32,7 @@ STRAIGHT, TURNED = 0.9, 75.0
 
 def require_plausible(robot: Robot, rows: Iterable[TrialRow], name: str = "") -> None:
     """Raises `BadCase`, one line for each thing that is wrong, each beginning with `name` (file or files)."""
-    found = implausible_values(robot, rows)
-    if found:
+    if found := implausible_values(robot, rows):
         raise BadCase("\n".join(f"{name}: {text}" if name else text for text in found))
 
 
@@ -124,25 +119,21 @@ def _spines(robot: Robot, rows: list[TrialRow]) -> Iterator[str]:
         yield f"{head}: check the unit (m), or the length in robot.yaml"
         return
     # What fits the robot in cm may be a short spine in mm as well.
-    looks = "cm or mm" if times <= 100 else "mm"
-    yield f"{head}: looks like {looks}; lengths are in m: divide by {'100 or 1000' if times <= 100 else '1000'}"
+    looks, divisor = ("cm or mm", "100 or 1000") if times <= 100 else ("mm", "1000")
+    yield f"{head}: looks like {looks}; lengths are in m: divide by {divisor}"
 
 
 # ------------------------------------------------------------------ masses
 def _masses(robot: Robot, rows: list[TrialRow]) -> Iterator[str]:
     """Grams: a thousand times robot.yaml's tip mass, or a weight under which the body would be twice as long."""
-    masses = np.array([r.tip_mass or 0.0 for r in rows])
-    if not len(masses) or not masses.max() > 0:
-        return
-    heaviest = int(np.argmax(masses))
-    mass = float(masses[heaviest])
-    described = robot.tip_mass
+    heaviest = max(rows, key=lambda r: r.tip_mass or 0.0, default=None)
+    mass, described = (heaviest.tip_mass or 0.0) if heaviest is not None else 0.0, robot.tip_mass
     carried = robot.youngs_modulus * body_area(robot) / 9.81
-    if (described > 0 and abs(mass / described / 1000 - 1) < 0.05) or mass > carried:
+    if heaviest is not None and ((described > 0 and abs(mass / described / 1000 - 1) < 0.05) or mass > carried):
         beside = (
             f"robot.yaml has {described:g} kg" if described > 0 else f"the body would be twice as long under {carried:.3g} kg"
         )
-        yield (f"{where(rows[heaviest])}, column tip_mass: {mass:g} kg, {beside}: looks like g; masses are in kg: divide by 1000")
+        yield (f"{where(heaviest)}, column tip_mass: {mass:g} kg, {beside}: looks like g; masses are in kg: divide by 1000")
 
 
 # ------------------------------------------------------------------ frame and orientation

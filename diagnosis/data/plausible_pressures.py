@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.body import body_of
 from model.condition import HIGHEST_PRESSURE
@@ -19,11 +18,9 @@ from model.robot import Robot
 from model.section import body_area, body_mass, combined_modulus
 from recordings.trials import TrialRow
 
-from .levels import MASS_GAP, ROLL_GAP, SPINE_GAP, VACUUM_GAP, levels
-from .plausible_units import PRESSURE_UNITS, Unit, units_within
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from ..arrays import Array, Ints, Mask
+from .levels import MASS_GAP, ROLL_GAP, SPINE_GAP, VACUUM_GAP, distinct, levels
+from .units import PRESSURE_UNITS, Unit, units_near
 
 LEAST_DISPLACEMENT = 0.015
 """Robot lengths; smaller displacements of the tip are not evaluated."""
@@ -49,7 +46,7 @@ class Pressures:
     """Pa per unit of the table as far as the displacement of the tip tells it; 1 where it does not."""
     ratio: float
     """Measured to expected displacement; 1 where it cannot be determined."""
-    resting: NDArray[np.bool_]
+    resting: Mask
     """(n,) without pressure, be it gauge or absolute."""
 
     @classmethod
@@ -63,7 +60,7 @@ class Pressures:
         ratio = _ratio(robot, displacement, expected)
         # no modulus, area factor or effect causes such a ratio; in mbar or a larger unit, no soft robot has such large numbers
         implausible = ratio > 30.0 and np.abs(pressure).max() < 20e3
-        unit = 1 / units_within(1 / ratio, _units(robot), 1.0)[0].per_si if implausible else 1.0
+        unit = 1 / units_near(1 / ratio, _units(robot), 1.0)[0].per_si if implausible else 1.0
         return cls(tuple(rows), pressure, displacement, expected, unit, ratio, _resting(pressure * unit))
 
 
@@ -78,8 +75,7 @@ def setting_of_each(rows: list[TrialRow]) -> Ints:
     """(n,) index of each row's setting: spine length, tip mass, roll and vacuum; only pressure differs within one."""
     states = np.array([(r.spine_length, r.tip_mass or 0.0, r.roll_deg or 0.0, r.vacuum or 0.0) for r in rows])
     gaps = (SPINE_GAP, MASS_GAP, ROLL_GAP, VACUUM_GAP)
-    keys = np.column_stack([levels(column, gap) for column, gap in zip(states.T, gaps, strict=True)])
-    return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
+    return distinct(*(levels(column, gap) for column, gap in zip(states.T, gaps, strict=True)))
 
 
 def lowest_of_each(group: Ints, level: Array) -> Ints:
@@ -117,10 +113,10 @@ def _ratio(robot: Robot, displacement: Array, expected: Array) -> float:
     return float(np.median(moved[most] / expected[most]))
 
 
-def _resting(pressure: Array) -> NDArray[np.bool_]:
+def _resting(pressure: Array) -> Mask:
     """(n,) states in which no chamber holds pressure (n, chambers) Pa, or all hold what looks like ambient pressure."""
     level = np.abs(pressure).max(axis=1)
-    out: NDArray[np.bool_] = level <= max(SHARE_AT_REST * level.max(), AT_REST)
+    out: Mask = level <= max(SHARE_AT_REST * level.max(), AT_REST)
     if not out.any() and _like_ambient(pressure.min(axis=0)):
         above = (pressure - pressure.min(axis=0)).max(axis=1)
         out = above <= max(SHARE_AT_REST * above.max(), AT_REST)
@@ -138,24 +134,22 @@ def implausible_pressures(robot: Robot, s: Pressures) -> Iterator[str]:
     highest = float(s.pressure[row, chamber])
     place = f"trial {s.rows[row].trial} step {s.rows[row].step}, column p{chamber + 1}"
     # Models miss by a factor of three, so two units may come into question.
-    if abs(highest) > HIGHEST_PRESSURE:
-        # Pa, the highest pressure of most soft robots
-        ratio = s.ratio if s.ratio != 1.0 else 60e3 / abs(highest)
-        units = units_within(ratio, _units(robot), 3.0)
+    if abs(highest) > HIGHEST_PRESSURE and robot.chambers is None:
+        words = robot.actuators.words
+        yield (
+            f"{place}: {highest / words.pascal:g} {words.unit}, must be at most {HIGHEST_PRESSURE / words.pascal:g} "
+            f"{words.unit}: check its unit"
+        )
+    elif abs(highest) > HIGHEST_PRESSURE:
+        # 60 kPa: the highest pressure of most soft robots
+        units = units_near(s.ratio if s.ratio != 1.0 else 60e3 / abs(highest), PRESSURE_UNITS, 3.0)
         looks = " or ".join(f"{unit.name} (divide by {1 / unit.per_si:.4g})" for unit in units)
-        if robot.chambers is None:
-            words = robot.actuators.words
-            yield (
-                f"{place}: {highest / words.pascal:g} {words.unit}, must be at most {HIGHEST_PRESSURE / words.pascal:g} "
-                f"{words.unit}: check its unit"
-            )
-        else:
-            yield (
-                f"{place}: {highest:g} Pa gauge, must be at most {HIGHEST_PRESSURE:g} Pa: check its unit, "
-                f"it looks like Pa read as {looks}"
-            )
+        yield (
+            f"{place}: {highest:g} Pa gauge, must be at most {HIGHEST_PRESSURE:g} Pa: check its unit, "
+            f"it looks like Pa read as {looks}"
+        )
     if s.unit != 1.0:
-        units = units_within(1 / s.ratio, _units(robot), 3.0)
+        units = units_near(1 / s.ratio, _units(robot), 3.0)
         moved = np.linalg.norm(s.displacement, axis=1).max()
         looks = " or ".join(unit.name for unit in units)
         remedy = ", ".join(f"{unit.remedy}{f' ({unit.name})' if len(units) > 1 else ''}" for unit in units)
@@ -194,14 +188,15 @@ def implausible_roll(robot: Robot, s: Pressures) -> Iterator[str]:
         return
     push = (s.pressure @ robot.bending_directions) * np.exp(1j * np.radians(roll))
     aside = s.displacement[:, 0] + 1j * s.displacement[:, 1]
-    turn, rows_of = {}, {}
-    for one in np.unique(roll):
+    turn: dict[float, float] = {}
+    """Roll -> degrees by which the tip goes elsewhere than the pressures push it."""
+    for one in np.unique(roll).tolist():
         own = roll == one
-        sum_ = complex(np.sum(aside[own] * push[own].conj()))
-        coherent = float(np.sum(np.abs(aside[own]) * np.abs(push[own])))
+        along = aside[own] * push[own].conj()
+        total, coherent = complex(np.sum(along)), float(np.sum(np.abs(along)))
         bent = np.abs(aside[own]).max() > LEAST_DISPLACEMENT * robot.length
-        if bent and coherent > 0 and abs(sum_) > 0.8 * coherent:
-            turn[float(one)], rows_of[float(one)] = float(np.degrees(np.angle(sum_))), own
+        if bent and coherent > 0 and abs(total) > 0.8 * coherent:
+            turn[one] = float(np.degrees(np.angle(total)))
     if len(turn) < 2:
         return  # the base may stand turned by as much
     first_roll = min(turn, key=abs)
@@ -212,7 +207,7 @@ def implausible_roll(robot: Robot, s: Pressures) -> Iterator[str]:
         return
     if all(abs(_wrapped(rolled[one] - missed[one])) < 15.0 for one in rolled):
         most = max(rolled, key=abs)
-        first = s.rows[int(np.argmax(rows_of[most]))]
+        first = s.rows[int(np.argmax(roll == most))]
         yield (
             f"trial {first.trial} step {first.step}, column roll_deg: {most:g}, but the direction of bending turns "
             f"by {np.degrees(most):.0f} degrees: looks like rad; roll_deg is in degrees: multiply by 57.2958"

@@ -8,11 +8,11 @@ calibrates (area factors), the effect carries
 so what a calibration takes up anyway is not an effect's merit. All effects are asked, those within their tolerance as well:
 a tolerance that carries more than any named effect is the cause. c_e is drawn from the posterior over hypotheses and sizes,
 d_e linear about each hypothesis' fit; at the fit it is that of the model itself where the effect carries a noise floor. In
-each draw the largest carrier is named, if it carries at least one noise floor where the hypothesis names it, else two; with it
-what carries as many and half as much, if the hypothesis names it or it has the least size of a named effect. (With two effects of
-one size a hypothesis of one of them takes the other for a tolerance, as the prior of a pair is small.) Else none is named. The
-answer is the effect that is named in most draws, with those that are named together with it in two thirds of all; each draw that
-names all of the answer counts for it, whatever else it names.
+each draw the largest carrier is named, if it carries at least one noise floor where the hypothesis names it, else two; with
+it what carries as many and a third as much, if the hypothesis names it or it has the least size of a named effect. (With two
+effects of one size a hypothesis of one of them takes the other for a tolerance, as the prior of a pair is small.) Else none is
+named. The answer is the effect that is named in most draws, with those that are named together with it in two thirds of all;
+each draw that names all of the answer counts for it, whatever else it names.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from ..judgement import COMPARABLE, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE, OUTSTANDING_FLOORS, TOGETHER
+from ..judgement import COMPARABLE, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE, LEAST_SECOND, OUTSTANDING_FLOORS, TOGETHER
 from .candidate import Candidate
 from .evidence import KNOWN, NONE, Hypothesis, Weighed
 from .fit import Fit
@@ -67,6 +67,18 @@ class Budget:
     def nothing_stands_out(self) -> float:
         """Probability that no effect carries `OUTSTANDING_FLOORS`."""
         return float(self.weight[(self.floors < OUTSTANDING_FLOORS).all(axis=1)].sum())
+
+    def second(self, answer: Hypothesis) -> dict[str, float]:
+        """Effects that draws name together with an answer, and how probable each is given that: where it is probable that one of
+        them acts, but of none by itself. Most probable first."""
+        named = np.array([[e in own for e in self.effects] for own in self.named])
+        held = self.weight * np.array([set(answer) <= set(own) for own in self.named])
+        named[:, [self.effects.index(e) for e in answer]] = False
+        any_other, each = float(held @ named.any(axis=1)), held @ named
+        if any_other <= TOGETHER * held.sum():
+            return {}
+        listed = [i for i in np.argsort(-each).tolist() if each[i] > LEAST_SECOND * held.sum()]
+        return {self.effects[i]: float(each[i] / held.sum()) for i in listed}
 
     def interval(self, effect: str, *quantiles: float) -> tuple[float, ...]:
         """Quantiles (m) of what an effect carries, its law as wrong as laws may be."""

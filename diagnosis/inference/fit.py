@@ -212,25 +212,21 @@ class _Descent:
         Where the strongest leads to no equilibrium, all are tried again with predictions that do not give up.
         """
         for trial in (True, False):
-            reached, k = 0.0, level
-            while k < len(self._dampings):
+            reached = 0.0
+            for k in range(level, len(self._dampings)):
                 found = self._damped(local, self._dampings[k], trial)
                 if found is None:
                     return None
-                goal, reached, share = found
+                goal, reached = found
                 if reached <= local.cost and np.isfinite(reached):
                     return goal, reached, k
-                # with damping d a step is about 1 / (1 + d) as long
-                wanted = (1.0 + self._dampings[k]) / share - 1.0
-                k = max(k + 1, min(int(np.searchsorted(self._dampings, wanted)), len(self._dampings) - 1))
             if np.isfinite(reached):
                 return None
         return None
 
-    def _damped(self, local: _Local, damping: float, trial: bool) -> tuple[Array, float, float] | None:
-        """The point (k,) that a step with this damping leads to, its cost, which may be higher or infinite, and the share of the
-        step at which a parabola through both costs is lowest; None where the linear problem promises a decrease of less than
-        `least_promise`.
+    def _damped(self, local: _Local, damping: float, trial: bool) -> tuple[Array, float] | None:
+        """The point (k,) that a step with this damping leads to, and its cost, which may be higher or infinite; None where the
+        linear problem promises a decrease of less than `least_promise`.
 
         Where the decrease falls short of the promise by too much, the model is curved: the step is corrected by the difference
         between the prediction at its end and the linear one. `trial`: see `Forward.predict`.
@@ -243,16 +239,14 @@ class _Descent:
             return None
         predicted = self._forward.predict(goal, trial)
         reached = self.cost(goal, predicted)
-        gained = local.cost - reached
-        if gained >= TRUST_RATIO * promised or not np.isfinite(reached):
-            return goal, reached, 1.0
-        lowest = promised / (2.0 * promised - gained)
+        if local.cost - reached >= TRUST_RATIO * promised or not np.isfinite(reached):
+            return goal, reached
         corrected = local.goal(damping, predicted - linear)
         sd = self._p.sd
         if np.linalg.norm((corrected - goal) / sd) > MOST_CORRECTION * np.linalg.norm((goal - local.theta) / sd):
-            return goal, reached, lowest
+            return goal, reached
         corrected_cost = self.cost(corrected, self._forward.predict(corrected, trial))
-        return (corrected, corrected_cost, lowest) if corrected_cost < reached else (goal, reached, lowest)
+        return (corrected, corrected_cost) if corrected_cost < reached else (goal, reached)
 
     def _linearised(self, theta: Array) -> tuple[Array, Jacobian]:
         predicted, columns = linearise(self._forward, theta, self._fresh.tolist())

@@ -132,13 +132,14 @@ class Search:
         self._executor.progress(str(DiagnosisStep.HYPOTHESES), 1.0)
 
     def _first(self) -> list[Candidate]:
-        """Every single effect around none without and with tolerances; those that are not linear without, at each of their starts
-        instead, with or without tolerances as none is more probable."""
+        """Every single effect around none without and with tolerances; those that are not linear, at each of their starts, with
+        or without tolerances as none is more probable."""
         out, at_starts = [], []
         better = max(self._none, key=lambda w: self._none[w].log_evidence)
         for c in (c for w in self._none for c in self._singles(w)):
             needs_own = self._starts.needs_own(c.named)
-            if c.with_tolerances or not needs_own:  # within its tolerance none may have moved to where it acts
+            # within its tolerance none may have moved to where it acts, and promises more then
+            if not needs_own or c.log_evidence > self._none[c.with_tolerances].log_evidence + UNCONVERGED:
                 out.append(c)
             if needs_own and c.with_tolerances == better:
                 at_starts.append(c)

@@ -16,7 +16,7 @@ from model.effects.spec import EffectSpec
 from model.robot import Robot
 from recordings.trials import TEXTS, Table, TrialRow
 
-from ..answer.candidate_experiments import Experiment, candidate_experiments, columns
+from ..answer.experiments import Experiment, candidate_experiments, columns
 from ..data.case import Case, CaseLike, states
 from ..errors import BadCase
 from ..inference.prepare import prepare
@@ -55,12 +55,11 @@ def foreseen(robot: Robot, table: Columns, catalogue: Mapping[str, EffectSpec] =
     values = forward.predict(np.clip(theta, low, high))
     if not np.isfinite(values).all():
         raise BadCase("the rod model has no equilibrium at a planned state: check pressures, and robot.yaml's stiffness")
-    read = {name: np.array(column) for name, column in table.items()}
+    read = {name: np.array(column, float if name in ("x", "y", "z") else None) for name, column in table.items()}
     observed = forward.observations
     for name in ("x", "y", "z"):
         along_axis = observed.channel == name
         noise = DEFAULT_NOISE["tip"] * rng.standard_normal(int(along_axis.sum()))
-        read[name] = read[name].astype(float)
         read[name][observed.row[along_axis]] = values[along_axis] + noise
     rows = []
     for i in range(len(design)):

@@ -7,12 +7,10 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Mask
 from ..judgement import CAUSE_PROBABILITY, PRIOR_OF_NUMBER
 from .worlds import CAUSE, CLUTTER, Planned, drawn, probabilities
-
-Array = NDArray[np.float64]
 
 SIZES = ("small", "medium", "large")
 """Thirds of the range of sizes."""
@@ -90,7 +88,7 @@ def _effect_power(
     effect: str,
     floors: Sequence[float],
     size: Array,
-    right: NDArray[np.bool_],
+    right: Mask,
     probability: Array,
     mistaken: Sequence[str],
 ) -> EffectPower:

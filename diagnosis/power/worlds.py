@@ -1,15 +1,13 @@
-"""Before anything is measured: which causes a plan can tell apart, at which size, and which it cannot.
+"""Worlds drawn under a plan, and their probabilities: which causes it can tell apart, before anything is measured.
 
-Worlds are drawn under the design, linear about the robot as it is described,
+They are linear about the robot as it is described,
 
     y = A theta + N u + g D w + sum_e f_e r_e o (B z_e) + e,    r_e = A_e theta_e,
 
 with at most one cause at 0.5 to 1.5 plausible scales; every other effect in clutter, heavy-tailed; each law wrong by a smooth
-share f_e of what its effect does there; the rest as the prior has it. Each world is weighed under none and every single
-effect with the evidence of the diagnosis (`inference.evidence`), and named by the largest probability.
-
-Not drawn: pairs, causes outside the catalogue, and what is not linear. Source of the scheme: simulation-based calibration, Talts
-et al. 2018, and power by simulation.
+share f_e of what its effect does there; the rest as the prior has it. Each world is weighed under none and every single effect
+with the evidence of the diagnosis (`inference.evidence`), and named by the largest probability. Pairs and causes outside the
+catalogue are not drawn. Source: simulation-based calibration (Talts et al. 2018).
 """
 
 from __future__ import annotations
@@ -23,6 +21,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.special import logsumexp
 
+from ..arrays import Array
 from ..inference.budget import Part, after_calibration, parts
 from ..inference.candidate import Candidate
 from ..inference.evidence import KNOWN, NONE, Hypothesis, log_mass
@@ -31,8 +30,6 @@ from ..inference.prepare import Prepared
 from ..inference.problem import Problem, leading
 from ..inference.search import Search
 from ..judgement import PRIOR_OF_NUMBER, SAME_ODDS, TEMPERATURE, TOLERATED_SIZES
-
-Array = NDArray[np.float64]
 
 CAUSE = (0.5, 1.5)
 """Plausible scales of a cause."""
@@ -68,7 +65,7 @@ class Planned:
         return self.none.linear(self.problem)
 
     def sizes(self, effect: str) -> NDArray[np.intp]:
-        """Its parameters that are sizes."""
+        """Indices of its parameters that are sizes."""
         p = self.problem.parameters
         return np.flatnonzero(p.mask((effect,)) & p.sizes)
 
@@ -99,19 +96,14 @@ class World:
     """Empty: none."""
     size: float
     """Plausible scales."""
-    clutter: float
 
 
-def drawn(
-    d: Planned, rng: np.random.Generator, cause: str | None = None, clutter: Sequence[float] = CLUTTER
-) -> tuple[World, dict[str, Array]]:
-    """One world, and the whitened response (n,) of each effect in it; the cause is drawn unless it is given."""
+def drawn(d: Planned, rng: np.random.Generator, cause: str, clutter: Sequence[float]) -> tuple[World, dict[str, Array]]:
+    """One world with a cause (empty: none), and the whitened response (n,) of each effect in it."""
     linear, p, noise = d.linear, d.problem.parameters, d.problem.noise
     y = rng.standard_normal(len(linear.observed)) + linear.nuisance.along(rng.standard_normal(linear.nuisance.shape[1]))
     size = rng.choice(KNOWN.sizes, p=KNOWN.size_weights)
     y += size * (linear.discrepancy @ rng.standard_normal(linear.discrepancy.shape[1]))
-    if cause is None:
-        cause = "" if rng.random() < PRIOR_OF_NUMBER[0] else str(rng.choice(d.effects))
     about, amount, done = float(rng.choice(clutter)), float(rng.uniform(*CAUSE)), {}
     basis = d.problem.form_error_basis
     for effect in d.effects:
@@ -125,7 +117,7 @@ def drawn(
         wrong = p.law_error[effect] * rng.choice(KNOWN.form_errors) * (basis @ rng.standard_normal(basis.shape[1]))
         done[effect] = noise.whiten(response * (1 + wrong))
         y += done[effect]
-    return World(y, cause, amount, about), done
+    return World(y, cause, amount), done
 
 
 def probabilities(d: Planned, readings: Array) -> tuple[tuple[Hypothesis, ...], Array]:
@@ -136,7 +128,7 @@ def probabilities(d: Planned, readings: Array) -> tuple[tuple[Hypothesis, ...], 
     linear, p = d.linear, d.problem.parameters
     named: tuple[Hypothesis, ...] = (NONE, *((e,) for e in d.effects))
     errors = [d.form_errors(h) for h in named]
-    basis, kept = _span([linear.effects, linear.nuisance.whole, linear.discrepancy, *errors])
+    basis = _span([linear.effects, linear.nuisance.whole, linear.discrepancy, *errors])
     seen = readings @ basis
     effects, nuisance, smooth = (basis.T @ m for m in (linear.effects, linear.nuisance.whole, linear.discrepancy))
     outer_nuisance, outer_smooth = nuisance @ nuisance.T, smooth @ smooth.T
@@ -148,7 +140,7 @@ def probabilities(d: Planned, readings: Array) -> tuple[tuple[Hypothesis, ...], 
         terms = []
         for s, spike in enumerate(KNOWN.spikes):
             prior = p.prior(mask, float(spike), linear.effect_size)
-            fixed = np.eye(kept) + outer_nuisance + (effects * prior.variance) @ effects.T
+            fixed = np.eye(basis.shape[1]) + outer_nuisance + (effects * prior.variance) @ effects.T
             off = seen - effects @ prior.mean
             for g, size in enumerate(KNOWN.sizes):
                 for f, error in enumerate(KNOWN.form_errors):
@@ -164,13 +156,13 @@ def probabilities(d: Planned, readings: Array) -> tuple[tuple[Hypothesis, ...], 
     return named, weight / weight.sum(axis=1, keepdims=True) / (1 + SAME_ODDS)
 
 
-def _span(blocks: Sequence[Array]) -> tuple[Array, int]:
-    """Orthonormal basis (n, r) of the columns of all blocks, and r."""
+def _span(blocks: Sequence[Array]) -> Array:
+    """Orthonormal basis (n, r) of the columns of all blocks."""
     every = np.hstack(blocks)
     value, vector = np.linalg.eigh(every.T @ every)
     strong = value > 1e-9 * value.max()
     basis = every @ vector[:, strong] / np.sqrt(value[strong])
-    return np.linalg.qr(basis)[0], int(strong.sum())
+    return np.linalg.qr(basis)[0]
 
 
 def _cut(

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.answer.candidate_experiments import to_apply
+from diagnosis.answer.experiments import to_apply
 from diagnosis.answer.headline import for_people, percent, stated
 from diagnosis.answer.result import Diagnosis
 from diagnosis.answer.sentences import (

@@ -12,7 +12,7 @@ import numpy as np
 import yaml
 from rich.table import Table as Sheet
 
-from diagnosis.answer.candidate_experiments import columns, to_apply
+from diagnosis.answer.experiments import columns, to_apply
 from diagnosis.answer.headline import LEAST_STATED, sized, stated
 from diagnosis.answer.result import Diagnosis, Proposal, Ranked
 from diagnosis.answer.sentences import disorder, stands_for

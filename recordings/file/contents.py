@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import mmap
 import os
+import stat
 import struct
 import zlib
 from dataclasses import dataclass, field
@@ -26,8 +27,10 @@ _U32, _U64 = struct.Struct("<I"), struct.Struct("<Q")
 
 
 def mapped(path: str | os.PathLike[str]) -> memoryview:
-    """A file's bytes; raises `NotARecording` when it cannot be read."""
+    """A regular file's bytes; raises `NotARecording` when it cannot be read."""
     try:
+        if not Path(path).is_dir() and not stat.S_ISREG(os.stat(path).st_mode):  # a named pipe would be waited for without end
+            raise NotARecording(f"{path} is not a file")
         with open(Path(path), "rb") as file:
             size = os.fstat(file.fileno()).st_size
             return memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) if size else b"")

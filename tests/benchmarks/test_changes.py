@@ -1,7 +1,5 @@
 """Pairs of campaigns of which one effect has changed, or none."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What the very laws of a world tell: the evidence, the draws and the shares."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal

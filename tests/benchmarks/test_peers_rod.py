@@ -1,7 +1,5 @@
 """Other ways solve the rods that ours solves."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

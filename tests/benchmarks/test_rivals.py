@@ -1,7 +1,5 @@
 """Other methods name a clear cause of a clean toy problem, and nothing where nothing is; their answers can be scored."""
 
-from __future__ import annotations
-
 import json
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a sampler is given: where the world is linear and Gaussian, its integral is the diagnosis' evidence exactly."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

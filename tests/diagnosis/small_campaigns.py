@@ -1,7 +1,5 @@
 """Small campaigns whose tips come from the forward model itself plus noise, and one of them diagnosed for several tests."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache

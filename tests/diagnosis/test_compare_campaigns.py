@@ -1,7 +1,5 @@
 """What changed between two campaigns is found beside what both have in common."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

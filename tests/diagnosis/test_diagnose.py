@@ -3,8 +3,6 @@
 That is an inverse crime: it shows that the path is whole and the numbers are consistent, not how good the diagnosis is.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys
@@ -54,7 +52,10 @@ def test_the_json_holds_the_contract_and_reads_back(catalogue: Catalogue) -> Non
     assert {"how", "before_mm", "after_mm", "floor_mm", "share_closed", "ci95", "by_spine_length"} == set(d["shrink"])
     assert all({"do", "separates", "expected_bits", "cost_min"} <= set(p) for p in d["next_experiment"])
     assert sum(r["probability"] for r in d["attribute"]["ranking"]) <= 1 + 1e-9
-    assert Diagnosis.from_json(text).to_json() == text
+    again = Diagnosis.from_json(text)
+    assert again.to_json() == text and again.budget == answer(catalogue).budget
+    assert again.budget[0].effect == "chamber_azimuth" and again.budget[0].role == "named"
+    assert {c.role for c in again.budget} <= {"named", "present", "unseen"}
 
 
 def test_a_file_of_another_schema_is_refused() -> None:
@@ -63,10 +64,15 @@ def test_a_file_of_another_schema_is_refused() -> None:
 
 
 @few_and_all
-def test_the_same_campaign_gives_the_same_text(catalogue: Catalogue) -> None:
-    small = measured(3, 2, FEW)
-    wanted = quick(catalogue)
-    assert diagnose(small, wanted).to_json() == diagnose(small, wanted).to_json()
+def test_the_same_campaign_gives_the_same_text_and_linear_algebra_has_one_thread_meanwhile(catalogue: Catalogue) -> None:
+    small, threads = measured(3, 2, FEW), set[int]()
+
+    def look(_: FirstLook) -> None:
+        threads.update(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")
+
+    watched = diagnose(small, replace(quick(catalogue), executor=Executor(first_look=look)))
+    assert threads == {1}
+    assert diagnose(small, quick(catalogue)).to_json() == watched.to_json()
 
 
 @few_and_all
@@ -91,17 +97,6 @@ def test_experiments_are_proposed_with_a_catalogue_that_knows_no_wrong_pressures
     one = {"chamber_azimuth": CATALOGUE["chamber_azimuth"]}
     found = diagnose(measured(2, 1, FEW, chamber_azimuth__angle=np.radians(8)), Options(quantify=False, catalogue=one))
     assert found.attribute.effects == ("chamber_azimuth",) and found.next_experiment
-
-
-def test_linear_algebra_has_one_thread_while_a_diagnosis_goes_on_whatever_the_program_says() -> None:
-    threads: set[int] = set()
-
-    def look(_: FirstLook) -> None:
-        threads.update(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")
-
-    executor = Executor(first_look=look)
-    diagnose(measured(3, 2, FEW), Options(quantify=False, experiments=False, catalogue=SOME, executor=executor))
-    assert threads == {1}
 
 
 WARM = """

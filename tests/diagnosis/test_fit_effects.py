@@ -1,7 +1,5 @@
 """A robot fitted with its effect: what is written, that every reader takes it, and that a diagnosis goes on from there."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +15,7 @@ from lab.files.robot_file import write_robot
 from model.effects import CATALOGUE
 from model.errors import BadEffect
 from model.robot import Robot
-from tests.diagnosis.small_campaigns import measured, quick
+from tests.diagnosis.small_campaigns import SOME, answer, measured, quick
 from tests.diagnosis.test_case import Measured, case, sweep
 
 ANGLE = np.radians(8)
@@ -25,6 +23,7 @@ ANGLE = np.radians(8)
 
 @pytest.fixture(scope="module")
 def campaign() -> Measured:
+    """That of `answer`."""
     return measured(3, 1, chamber_azimuth__angle=ANGLE)
 
 
@@ -52,8 +51,7 @@ def test_robot_yaml_reads_back_and_compares_as_the_fit_said(fitted: Fitted, camp
 
 def test_an_effect_in_robot_yaml_is_part_of_the_baseline_that_is_diagnosed(fitted: Fitted, campaign: Measured) -> None:
     some = {e: CATALOGUE[e] for e in ("chamber_azimuth", "base_tilt", "precurvature", "pressure_offset")}
-    before = diagnose(campaign, quick(some))
-    after = diagnose(Case(fitted.robot, campaign.table), quick(some))
+    before, after = answer(SOME), diagnose(Case(fitted.robot, campaign.table), quick(some))
     assert before.attribute.effects == ("chamber_azimuth",)
     alone = fit_effects(campaign, []).calibrated_area_factor
     assert before.calibration is not None and before.calibration.area_factor == pytest.approx(alone, rel=1e-6)

@@ -1,7 +1,5 @@
 """A campaign held out: what is refused, how the verdict falls, and that nothing of the campaign leaks into the fit."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -102,5 +100,4 @@ def test_trials_are_drawn_within_their_kind() -> None:
     after = np.repeat([0.9e-3, 0.9e-3, 1e-3, 1e-3], 5)
     wide = closed_with_interval(before, after, 0.5e-3, trial)[1]
     tight = closed_with_interval(before, after, 0.5e-3, trial, trial // 2)[1]
-    assert wide is not None and tight is not None
     assert tight[1] - tight[0] < 1e-9 < wide[1] - wide[0]

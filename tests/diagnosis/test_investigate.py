@@ -1,7 +1,5 @@
 """The loop of diagnosis and experiment: what is chosen, foretold, done and judged."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -9,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from diagnosis.answer.candidate_experiments import columns
+from diagnosis.answer.experiments import columns
 from diagnosis.answer.result import Diagnosis, Proposal
 from diagnosis.diagnose import Examined, Options, examine
 from diagnosis.investigate import Foretold, Limits, NotDone, Round, bits_gained, investigate, settled
@@ -66,10 +64,7 @@ class Made:
             own = forward.observations.row == i
             tip = values[own] + 0.3e-3 * rng.standard_normal(3) + self.shifted
             cells = {name: column[i].item() for name, column in table.items() if name not in ("x", "y", "z")}
-            cells |= dict(zip("xyz", tip.tolist(), strict=True)) | {
-                "step": i + 1,
-                "trial": int(cells["trial"]) + before,
-            }
+            cells |= dict(zip("xyz", tip.tolist(), strict=True)) | {"step": i + 1, "trial": int(cells["trial"]) + before}
             out.append(TrialRow.from_cells(cells))
         return out
 

@@ -1,6 +1,4 @@
-"""The noise floor comes from repeats alone."""
-
-from __future__ import annotations
+"""Noise: its components come from repeats alone, what lasts is whitened away, and chambers of one regulator err together."""
 
 import math
 from dataclasses import replace
@@ -10,14 +8,15 @@ import pytest
 from numpy.typing import NDArray
 
 from diagnosis.data.case import states
-from diagnosis.data.noise import blocks
+from diagnosis.data.noise import Lasting, Noise, blocks
 from diagnosis.data.noise_components import PRESSURE, NoiseComponents, Repeated, Scatter, contrasts, reading_rms
 from diagnosis.data.noise_estimate import estimate_noise, lowest
 from diagnosis.data.noise_likelihood import Loss
 from diagnosis.inference.prepare import prepare
+from diagnosis.inference.reading_noise import regulators
 from diagnosis.judgement import COMPONENT_LOG_SD, DRIFT_SD, LASTING_LOGIT_SD, MEMORY_LOG_SD
 from tests.diagnosis.small_campaigns import FEW, measured
-from tests.diagnosis.test_case import case
+from tests.diagnosis.test_case import ROBOT, case, sweep
 
 Array = NDArray[np.float64]
 
@@ -37,17 +36,8 @@ def repeated(seed: int, sd: float, pressure_sd: float, trial_sd: float, repeats:
     residual += per_trial * own[trial][:, None]
     residual += error * np.sin(condition)[:, None]
     scatter = {"spine_length": Scatter(per_trial[:, :, None], trial)}
-    return Repeated(
-        residual,
-        condition,
-        ("tip",) * 3,
-        per_pascal[:, :, None],
-        scatter,
-        np.zeros(n, bool),
-        np.zeros((n, 3, 0)),
-        np.full(n, -1),
-        np.zeros(n),
-    )
+    nothing = (np.zeros(n, bool), np.zeros((n, 3, 0)), np.full(n, -1), np.zeros(n))
+    return Repeated(residual, condition, ("tip",) * 3, per_pascal[:, :, None], scatter, *nothing)
 
 
 @pytest.mark.parametrize("error", [0.0, 0.05])
@@ -186,16 +176,6 @@ def test_the_loss_is_that_of_the_covariance_of_all_contrasts() -> None:
     assert here.curve == pytest.approx(information, rel=1e-4, abs=1e-4)
 
 
-def test_the_gradient_of_the_loss_is_its_gradient() -> None:
-    data = lasting_and_drifting()
-    data = replace(data, drift=1e6 * data.drift)
-    loss = Loss(data, contrasts(data.condition), DEFAULT_NOISE)
-    x = 0.1 * np.array([1.0, -2, 3, 1, -1, 2, 1])
-    steps = 1e-5 * np.eye(len(x))
-    said = [(loss(x + h).value - loss(x - h).value) / 2e-5 for h in steps]
-    assert loss(x).slope == pytest.approx(said, rel=1e-4, abs=1e-3)
-
-
 def test_the_estimate_is_where_no_step_leads_down() -> None:
     data = lasting_and_drifting()
     loss = Loss(data, contrasts(data.condition), DEFAULT_NOISE)
@@ -212,3 +192,85 @@ def test_the_estimate_is_where_no_step_leads_down() -> None:
 def test_a_long_trial_is_cut() -> None:
     trial, time = np.repeat([4, 7], 5), np.array([5.0, 4, 3, 2, 1, 0, 1, 2, np.nan, 4])
     assert blocks(trial, time, 3).tolist() == [1, 1, 0, 0, 0, 2, 2, 2, -1, 3]
+
+
+TRIAL, STATE = np.repeat([0, 0, 1, 1, 1, -1], 3), np.repeat(np.arange(6), 3)
+TIME, CHANNEL = np.repeat([0.0, 20, 0, 10, 40, np.nan], 3), np.tile([0, 1, 2], 6)
+OWN, SLOW = np.linspace(1, 2, 18), np.where(TRIAL < 0, 0.0, np.tile([1.5, 0.5, 0.0], 6))
+RESPONSE = np.column_stack([np.sin(np.arange(18)), np.cos(np.arange(18))])
+EVERY = np.ones(18)
+NOISE = Noise(STATE, OWN, RESPONSE, Lasting(TRIAL, TIME, CHANNEL, SLOW, 0.7 * EVERY, 30.0 * EVERY))
+
+
+def written_down() -> np.ndarray:
+    out = np.zeros((18, 18))
+    for i in range(18):
+        for j in range(18):
+            same = STATE[i] == STATE[j]
+            kept = 1.0 if same else np.exp(-abs(TIME[i] - TIME[j]) / 30.0) if TRIAL[i] == TRIAL[j] >= 0 else 0.0
+            out[i, j] = OWN[i] ** 2 * (i == j) + SLOW[i] * SLOW[j] * kept * (CHANNEL[i] == CHANNEL[j])
+            out[i, j] += RESPONSE[i] @ RESPONSE[j] * (0.3 * same + 0.7 * kept)
+    return out
+
+
+def test_whitening_takes_the_covariance_away() -> None:
+    white = NOISE.whiten(np.eye(18))
+    assert white @ written_down() @ white.T == pytest.approx(np.eye(18), abs=1e-9)
+    values = np.linspace(-1, 1, 18)
+    assert NOISE.colour(NOISE.whiten(values)) == pytest.approx(values)
+    assert NOISE.whiten(values) == pytest.approx(white @ values)
+
+
+def test_the_determinant_is_that_of_the_covariance() -> None:
+    assert NOISE.log_sd == pytest.approx(0.5 * np.linalg.slogdet(written_down())[1])
+
+
+def test_readings_of_other_trials_have_other_errors() -> None:
+    part = TRIAL == 1
+    values = np.linspace(0, 1, 18)
+    assert NOISE.take(part).whiten(values[part]) == pytest.approx(NOISE.whiten(values)[part])
+
+
+def test_two_campaigns_have_errors_of_their_own() -> None:
+    both = NOISE.lasting.then(NOISE.lasting)
+    assert both.block.tolist() == [*TRIAL, *np.where(TRIAL < 0, -1, TRIAL + 2)]
+    beside = Noise(np.concatenate([STATE, STATE + 6]), np.tile(OWN, 2), np.tile(RESPONSE, (2, 1)), both)
+    values = np.linspace(-1, 1, 18)
+    assert beside.whiten(np.tile(values, 2)) == pytest.approx(np.tile(NOISE.whiten(values), 2))
+    alone = Noise(STATE, OWN, RESPONSE)
+    nothing = Noise(STATE, OWN, RESPONSE, Lasting.none(18))
+    assert nothing.whiten(values) == pytest.approx(alone.whiten(values))
+
+
+ALL = tuple(range(9))
+
+
+def test_chambers_that_always_read_the_same_have_one_regulator() -> None:
+    bend, other = [1, 1, 0, 0, 0, 0, 0, 0, 1], [0, 0, 1, 1, 1, 0, 0, 0, 0]
+    pressure = 1e5 * np.array([[0] * 9, bend, other, [1] * 9], float)
+    assert sorted(tuple(own) for own in regulators(pressure, pressure)) == [(0, 1, 8), (2, 3, 4), (5, 6, 7)]
+    assert [tuple(own) for own in regulators(pressure[:2], pressure[:2])] == [(0, 1, 8)]
+    assert [tuple(own) for own in regulators(np.zeros((2, 9)), np.zeros((2, 9)))] == [ALL]
+
+
+def test_chambers_that_are_inflated_together_and_read_apart_have_two() -> None:
+    pressure = 1e5 * np.array([[0] * 9, [1, 1, 0, 0, 0, 0, 0, 0, 1], [1] * 9], float)
+    read = pressure + np.array([0, 0, 400, 400, 400, -700, -700, -700, 0])
+    assert sorted(tuple(own) for own in regulators(read, pressure)) == [(0, 1, 8), (2, 3, 4), (5, 6, 7)]
+
+
+def test_with_all_chambers_inflated_each_regulator_moves_the_tip_its_own_way() -> None:
+    main = sweep()
+    both = [
+        replace(r, trial=r.trial + 20, protocol="elongation", pressures=(max(r.pressures),) * 9, tip=(0.0, 0.0, 0.43))
+        for r in sweep(2, unload=False)
+    ]
+    p = prepare(ROBOT, states(case(main + both))[0])
+    shared, labels = p.problem.noise.pressure_response, p.labels
+    assert shared.shape[1] == 2
+    bending = labels.experiment == 0
+    assert (np.count_nonzero(shared[bending], axis=1) <= 1).all()
+    full = (labels.experiment == 1) & (p.states.highest[labels.state] > 150e3) & (labels.channel == "x")
+    # The three chambers of the sweep pull one way, the six others just as much the other way.
+    assert (np.sign(shared[full, 0]) == -np.sign(shared[full, 1])).all()
+    assert np.abs(shared[full].sum(axis=1)).max() < 0.2 * np.abs(shared[full]).min()

@@ -1,7 +1,5 @@
 """Another simulator in the rod's place: what it predicts, and whether the cause is found on top of it all the same."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -56,7 +54,6 @@ def test_at_zero_it_predicts_what_the_simulator_does_and_at_a_whole_share_what_t
     case = measured(1, 3, FEW)
     tips = bent_otherwise(case, 3e-3)
     p = prepared(case, baseline(case, tips))
-    assert p.baseline is not None
     zero = p.problem.parameters.mean
     assert p.tip(p.problem.forward.predict(zero)) == pytest.approx(tips, abs=1e-9)
     assert p.tip(p.given) == pytest.approx(tips, abs=1e-9)

@@ -1,24 +1,30 @@
-"""A cause outside the catalogue becomes probable by what relatives and free forms explain, and by nothing else."""
-
-from __future__ import annotations
+"""Causes outside the catalogue: what relatives explain, errors of a stage, misfits, and prediction of unseen values."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
+from diagnosis.criticism.gaussian import Gaussian
+from diagnosis.criticism.misfit import MisfitDiagnostics, misfit_diagnostics
 from diagnosis.criticism.outside import Related, alike, odds_outside, related
 from diagnosis.criticism.relatives import RELATIVES
+from diagnosis.criticism.stage_errors import StageError, smooth_functions, stage_errors, total_gain
 from diagnosis.data.case import states
+from diagnosis.inference.cross_validation import CrossValidation, Model
 from diagnosis.inference.evidence import Hypothesis
+from diagnosis.inference.fit import fit
 from diagnosis.inference.prepare import prepare, table_columns
+from diagnosis.inference.problem import Problem
 from diagnosis.inference.search import Search
 from diagnosis.judgement import FREE_FORM_ODDS, RELATIVE_ODDS, SAME_ODDS, SEPARATED_EVIDENCE, TEMPERATURE
 from model.effects.catalogue import CATALOGUE
 from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
+from model.effects.spec import Stage
 from tests.diagnosis.small_campaigns import FEW, measured
 from tests.diagnosis.test_case import ROBOT, case
+from tests.diagnosis.toy import IDS, MM, ROBOT_LENGTH, Array, Grid, toy_problem
 
 
 @dataclass(frozen=True)
@@ -83,3 +89,144 @@ def test_cameras_that_read_too_long_are_a_relative_of_the_nearest_effect() -> No
     assert first.relative in ("camera_scale", "body_length")
     assert first.log_evidence > max(c.log_evidence for c in known.values()) - SEPARATED_EVIDENCE
     assert odds_outside(search.tried, related(prepared, asked, known), 0.0, 1.0, 2) > 2 * LEAST
+
+
+STAGES: dict[str, Stage] = {
+    "stiffer": "material", "ballooning": "actuation", "play": "structure", "turned": "actuation", "offset": "measurement",
+    "bent": "boundary", "late": "measurement",
+}  # fmt: skip
+GRID = Grid()
+
+
+def found(problem: Problem, named: Hypothesis) -> StageError:
+    """The stage that gains most beside a hypothesis."""
+    search = Search(problem)
+    best = search.with_all_derivatives(next(c for c in search.run() if c.named == named))
+    g = Gaussian(best.linear(problem), best.prior(problem.parameters), best.grid_point.size, best.grid_point.form_error)
+    time = np.arange(len(GRID.length), dtype=float)
+    every = smooth_functions(GRID.length, GRID.pressure, GRID.branch, time, ROBOT_LENGTH)
+    functions = {name: np.repeat(f, 3, axis=0) for name, f in every.items()}
+    return stage_errors(g, problem.parameters, STAGES, functions)[0]
+
+
+def response(problem: Problem, effect: str) -> np.ndarray:
+    """What an effect does at its plausible scale."""
+    return problem.linearise(problem.parameters.mean)[1][:, problem.parameters.names.index(effect)]
+
+
+@pytest.mark.parametrize("seed", [3, 4, 5])
+def test_where_the_model_holds_no_stage_gains(seed: int) -> None:
+    assert found(toy_problem(seed, {"play": 1.0}), ("play",)).gain < 1
+
+
+def test_a_moment_that_turns_with_the_spine_s_length_is_an_error_of_actuation() -> None:
+    problem = toy_problem(3, {"play": 1.0})
+    outside = 0.5 * response(problem, "turned") * np.repeat(np.sin(2 * np.pi * GRID.length / 0.3), 3)
+    worst = found(changed(problem, outside), ("play",))
+    assert (worst.stage, worst.dependence) == ("actuation", "spine length") and worst.gain > 10
+
+
+def test_a_drift_of_the_base_is_an_error_of_the_boundary_over_time() -> None:
+    problem = toy_problem(3, {})
+    time = np.linspace(0, 1, len(GRID.length))
+    outside = response(problem, "bent") * np.repeat(np.sin(2 * np.pi * time), 3)
+    worst = found(changed(problem, outside), ())
+    assert (worst.stage, worst.dependence) == ("boundary", "time") and worst.gain > 10
+
+
+def test_a_wander_of_the_cameras_is_no_sign_of_a_cause_outside_the_catalogue() -> None:
+    wander, tilt = StageError("measurement", "time", 40.0), StageError("boundary", "time", 20.0)
+    rest = StageError("load", "pressure", 0.0)
+    assert total_gain((wander, rest)) == pytest.approx(0.0)
+    assert total_gain((wander, tilt, rest)) == pytest.approx(20.0 - np.log(2), abs=1e-6)
+    assert total_gain((wander,)) == total_gain(()) == 0.0
+
+
+TRIAL = np.repeat(GRID.trial, 3)
+
+
+def diagnosed(problem: Problem) -> MisfitDiagnostics:
+    return misfit_diagnostics(problem, Search(problem).run()[0], TRIAL, 1.0)
+
+
+def shifted_by(problem: Problem, name: str, by: float) -> Problem:
+    """The same world with one parameter further from its prior, in prior standard deviations."""
+    p = problem.parameters
+    i = p.names.index(name)
+    slope = problem.forward.linearise(p.mean)[1][:, i]
+    return changed(problem, by * p.sd[i] * slope)
+
+
+def changed(problem: Problem, by: Array) -> Problem:
+    return replace(problem, observed=problem.observed + by)
+
+
+@pytest.mark.parametrize("seed", [3, 4, 5])
+def test_data_of_the_catalogue_raise_no_diagnostic(seed: int) -> None:
+    misfit = diagnosed(toy_problem(seed, {"play": 1.0}))
+    assert misfit.prior_tension < 4 and misfit.furthest_from_prior == ""
+    assert misfit.lack_of_fit == pytest.approx(1.0, abs=0.15) and misfit.outlier_trial is None
+
+
+def test_a_law_that_is_far_off_is_seen_as_an_error_of_the_laws() -> None:
+    problem = toy_problem(3, {"turned": 1.0})
+    turned = problem.linearise(problem.parameters.mean)[1][:, IDS.index("turned")]
+    other = changed(problem, 0.5 * turned * np.sin(np.repeat(GRID.length, 3) / 0.06))
+    assert diagnosed(problem).law_error_gain < 0 < 5 < diagnosed(other).law_error_gain
+
+
+def test_one_bad_trial_is_named() -> None:
+    assert diagnosed(changed(toy_problem(3, {}), np.where(TRIAL == 12, 1.5 * MM, 0.0))).outlier_trial == 12
+
+
+def test_a_tolerance_far_from_its_prior_gives_prior_tension_and_is_named() -> None:
+    calm, shifted = toy_problem(3, {}), shifted_by(toy_problem(3, {}), "trial 3", 12.0)
+    assert diagnosed(shifted).prior_tension > diagnosed(calm).prior_tension + 5
+    assert diagnosed(shifted).furthest_from_prior == "trial 3"
+
+
+def test_the_spine_of_one_trial_far_from_its_prior_is_a_spine_outlier_and_no_prior_tension() -> None:
+    problem = shifted_by(toy_problem(3, {}), "trial 3", 12.0)
+    infos = [
+        replace(i, source="spine_length", scope="trial") if i.name.startswith("trial") else i for i in problem.parameters.infos
+    ]
+    misfit = diagnosed(replace(problem, parameters=replace(problem.parameters, infos=tuple(infos))))
+    assert misfit.spine_outlier > 5 and misfit.furthest_from_prior == ""
+
+
+LENGTH = np.repeat(np.round(GRID.length / 0.05).astype(np.int64), 3)
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def fitted(problem: Problem, named: tuple[str, ...], spike: float, size: float) -> Model:
+    prior = problem.parameters.prior(problem.parameters.mask(named), spike)
+    return Model(prior, size, fit(problem, prior, size, problem.parameters.mean).theta)
+
+
+def test_what_is_predicted_does_not_depend_on_its_own_measurement() -> None:
+    problem = toy_problem(1, {"play": 1.0})
+    model = fitted(problem, ("play",), 0.1, 0.5)
+    before = problem.observed - CrossValidation(problem, LENGTH).residuals([model])()[0]
+    lifted = changed(problem, np.where(LENGTH == 3, 5 * MM, 0.0))
+    after = lifted.observed - CrossValidation(lifted, LENGTH).residuals([model])()[0]
+    assert after[LENGTH == 3] == pytest.approx(before[LENGTH == 3], abs=1e-9)
+    assert rms(after[LENGTH != 3] - before[LENGTH != 3]) > 1e-5
+
+
+def test_with_the_right_effect_unseen_lengths_are_predicted_to_the_floor_and_without_it_they_are_not() -> None:
+    problem = toy_problem(2, {"play": 1.0})
+    without, right = (
+        rms(CrossValidation(problem, LENGTH).residuals([fitted(problem, *named)])()[0])
+        for named in (((), 0.0, 0.0), (("play",), 0.0, 0.5))
+    )
+    assert right < 0.4 * MM < 0.8 * MM < without
+
+
+def test_values_of_no_fold_are_not_predicted() -> None:
+    problem = toy_problem(2, {})
+    fold = np.where(LENGTH == 2, 0, -1)
+    missed = CrossValidation(problem, fold).residuals([fitted(problem, (), 0.0, 0.0)])()[0]
+    assert np.isnan(missed[fold < 0]).all() and np.isfinite(missed[fold == 0]).all()

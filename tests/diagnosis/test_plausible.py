@@ -1,7 +1,5 @@
 """Tables in other units or frames are told from tables of odd robots, by what a robot of this size can do."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,13 +1,11 @@
 """What a plan can tell before it is measured."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from diagnosis.answer.candidate_experiments import columns
+from diagnosis.answer.experiments import columns
 from diagnosis.data.case import Case
 from diagnosis.inference.evidence import KNOWN, NONE, weigh
 from diagnosis.judgement import PRIOR_OF_NUMBER, SAME_ODDS, TEMPERATURE

@@ -1,7 +1,5 @@
 """Stiffness trials in the diagnosis: simulated by the virtual robot, whose stand and spine have laws of their own."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 
@@ -110,10 +108,8 @@ def test_effects_that_pushes_cannot_show_are_not_weighed_and_that_is_said() -> N
 def test_the_floor_comes_from_repeats_and_not_from_what_the_model_gets_wrong() -> None:
     p = [prepare(ROBOT, states(case(list(pushes(effect, size, 2))))[0]) for effect, size in (("", 0), ("force_bias", 0.15))]
     for one in p:
-        assert one.pushes is not None
         assert one.pushes.noise_components.channel["force"] == pytest.approx(FORCE, rel=0.3)
         assert one.pushes.noise_components.trial["zero"] == pytest.approx(ZERO, rel=0.6)
-    assert p[0].pushes is not None and p[1].pushes is not None
     assert p[1].pushes.noise_floor == pytest.approx(p[0].pushes.noise_floor, rel=0.05)
 
 

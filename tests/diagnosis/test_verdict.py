@@ -1,6 +1,4 @@
-"""The verdict, as deep as the data carry, and its sentences: no two of one answer contradict each other."""
-
-from __future__ import annotations
+"""The verdict, as deep as the data carry, its sentences and its headline: no two of one answer contradict each other."""
 
 import itertools
 from dataclasses import replace
@@ -8,14 +6,31 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.answer.confounding import origins
-from diagnosis.answer.result import Absorbed, Calibration, Carries, Locate, Shrink, Simulator, Step, Waterfall
+from diagnosis.answer.calibration import origins
+from diagnosis.answer.headline import headline
+from diagnosis.answer.result import (
+    Absorbed,
+    Attribute,
+    Calibration,
+    Carries,
+    Conclusion,
+    Locate,
+    Ranked,
+    Shrink,
+    Simulator,
+    Step,
+    Value,
+    Verdict,
+    Waterfall,
+)
 from diagnosis.answer.sentences import Facts, beyond_tolerance, stands_for, statement, stiffness_sentence
 from diagnosis.answer.verdict import conclude, decide, rivals
 from diagnosis.criticism.stage_errors import StageError
 from diagnosis.inference.posterior import Posterior
+from diagnosis.judgement import BENCHMARK
 from lab.files.config import load
 from lab.files.example import paper_robot
+from model.effects.catalogue import CATALOGUE
 from model.robot import Robot
 from tests.diagnosis.toy import parameter, parameters
 
@@ -25,14 +40,9 @@ NAMES = {"base_tilt": "tilt of the base"}
 MATERIAL = (StageError("material", "time", 20.0),)
 BOTH = (StageError("material", "time", 5.0), StageError("load", "pressure", 5.0))
 HEADS = (
-    "Cause: ",
-    "Behaves most like ",
-    "not in the catalogue (p",
-    "not in the catalogue; it",
-    "No cause: ",
-    "No gap: ",
+    "Cause: ", "Behaves most like ", "not in the catalogue (p", "not in the catalogue; it", "No cause: ", "No gap: ",
     "Too little",
-)
+)  # fmt: skip
 
 
 def weighed(**p: float) -> Posterior:
@@ -45,17 +55,8 @@ def facts(posterior: Posterior, enough: bool = True, gap: bool = True, asking: t
     d = decide(posterior, enough)
     budget = tuple(c for c in BUDGET if c.role != "named" or c.effect in d.effects)
     conclusion = conclude(d, gap, asking)
-    return Facts(
-        d,
-        conclusion,
-        WHERE,
-        "bench",
-        budget,
-        rivals=rivals(d, posterior),
-        nearest=("base_tilt",),
-        asking=asking,
-        names=NAMES,
-    )
+    others = {"rivals": rivals(d, posterior), "nearest": ("base_tilt",), "asking": asking, "names": NAMES}
+    return Facts(d, conclusion, WHERE, budget, **others)
 
 
 SURE = weighed(base_tilt=0.97, none=0.025, unknown=0.005)
@@ -64,21 +65,23 @@ ALONE, STRANGE = weighed(base_tilt=0.72, none=0.2, unknown=0.08), weighed(base_t
 OUTSIDE, NONE = weighed(unknown=0.6, base_tilt=0.3, none=0.1), weighed(none=0.8, base_tilt=0.15, unknown=0.05)
 
 
+def test_a_second_cause_that_may_be_one_of_several_is_told() -> None:
+    sure = facts(SURE)
+    both = replace(sure, decision=replace(sure.decision, second={"weight": 0.55, "contact": 0.44}))
+    assert "acts another of comparable size: weight [weight] (p = 0.55) or contact [contact] (p = 0.44)." in statement(both)
+
+
 @pytest.mark.parametrize(
     ("found", "conclusion", "told"),
     [
-        (facts(SURE), "cause", "Cause: tilt of the base [base_tilt] (p = 0.97; bench)."),
-        (
-            facts(OPEN),
-            "one of several",
-            "tilt of the base [base_tilt] (p = 0.72; 0.76 if it is in the catalogue; bench)",
-        ),
+        (facts(SURE), "cause", f"Cause: tilt of the base [base_tilt] (p = 0.97; {BENCHMARK})."),
+        (facts(OPEN), "one of several", f"tilt of the base [base_tilt] (p = 0.72; 0.76 if it is in the catalogue; {BENCHMARK})"),
         (facts(OPEN), "one of several", "do not exclude weight [weight]."),
         (facts(ALONE), "one of several", "do not exclude that no effect carries enough."),
         (facts(STRANGE), "one of several", "do not exclude a cause outside the catalogue."),
         (facts(OUTSIDE), "stage", "An error in the material that varies with time fits best (log evidence 20.0"),
-        (facts(OUTSIDE, asking=BOTH), "outside", "The cause is not in the catalogue (p = 0.60; bench)."),
-        (facts(OUTSIDE, asking=()), "outside", "The cause is not in the catalogue (p = 0.60; bench)."),
+        (facts(OUTSIDE, asking=BOTH), "outside", f"The cause is not in the catalogue (p = 0.60; {BENCHMARK})."),
+        (facts(OUTSIDE, asking=()), "outside", f"The cause is not in the catalogue (p = 0.60; {BENCHMARK})."),
         (facts(NONE), "none", "No cause: no effect accounts for enough"),
         (facts(NONE, gap=False), "noise", "No gap: nothing is above the noise floor"),
         (replace(facts(SURE, enough=False), missing=("only one pressure",)), "too little data", ": only one pressure."),
@@ -185,11 +188,7 @@ def test_no_two_sentences_contradict(posterior: Posterior, enough: bool, gap: bo
     ],
 )
 def test_stiffness_trials_say_where_their_floor_is_from(repeated: bool, after: float, told: str) -> None:
-    detail = {
-        "waterfall_mm": {"calibrated": 0.046, "explained": after},
-        "floor_mm": 0.327,
-        "floor_from_repeats": repeated,
-    }
+    detail = {"waterfall_mm": {"calibrated": 0.046, "explained": after}, "floor_mm": 0.327, "floor_from_repeats": repeated}
     assert stiffness_sentence(detail, decide(SURE, True)).endswith(told)
     assert stiffness_sentence(detail, decide(NONE, True)).endswith("0.327 mm).")
 
@@ -240,3 +239,90 @@ def test_where_a_relative_does_the_same_no_cause_is_certain_and_the_answer_says_
     outside = replace(decide(OUTSIDE, True), relatives=("mount_creeps",))
     told = statement(replace(facts(OUTSIDE), decision=outside))
     assert "It may be a mount that turns during the campaign: repeat the first trial" in told
+
+
+def attribute(
+    verdict: Verdict, conclusion: Conclusion, sizes: dict[str, Value] | None = None, *effects: str, p: float = 0.96
+) -> Attribute:
+    ranking = (Ranked(effects, p, 10.0, None, sizes or {}),)
+    return Attribute(verdict, effects, p, (), ranking, (), conclusion=conclusion)
+
+
+@pytest.mark.parametrize(
+    ("effect", "sizes", "words"),
+    [
+        ("chamber_azimuth", {"angle": (0.1396, "rad")}, "The chambers are turned by 8.0 ± 0.6 deg about the axis (p = 0.96)."),
+        ("spine_length_offset", {"offset": (-0.0123, "m")}, "The spine is 12 ± 10 mm shorter than read (p = 0.96)."),
+        ("body_modulus", {"excess": (0.15, "1")}, "The body's silicone is 15 ± 1 % stiffer than stated (p = 0.96)."),
+        ("base_tilt", {"x": (0.03, "rad"), "y": (-0.04, "rad")}, "The base is tilted by 2.9 ± 0.6 deg (p = 0.96)."),
+        ("pressure_deadband", {"band": (9e3, "Pa")}, "The chambers act only above 9.0 kPa (p = 0.96)."),
+        ("chamber_order", {}, "The chambers hang on other regulators than robot.yaml states (p = 0.96)."),
+        ("my_own_effect", {"d": (3.0, "1")}, "My own effect is at work (p = 0.96)."),
+    ],
+)
+def test_a_cause_is_said_with_its_size(effect: str, sizes: dict[str, tuple[float, str]], words: str) -> None:
+    found = {f"{effect}.{name}": Value(value, 0.01, unit) for name, (value, unit) in sizes.items()}
+    assert headline(attribute("effect", "cause", found, effect), CATALOGUE) == words
+
+
+def test_a_size_that_the_data_do_not_determine_is_not_stated() -> None:
+    sizes = {"spine_length_offset.offset": Value(-0.0123, 0.01, "m", determined=False)}
+    said = headline(attribute("effect", "cause", sizes, "spine_length_offset"), CATALOGUE)
+    assert said == "The spine is some amount longer or shorter than read (p = 0.96)."
+
+
+@pytest.mark.parametrize("effect", CATALOGUE)
+@pytest.mark.parametrize("sign", [1, -1])
+def test_every_effect_of_the_catalogue_fits_and_needs_no_identifier(effect: str, sign: int) -> None:
+    sizes = {f"{effect}.{p.name}": Value(sign * 0.123456 * p.scale, 0.0, p.unit) for p in CATALOGUE[effect].parameters}
+    for conclusion in ("cause", "one of several"):
+        said = headline(attribute("effect", conclusion, sizes, effect), CATALOGUE)  # type: ignore[arg-type]
+        assert len(said.split()) <= 20 and "_" not in said and not set(said) & set("[]{}|")
+        assert said.startswith("Most likely ") == (conclusion == "one of several")
+
+
+def test_two_causes_and_the_other_conclusions_fit_too() -> None:
+    two = headline(attribute("effect", "one of several", {}, "tendon_friction", "chamber_gain"), CATALOGUE)
+    assert len(two.split()) <= 20 and two.endswith("and 1 more (p = 0.96).")
+    vain = headline(attribute("effect", "one of several", {}, "tether", p=0.77), CATALOGUE, closed=0.0)
+    assert vain.startswith("Unclear: nothing closes the gap; nearest is") and vain.endswith("(p = 0.77).")
+    asking = (StageError("material", "spine_length", 20.0),)
+    unknown = headline(replace(attribute("unknown", "stage", p=0.6), stage_errors=asking), CATALOGUE)
+    assert unknown == ("No known cause fits (p = 0.60); it may be in the material and varies with spine length.")
+    none = headline(attribute("none", "noise", p=0.9), CATALOGUE, by_calibration=0.93)
+    assert none == "Calibration closes 93 % of the gap; no other cause is needed (p = 0.90)."
+    unsure = headline(attribute("none", "noise", p=0.42), CATALOGUE, by_calibration=0.93)
+    assert unsure == "Calibration closes 93 % of the gap; no other cause stands out (p = 0.42)."
+    lacks = ("no repeated pushes to two deflections at two lengths",)
+    made = [
+        headline(attribute("none", "none"), CATALOGUE),
+        headline(attribute("none", "noise"), CATALOGUE),
+        headline(attribute("unknown", "too little data"), CATALOGUE, missing=lacks),
+    ]
+    assert all(len(said.split()) <= 20 for said in (unknown, none, *made)) and lacks[0] in made[-1]
+
+
+def tied(effect: str, sizes: dict[str, Value], p: float, other: str, q: float, found: dict[str, Value]) -> str:
+    a = attribute("effect", "one of several", sizes, effect, p=p)
+    second = Ranked((other,) if other else (), q, 9.0, None, found)
+    return headline(replace(a, ranking=(*a.ranking, second)), CATALOGUE)
+
+
+def test_two_that_are_nearly_as_probable_are_both_named() -> None:
+    tilt, turn = (
+        {f"{effect}.x": Value(angle, 0.01, "rad"), f"{effect}.y": Value(0.0, 0.01, "rad")}
+        for effect, angle in (("base_tilt", 0.0628), ("frame_misalignment", 0.0611))
+    )
+    both = tied("base_tilt", tilt, 0.49, "frame_misalignment", 0.47, turn)
+    assert both == "The base is tilted by 3.6 deg or the cameras' frame is turned by 3.5 deg (p = 0.49, 0.47)."
+    assert "frame" not in tied("base_tilt", tilt, 0.55, "frame_misalignment", 0.41, turn)
+    assert tied("base_tilt", tilt, 0.49, "", 0.45, {}).endswith("or there is no cause (p = 0.49, 0.45).")
+
+
+def test_both_fit_whichever_they_are() -> None:
+    for effect, other in itertools.permutations(CATALOGUE, 2):
+        sizes, found = (
+            {f"{e}.{p.name}": Value(0.123456 * p.scale, 0.0, p.unit) for p in CATALOGUE[e].parameters} for e in (effect, other)
+        )
+        said = tied(effect, sizes, 0.49, other, 0.47, found)
+        assert len(said.split()) <= 20 and said.endswith("(p = 0.49, 0.47)."), said

@@ -1,7 +1,5 @@
 """A small world with known answers: tips over spine length, pressure and branch as sums of simple functions."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
@@ -85,7 +83,7 @@ class ToyForward:
         )
         self._square = IDS.index("ballooning")
 
-    def near(self, theta: Array) -> ToyForward:
+    def near(self, theta: Array) -> "ToyForward":
         return self
 
     def predict(self, theta: Array, trial: bool = False, whole: bool = False) -> Array:
@@ -114,12 +112,5 @@ def toy_problem(seed: int, truth: dict[str, float], sd: float = 0.3 * MM, clutte
     smooth = by_channel(columns(where), state, channel, np.full(3, sd))
     shared_basis = columns(Settings(where.place, np.ones(n)))
     channel_basis = by_channel(shared_basis, state, channel, np.ones(3))
-    return Problem(
-        forward,
-        p,
-        y,
-        Noise(state, np.full(y.size, sd), np.zeros((y.size, 1))),
-        smooth,
-        shared_basis[state],
-        channel_basis,
-    )
+    noise = Noise(state, np.full(y.size, sd), np.zeros((y.size, 1)))
+    return Problem(forward, p, y, noise, smooth, shared_basis[state], channel_basis)

@@ -1,7 +1,5 @@
 """The fenced blocks of README and docs, and what says that one is not run."""
 
-from __future__ import annotations
-
 import re
 import textwrap
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Every decision that is referred to stands in docs/decisions.md, and each there is short."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 from pathlib import Path

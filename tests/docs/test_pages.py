@@ -1,7 +1,5 @@
 """What README and docs tell people to type works; what is not run here says why."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The reference pages hold what the code has, and the site is built of all pages without a warning."""
 
-from __future__ import annotations
-
 import importlib.util
 import subprocess
 import sys
@@ -19,7 +17,6 @@ from tests.docs.blocks import ROOT
 @pytest.fixture(scope="module")
 def reference(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     spec = importlib.util.spec_from_file_location("reference_pages", ROOT / "docs/reference_pages.py")
-    assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     folder: Path = tmp_path_factory.mktemp("docs")
@@ -76,19 +73,7 @@ def test_every_page_is_in_the_site() -> None:
 def test_the_site_is_built_without_a_warning_and_asks_nothing_of_the_network(tmp_path: Path) -> None:
     for package in ("sphinx", "myst_parser", "furo"):
         pytest.importorskip(package, reason="make docs installs it")
-    build = [
-        sys.executable,
-        "-m",
-        "sphinx",
-        "-q",
-        "-W",
-        "-b",
-        "html",
-        "-d",
-        tmp_path / "trees",
-        ROOT / "docs",
-        tmp_path / "site",
-    ]
+    build = [sys.executable, "-m", "sphinx", "-q", "-W", "-b", "html", "-d", tmp_path / "trees", ROOT / "docs", tmp_path / "site"]
     done = subprocess.run(build, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     for page in (tmp_path / "site").rglob("*.html"):

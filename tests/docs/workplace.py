@@ -1,7 +1,5 @@
 """Where the blocks of a page are run: a folder with the examples and a rig of fakes, and a shell that knows `lab`."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import os

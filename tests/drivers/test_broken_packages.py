@@ -30,7 +30,8 @@ BROKEN = {
     ),
 }
 """What their module says, and what is said of it."""
-LANDED = [n if n == "lacking" else pytest.param(n, marks=pytest.mark.long) for n in BROKEN]
+Said = dict[tuple[str, str], Done]
+"""By driver and verb."""
 
 
 @pytest.fixture(scope="module")
@@ -46,32 +47,35 @@ def littered(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def lab(littered: Path, driver: str, *words: str) -> Done:
-    """A verb on a rig at which nobody answers and whose regulators have this driver."""
+@pytest.fixture(scope="module")
+def done(littered: Path) -> Said:
+    """What each verb says of a rig at which nobody answers and whose regulators have each driver."""
     text = (ROOT / "examples/rig/rig.yaml").read_text().replace("../paper", str(ROOT / "examples/paper"))
-    rig = littered / f"{driver}.yaml"
-    rig.write_text(text.replace("192.168.0.", "127.0.0.").replace("driver: alicat", f"driver: {driver}"))
-    return run_there([(*words, "--rig", rig)], {**os.environ, "PYTHONPATH": str(littered)})[0]
+    asked = {(name, "plan"): ("plan", "bending") for name in ("alicat", *BROKEN)} | {("lacking", "safe"): ("safe", "--json")}
+    for name, _ in asked:
+        rig = text.replace("192.168.0.", "127.0.0.").replace("driver: alicat", f"driver: {name}")
+        (littered / f"{name}.yaml").write_text(rig)
+    commands = [(*words, "--rig", littered / f"{name}.yaml") for (name, _), words in asked.items()]
+    said = run_there(commands, {**os.environ, "PYTHONPATH": str(littered)})
+    return dict(zip(asked, said, strict=True))
 
 
-def test_they_hinder_nobody_who_does_not_use_them(littered: Path) -> None:
-    code, out, err = lab(littered, "alicat", "plan", "bending")
+def test_they_hinder_nobody_who_does_not_use_them(done: Said) -> None:
+    code, out, err = done["alicat", "plan"]
     assert code == 0, out + err
 
 
 @pytest.mark.parametrize("name", BROKEN)
-def test_each_is_named_where_it_is_used_and_nowhere_else(littered: Path, name: str) -> None:
-    words = BROKEN[name][1]
-    code, out, err = lab(littered, name, "plan", "bending")
+def test_each_is_named_where_it_is_used_and_nowhere_else(done: Said, name: str) -> None:
+    code, out, err = done[name, "plan"]
     assert code == 2, out + err
-    assert f"instruments.pressure.driver = {name}: package {name} 1: entry point {name}" in err and words in err
+    assert f"instruments.pressure.driver = {name}: package {name} 1: entry point {name}" in err and BROKEN[name][1] in err
     assert not any(f"package {other} 1" in err for other in BROKEN if other != name)
 
 
-@pytest.mark.parametrize("name", LANDED)
-def test_a_landing_goes_on_without_them_and_tells_each_of_the_others_for_itself(littered: Path, name: str) -> None:
-    code, out, _ = lab(littered, name, "safe", "--json")
+def test_a_landing_goes_on_without_them_and_tells_each_of_the_others_for_itself(done: Said) -> None:
+    code, out, _ = done["lacking", "safe"]
     steps = {step["instrument"]: step for step in json.loads(out)["steps"]}
     assert code == 1 and set(steps) == {"arm", "pressure", "spine", "valve"}
-    words = BROKEN[name][1]
+    words = BROKEN["lacking"][1]
     assert words in steps["pressure"]["text"] and words not in steps["valve"]["text"]

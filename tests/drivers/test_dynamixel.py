@@ -1,49 +1,25 @@
 """What is particular to the Dynamixel length unit, through dynamixel-sdk against the fake servo."""
 
-from collections.abc import Callable, Iterator
-from typing import Any
+from functools import partial
 
 import pytest
-from pydantic import ValidationError
 
 import timing
 from drivers.dynamixel.bus import Register
 from drivers.dynamixel.driver import Config, DynamixelSpine
 from drivers.dynamixel.table import PRESENT_POSITION
-from drivers.errors import BadReply, DeviceFault, LimitExceeded, NotReady, Unreachable, WrongDevice
-from drivers.interfaces import SpineSample
+from drivers.errors import BadReply, DeviceFault, NotReady, Unreachable, WrongDevice
 from sim_fakes.dynamixel import DynamixelFake
 from sim_fakes.plant import Plant
-from timing import RigClock
+from tests.drivers.spines import Make, arrive, fault_of, homed, make_pair, watch
+from tests.simulated.bench import Bench
 
-Make = Callable[..., tuple[DynamixelSpine, DynamixelFake]]
 TORQUE, WATCHDOG, MODE, GOAL = 64, 98, 11, 116
 
 
 @pytest.fixture
-def make(plant: Plant) -> Iterator[Make]:
-    made: list[tuple[DynamixelSpine, DynamixelFake]] = []
-
-    def make(fake: dict[str, Any] | None = None, **changes: Any) -> tuple[DynamixelSpine, DynamixelFake]:
-        clock = RigClock(20.0)
-        servo = DynamixelFake(plant, clock, **(fake or {}))
-        servo.start()
-        spine = DynamixelSpine("spine", Config(**{"port": servo.port, "metres_per_turn": 0.1, "timeout": 1.0} | changes), clock)
-        made.append((spine, servo))
-        return made[-1]
-
-    yield make
-    for spine, servo in made:
-        spine.close()
-        servo.stop()
-
-
-def watch(spine: DynamixelSpine, until: Callable[[SpineSample], bool]) -> SpineSample:
-    deadline = timing.now() + 20
-    while not until(sample := spine.read()):
-        assert timing.now() < deadline, f"still {sample}"
-        timing.sleep(0.01)
-    return sample
+def make(bench: Bench) -> Make:
+    return partial(make_pair, bench, "dynamixel")
 
 
 def bitten(servo: DynamixelFake) -> None:
@@ -52,12 +28,6 @@ def bitten(servo: DynamixelFake) -> None:
     while servo.motor.table[WATCHDOG] != 0xFF:
         assert timing.now() < deadline, "the watchdog never bites"
         timing.sleep(0.01)
-
-
-def homed(spine: DynamixelSpine) -> None:
-    spine.open()
-    spine.home()
-    watch(spine, lambda s: s.homed)
 
 
 def test_open_names_the_model_and_sets_the_mode_with_torque_off(make: Make) -> None:
@@ -145,7 +115,7 @@ def test_a_watchdog_that_trips_holds_the_cord_whatever_homing_offset_was_left(ma
     persistent(servo, 20, 1024)
     homed(spine)
     spine.move_to(0.1, 0.05)
-    watch(spine, lambda s: not s.moving)
+    arrive(spine)
     bitten(servo)
     timing.sleep(0.05)  # one second of the rig, in which a motor that moves comes far
     assert servo.motor.length == pytest.approx(0.1, abs=1e-3)
@@ -162,30 +132,6 @@ def test_a_model_without_current_based_position_mode_is_the_wrong_device(make: M
     spine, _ = make({"model": 1060})
     with pytest.raises(WrongDevice, match="1060"):
         spine.open()
-
-
-def test_an_id_that_nobody_has_is_unreachable(make: Make) -> None:
-    spine, _ = make(id=7, timeout=0.3)
-    with pytest.raises(Unreachable, match="id 7"):
-        spine.open()
-
-
-def test_an_answer_under_another_id_is_not_taken(make: Make) -> None:
-    spine, servo = make(timeout=0.3)
-    servo.faults.extra["wrong_id"] = True
-    with pytest.raises(Unreachable):
-        spine.open()
-
-
-def test_a_current_limit_beyond_the_servos_own_is_refused(make: Make) -> None:
-    spine, _ = make(current_limit=4.5)
-    with pytest.raises(LimitExceeded, match="3.2"):
-        spine.open()
-
-
-def test_homing_current_above_the_current_limit_is_a_configuration_error() -> None:
-    with pytest.raises(ValidationError, match="homing_current"):
-        Config(port="x", metres_per_turn=0.1, homing_current=2.0, current_limit=1.0)
 
 
 def test_a_refusal_tells_the_servos_reason(make: Make) -> None:
@@ -209,8 +155,7 @@ def test_overload_drops_the_torque_and_homing_restarts_the_servo(make: Make, pla
     spine.move_to(0.3, 0.02)
     watch(spine, lambda s: s.length > 0.02)
     plant.spine_blocked = True
-    with pytest.raises(DeviceFault, match="overload"):
-        watch(spine, lambda _: False)
+    fault_of(spine, "overload")
     assert servo.motor.get(TORQUE) == 0
     with pytest.raises(NotReady, match="home"):
         spine.move_to(0.1, 0.02)
@@ -233,16 +178,14 @@ def test_a_servo_that_fails_while_a_stall_is_answered_says_why(make: Make, plant
 
     servo.motor.wrote = fails_as_its_torque_goes_off  # type: ignore[method-assign]
     plant.spine_blocked = True
-    with pytest.raises(DeviceFault, match="overload"):
-        watch(spine, lambda _: False)
+    fault_of(spine, "overload")
 
 
 def test_every_bit_of_a_hardware_error_is_named(make: Make) -> None:
     spine, servo = make()
     spine.open()
     servo.faults.extra["hardware_error"] = 0b100101
-    with pytest.raises(DeviceFault, match="supply voltage, overheated, overload"):
-        watch(spine, lambda _: False)
+    fault_of(spine, "supply voltage, overheated, overload")
 
 
 def test_a_silent_host_trips_the_watchdog_and_stop_acknowledges_it(make: Make, plant: Plant) -> None:
@@ -259,7 +202,7 @@ def test_a_silent_host_trips_the_watchdog_and_stop_acknowledges_it(make: Make, p
     spine.stop()
     assert spine.read().homed
     spine.move_to(0.1, 0.05)
-    assert watch(spine, lambda s: not s.moving).length == pytest.approx(0.1, abs=6e-4)
+    assert arrive(spine).length == pytest.approx(0.1, abs=6e-4)
 
 
 def test_a_stop_is_sent_again_when_the_watchdog_bites_on_its_way(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -294,7 +237,7 @@ def test_a_jam_met_while_homing_again_is_not_taken_for_the_end_stop(make: Make, 
     spine, _ = make()
     homed(spine)
     spine.move_to(0.1, 0.05)
-    watch(spine, lambda s: not s.moving)
+    arrive(spine)
     plant.spine_blocked = True
     spine.home()
     with pytest.raises(DeviceFault, match=r"blocked 0\.1"):

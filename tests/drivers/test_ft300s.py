@@ -1,11 +1,6 @@
-"""The FT 300-S driver through pymodbus and pyserial, against the fake on a pty.
+"""The FT 300-S driver through pymodbus and pyserial, against the fake sensor."""
 
-With LAB_TEST_FT300S_PORT=/dev/ttyUSB0 the tests that need no fault run against a real sensor instead; leave its tool
-hanging free.
-"""
-
-import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -14,14 +9,14 @@ import timing
 from drivers.errors import DeviceFault, StaleReading, Unreachable, WrongDevice
 from drivers.ft300s.driver import FT300S, Config
 from drivers.interfaces import WrenchSample
-from sim_fakes.alicat import AlicatFake
 from sim_fakes.ft300s import Ft300sFake
 from sim_fakes.plant import Plant
-from timing import RigClock
+from tests.simulated.bench import Bench, of_speed
 
-HARDWARE = os.environ.get("LAB_TEST_FT300S_PORT")
-NOISE = 5.0
-"""Tolerances are this many standard deviations of one reading (0.1 N, 0.005 N m)."""
+pytestmark = of_speed(1.0)  # at the sensor's own speed
+
+TOOL = (1.5, -2.25, 30.0, 0.125, -0.5, 1.0)
+"""N and N m, what the fake's tool weighs."""
 
 
 def eventually(condition: Callable[[], bool], within: float = 10.0) -> bool:
@@ -33,13 +28,8 @@ def eventually(condition: Callable[[], bool], within: float = 10.0) -> bool:
 
 
 @pytest.fixture
-def fake(plant: Plant) -> Iterator[Ft300sFake]:
-    if HARDWARE:
-        pytest.skip("needs the fake sensor")
-    fake = Ft300sFake(plant, RigClock(), seed=1)
-    fake.start()
-    yield fake
-    fake.stop()
+def fake(bench: Bench) -> Ft300sFake:
+    return bench.started(Ft300sFake(bench.plant, bench.clock, seed=1))
 
 
 @pytest.fixture
@@ -48,20 +38,8 @@ def samples() -> list[WrenchSample]:
 
 
 @pytest.fixture
-def sensor(request: pytest.FixtureRequest, samples: list[WrenchSample]) -> Iterator[FT300S]:
-    port = HARDWARE or request.getfixturevalue("fake").port
-    sensor = FT300S("force", Config(port=port, timeout=2.0), RigClock(), samples.append)
-    yield sensor
-    sensor.close()
-
-
-# -- these run on hardware too
-def test_opening_tells_maker_model_serial_number_and_firmware(sensor: FT300S) -> None:
-    identity = sensor.open()
-    assert identity.maker == "Robotiq"
-    assert identity.model.startswith("FT 300")
-    assert identity.firmware.startswith("F")
-    assert "-" in identity.serial
+def sensor(bench: Bench, fake: Ft300sFake, samples: list[WrenchSample]) -> FT300S:
+    return bench.closing(FT300S("force", Config(port=fake.port, timeout=2.0), bench.clock, samples.append))
 
 
 def test_every_frame_reaches_the_sink_in_order_and_none_is_lost(sensor: FT300S, samples: list[WrenchSample]) -> None:
@@ -77,12 +55,11 @@ def test_zero_takes_the_tools_weight_off_and_keeps_the_raw_reading(sensor: FT300
     zero = sensor.zero(20)
     assert eventually(lambda: sensor.latest().zero == zero)
     sample = sensor.latest()
-    assert np.allclose(sample.wrench[:3], 0.0, atol=NOISE * 0.1)
-    assert np.allclose(sample.wrench[3:], 0.0, atol=NOISE * 0.005)
+    assert np.allclose(sample.wrench[:3], 0.0, atol=0.5)
+    assert np.allclose(sample.wrench[3:], 0.0, atol=0.025)
     assert np.allclose(sample.raw, np.add(sample.wrench, zero))
 
 
-# -- these need the fake
 def test_force_is_turned_into_the_sensor_frame_with_its_moment(sensor: FT300S, fake: Ft300sFake, plant: Plant) -> None:
     fake.device.bias[:] = 0.0
     fake.device.lever = np.array([0.0, 0.02, 0.1])
@@ -120,18 +97,7 @@ def test_the_stream_is_found_again_after_garbage(sensor: FT300S, fake: Ft300sFak
     sensor.open()
     fake.faults.garbage, fake.faults.split = b"\x20\x4e\x00", True
     assert eventually(lambda: len(samples) > 40)
-    assert {sample.raw for sample in samples} == {(1.5, -2.25, 30.0, 0.125, -0.5, 1.0)}
-
-
-def test_damaged_frames_are_counted_and_none_is_delivered(sensor: FT300S, fake: Ft300sFake, samples: list[WrenchSample]) -> None:
-    fake.device.noise[:] = 0.0
-    sensor.open()
-    fake.faults.corrupt = True
-    assert eventually(lambda: sensor.lost >= 15)
-    fake.faults.corrupt = False
-    after = len(samples)
-    assert eventually(lambda: len(samples) > after + 10)
-    assert {sample.raw for sample in samples} == {(1.5, -2.25, 30.0, 0.125, -0.5, 1.0)}
+    assert {sample.raw for sample in samples} == {TOOL}
 
 
 def test_frames_that_never_come_are_counted(sensor: FT300S, fake: Ft300sFake) -> None:
@@ -140,16 +106,11 @@ def test_frames_that_never_come_are_counted(sensor: FT300S, fake: Ft300sFake) ->
     assert eventually(lambda: sensor.lost >= 15)
 
 
-def test_the_speed_of_the_rigs_clock_does_not_count_as_loss(fake: Ft300sFake) -> None:
-    fake.clock.speed = 50.0
-    samples: list[WrenchSample] = []
-    sensor = FT300S("force", Config(port=fake.port, timeout=2.0), fake.clock, samples.append)
+def test_the_speed_of_the_rigs_clock_does_not_count_as_loss(bench: Bench, sensor: FT300S, samples: list[WrenchSample]) -> None:
+    bench.clock.speed = 50.0
     sensor.open()
-    try:
-        assert eventually(lambda: len(samples) >= 60)
-        assert sensor.lost < 10 * len(samples)  # by the rig's clock 49 of 50 were lost; by the host's, what came late
-    finally:
-        sensor.close()
+    assert eventually(lambda: len(samples) >= 60)
+    assert sensor.lost < 10 * len(samples)  # by the rig's clock 49 of 50 were lost; by the host's, what came late
 
 
 @pytest.mark.parametrize(("axis", "named"), [(2, "fz = 327.67 N .* 300 N"), (4, "my = 32.77 N m .* 30 N m")])
@@ -191,34 +152,16 @@ def test_a_cable_pulled_out_is_unreachable_and_closing_is_still_quiet(sensor: FT
     ],
 )
 def test_what_cannot_be_used_is_refused_with_a_reason(
-    sensor: FT300S,
-    fake: Ft300sFake,
-    monkeypatch: pytest.MonkeyPatch,
-    fault: dict[str, object],
-    error: type[Exception],
-    message: str,
+    sensor: FT300S, fake: Ft300sFake, fault: dict[str, object], error: type[Exception], message: str
 ) -> None:
-    # the fake shares this process: on a busy computer its stream pauses for longer than a sensor's ever does
-    monkeypatch.setattr("drivers.ft300s.driver.SILENT_AFTER", 0.5)
-    monkeypatch.setattr("drivers.ft300s.driver.STOP_ROUNDS", 3)
     fake.faults.extra.update(fault)
     fake.device.streaming = "endless" in fault
     with pytest.raises(error, match=message):
         sensor.open()
 
 
-def test_a_silent_sensor_is_unreachable_and_the_message_says_what_to_check(sensor: FT300S, fake: Ft300sFake) -> None:
+def test_a_silent_sensor_is_unreachable_and_the_message_says_what_to_check(bench: Bench, fake: Ft300sFake) -> None:
     fake.device.device_id = 5
+    sensor = FT300S("force", Config(port=fake.port, timeout=0.2), bench.clock, lambda sample: None)
     with pytest.raises(Unreachable, match="no answer from Modbus device 9.*24 V"):
         sensor.open()
-
-
-def test_another_instrument_on_the_port_is_told_at_opening(plant: Plant) -> None:
-    regulators = AlicatFake(plant, RigClock(), baud=19200)
-    regulators.start()
-    sensor = FT300S("force", Config(port=regulators.port), RigClock(), lambda sample: None)
-    start = timing.now()
-    with pytest.raises(Unreachable, match="check 24 V power, cable and port"):
-        sensor.open()
-    assert timing.now() - start < 5.0
-    regulators.stop()

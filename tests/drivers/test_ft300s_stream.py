@@ -60,38 +60,31 @@ def test_joining_in_the_middle_of_a_frame_is_no_damage() -> None:
     assert parser.damaged == 0
 
 
-def missing_after(times: list[float]) -> int:
+RNG = random.Random(4)
+GONE = set(RNG.sample(range(200, 2800), 60))
+STEADY = [i * PERIOD for i in range(3000)]
+
+
+@pytest.mark.parametrize(
+    ("times", "missing"),
+    [
+        pytest.param([t * 0.99 for t in STEADY], 0, id="steady, of a clock that is fast"),
+        pytest.param(STEADY, 0, id="steady"),
+        pytest.param([t * 1.01 for t in STEADY], 0, id="steady, of a clock that is slow"),
+        pytest.param([(i // 4 * 4 + 4) * PERIOD + i % 4 * 1e-3 for i in range(2000)], 0, id="in bursts"),
+        pytest.param(sorted(t + RNG.uniform(0, 0.02) for t in STEADY), 0, id="jitter"),
+        pytest.param([max(t, 11.0) if t > 10.0 else t for t in STEADY], 0, id="the host stood still for a second"),
+        pytest.param(
+            [i * PERIOD + RNG.uniform(0, 0.003) for i in range(3000) if i not in GONE], 60, id="single ones are missing"
+        ),
+        pytest.param([t for i, t in enumerate(STEADY[:1000]) if not 300 <= i < 650], 350, id="a long gap"),
+    ],
+)
+def test_frames_that_are_missing_are_counted_and_what_comes_late_is_not(times: list[float], missing: int) -> None:
     counter = GapCounter()
     for t in times:
         counter.arrived(t, 0)
-    return counter.missing
-
-
-def test_a_steady_stream_misses_nothing_even_when_its_clock_is_one_percent_off() -> None:
-    for rate in (0.99, 1.0, 1.01):
-        assert missing_after([i * PERIOD * rate for i in range(5000)]) == 0
-
-
-def test_bursts_and_jitter_are_not_gaps() -> None:
-    rng = random.Random(3)
-    held_back = [(i // 4 * 4 + 4) * PERIOD + rng.uniform(0, 0.004) for i in range(2000)]
-    assert missing_after(sorted(held_back)) == 0
-
-
-def test_a_host_that_stood_still_for_a_second_finds_all_frames_in_the_end() -> None:
-    times = [i * PERIOD for i in range(3000)]
-    assert missing_after([max(t, 11.0) if t > 10.0 else t for t in times]) == 0
-
-
-def test_single_frames_missing_here_and_there_are_counted() -> None:
-    rng = random.Random(4)
-    gone = set(rng.sample(range(200, 2800), 60))
-    times = [i * PERIOD + rng.uniform(0, 0.003) for i in range(3000) if i not in gone]
-    assert missing_after(times) == 60
-
-
-def test_a_long_gap_is_counted_whole() -> None:
-    assert missing_after([i * PERIOD for i in range(1000) if not 300 <= i < 650]) == 350
+    assert counter.missing == missing
 
 
 def test_frames_known_as_damaged_are_not_counted_as_missing_too() -> None:

@@ -9,40 +9,24 @@ from typing import Any
 import pytest
 
 import timing
-from drivers.dynamixel import driver as dynamixel
 from drivers.dynamixel.bus import Register, Servo
 from drivers.errors import DeviceFault, InstrumentError, NoReply
-from drivers.tmcl import driver as tmcl
 from drivers.tmcl.bus import Axis
 from sim_fakes.dynamixel import DynamixelFake
-from sim_fakes.plant import Plant
 from sim_fakes.tmcl import TmclFake
-from timing import RigClock
+from tests.drivers.spines import homed, make_pair
+from tests.simulated.bench import Bench
 
-KINDS: dict[str, tuple[Any, Any, Any]] = {
-    "dynamixel": (dynamixel.DynamixelSpine, dynamixel.Config, DynamixelFake),
-    "tmcl": (tmcl.TmclSpine, tmcl.Config, TmclFake),
-}
+PATIENT = {"dynamixel": {"watchdog": 2.54, "timeout": 0.1}, "tmcl": {"heartbeat": 30.0, "timeout": 0.15}}
 
 
-@pytest.fixture(params=KINDS)
-def pair(request: pytest.FixtureRequest) -> Iterator[tuple[Any, Any]]:
+@pytest.fixture(params=PATIENT)
+def pair(bench: Bench, request: pytest.FixtureRequest) -> Iterator[tuple[Any, Any]]:
     """A driver whose spine has its zero, and its fake."""
-    driver, config, kind = KINDS[request.param]
-    clock = RigClock(20.0)
-    fake = kind(Plant(), clock)
-    fake.start()
-    patient = {"watchdog": 2.54} if request.param == "dynamixel" else {"heartbeat": 30.0}
-    unit = driver("spine", config(port=fake.port, metres_per_turn=0.1, **patient), clock)
-    unit.open()
-    unit.home()
-    deadline = timing.now() + 30
-    while not unit.read().homed:
-        assert timing.now() < deadline
+    unit, fake = make_pair(bench, request.param, **PATIENT[request.param])
+    homed(unit)
     yield unit, fake
     fake.faults.delay = 0.0
-    unit.close()
-    fake.stop()
 
 
 def recovered(unit: Any) -> Any:
@@ -88,31 +72,20 @@ def test_a_restart_is_told_also_after_late_answers_and_when_the_unit_was_stopped
         unit.read()
 
 
-def test_a_late_dynamixel_answer_is_never_the_answer_to_a_later_question() -> None:
-    fake = DynamixelFake(Plant(), RigClock(20.0))
-    fake.start()
-    servo = Servo("spine", fake.port, 57600, 1, 0.05)
+def test_a_late_dynamixel_answer_is_never_the_answer_to_a_later_question(bench: Bench) -> None:
+    fake = bench.started(DynamixelFake(bench.plant, bench.clock))
+    servo = bench.closing(Servo("spine", fake.port, 57600, 1, 0.05))
     servo.open()
     truth = {Register(7, 1): 1, Register(9, 1): 250, Register(31, 1): 80, Register(146, 1): 31, Register(144, 2): 120,
              Register(38, 2): 1193, Register(36, 2): 885}  # fmt: skip
-    try:
-        check(fake, lambda register: servo.read(register), truth)
-    finally:
-        servo.close()
-        fake.stop()
+    check(fake, servo.read, truth)
 
 
-def test_a_late_tmcl_answer_is_never_the_answer_to_a_later_question() -> None:
-    fake = TmclFake(Plant(), RigClock(20.0))
-    fake.start()
-    axis = Axis("spine", fake.port, 115200, 1, 2, 0, 0.05)
+def test_a_late_tmcl_answer_is_never_the_answer_to_a_later_question(bench: Bench) -> None:
+    fake = bench.started(TmclFake(bench.plant, bench.clock))
+    axis = bench.closing(Axis("spine", fake.port, 115200, 1, 2, 0, 0.05))
     axis.open()
-    truth = {4: 51200, 5: 51200, 193: 1, 194: 1000, 195: 100, 212: 0}
-    try:
-        check(fake, axis.get, truth)
-    finally:
-        axis.close()
-        fake.stop()
+    check(fake, axis.get, {4: 51200, 5: 51200, 193: 1, 194: 1000, 195: 100, 212: 0})
 
 
 def check(fake: Any, ask: Any, truth: dict[Any, int]) -> None:

@@ -11,8 +11,7 @@ from drivers.pressure_limits import PressureLimits
 class HandClock:
     """A clock that a test turns."""
 
-    def __init__(self) -> None:
-        self.time = 0.0
+    time = 0.0
 
     def now(self) -> float:
         return self.time
@@ -69,12 +68,10 @@ def test_a_channel_that_failed_is_judged_from_what_it_last_took(clock: HandClock
     assert limits.allow((50e3, 50e3)) == pytest.approx((50e3, 10e3))
 
 
-@pytest.mark.parametrize("bad", [math.nan, math.inf])
-def test_what_is_no_number_is_refused(limits: PressureLimits, bad: float) -> None:
-    with pytest.raises(LimitExceeded, match="channel 2"):
-        limits.allow((0.0, bad))
-
-
-def test_a_wrong_number_of_pressures_is_refused(limits: PressureLimits) -> None:
-    with pytest.raises(LimitExceeded, match="3 pressures for 2 channels"):
-        limits.allow((0.0, 0.0, 0.0))
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [((0.0, math.nan), "channel 2"), ((0.0, math.inf), "channel 2"), ((0.0, 0.0, 0.0), "3 pressures for 2 channels")],
+)
+def test_what_are_no_pressures_is_refused(limits: PressureLimits, wrong: tuple[float, ...], message: str) -> None:
+    with pytest.raises(LimitExceeded, match=message):
+        limits.allow(wrong)

@@ -1,5 +1,6 @@
 """The request/reply line, against a pty whose other end the test holds."""
 
+import contextlib
 import os
 import pty
 import tty
@@ -38,10 +39,8 @@ def end() -> Iterator[OtherEnd]:
     tty.setraw(slave)
     yield OtherEnd(master, slave)
     for fd in (master, slave):
-        try:
+        with contextlib.suppress(OSError):
             os.close(fd)
-        except OSError:
-            continue
 
 
 @pytest.fixture
@@ -102,59 +101,66 @@ def test_a_port_that_another_line_has_is_unreachable(line: SerialLine) -> None:
         SerialLine("valve", line.port, 9600, 0.1).open()
 
 
-def test_a_line_that_is_pulled_out_is_unreachable_not_an_operating_system_error(end: OtherEnd, line: SerialLine) -> None:
-    os.close(end.master)
-    with pytest.raises(Unreachable, match="lost"):
-        line.ask(b"A\r", b"\r")
+class Adapters:
+    """Two far ends, and a path that leads to the first until it is led to the second."""
+
+    def __init__(self, link: Path) -> None:
+        (self.old, self._first), (self.new, self._second) = pty.openpty(), pty.openpty()
+        tty.setraw(self._second)
+        self.link = link
+        link.symlink_to(os.ttyname(self._first))
+
+    def lead_to_the_second(self) -> None:
+        self.link.symlink_to(os.ttyname(self._second))
+
+    def close(self) -> None:
+        for fd in (self.old, self._first, self.new, self._second):
+            with contextlib.suppress(OSError):
+                os.close(fd)
+
+
+@pytest.fixture
+def adapters(tmp_path: Path) -> Iterator[Adapters]:
+    adapters = Adapters(tmp_path / "by-id")
+    yield adapters
+    adapters.close()
+
+
+@pytest.fixture
+def by_id(adapters: Adapters) -> Iterator[SerialLine]:
+    line = SerialLine("gauge", str(adapters.link), 19200, timeout=5.0)
+    line.open()
+    yield line
+    line.close()
 
 
 def test_a_lost_line_is_closed_says_so_until_it_is_opened_and_opens_what_is_behind_the_same_path(
-    tmp_path: Path,
+    adapters: Adapters, by_id: SerialLine
 ) -> None:
-    (old, old_slave), (new, new_slave) = pty.openpty(), pty.openpty()
-    tty.setraw(new_slave)
-    link = tmp_path / "by-id"
-    link.symlink_to(os.ttyname(old_slave))
-    line = SerialLine("gauge", str(link), 19200, timeout=5.0)
-    line.open()
-    os.close(old)
+    os.close(adapters.old)
     for _ in range(2):
         with pytest.raises(Unreachable, match="lost .*by-id"):
-            line.ask(b"A\r", b"\r")
-        assert not line.is_open
-    link.unlink()
+            by_id.ask(b"A\r", b"\r")
+        assert not by_id.is_open
+    adapters.link.unlink()
     with pytest.raises(Unreachable, match="cannot open"):
-        line.open()
-    link.symlink_to(os.ttyname(new_slave))
-    line.open()
-    os.write(new, b"here\r")
-    assert line.read_until(b"\r") == b"here"
-    line.close()
-    with pytest.raises(NotReady, match="not open"):
-        line.write(b"A")
-    for fd in (old_slave, new, new_slave):
-        os.close(fd)
+        by_id.open()
+    adapters.lead_to_the_second()
+    by_id.open()
+    os.write(adapters.new, b"here\r")
+    assert by_id.read_until(b"\r") == b"here"
 
 
-def test_an_open_line_whose_path_leads_elsewhere_by_now_is_opened_anew(tmp_path: Path) -> None:
+def test_an_open_line_whose_path_leads_elsewhere_by_now_is_opened_anew(adapters: Adapters, by_id: SerialLine) -> None:
     """The old handle may still take bytes: nothing says that it is the instrument's no longer."""
-    (old, old_slave), (new, new_slave) = pty.openpty(), pty.openpty()
-    tty.setraw(new_slave)
-    link = tmp_path / "by-id"
-    link.symlink_to(os.ttyname(old_slave))
-    line = SerialLine("gauge", str(link), 19200, timeout=5.0)
-    line.open()
-    link.unlink()
-    line.open()  # a path that is gone proves nothing
-    line.write(b"1")
-    assert os.read(old, 10) == b"1"
-    link.symlink_to(os.ttyname(new_slave))
-    line.open()
-    line.write(b"2")
-    assert os.read(new, 10) == b"2"
-    line.close()
-    for fd in (old, old_slave, new, new_slave):
-        os.close(fd)
+    adapters.link.unlink()
+    by_id.open()  # a path that is gone proves nothing
+    by_id.write(b"1")
+    assert os.read(adapters.old, 10) == b"1"
+    adapters.lead_to_the_second()
+    by_id.open()
+    by_id.write(b"2")
+    assert os.read(adapters.new, 10) == b"2"
 
 
 def test_a_silent_line_gets_a_new_handle_when_it_is_opened_again(

@@ -1,45 +1,21 @@
 """What is particular to the Trinamic length unit, through pytrinamic against the fake module."""
 
-from collections.abc import Callable, Iterator
-from typing import Any
+from functools import partial
 
 import pytest
 
 import timing
-from drivers.errors import BadReply, DeviceFault, NotReady, Unreachable, WrongDevice
-from drivers.interfaces import SpineSample
-from drivers.tmcl.driver import Config, TmclSpine
+from drivers.errors import BadReply, DeviceFault, NotReady, WrongDevice
+from drivers.tmcl.driver import TmclSpine
 from sim_fakes.plant import Plant
 from sim_fakes.tmcl import Axis, TmclFake
-from timing import RigClock
-
-Make = Callable[..., tuple[TmclSpine, TmclFake]]
+from tests.drivers.spines import Make, arrive, homed, make_pair, watch
+from tests.simulated.bench import Bench
 
 
 @pytest.fixture
-def make(plant: Plant) -> Iterator[Make]:
-    made: list[tuple[TmclSpine, TmclFake]] = []
-
-    def make(fake: dict[str, Any] | None = None, **changes: Any) -> tuple[TmclSpine, TmclFake]:
-        clock = RigClock(20.0)
-        module = TmclFake(plant, clock, **(fake or {}))
-        module.start()
-        spine = TmclSpine("spine", Config(**{"port": module.port, "metres_per_turn": 0.1, "timeout": 1.0} | changes), clock)
-        made.append((spine, module))
-        return made[-1]
-
-    yield make
-    for spine, module in made:
-        spine.close()
-        module.stop()
-
-
-def watch(spine: TmclSpine, until: Callable[[SpineSample], bool]) -> SpineSample:
-    deadline = timing.now() + 20
-    while not until(sample := spine.read()):
-        assert timing.now() < deadline, f"still {sample}"
-        timing.sleep(0.01)
-    return sample
+def make(bench: Bench) -> Make:
+    return partial(make_pair, bench, "tmcl")
 
 
 def stands(module: TmclFake) -> None:
@@ -49,12 +25,6 @@ def stands(module: TmclFake) -> None:
         while (module.drum.speed != 0) != turning:
             assert timing.now() < deadline, f"never so: turning {turning}"
             timing.sleep(0.001)
-
-
-def homed(spine: TmclSpine) -> None:
-    spine.open()
-    spine.home()
-    watch(spine, lambda s: s.homed)
 
 
 def test_open_names_the_module_and_switches_the_deviation_stop_on(make: Make) -> None:
@@ -151,18 +121,6 @@ def test_a_stored_program_that_turns_the_motor_stands_after_open(make: Make) -> 
     assert not module.drum.program
 
 
-def test_another_module_is_the_wrong_device(make: Make) -> None:
-    spine, _ = make({"module": 1140})
-    with pytest.raises(WrongDevice, match="TMCM-1140"):
-        spine.open()
-
-
-def test_an_address_that_nobody_has_is_unreachable(make: Make) -> None:
-    spine, _ = make(address=9, timeout=0.3)
-    with pytest.raises(Unreachable, match="module 9"):
-        spine.open()
-
-
 @pytest.mark.parametrize("fault", ["wrong_address", "wrong_command"])
 def test_an_answer_to_somebody_elses_question_is_not_taken(make: Make, fault: str) -> None:
     spine, module = make()
@@ -196,7 +154,7 @@ def test_a_broken_coupling_is_noticed_by_the_encoder(make: Make) -> None:
     module.faults.extra["stuck"] = True
     spine.move_to(0.1, 0.05)
     with pytest.raises(DeviceFault, match="did not follow"):
-        watch(spine, lambda s: not s.moving)
+        arrive(spine)
 
 
 def test_a_silent_host_lets_the_module_stop_and_is_reported(make: Make, plant: Plant) -> None:
@@ -206,10 +164,10 @@ def test_a_silent_host_lets_the_module_stop_and_is_reported(make: Make, plant: P
     stands(module)
     assert plant.spine_drive < 0.3
     with pytest.raises(DeviceFault, match="heartbeat"):
-        watch(spine, lambda s: not s.moving)
+        arrive(spine)
     spine.stop()
     spine.move_to(0.1, 0.05)
-    assert watch(spine, lambda s: not s.moving).length == pytest.approx(0.1, abs=6e-4)
+    assert arrive(spine).length == pytest.approx(0.1, abs=6e-4)
 
 
 def test_a_search_that_was_cut_short_is_not_taken_for_homed(make: Make) -> None:

@@ -1,4 +1,4 @@
-"""What the arm driver does when things go wrong; on the fake only, in a process that may be lost."""
+"""What the arm driver does when things go wrong."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ import struct
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
+from typing import Any
 
 import pytest
-from ur5_rig import Rig, a_rig, discard, needs_the_fake, raised
+from ur5_rig import Rig, a_rig, discard, raised
 
 import timing
 from drivers.errors import DeviceFault, InstrumentError, NoReply, NotReady, Unreachable, WrongDevice
@@ -23,7 +24,6 @@ from drivers.ur5.state import UR5State
 from sim_fakes.ur.process import free_host
 from timing import RigClock
 
-pytestmark = needs_the_fake
 SPEED, ACCELERATION = 0.05, 0.5
 RTDE = 30004
 
@@ -59,22 +59,21 @@ def fault_of(arm: UR5, timeout: float = 5.0) -> DeviceFault:
     pytest.fail(f"no fault within {timeout:g} s")
 
 
-@pytest.mark.parametrize("stop", ["protective", "emergency"])
-def test_a_stop_by_the_safety_system_is_a_fault_until_it_is_cleared(rig: Rig, stop: str) -> None:
+def test_a_stop_by_the_safety_system_is_a_fault_until_it_is_cleared(rig: Rig) -> None:
     arm = UR5("arm", Config(host=rig.host, watchdog_frequency=2.0), rig.clock)
     arm.open()
     try:
-        arm.move_to(raised(tuple(rig.fake.backdoor()["pose"]), 0.1), SPEED, ACCELERATION)
-        rig.fake.backdoor(f"{stop}_stop")
-        assert f"{stop} stop" in str(fault_of(arm))
-        with pytest.raises(DeviceFault, match=f"{stop} stop; .*open the arm"):
-            arm.move_to(raised(tuple(rig.fake.backdoor()["pose"]), 0.1), SPEED, ACCELERATION)
+        arm.move_to(raised(tuple(rig.process.backdoor()["pose"]), 0.1), SPEED, ACCELERATION)
+        rig.process.backdoor("protective_stop")
+        assert "protective stop" in str(fault_of(arm))
+        with pytest.raises(DeviceFault, match="protective stop; .*open the arm"):
+            arm.move_to(raised(tuple(rig.process.backdoor()["pose"]), 0.1), SPEED, ACCELERATION)
         arm.stop()  # it stands, and that is all that is asked
     finally:
         arm.close()
-    with pytest.raises(DeviceFault, match=f"{stop} stop"):
+    with pytest.raises(DeviceFault, match="protective stop"):
         arm.open()
-    rig.fake.backdoor("clear")
+    rig.process.backdoor("clear")
 
 
 def test_a_target_out_of_reach_ends_the_program_and_is_a_fault(rig: Rig) -> None:
@@ -83,25 +82,30 @@ def test_a_target_out_of_reach_ends_the_program_and_is_a_fault(rig: Rig) -> None
     arm.open()
     try:
         with pytest.raises(DeviceFault, match="out of reach"):
-            arm.move_to(raised(tuple(rig.fake.backdoor()["pose"]), 0.9), SPEED, ACCELERATION)
+            arm.move_to(raised(tuple(rig.process.backdoor()["pose"]), 0.9), SPEED, ACCELERATION)
             raise fault_of(arm)
-        assert "no inverse kinematics solution" in rig.fake.backdoor()["ended"][-1]
+        assert "no inverse kinematics solution" in rig.process.backdoor()["ended"][-1]
     finally:
         arm.close()
 
 
-def test_an_arm_without_power_is_not_ready(rig: Rig) -> None:
-    rig.fake.backdoor("power", on=False)
+@pytest.mark.parametrize(
+    ("wrong", "right", "error", "message"),
+    [
+        ({"do": "power", "on": False}, {"do": "power", "on": True}, NotReady, "robot mode 3; power the arm on"),
+        ({"do": "dashboard", "silent": True}, {"do": "dashboard", "silent": False}, Unreachable, "dashboard {}:29999 is silent"),
+    ],
+    ids=["no power", "silent dashboard"],
+)
+def test_an_arm_that_cannot_be_used_yet_is_not_opened(
+    rig: Rig, wrong: dict[str, Any], right: dict[str, Any], error: type[InstrumentError], message: str
+) -> None:
+    rig.process.backdoor(**wrong)
     try:
-        with pytest.raises(NotReady, match="robot mode 3; power the arm on"):
-            UR5("arm", Config(host=rig.host), rig.clock).open()
+        with pytest.raises(error, match=message.format(rig.host)):
+            UR5("arm", Config(host=rig.host, timeout=0.3), rig.clock).open()
     finally:
-        rig.fake.backdoor("power", on=True)
-
-
-def test_another_model_is_refused(rig: Rig) -> None:
-    with pytest.raises(WrongDevice, match="model .* is 'UR5', not 'UR10'"):
-        UR5("arm", Config(host=rig.host, model="UR10"), rig.clock).open()
+        rig.process.backdoor(**right)
 
 
 def test_an_arm_that_another_program_controls_is_not_taken(rig: Rig) -> None:
@@ -123,15 +127,6 @@ def test_what_a_program_that_has_just_ended_still_holds_is_waited_for(rig: Rig) 
         ended.join()
     assert control.call(lambda arm: arm.isConnected())
     assert control.finish(10.0)
-
-
-def test_a_silent_dashboard_is_unreachable(rig: Rig) -> None:
-    rig.fake.backdoor("dashboard", silent=True)
-    try:
-        with pytest.raises(Unreachable, match=f"dashboard {rig.host}:29999 is silent"):
-            UR5("arm", Config(host=rig.host, timeout=0.3), rig.clock).open()
-    finally:
-        rig.fake.backdoor("dashboard", silent=False)
 
 
 # -- something else, or nothing, at the address
@@ -201,7 +196,7 @@ def _moving(rig: Rig) -> tuple[multiprocessing.process.BaseProcess, Connection]:
     process = context.Process(target=_hold_the_arm, args=(rig.host, far), daemon=True)
     process.start()
     assert line.poll(20.0) and line.recv() == "open"
-    line.send(raised(tuple(rig.fake.backdoor()["pose"]), 0.1))
+    line.send(raised(tuple(rig.process.backdoor()["pose"]), 0.1))
     assert line.poll(5.0) and line.recv() == "moving"
     return process, line
 
@@ -211,15 +206,15 @@ def holder(rig: Rig) -> Iterator[tuple[multiprocessing.process.BaseProcess, Conn
     """The arm moves, and kicks have kept the watchdog quiet for more than two of its limits. On a busy computer it may bite
     before: then once more."""
     for _ in range(10):
-        rig.fake.backdoor("forget")
+        rig.process.backdoor("forget")
         process, line = _moving(rig)
         timing.sleep(0.5)
-        if not rig.fake.backdoor()["ended"]:
+        if not rig.process.backdoor()["ended"]:
             break
         process.kill()
         process.join()
-        rig.fake.wait_for("runtime", 1)
-        ended = rig.fake.backdoor()["ended"]
+        rig.process.wait_for("runtime", 1)
+        ended = rig.process.backdoor()["ended"]
     else:
         raise AssertionError(f"the watchdog bites although it is kicked: {ended}")
     yield process, line
@@ -230,17 +225,12 @@ def holder(rig: Rig) -> Iterator[tuple[multiprocessing.process.BaseProcess, Conn
 Holder = tuple[multiprocessing.process.BaseProcess, Connection]
 
 
-def test_the_watchdog_stops_the_arm_when_the_drivers_process_hangs(rig: Rig, holder: Holder) -> None:
-    process, _ = holder
-    os.kill(process.pid or 0, signal.SIGSTOP)
-    state = rig.fake.wait_for("runtime", 1)
+@pytest.mark.parametrize("how", [signal.SIGSTOP, signal.SIGKILL], ids=["hangs", "is killed"])
+def test_the_watchdog_stops_the_arm_when_the_drivers_process(rig: Rig, holder: Holder, how: signal.Signals) -> None:
+    os.kill(holder[0].pid or 0, how)
+    state = rig.process.wait_for("runtime", 1)
     assert state["ended"] == ["watchdog: input registers not written at 5 Hz"]
     assert state["tcp_speed"] == [0.0] * 6
-
-
-def test_the_watchdog_stops_the_arm_when_the_drivers_process_is_killed(rig: Rig, holder: Holder) -> None:
-    holder[0].kill()
-    assert "watchdog" in rig.fake.wait_for("runtime", 1)["ended"][0]
 
 
 def test_what_the_library_raises_when_it_loses_the_controller_is_no_reply(rig: Rig) -> None:
@@ -260,7 +250,7 @@ def test_what_the_library_raises_when_it_loses_the_controller_is_no_reply(rig: R
 
 def test_closing_is_bounded_after_the_controller_was_killed(rig: Rig, holder: Holder) -> None:
     _, line = holder
-    rig.fake.kill()
+    rig.process.kill()
     line.send("close")
     assert line.poll(15.0)
     assert line.recv() < 10.0

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import pytest
-from ur5_rig import Rig, a_rig, discard, needs_the_fake, raised, wait_until
+from ur5_rig import Rig, a_rig, discard, raised, wait_until
 
 import timing
 from drivers.errors import DeviceFault, NotReady, Unreachable, WrongDevice
@@ -18,7 +18,6 @@ from drivers.ur5.state import UR5State
 from tests.simulated.clock import SimulatedClock
 from timing import RigClock
 
-pytestmark = needs_the_fake
 E_SERIES = "5.11.0.108318"
 
 
@@ -31,11 +30,11 @@ def rig(shared_clock: SimulatedClock) -> Iterator[Rig]:
 @pytest.fixture(autouse=True)
 def as_delivered(rig: Rig) -> Iterator[None]:
     yield
-    rig.fake.backdoor("safety", name="NORMAL")
-    rig.fake.backdoor("clear")
-    rig.fake.backdoor("remote", on=True)
-    rig.fake.backdoor("stuck", variables={})
-    rig.fake.backdoor("set", slider=1.0, payload=0.8, payload_centre=[0, 0, 0.05], tcp=[0] * 6)
+    rig.process.backdoor("safety", name="NORMAL")
+    rig.process.backdoor("clear")
+    rig.process.backdoor("remote", on=True)
+    rig.process.backdoor("stuck", variables={})
+    rig.process.backdoor("set", slider=1.0, payload=0.8, payload_centre=[0, 0, 0.05], tcp=[0] * 6)
 
 
 @contextmanager
@@ -68,7 +67,7 @@ def test_what_nobody_changed_is_confirmed_again_and_again(rig: Rig) -> None:
 )
 def test_what_the_pendant_changes_after_open_is_named(rig: Rig, change: dict[str, Any], message: str) -> None:
     with an_arm(rig) as arm:
-        rig.fake.backdoor(**change)
+        rig.process.backdoor(**change)
         with pytest.raises((NotReady, WrongDevice), match=message):
             arm.confirm_settings()
 
@@ -85,23 +84,35 @@ def test_what_the_pendant_changes_after_open_is_named(rig: Rig, change: dict[str
 def test_an_arm_whose_settings_do_not_fit_is_refused_at_open(
     rig: Rig, change: dict[str, Any], config: dict[str, Any], message: str
 ) -> None:
-    rig.fake.backdoor(**change)
+    rig.process.backdoor(**change)
     with pytest.raises((NotReady, WrongDevice), match=message), an_arm(rig, **config):
         pass
 
 
 def test_a_speed_slider_at_0_is_named_before_and_during_a_motion(rig: Rig) -> None:
     with an_arm(rig, timeout=0.5) as arm:
-        goal = raised(tuple(rig.fake.backdoor()["pose"]), 0.01)
-        rig.fake.backdoor("set", slider=0.0)
+        goal = raised(tuple(rig.process.backdoor()["pose"]), 0.01)
+        rig.process.backdoor("set", slider=0.0)
         wait_until(lambda: arm._state.speed_slider == 0)
         with pytest.raises(NotReady, match="speed slider is at 0 %"):
             arm.move_to(goal, 0.05, 0.5)
-        rig.fake.backdoor("set", slider=1.0)
+        rig.process.backdoor("set", slider=1.0)
         wait_until(lambda: arm._state.speed_slider == 1)
         arm.move_to(goal, 0.01, 0.5)
-        rig.fake.backdoor("set", slider=0.0)
+        rig.process.backdoor("set", slider=0.0)
         with pytest.raises(DeviceFault, match="speed slider is at 0%"):
+            watch(arm)
+
+
+def test_an_arm_that_was_pushed_away_from_its_target_is_a_fault(rig: Rig) -> None:
+    with an_arm(rig, timeout=0.5) as arm:
+        start = tuple(rig.process.backdoor()["pose"])
+        arm.move_to(raised(start, 0.01), 0.05, 0.5)
+        wait_until(lambda: rig.process.backdoor()["pose"][2] - start[2] > 0.0099)
+        timing.sleep(0.1)
+        rig.process.backdoor("set", tcp=[0, 0, 0.01, 0, 0, 0])  # as a push would move what it points at
+        timing.sleep(0.1)
+        with pytest.raises(DeviceFault, match="motion ended 10.* mm and .* from its target .* stopped or pushed"):
             watch(arm)
 
 
@@ -127,7 +138,7 @@ def watch(arm: UR5) -> None:
 )
 def test_each_stop_is_named_when_it_comes_and_at_open(rig: Rig, state: str, name: str) -> None:
     with an_arm(rig) as arm:
-        rig.fake.backdoor("safety", name=state)
+        rig.process.backdoor("safety", name=state)
         with pytest.raises(DeviceFault, match=f"^arm: {name}.*;"):
             watch_for_a_fault(arm)
         with pytest.raises(DeviceFault, match=f"^arm: {name}.*;"):
@@ -151,7 +162,7 @@ def test_every_bit_that_is_no_running_mode_has_a_name_and_a_remedy() -> None:
 
 
 def test_reduced_mode_moves(rig: Rig) -> None:
-    rig.fake.backdoor("safety", name="REDUCED")
+    rig.process.backdoor("safety", name="REDUCED")
     with an_arm(rig) as arm:
         arm.confirm_settings()
 
@@ -175,5 +186,5 @@ def test_an_arm_without_a_dashboard_server_is_told_from_one_that_is_off(
 
 def test_an_arm_too_old_to_tell_its_payload_is_opened() -> None:
     with a_rig(version="3.10.0.1") as old, an_arm(old, model="") as arm:
-        old.fake.backdoor("set", payload=2.0)
+        old.process.backdoor("set", payload=2.0)
         arm.confirm_settings()

@@ -1,7 +1,5 @@
 """The maps of the examples, on files made up in the formats of the real ones."""
 
-from __future__ import annotations
-
 import shutil
 import warnings
 from pathlib import Path
@@ -83,12 +81,7 @@ def test_each_pressure_step_gives_its_rest_and_its_end(tmp_path: Path) -> None:
     frames[:, 100:, 4:] += [-0.0002, 0.0001, 0.0010]
     np.save(tmp_path / "steps.npy", {"p": np.array([[50], [75]]), "data": frames})  # type: ignore[arg-type]
     rows = imported(tmp_path / "steps.npy", "sopra_segment", tmp_path / "case").rows
-    assert [(r.trial, r.step, round(r.pressures[0], 6)) for r in rows] == [
-        (1, 1, 0),
-        (1, 2, 5e3),
-        (2, 1, 0),
-        (2, 2, 7.5e3),
-    ]
+    assert [(r.trial, r.step, round(r.pressures[0], 6)) for r in rows] == [(1, 1, 0), (1, 2, 5e3), (2, 1, 0), (2, 2, 7.5e3)]
     assert rows[0].tip == pytest.approx((0, 0, 0.1)) and rows[1].tip == pytest.approx((0.0001, 0.0010, 0.0998))
     assert rows[1].orientation == pytest.approx((1, 0, 0, 0), abs=1e-9)
     assert [r.repeat for r in rows] == [1, 1, 1, 1]

@@ -1,7 +1,5 @@
 """The rig.yaml for hardware that people copy: it loads, and it explains every key that there is."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any, get_args

@@ -1,13 +1,15 @@
-"""Several commands of `lab` in one process of their own, on a computer that is unlike this one."""
+"""Commands of `lab`: in this process, or several in one of their own, on a computer that is unlike this one."""
 
 from __future__ import annotations
 
 import json
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
+SOUND = (0, 3)
+"""Exit codes of a command that did what was asked; 3 where it has something to say of it."""
 COMMANDS = """
 import contextlib, io, json, sys
 
@@ -29,8 +31,33 @@ class Done(NamedTuple):
     """What a command ended with."""
 
     returncode: int
-    stdout: str
-    stderr: str
+    out: str
+    err: str
+
+    @property
+    def both(self) -> str:
+        return self.out + self.err
+
+    @property
+    def flat(self) -> str:
+        """All that it said, as words between single blanks."""
+        return " ".join(self.both.split())
+
+    @property
+    def flat_out(self) -> str:
+        return " ".join(self.out.split())
+
+    @property
+    def flat_err(self) -> str:
+        return " ".join(self.err.split())
+
+    @property
+    def json(self) -> Any:
+        return json.loads(self.out)
+
+
+Cli = Callable[..., Done]
+"""The fixture `cli`: runs a command, and fails the test unless it ends with `code`: a number, or several that will do."""
 
 
 def run_there(

@@ -2,15 +2,48 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import IO, Any
 
 import pytest
+from commands import Cli, Done
+from diagnosed_case import Answered, answered_once, campaign, folder
 from matplotlib.figure import Figure
 from virtual_lab import VirtualLab
 
+from lab.cli import main
 from lab.pages import figures
 from lab.verbs.fakes import PATIENT, write_rig
 from sim_fakes.rig import FakeRig
+
+
+@pytest.fixture
+def cli(capsys: pytest.CaptureFixture[str]) -> Cli:
+    """Runs a command in this process."""
+
+    def run(*words: object, code: int | tuple[int, ...] = 0) -> Done:
+        capsys.readouterr()
+        try:
+            ended = main([str(word) for word in words])
+        except SystemExit as left:
+            ended = int(left.code or 0)
+        done = Done(ended, *capsys.readouterr())
+        assert ended in (code if isinstance(code, tuple) else (code,)), done.both
+        return done
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def answered(tmp_path_factory: pytest.TempPathFactory) -> Answered:
+    """The diagnosis that tests share."""
+    return answered_once(tmp_path_factory.getbasetemp() / "diagnosis")
+
+
+@pytest.fixture(scope="session")
+def small_case(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A campaign of fourteen states without an effect, to be read."""
+    return folder(tmp_path_factory.mktemp("case") / "case", campaign({}, repeats=1, lengths=(0.0, 0.2)))
 
 
 @pytest.fixture(scope="session")

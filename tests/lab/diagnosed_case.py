@@ -127,10 +127,10 @@ def _asked(repeats: int, lengths: Sequence[float], pressures: Sequence[float], c
     return out
 
 
-def folder(path: Path, rows: Sequence[TrialRow]) -> Path:
-    """A case folder."""
+def folder(path: Path, rows: Sequence[TrialRow], robot: Path | None = None) -> Path:
+    """A case folder, of the paper's robot if no other is given."""
     path.mkdir(parents=True, exist_ok=True)
-    shutil.copy(paper_robot(), path / "robot.yaml")
+    shutil.copy(robot or paper_robot(), path / "robot.yaml")
     write_csv(Table(tuple(rows)), path / "trials.csv")
     return path
 

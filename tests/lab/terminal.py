@@ -16,6 +16,7 @@ import timing
 
 ACTS = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 """What moves the cursor or colours text."""
+COLUMNS = 400
 WITHIN = 300.0
 UNASKED = "Enter when it is fixed"
 """Shown in a pause that no test asks for: the run would wait for a person for ever."""
@@ -27,13 +28,13 @@ class Terminal:
 
     def __init__(self, *words: object, program: Sequence[str] = LAB) -> None:
         self.master, self.slave = os.openpty()
-        termios.tcsetwinsize(self.slave, (40, 200))
+        termios.tcsetwinsize(self.slave, (40, COLUMNS))
         self.before: list[Any] = termios.tcgetattr(self.slave)
         """Its mode when the program began."""
         number = self.slave
         self.program = subprocess.Popen(
             [*program, *map(str, words)], preexec_fn=lambda: os.login_tty(number), pass_fds=(number,),
-            env={**os.environ, "TERM": "xterm"},
+            env={**os.environ, "TERM": "xterm", "COLUMNS": str(COLUMNS)},
         )  # fmt: skip
         self._shown = b""
         self._read = timing.Thread(target=self._listen, daemon=True)
@@ -45,9 +46,14 @@ class Terminal:
                 self._shown += data
 
     @property
+    def raw(self) -> str:
+        """All that it has shown, with what acts on the terminal."""
+        return self._shown.decode(errors="replace")
+
+    @property
     def shown(self) -> str:
         """All that it has shown, as words between single blanks."""
-        return " ".join(ACTS.sub("", self._shown.decode(errors="replace")).split())
+        return " ".join(ACTS.sub("", self.raw).split())
 
     @property
     def mode(self) -> list[Any]:

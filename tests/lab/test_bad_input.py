@@ -1,9 +1,10 @@
-"""Bad input gets one clear message with everything that is wrong, the right exit code, and nothing moves."""
+"""Bad input gets one clear message with everything that is wrong and the right exit code, whatever verb reads it."""
 
 from __future__ import annotations
 
 import copy
 import errno
+import json
 import os
 import shutil
 from collections.abc import Callable
@@ -12,22 +13,19 @@ from typing import Any
 
 import pytest
 import yaml
-from virtual_lab import VirtualLab
+from commands import SOUND, Cli
+from mcap.writer import Writer
+from virtual_lab import VirtualLab, settings
 
-from lab.cli import main
 from lab.files.example import paper_robot
 from lab.files.rig_file import load_rig
 from lab.guard import door, last_used
 from lab.guard.latch import Latch
 from lab.rig import operator
+from lab.rig.losses import newly_lost
+from recordings.table_file import read_csv
 
 Change = Callable[[dict[str, Any]], None]
-
-
-def ran(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str]:
-    """Exit code and what stood on stderr."""
-    code = main([str(a) for a in arguments])
-    return code, capsys.readouterr().err
 
 
 def changed(virtual_lab: VirtualLab, folder: Path, change: Change) -> Path:
@@ -47,12 +45,9 @@ def misspell(rig: dict[str, Any]) -> None:
     rig["instruments"]["force"]["driver"] = "ft300"
 
 
-def test_all_mistakes_of_a_rig_file_come_at_once(
-    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_all_mistakes_of_a_rig_file_come_at_once(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:
     rig = changed(virtual_lab, tmp_path, misspell)
-    code, text = ran(capsys, "check", "--rig", rig)
-    assert code == 2
+    text = cli("check", "--rig", rig, code=2).err
     assert "instruments.pressure.max_presure: unknown key; did you mean 'max_pressure'?" in text
     assert "instruments.spine.max_length = 35 m: must be at most 2 m" in text
     assert "stand.standoff" in text and "'kPa'" in text and "mm" in text
@@ -73,117 +68,62 @@ def test_all_mistakes_of_a_rig_file_come_at_once(
     ],
 )
 def test_a_wrong_parameter_is_named_before_anything_is_connected(
-    virtual_lab: VirtualLab, capsys: pytest.CaptureFixture[str], settings: list[str], words: list[str]
+    virtual_lab: VirtualLab, cli: Cli, settings: list[str], words: list[str]
 ) -> None:
     before = len(virtual_lab.fakes.lines["valve"].requests)
-    code, text = ran(capsys, "run", "bending", "--rig", virtual_lab.rig, *settings)
-    assert code == 2
+    text = cli("run", "bending", "--rig", virtual_lab.rig, *settings, code=2).err
     assert all(word in text for word in words), text
     assert len(virtual_lab.fakes.lines["valve"].requests) == before
 
 
-def test_a_protocol_beyond_the_rig_s_limits_is_refused(
-    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def lower(rig: dict[str, Any]) -> None:
-        rig["instruments"]["pressure"]["max_pressure"] = 200e3
-        rig["instruments"]["spine"]["max_length"] = 0.2
-
-    code, text = ran(capsys, "plan", "bending", "--rig", changed(virtual_lab, tmp_path, lower))
-    assert code == 2
-    assert "250000 Pa, above instruments.pressure.max_pressure = 200000 Pa" in text
-    assert "0.3 m, above instruments.spine.max_length = 0.2 m" in text
-
-
-def test_a_protocol_without_its_instruments_is_refused(
-    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_protocol_without_its_instruments_is_refused(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:
     rig = changed(virtual_lab, tmp_path, lambda rig: rig["instruments"].pop("mocap"))
-    code, text = ran(capsys, "run", "bending", "--rig", rig)
-    assert code == 2 and "instruments.mocap" in text
+    text = cli("run", "bending", "--rig", rig, code=2).err
+    assert "instruments.mocap" in text
 
 
-def test_an_instrument_that_is_not_there_is_missing_by_name(
-    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def unplug(rig: dict[str, Any]) -> None:
-        rig["instruments"]["gauge"]["port"] = "/dev/nothing-here"
-
-    code, text = ran(capsys, "run", "bending", "--rig", changed(virtual_lab, tmp_path, unplug), "--out", tmp_path)
-    assert code == 1 and "gauge" in text and "/dev/nothing-here" in text
-    assert not list(tmp_path.glob("*.mcap"))
-
-
-def test_a_port_that_is_something_else_is_told(
-    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_port_that_is_something_else_is_told(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:
     def swap(rig: dict[str, Any]) -> None:
         instruments = rig["instruments"]
-        instruments["valve"]["port"], instruments["gauge"]["port"] = (
-            instruments["gauge"]["port"],
-            instruments["valve"]["port"],
-        )
+        instruments["valve"]["port"], instruments["gauge"]["port"] = (instruments["gauge"]["port"], instruments["valve"]["port"])
 
-    code, text = ran(capsys, "check", "--rig", changed(virtual_lab, tmp_path, swap), "--seconds", "0")
-    assert code == 1 and "valve" in text and "gauge" in text
+    text = cli("check", "--rig", changed(virtual_lab, tmp_path, swap), "--seconds", "0", code=1).err
+    assert "valve" in text and "gauge" in text
 
 
-@pytest.mark.parametrize(
-    ("key", "value", "words"),
-    [
-        ("outer_radius", -0.05, ["outer_radius = -0.05 m", "above 0 m"]),
-        ("inner_radius", 0.06, ["inner_radius"]),
-        ("youngs_modulus", float("nan"), ["youngs_modulus", "finite"]),
-        ("lenght", 0.4, ["lenght", "did you mean 'length'"]),
-    ],
-)
-def test_a_wrong_robot_is_named_by_file_key_and_value(
-    virtual_lab: VirtualLab,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    key: str,
-    value: float,
-    words: list[str],
-) -> None:
+def test_what_is_wrong_with_a_robot_is_named_by_file_key_and_value(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:
     rig = changed(virtual_lab, tmp_path, lambda rig: None)
-    robot = yaml.safe_load(paper_robot().read_text())
-    robot[key] = value
-    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(robot))
-    code, text = ran(capsys, "plan", "bending", "--rig", rig)
-    assert code == 2
-    assert "robot.yaml" in text and all(word in text for word in words), text
+    wrong = {"outer_radius": -0.05, "youngs_modulus": float("nan"), "lenght": 0.4}
+    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(yaml.safe_load(paper_robot().read_text()) | wrong))
+    text = cli("plan", "bending", "--rig", rig, code=2).err
+    for words in (["outer_radius = -0.05 m", "above 0 m"], ["youngs_modulus", "finite"], ["lenght", "did you mean 'length'"]):
+        assert "robot.yaml" in text and all(word in text for word in words), text
 
 
 @pytest.mark.parametrize("verb", ["replay", "fit", "compare"])
 @pytest.mark.parametrize("content", [b"", b"not a recording at all", b"\x89MCAP0\r\n" + bytes(200)])
-def test_a_file_that_is_no_recording_says_so(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], verb: str, content: bytes
-) -> None:
+def test_a_file_that_is_no_recording_says_so(tmp_path: Path, cli: Cli, verb: str, content: bytes) -> None:
     path = tmp_path / "run.mcap"
     path.write_bytes(content)
-    code, text = ran(capsys, verb, path)
-    assert code == 1 and str(path) in text and "Traceback" not in text
+    text = cli(verb, path, code=1).err
+    assert str(path) in text and "Traceback" not in text
 
 
-def test_a_recording_cut_in_half_tells_what_is_readable(
-    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    short = ("spine_lengths=[0.0]", "pressures=[50 kPa]", "unload=false")
-    settings = [word for setting in short for word in ("--set", setting)]
-    assert main(["run", "bending", "--rig", str(virtual_lab.rig), *settings, "--out", str(tmp_path)]) in (0, 3)
+def test_a_recording_cut_in_half_tells_what_is_readable(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:
+    short = settings("spine_lengths=[0.0]", "pressures=[50 kPa]", "unload=false")
+    cli("run", "bending", "--rig", virtual_lab.rig, *short, "--out", tmp_path, code=SOUND)
     (file,) = tmp_path.glob("*.mcap")
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
-    code, text = ran(capsys, "compare", file)
-    assert code == 1 and "lab recover" in text
-    assert ran(capsys, "info", file)[0] == 3
+    assert "lab recover" in cli("compare", file, code=1).err
+    cli("info", file, code=3)
 
 
 @pytest.mark.parametrize("verb", ["replay", "compare", "fit", "info", "check", "plan"])
-def test_a_missing_file_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], verb: str) -> None:
+def test_a_missing_file_is_one_line(tmp_path: Path, cli: Cli, verb: str) -> None:
     path = tmp_path / "none"
     arguments = {"check": ["--rig", path], "plan": ["bending", "--rig", path]}.get(verb, [path])
-    code, text = ran(capsys, verb, *arguments)
-    assert code in (1, 2) and str(path) in text and len(text.strip().splitlines()) == 1
+    text = cli(verb, *arguments, code=(1, 2)).err
+    assert str(path) in text and len(text.strip().splitlines()) == 1
 
 
 def ended(rig: dict[str, Any]) -> None:
@@ -192,26 +132,26 @@ def ended(rig: dict[str, Any]) -> None:
 
 
 def test_fakes_that_have_ended_are_one_line_and_no_line_for_each_instrument(
-    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    virtual_lab: VirtualLab, tmp_path: Path, cli: Cli
 ) -> None:
     rig = changed(virtual_lab, tmp_path, ended)
     for verb in (["check"], ["run", "bending", "--out", tmp_path], ["safe"], ["safe", "--clear"]):
-        code, text = ran(capsys, *verb, "--rig", rig)
-        assert code == 2 and text.count("\n") == 1
+        text = cli(*verb, "--rig", rig, code=2).err
+        assert text.count("\n") == 1
         assert f"{rig}: the fakes that wrote this file have ended" in text and f"lab fakes --rig {rig}" in text
     assert Latch(rig).read() is None
 
 
 def test_all_rigs_are_safe_when_the_only_one_left_was_of_fakes_that_have_ended(
-    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    virtual_lab: VirtualLab, tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(door, "PREFIX", f"softlab-test-ended/{os.getpid()}/")
     monkeypatch.setattr(last_used, "FOLDER", tmp_path)
     rig = changed(virtual_lab, tmp_path, ended)
     last_used.remember(load_rig(rig))
     for said in ("have ended", ""):  # the second time it is forgotten
-        code, text = ran(capsys, "safe", "--all")
-        assert code == 0 and said in text and bool(text) is bool(said)
+        text = cli("safe", "--all").err
+        assert said in text and bool(text) is bool(said)
     assert Latch(rig).read() is None
 
 
@@ -221,12 +161,10 @@ def and_unplugged(rig: dict[str, Any]) -> None:
     rig["instruments"] = {"valve": {"driver": "numato", "port": "/dev/no-valve"}}
 
 
-def test_hardware_whose_cable_is_out_is_no_fake_that_has_ended(
-    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_hardware_whose_cable_is_out_is_no_fake_that_has_ended(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:
     rig = changed(virtual_lab, tmp_path, and_unplugged)
-    code, text = ran(capsys, "safe", "--rig", rig)
-    assert code == 1 and "have ended" not in text and Latch(rig).read() is not None
+    text = cli("safe", "--rig", rig, code=1).err
+    assert "have ended" not in text and Latch(rig).read() is not None
 
 
 def test_fakes_whose_back_door_is_closed_to_this_user_have_not_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -247,18 +185,129 @@ def unplugged(rig: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("verb", [("check",), ("run", "bending")])
 def test_each_instrument_that_is_missing_is_explained_once(
-    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str], verb: tuple[str, ...]
+    virtual_lab: VirtualLab, tmp_path: Path, cli: Cli, verb: tuple[str, ...]
 ) -> None:
     rig = changed(virtual_lab, tmp_path, unplugged)
-    assert main([*verb, "--rig", str(rig), *(["--out", str(tmp_path)] if verb[0] == "run" else [])]) == 1
-    told = capsys.readouterr()
+    told = cli(*verb, "--rig", rig, *(["--out", str(tmp_path)] if verb[0] == "run" else []), code=1)
     text = "".join((told.out + told.err).split())
     for name in ("gauge", "valve"):
         assert text.count(f"{name}:cannotopen/dev/no-{name}") == 1 and text.count("groupdialout") == 2
+    assert not list(tmp_path.glob("*.mcap"))
 
 
-def test_fakes_do_not_take_the_rig_file_of_others_that_live(virtual_lab: VirtualLab, capsys: pytest.CaptureFixture[str]) -> None:
+def test_fakes_do_not_take_the_rig_file_of_others_that_live(virtual_lab: VirtualLab, cli: Cli) -> None:
     before = virtual_lab.rig.read_bytes()
-    code, text = ran(capsys, "fakes", "--rig", virtual_lab.rig)
-    assert code == 2 and f"the fakes of process {os.getpid()} serve it" in text
+    text = cli("fakes", "--rig", virtual_lab.rig, code=2).err
+    assert f"the fakes of process {os.getpid()} serve it" in text
     assert virtual_lab.rig.read_bytes() == before
+
+
+# ------------------------------------------------------------------ tables in other units, recordings of other software
+READERS = ("compare", "fit", "diagnose")
+Text = Callable[[str], str]
+
+
+def with_table(case: Path, target: Path, change: Text) -> Path:
+    """A copy of a case folder with another table."""
+    target.mkdir()
+    (target / "robot.yaml").write_bytes((case / "robot.yaml").read_bytes())
+    (target / "trials.csv").write_text(change((case / "trials.csv").read_text()))
+    return target
+
+
+def cells(change: Callable[[str, str], str]) -> Text:
+    """Every cell of a table changed by its column."""
+
+    def to(text: str) -> str:
+        head, *lines = (line.split(",") for line in text.splitlines())
+        rows = [[change(name, cell) if cell else cell for name, cell in zip(head, line, strict=True)] for line in lines]
+        return "\n".join(",".join(line) for line in [head, *rows]) + "\n"
+
+    return to
+
+
+def scaled(columns: str, factor: float) -> Text:
+    return cells(lambda name, cell: repr(float(cell) * factor) if name in columns.split() else cell)
+
+
+PRESSURES = " ".join(f"p{i}" for i in range(1, 10))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (scaled(PRESSURES, 1e-3), ["column p", "240", "looks like kPa", "multiply by 1000"]),
+        (scaled("x y z", 1000), ["line 2, z", "looks like mm", "divide by 1000"]),
+        (scaled("x y z", 10), ["columns x, y, z", "4.0", "check the unit (m)"]),
+        (scaled("y z", -1), ["z seems to point the wrong way"]),
+        (scaled("vacuum", -1), ["line 2, vacuum", "-80000 Pa", "change the sign"]),
+        (scaled("tip_mass", 1000), ["line 2, tip_mass", "looks like g", "divide by 1000"]),
+        (scaled("spine_length", 1000), ["spine_length", "looks like mm", "divide by 1000"]),
+        (lambda t: t.replace(",", ";"), ["line 1", "semicolons", "write commas between columns"]),
+        (lambda t: t.replace(",", ";").replace(".", ","), ["line 1", "semicolons", "points in numbers"]),
+        (lambda t: t.replace(",", "\t"), ["line 1", "tabs"]),
+        (cells(lambda n, c: f'"{c}"'.replace(".", ",") if n == "z" else c), ["line 2, z", "decimal comma: write 0."]),
+        (cells(lambda n, c: c.replace(".", ",") if n == "z" else c), ["line 2", "29 cells under 28", "decimal comma"]),
+    ],
+)
+def test_a_table_in_other_units_ends_with_exit_2_for_every_verb(
+    small_case: Path, tmp_path: Path, cli: Cli, change: Text, words: list[str]
+) -> None:
+    path = with_table(small_case, tmp_path / "case", change)
+    for verb in READERS if "tabs" in words else READERS[:1]:  # all verbs read tables by the same way
+        text = cli(verb, path, code=2).err
+        assert "trials.csv" in text and all(word in text for word in words), text
+
+
+def test_a_doubt_that_may_be_right_is_said_and_nothing_is_refused(small_case: Path, tmp_path: Path, cli: Cli) -> None:
+    path = with_table(small_case, tmp_path / "case", scaled("vacuum", 1e-3))
+    assert "no vacuum is above 80 Pa" in cli("compare", path).err
+    assert read_csv(path / "trials.csv").warnings
+
+
+# ------------------------------------------------------------------ recordings of other software
+def foreign(path: Path, kind: str) -> Path:
+    """An MCAP file by the library: JSON on topics like ours, or ROS 2 messages."""
+    joint = b"std_msgs/Header header\nstring[] name\nfloat64[] position\n"
+    schemas = {
+        "json": ("jsonschema", "json", json.dumps({"type": "object"}).encode(), "Pressure"),
+        "ros2": ("ros2msg", "cdr", joint, "sensor_msgs/msg/JointState"),
+    }
+    topics = {"json": ("/pressure", "/tip", "/state", "/trial"), "ros2": ("/joint_states", "/tf")}
+    encoding, message, text, name = schemas[kind]
+    with open(path, "wb") as out:
+        writer = Writer(out, enable_data_crcs=True)
+        writer.start(profile="ros2" if kind == "ros2" else "")
+        schema = writer.register_schema(name, encoding, text)
+        for topic in topics[kind]:
+            channel = writer.register_channel(topic, message, schema)
+            for i in range(30):
+                data = json.dumps({"t": i * 0.1, "value": 101.3}).encode() if kind == "json" else bytes(24)
+                writer.add_message(channel, 10**18 + i * 10**8, data, 10**18 + i * 10**8, i)
+        writer.finish()
+    return path
+
+
+@pytest.mark.parametrize("kind", ["json", "ros2"])
+@pytest.mark.parametrize("verb", [*READERS, "replay", "replay --play", "export", "export --case"])
+def test_a_recording_of_other_software_is_refused_by_its_topics(tmp_path: Path, cli: Cli, verb: str, kind: str) -> None:
+    path = foreign(tmp_path / "bag.mcap", kind)
+    name, *options = verb.split()
+    text = cli(name, path, *options, *(["--out", tmp_path / "out"] if name == "export" else []), code=2).err
+    assert str(path) in text and "Traceback" not in text, text
+    there = "/joint_states (sensor_msgs/msg/JointState, cdr)" if kind == "ros2" else "/pressure (Pressure, json)"
+    assert there in text
+    if "--play" not in verb:
+        assert "it needs /" in text
+
+
+@pytest.mark.parametrize("kind", ["json", "ros2"])
+def test_a_recording_of_other_software_is_described_and_verified(tmp_path: Path, cli: Cli, kind: str) -> None:
+    path = foreign(tmp_path / "bag.mcap", kind)
+    told = cli("info", path, "--json").json
+    assert all(stream["timing"]["count"] == 30 for stream in told["streams"].values()) and len(told["streams"]) > 1
+    assert "is intact" in cli("verify", path).flat_out
+
+
+def test_losses_of_a_driver_that_was_opened_again_count_from_then_on() -> None:
+    assert (newly_lost(3, 5), newly_lost(3, 3), newly_lost(7, 2)) == (2, 0, 2)

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import Cli
 from diagnosed_case import EULER, ROBOT, campaign, folder
 
-from lab.cli import main
 from lab.files.baseline import from_simulator, from_table, simulator
 from lab.files.config import ConfigError
 from lab.files.inputs import Case, read_case
@@ -148,10 +148,7 @@ def test_a_simulator_that_is_none_is_refused(case: Case, tmp_path: Path) -> None
         def predict(self, states: States, parameters: Mapping[str, float]) -> Readings:
             return Readings(np.zeros((len(states), 2)))
 
-    for own, told in (
-        (Wrong(), "parameter 'softness' is not known"),
-        (Flat(), r"tip has the shape \(\d, 2\), must be"),
-    ):
+    for own, told in ((Wrong(), "parameter 'softness' is not known"), (Flat(), r"tip has the shape \(\d, 2\), must be")):
         with pytest.raises(ConfigError, match=told):
             from_simulator("own", own, case, CATALOGUE, lambda done, total: None)
 
@@ -163,16 +160,14 @@ def test_one_that_comes_with_the_software_says_what_it_needs(monkeypatch: pytest
         simulator("pyelastica", ROBOT)
 
 
-def test_the_command_diagnoses_the_gap_of_a_simulator(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_command_diagnoses_the_gap_of_a_simulator(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli) -> None:
     few = {effect: CATALOGUE[effect] for effect in ("chamber_azimuth", "pressure_offset")}
     monkeypatch.setattr("lab.files.own_effects.CATALOGUE", few)
     place = folder(tmp_path / "case", campaign({"chamber_azimuth.angle": np.radians(8)}, lengths=LENGTHS, pressures=PRESSURES))
     (tmp_path / "euler.py").write_text(EULER)
     out = tmp_path / "out.json"
-    asked = ["diagnose", str(place), "--simulator", str(tmp_path / "euler.py"), "--json", str(out)]
-    assert main([*asked, "--report", str(tmp_path / "out.html")]) == 0
+    asked = ["diagnose", place, "--simulator", tmp_path / "euler.py", "--json", out]
+    cli(*asked, "--report", tmp_path / "out.html")
     found = json.loads(out.read_text())
     assert found["attribute"]["effects"] == ["chamber_azimuth"]
     assert found["detail"]["baseline"]["name"] == "euler" and found["locate"]["numerical_error_mm"] is None
@@ -180,5 +175,5 @@ def test_the_command_diagnoses_the_gap_of_a_simulator(
     page = (tmp_path / "out.html").read_text()
     assert "euler, <a" in page and "the simulator taken back to the rod" in page and "Euler integration" not in page
     assert "no equilibrium in the measured states" not in page
-    for more in (["--baseline", "p.csv"], ["--reference", str(place)], ["--holdout", str(place)]):
-        assert main([*asked, *more]) == 2
+    for more in (["--baseline", "p.csv"], ["--reference", place], ["--holdout", place]):
+        cli(*asked, *more, code=2)

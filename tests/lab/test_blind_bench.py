@@ -10,6 +10,7 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
+from commands import Cli
 from diagnosed_case import EULER
 
 from lab.blind import make as making
@@ -26,14 +27,12 @@ from lab.blind.sheet import sheet
 from lab.blind.sweeps import BASE, CHANNELS, MENU, design
 from lab.blind.truth import Recipe, causes, draw, draw_robot
 from lab.blind.workers import Crew
-from lab.cli import main
 from lab.files.baseline import from_table
 from lab.files.config import ConfigError
 from lab.files.inputs import read_case
 from recordings.table_file import read_csv
 from sim_fakes.worlds.forms import EFFECTS, ON_REQUEST
 from sim_fakes.worlds.outside_held_out import HELD_OUT
-from sim_fakes.worlds.table import WORLDS
 
 QUIET = Crew(quiet=True)
 
@@ -79,6 +78,12 @@ def breaks(folder: Path) -> dict[str, Any]:
     raise ValueError("no idea")
 
 
+def told(folder: SetFolder, name: str) -> list[dict[str, Any]]:
+    """The rounds of an answer."""
+    found: list[dict[str, Any]] = json.loads((folder.answers(name) / "rounds.json").read_text())
+    return found
+
+
 # ------------------------------------------------------------------ truth
 def test_where_no_size_of_a_cause_leaves_an_equilibrium_another_cause_is_drawn(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -98,13 +103,6 @@ def test_where_no_size_of_a_cause_leaves_an_equilibrium_another_cause_is_drawn(
     assert first not in truth["effects"] and len(truth["effects"]) == 1
 
 
-def test_the_help_names_every_world(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main(["blind", "make", "--help"])
-    told = capsys.readouterr().out
-    assert all(name in told for name in WORLDS)
-
-
 def test_every_stratum_can_be_asked_for_and_a_mixture_holds_them_all() -> None:
     strata = get_args(drawing.Stratum)
     assert set(drawing.KINDS) == set(drawing.MIXED) == set(strata)
@@ -120,10 +118,7 @@ def test_every_effect_gets_its_turn() -> None:
 
 def test_settled_sets_leave_out_what_a_settled_reading_cannot_show() -> None:
     drawn = {settled: draw(Recipe("bench", 60, 3, ("clean",), settled=settled)) for settled in (False, True)}
-    assert {settled: any("time_offset" in ids for _, ids in own) for settled, own in drawn.items()} == {
-        False: True,
-        True: False,
-    }
+    assert {settled: any("time_offset" in ids for _, ids in own) for settled, own in drawn.items()} == {False: True, True: False}
 
 
 def test_sizes_lie_in_the_asked_range_and_clutter_is_every_other_effect() -> None:
@@ -192,7 +187,7 @@ def test_legs_of_a_sweep_read_as_often_as_its_states(sweep: Any) -> None:
     assert all(leg.hold >= 0 for leg in walked.legs)
 
 
-def test_what_cannot_be_drawn_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_cannot_be_drawn_is_refused(tmp_path: Path, cli: Cli) -> None:
     for words, said in (
         (["--world", "moon"], "must be one of bench"),
         (["--cause", "force_bias"], "--cause force_bias: must be one of"),
@@ -200,8 +195,7 @@ def test_what_cannot_be_drawn_is_refused(tmp_path: Path, capsys: pytest.CaptureF
         (["--clutter", "2"], "--clutter 2: must be within 0..1"),
         (["--n", "0"], "--n 0: must be 1 or more"),
     ):
-        assert main(["blind", "make", "--n", "1", "--seed", "1", *words, str(tmp_path / "set")]) == 2
-        assert said in " ".join(capsys.readouterr().err.split())
+        assert said in cli("blind", "make", "--n", "1", "--seed", "1", *words, tmp_path / "set", code=2).flat_err
 
 
 def test_a_tip_case_is_the_paper_s_own_data(made: Path) -> None:
@@ -238,11 +232,11 @@ def test_a_diagnosis_is_given_what_it_asks_for_and_nothing_else(small_set: Path)
     folder = SetFolder(small_set)
     for name, chosen in (("0001", 2), ("0002", 0)):
         bench.answer(folder, asks, bench.Further(chosen), name)
-    rounds = json.loads((folder.answers("0001") / "rounds.json").read_text())
+    rounds = told(folder, "0001")
     assert [r["asked"] for r in rounds] == [[], ["unload"], ["unload", "tip_mass"]]
     given = [r["diagnosis"]["given"] for r in rounds]
     assert given == [[105, False, False], [231, False, False], [231 + 24, False, False]]
-    assert len(json.loads((folder.answers("0002") / "rounds.json").read_text())) == 1
+    assert len(told(folder, "0002")) == 1
 
 
 def test_rounds_go_on_from_a_first_diagnosis_that_is_known_and_come_back_from_their_file(made: Path, tmp_path: Path) -> None:
@@ -283,7 +277,7 @@ def test_a_simulator_s_predictions_are_the_baseline_of_a_set(tmp_path: Path) -> 
     rod, predicted = (folder.case(name) / n for n in ("trials.csv", "predicted.csv"))
     assert len(predicted.read_text().splitlines()) == len(rod.read_text().splitlines())
     assert bench.run(root, held_against, crew=QUIET) == 1
-    (first,) = json.loads((folder.answers(name) / "rounds.json").read_text())
+    (first,) = told(folder, name)
     # an area factor of 1.6 where the truth lies between 1.4 and 1.8, and the Euler integration's own error
     assert 1.0 < first["diagnosis"]["missed_mm"] < 60.0
 
@@ -291,8 +285,7 @@ def test_a_simulator_s_predictions_are_the_baseline_of_a_set(tmp_path: Path) -> 
 def test_a_failing_diagnosis_is_an_answer_and_a_wrong_one(small_set: Path) -> None:
     folder = SetFolder(small_set)
     bench.answer(folder, breaks, bench.Further(), "0002")
-    rounds = json.loads((folder.answers("0002") / "rounds.json").read_text())
-    found = answer_from("0002", rounds[0]["diagnosis"])
+    found = answer_from("0002", told(folder, "0002")[0]["diagnosis"])
     assert found.verdict == "failed" and "no idea" in found.error
 
 
@@ -313,9 +306,7 @@ def test_a_set_is_scored_once_all_cases_are_answered_and_then_closed(small_set: 
         bench.run(small_set, always_none, crew=QUIET)
 
 
-def test_answers_of_another_method_are_scored_on_the_same_cases(
-    small_set: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_answers_of_another_method_are_scored_on_the_same_cases(small_set: Path, tmp_path: Path, cli: Cli) -> None:
     theirs = tmp_path / "theirs"
     theirs.mkdir()
     truth = open_seal(SetFolder(small_set))
@@ -327,14 +318,12 @@ def test_answers_of_another_method_are_scored_on_the_same_cases(
         )
     result = score(small_set, theirs)
     assert all(c.right for c in result.cases)
-    assert main(["blind", "score", str(small_set), "--answers", str(theirs)]) in (0, 1)
+    cli("blind", "score", small_set, "--answers", theirs, code=(0, 1))
     assert (theirs / "score.json").exists() and (theirs / "score.png").exists()
     with pytest.raises(ConfigError, match="not blind"):
         bench.run(small_set, always_none, crew=QUIET)
     (theirs / f"{min(truth)}.json").write_text("[1]")
-    capsys.readouterr()
-    assert main(["blind", "score", str(small_set), "--answers", str(theirs)]) == 2
-    assert "holds no answer; write {" in capsys.readouterr().err
+    assert "holds no answer; write {" in cli("blind", "score", small_set, "--answers", theirs, code=2).err
     (theirs / f"{min(truth)}.json").unlink()
     with pytest.raises(ConfigError, match=r"have no answer .* write .*CASE\.json"):
         score(small_set, theirs)

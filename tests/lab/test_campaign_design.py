@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import random
 from collections import Counter
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from commands import Cli
 
 from lab.campaign.design import Campaign, campaign_of
 from lab.campaign.hands import Prepared
@@ -19,7 +19,6 @@ from lab.campaign.journal import Done, Journal, read
 from lab.campaign.order import changes, fewest_changes, ordered
 from lab.campaign.planned import planned_table
 from lab.campaign.stops import Stops
-from lab.cli import main
 from lab.files.campaign_file import Stop
 from lab.files.config import ConfigError
 from model.effects.design import design_from_columns
@@ -98,32 +97,26 @@ def test_no_other_order_of_set_ups_needs_fewer_hands(seed: int) -> None:
 
 
 # ------------------------------------------------------------------ plan
-def test_the_example_is_planned_with_its_cycles_and_hands(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["campaign", str(EXAMPLE), "--rig", str(RIG), "--plan", "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
+def test_the_example_is_planned_with_its_cycles_and_hands(cli: Cli) -> None:
+    said = cli("campaign", EXAMPLE, "--rig", RIG, "--plan", "--json").json
     assert said["hands"] == 2 and sum(len(run["hands"]) for run in said["runs"]) == 2
     by_chamber = {c["chamber"]: (c["cycles"], c["highest_pa"]) for c in said["chambers"]}
     # 30 bending runs and 9 elongations of one cycle each; 5 + 5 cycles of warm-up, since both groups have chamber 1
     assert by_chamber[1] == (30 + 9 + 5 + 5, 250e3) and by_chamber[4] == (9 + 5, 150e3)
     assert said["states"] == 30 * 11 + 9 * 6 and said["seed"] == 7 and len(said["runs"]) == 1 + 39
     assert said["rig_seconds"] == pytest.approx(sum(run["seconds"] for run in said["runs"]))
-    assert main(["campaign", str(EXAMPLE), "--rig", str(RIG), "--plan"]) == 0
-    text = " ".join(capsys.readouterr().out.split())
+    text = cli("campaign", EXAMPLE, "--rig", RIG, "--plan").flat_out
     assert "39 runs, 384 states" in text and "hands are needed 2 times" in text
 
 
-def test_a_plan_has_a_line_for_each_run_and_says_what_hands_do_and_what_is_allowed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_plan_has_a_line_for_each_run_and_says_what_hands_do_and_what_is_allowed(tmp_path: Path, cli: Cli) -> None:
     push = {"protocol": "stiffness", "parameters": {"spine_lengths": ["8 cm"], "vacuum": "70 kPa"}}
     bend = {"protocol": "bending", "parameters": {"pressures": ["90 kPa"], "roll_deg": 40, "vacuums": ["70 kPa"]},
             "conditions": {"spine_lengths": ["5 cm"], "tip_mass": ["61 g", "122.5 g"]}}  # fmt: skip
     file = written(tmp_path, protocols=[push, bend], blocks=2)
     words = ["campaign", str(file), "--rig", str(RIG), "--plan"]
-    assert main([*words, "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
-    assert main(words) == 0
-    text = capsys.readouterr().out.splitlines()
+    said = cli(*words, "--json").json
+    text = cli(*words).out.splitlines()
     first = 1 + text.index(next(line for line in text if line.split()[:2] == ["run", "block"]))
     rows = text[first : first + len(said["runs"])]
     assert [row.split()[0] for row in rows if "warm-up" not in row] == [str(i) for i in range(1, 7)]
@@ -233,24 +226,18 @@ def test_what_is_wrong_is_told_with_its_line(tmp_path: Path) -> None:
     assert "block: is given by the campaign itself" in refused(tmp_path, taken)[0]
 
 
-def test_the_limits_of_all_runs_are_told_at_once_and_nothing_is_written(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    over = {
-        "protocol": "bending",
-        "conditions": {"pressures": [["290 kPa"], ["100 kPa"]], "spine_lengths": [0.35, 0.1]},
-    }
+def test_the_limits_of_all_runs_are_told_at_once_and_nothing_is_written(tmp_path: Path, cli: Cli) -> None:
+    over = {"protocol": "bending", "conditions": {"pressures": [["290 kPa"], ["100 kPa"]], "spine_lengths": [0.35, 0.1]}}
     every = {"protocol": "elongation", "parameters": {"pressures": ["200 kPa"], "spine_lengths": [0.1]}}
     path = written(tmp_path, protocols=[*SMALL["protocols"], over, every])
     for how in (["--plan"], ["--out", str(tmp_path / "out")]):
-        assert main(["campaign", str(path), "--rig", str(RIG), *how]) == 2
-        told = capsys.readouterr().err
+        told = cli("campaign", path, "--rig", RIG, *how, code=2).err
         assert "pressures 290 kPa, spine_lengths 0.35: bending, step" in told and "requires 290000 Pa" in told
         assert "elongation, step 3" in told and "requires a total over the chambers of 1.8e+06 Pa" in told
     assert not (tmp_path / "out").exists()
 
 
-def test_wrong_usage_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_usage_is_told(tmp_path: Path, cli: Cli) -> None:
     path = str(written(tmp_path))
     for words in (
         [],
@@ -260,15 +247,8 @@ def test_wrong_usage_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str])
         ["--resume", str(tmp_path)],
         [path, "--tag", "block=3"],
     ):
-        assert main(["campaign", *words, "--rig", str(RIG)]) == 2, words
-        assert capsys.readouterr().err
+        assert cli("campaign", *words, "--rig", RIG, code=2).err
     assert not (tmp_path / "small").exists()
-
-
-def test_the_schema_knows_the_file(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["schema", "campaign"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert {"campaign", "protocols", "blocks", "seed", "hands", "warm_up", "stop"} <= set(found["properties"])
 
 
 # ------------------------------------------------------------------ stop rules, hands, journal

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -10,8 +9,9 @@ from typing import Any
 
 import pytest
 import yaml
+from commands import SOUND, Cli
+from virtual_lab import settings
 
-from lab.cli import main
 from lab.files.rig_file import load_rig
 from lab.rig.checked import Moved, keep, last, place
 from lab.verbs.fakes import write_rig
@@ -52,11 +52,10 @@ def start(simulated: SimulatedClock, tmp_path: Path) -> Iterator[Start]:
         yield start
 
 
-def checked(rig: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, dict[str, Moved]]:
+def checked(rig: Path, cli: Cli) -> tuple[int, dict[str, Moved]]:
     """Exit code of `lab check --move`, and what was seen."""
-    code = main(["check", "--move", "--yes", "--json", "--seconds", "0", "--rig", str(rig)])
-    seen = [Moved(**m) for m in json.loads(capsys.readouterr().out)["moved"]]
-    return code, {m.what: m for m in seen}
+    done = cli("check", "--move", "--yes", "--json", "--seconds", "0", "--rig", rig, code=(0, 1, 3))
+    return done.returncode, {m["what"]: Moved(**m) for m in done.json["moved"]}
 
 
 def told(seen: dict[str, Moved]) -> str:
@@ -78,77 +77,68 @@ def highest(fakes: FakeRig) -> float:
     return max(told)
 
 
-def test_a_sound_rig_passes_and_is_remembered_as_long_as_its_file_stays(
-    start: Start, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_a_sound_rig_passes_and_is_remembered_as_long_as_its_file_stays(start: Start, cli: Cli, tmp_path: Path) -> None:
     fakes, rig = start(Regulators())
-    code, seen = checked(rig, capsys)
+    code, seen = checked(rig, cli)
     assert code in (0, 3) and all(m.ok for m in seen.values()), told(seen)
     assert {"valve", "spine", "arm", "safe state"} < set(seen)
     assert sum("the tip moved" in m.text for m in seen.values()) == 3
     assert highest(fakes) <= 5e3 * ROUNDING
     assert not isinstance(last(rig, load_rig(rig)), str)
-    settings = ("spine_lengths=[0]", "pressures=[50 kPa]", "unload=false")
-    run = ["run", "bending", "--rig", str(rig), "--out", str(tmp_path)]
-    run += [word for setting in settings for word in ("--set", setting)]
-    assert main(run) in (0, 3)
-    assert "not confirmed" not in capsys.readouterr().out
+    short = settings("spine_lengths=[0]", "pressures=[50 kPa]", "unload=false")
+    run = ["run", "bending", "--rig", rig, "--out", tmp_path, *short]
+    assert "not confirmed" not in cli(*run, code=SOUND).out
     (first,) = tmp_path.glob("*.mcap")
     assert Recording.open(first).metadata["check"]["moved"].startswith("20")
     rig.write_text(rig.read_text().replace("units:\n    - A\n    - B", "units:\n    - B\n    - A"))
-    assert main(run) in (0, 3)
-    assert "are not confirmed: instruments or stand of" in capsys.readouterr().out
+    assert "are not confirmed: instruments or stand of" in cli(*run, code=SOUND).out
     (second,) = set(tmp_path.glob("*.mcap")) - {first}
     assert Recording.open(second).metadata["check"]["moved"] == "no"
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("full_scale", [100e3, 500e3, 900e3])
-def test_an_itv_of_the_range_in_rig_yaml_passes(start: Start, capsys: pytest.CaptureFixture[str], full_scale: float) -> None:
+def test_an_itv_of_the_range_in_rig_yaml_passes(start: Start, cli: Cli, full_scale: float) -> None:
     fakes, rig = start(Regulators("smc_itv", full_scale=full_scale))
-    code, seen = checked(rig, capsys)
+    code, seen = checked(rig, cli)
     assert code in (0, 3) and all(m.ok for m in seen.values()), told(seen)
 
 
 @pytest.mark.parametrize(("true", "stated"), [(900e3, 500e3), pytest.param(900e3, 100e3, marks=pytest.mark.long)])
 def test_an_itv_that_gives_more_than_it_says_is_caught_before_5_kpa_are_passed(
-    start: Start, capsys: pytest.CaptureFixture[str], true: float, stated: float
+    start: Start, cli: Cli, true: float, stated: float
 ) -> None:
     fakes, rig = start(Regulators("smc_itv", full_scale=true), full_scale=stated, max_pressure=100e3)
-    code, seen = checked(rig, capsys)
+    code, seen = checked(rig, cli)
     assert code == 1 and any("delivers more than it reads; correct full_scale" in m.text for m in seen.values()), told(seen)
     assert highest(fakes) <= 5e3 * 1.1 and not place(rig).exists()
 
 
 @pytest.mark.long
-def test_an_itv_that_gives_less_than_it_says_is_caught(start: Start, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_itv_that_gives_less_than_it_says_is_caught(start: Start, cli: Cli) -> None:
     _, rig = start(Regulators("smc_itv", full_scale=500e3), full_scale=900e3)
-    code, seen = checked(rig, capsys)
+    code, seen = checked(rig, cli)
     assert code == 1 and any("delivers less than it reads" in m.text for m in seen.values()), told(seen)
 
 
 @pytest.mark.long
-def test_an_old_alicat_in_psi_passes_with_its_unit_and_is_caught_without(
-    start: Start, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_old_alicat_in_psi_passes_with_its_unit_and_is_caught_without(start: Start, cli: Cli) -> None:
     old = Regulators(firmware="5v12.0-R22", unit="psi", full_scale=413.7e3)
     fakes, rig = start(old)
-    code, seen = checked(rig, capsys)
+    code, seen = checked(rig, cli)
     assert code in (0, 3) and all(m.ok for m in seen.values()), told(seen)
     assert place(rig).exists()
     rig.write_text(rig.read_text().replace("unit: psi", "unit: kPa"))
-    code, seen = checked(rig, capsys)
+    code, seen = checked(rig, cli)
     assert code == 1 and any("does not show kPa but psi" in m.text for m in seen.values()), told(seen)
     assert highest(fakes) <= 5e3 * ROUNDING and not place(rig).exists()
     assert seen["safe state"].ok
 
 
 @pytest.mark.parametrize("driver", ["alicat", pytest.param("smc_itv", marks=pytest.mark.long)])
-def test_exchanged_hoses_are_caught_by_the_way_the_tip_goes(
-    start: Start, capsys: pytest.CaptureFixture[str], driver: str
-) -> None:
+def test_exchanged_hoses_are_caught_by_the_way_the_tip_goes(start: Start, cli: Cli, driver: str) -> None:
     _, rig = start(Regulators(driver, swapped=(2, 3)))
-    code, seen = checked(rig, capsys)
+    code, seen = checked(rig, cli)
     channels = [m for name, m in seen.items() if name.startswith("pressure channel")]
     assert code == 1 and [m.ok for m in channels] == [True, False], told(seen)
     second = channels[1]
@@ -156,18 +146,15 @@ def test_exchanged_hoses_are_caught_by_the_way_the_tip_goes(
     assert seen["safe state"].ok
 
 
-def test_nothing_moves_where_nobody_can_be_asked(
-    start: Start, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nothing_moves_where_nobody_can_be_asked(start: Start, cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
     fakes, rig = start(Regulators())
     monkeypatch.setattr("sys.stdin.isatty", lambda: False)
-    assert main(["check", "--move", "--rig", str(rig)]) == 2
-    assert "--yes" in capsys.readouterr().err
+    assert "--yes" in cli("check", "--move", "--rig", rig, code=2).err
     assert not any(line.requests for line in fakes.lines.values())
 
 
 def test_a_check_that_failed_takes_an_older_one_away(tmp_path: Path) -> None:
-    example = load_rig(Path(__file__).parent.parent.parent / "examples" / "rig" / "rig.yaml")
+    example = load_rig(Path(__file__).parents[2] / "examples" / "rig" / "rig.yaml")
     rig = tmp_path / "rig.yaml"
     assert last(rig, example) == f"{rig} never passed lab check --move, which fakes can do without"
     keep(rig, example, [Moved("valve", True, "on and off")])

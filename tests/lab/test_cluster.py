@@ -1,23 +1,143 @@
-"""Blind cases and the fits of a diagnosis on a Dask cluster on loopback: all come back, also when a worker dies."""
+"""Work on processes and on a Dask cluster on loopback: the same results as here, none lost with a process or worker."""
 
 from __future__ import annotations
 
 import os
+import signal
+import subprocess
+import sys
 from collections.abc import Iterator
+from multiprocessing import active_children
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import timing
-from diagnosis.inference.executor import Executor
+from diagnosis.inference.executor import Executor, FirstLook
 from diagnosis.inference.search import Search
 from lab.blind.workers import Crew, spread
 from lab.cluster import cluster
 from lab.files.config import ConfigError
+from lab.processes import Processes, processes
 from tests.diagnosis.toy import toy_problem
 
 
+# ------------------------------------------------------------------ processes
+@pytest.fixture(scope="module")
+def two() -> Iterator[Processes]:
+    with processes(2) as pool:
+        yield pool
+    assert active_children() == []
+
+
+def fails(x: int) -> int:
+    raise ValueError(f"no square of {x}")
+
+
+class DiesElsewhere:
+    """Takes with it the process that squares three, if that is another than where it was made."""
+
+    def __init__(self) -> None:
+        self.here = os.getpid()
+
+    def __call__(self, x: int) -> int:
+        if x == 3 and os.getpid() != self.here:
+            os._exit(1)
+        return x * x
+
+
+def test_every_item_comes_back_in_order_and_so_does_an_error(two: Processes) -> None:
+    assert list(two.in_order(square, range(20))) == [x * x for x in range(20)]
+    with pytest.raises(ValueError, match="no square of 0"):
+        list(two.in_order(fails, range(3)))
+    assert list(two.in_order(square, range(3))) == [0, 1, 4]
+
+
+def test_the_fits_of_a_diagnosis_give_the_same_answer_on_processes(two: Processes) -> None:
+    problem = toy_problem(5, {"play": 1.0, "turned": -0.9})
+    looks: list[FirstLook] = []
+    there = Search(problem, executor=Executor(remote_map=two.in_order, first_look=looks.append)).run()
+    here = Search(problem).run()
+    assert [c.named for c in there] == [c.named for c in here]
+    assert [c.log_evidence for c in there] == pytest.approx([c.log_evidence for c in here], abs=1e-9)
+    at_once, at_starts = looks
+    assert at_once.among < at_starts.among
+    assert all({"play", "turned"} & set(look.effects) for look in looks)
+    # What candidates share they share here too, not as copies.
+    shared = [{id(c.base) for c in found if c.base is not None} for found in (there, here)]
+    assert 1 <= len(shared[0]) <= len(shared[1])
+
+
+class Meets:
+    """Waits until it is at work in so many processes; how often it was read in each."""
+
+    reads = 0
+
+    def __init__(self, marks: Path, count: int) -> None:
+        self.marks, self.count = marks, count
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        Meets.reads += 1
+        self.__dict__ |= state
+
+    def read(self, _: int) -> tuple[int, int]:
+        (self.marks / str(os.getpid())).touch()
+        assert timing.wait(lambda: len(list(self.marks.iterdir())) >= self.count, 120)
+        return os.getpid(), Meets.reads
+
+
+def test_this_process_works_beside_the_others_and_what_a_method_belongs_to_is_read_once_by_each_of_them(
+    two: Processes, tmp_path: Path
+) -> None:
+    one = Meets(tmp_path, 3)
+    seen = {pair for _ in range(3) for pair in two.in_order(one.read, range(6))}
+    assert len(seen) == 3 and (os.getpid(), 0) in seen
+    assert {reads for where, reads in seen if where != os.getpid()} == {1}
+
+
+def test_what_is_begun_ahead_is_done_elsewhere_while_this_process_does_something_else(two: Processes, tmp_path: Path) -> None:
+    ahead = Executor(remote_map=two.in_order).ahead(Meets(tmp_path, 2).read, [0, 1])
+    assert timing.wait(lambda: len(list(tmp_path.iterdir())) >= 2, 120)
+    where = {pid for pid, _ in ahead()}
+    assert len(where) == 2 and os.getpid() not in where
+
+
+def test_a_single_item_is_not_sent(two: Processes, tmp_path: Path) -> None:
+    (where,) = {pid for pid, _ in Executor(remote_map=two.in_order).map(Meets(tmp_path, 1).read, [0])}
+    assert where == os.getpid()
+
+
+def test_a_process_that_is_lost_costs_time_only(two: Processes) -> None:
+    assert list(two.in_order(DiesElsewhere(), range(6))) == [x * x for x in range(6)]
+    assert list(two.in_order(square, range(4))) == [0, 1, 4, 9]
+
+
+def test_ctrl_c_leaves_no_process_behind(tmp_path: Path) -> None:
+    program = tmp_path / "program.py"
+    program.write_text(
+        "import os, sys, timing\n"
+        "from pathlib import Path\n"
+        "from lab.processes import processes\n"
+        "def waits(file):\n"
+        "    Path(file).write_text(str(os.getpid()))\n"
+        "    timing.sleep(600)\n"
+        "if __name__ == '__main__':\n"
+        "    with processes(1) as pool:\n"
+        "        list(pool.in_order(waits, sys.argv[1:]))\n"
+    )
+    marks = [tmp_path / "a", tmp_path / "b"]
+    running = subprocess.Popen([sys.executable, str(program), *map(str, marks)], stderr=subprocess.PIPE, start_new_session=True)
+    assert timing.wait(lambda: all(m.exists() and m.read_text() for m in marks), 120) and running.poll() is None
+    os.killpg(running.pid, signal.SIGINT)
+    _, said = running.communicate(timeout=60)
+    assert b"KeyboardInterrupt" in said and running.returncode != 0
+    for m in marks:
+        with pytest.raises(ProcessLookupError):
+            os.kill(int(m.read_text()), 0)
+
+
+# ------------------------------------------------------------------ a cluster
 @pytest.fixture(scope="module", autouse=True)
 def distributed() -> Any:
     """Slow to import."""

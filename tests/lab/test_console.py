@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import io
 import os
-import pty
 import subprocess
 import sys
 import textwrap
 from pathlib import Path
 
 import pytest
+from commands import Cli
 from rich.table import Table
+from terminal import Terminal
 
 from drivers.errors import DeviceFault
-from lab import cli
-from lab.cli import main
-from lab.console import PlainConsole, Screen, complain, out, styled
+from lab.console import PlainConsole, Screen, out, styled
 from lab.files.config import ConfigError
 from lab.guard.latch import Latch
 from lab.pages.figures import STYLE, save
@@ -59,24 +58,22 @@ def test_the_screen_says_text_plain_and_shows_that_it_goes_on(capsys: pytest.Cap
     assert "[/red] [bold]x[/] \\x1b[2J" in said and "\n    safe\n" in said
 
 
-def on_terminal(program: str) -> str:
+def program(text: str) -> tuple[str, ...]:
+    return sys.executable, "-c", textwrap.dedent(text)
+
+
+def on_terminal(text: str) -> str:
     """What a program writes to a terminal."""
-    ours, theirs = pty.openpty()
-    environment = os.environ | {"TERM": "xterm", "COLUMNS": "400"}
-    command = [sys.executable, "-c", textwrap.dedent(program)]
-    done = subprocess.run(
-        command, stdout=theirs, stderr=subprocess.PIPE, env=environment, cwd=Path(cli.__file__).parents[1], check=False
-    )
-    os.close(theirs)
-    seen = b""
-    try:
-        while piece := os.read(ours, 65536):
-            seen += piece
-    except OSError:
-        pass  # all is read
-    os.close(ours)
-    assert done.returncode == 0, done.stderr.decode()
-    return seen.decode()
+    with Terminal(program=program(text)) as terminal:
+        assert terminal.end() == 0
+    return terminal.raw
+
+
+def ended(text: str, code: int = 0, **environment: str) -> subprocess.CompletedProcess[bytes]:
+    """A program that has ended."""
+    done = subprocess.run(program(text), capture_output=True, env=os.environ | environment, check=False)
+    assert done.returncode == code, done.stderr.decode()
+    return done
 
 
 def test_progress_on_a_terminal_shows_text_plain() -> None:
@@ -115,61 +112,43 @@ def test_the_address_of_the_page_stays_below_the_progress(capsys: pytest.Capture
 
 
 def test_the_table_of_lab_check_is_plain() -> None:
-    sound = {
-        "instrument": "arm",
-        "ok": True,
-        "maker": HOSTILE,
-        "model": HOSTILE,
-        "serial": HOSTILE,
-        "firmware": HOSTILE,
-    }
+    sound = {"instrument": "arm", "ok": True, **dict.fromkeys(("maker", "model", "serial", "firmware"), HOSTILE)}
     rows = [{"instrument": "valve", "ok": False, "problem": HOSTILE}, sound | {"limits": {}}]
     text = io.StringIO()
     PlainConsole(file=text, width=1000).print(_table(HOSTILE, rows, 1.0))
     assert text.getvalue().count(SHOWN) == 5 and "missing" in text.getvalue()
 
 
-def test_an_error_that_ends_the_command_is_plain(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_an_error_that_ends_the_command_is_plain(monkeypatch: pytest.MonkeyPatch, cli: Cli, tmp_path: Path) -> None:
     def fail(files: object, as_json: bool) -> int:
         raise DeviceFault("valve", HOSTILE)
 
     monkeypatch.setattr(recorded, "info", fail)
-    assert cli.main(["info", str(tmp_path)]) == 1
-    assert capsys.readouterr().err == f"valve: {SHOWN}\n"
+    assert cli("info", tmp_path, code=1).err == f"valve: {SHOWN}\n"
 
 
 def test_a_mistake_in_the_program_and_the_logs_of_libraries_are_told_plain() -> None:
-    program = f"""
+    said = ended(f"""
         import logging
         from lab.console import plain_failures
         plain_failures()
         logging.getLogger("library").error({HOSTILE!r})
         raise ZeroDivisionError({HOSTILE!r})
-    """
-    command = [sys.executable, "-c", textwrap.dedent(program)]
-    done = subprocess.run(command, capture_output=True, cwd=Path(cli.__file__).parents[1], check=False)
-    said = done.stderr.decode()
-    assert done.returncode == 1
+    """, code=1).stderr.decode()  # fmt: skip
     assert f"library: {SHOWN}" in said and f"ZeroDivisionError: {SHOWN}" in said and "\x1b" not in said
 
 
 def test_a_character_that_the_terminal_does_not_have_ends_nothing() -> None:
-    program = """
+    done = ended("""
         from lab.console import Screen, plain_failures
         plain_failures()
         Screen("title").say("25 °C 漢")
-    """
-    done = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(program)], capture_output=True, check=True,
-        env=os.environ | {"PYTHONIOENCODING": "ascii"}, cwd=Path(cli.__file__).parents[1],
-    )  # fmt: skip
+    """, PYTHONIOENCODING="ascii")  # fmt: skip
     assert done.stdout == b"  25 \\xb0C \\u6f22\n"
 
 
 def test_a_reader_that_has_gone_does_not_end_the_program() -> None:
-    program = """
+    text = """
         import sys
         from lab.console import Screen, out
         sys.stdin.readline()
@@ -178,20 +157,14 @@ def test_a_reader_that_has_gone_does_not_end_the_program() -> None:
             Screen("title").say("nor this")
         print("went on", file=sys.stderr)
     """
-    command = [sys.executable, "-c", textwrap.dedent(program)]
     pipe = subprocess.PIPE
-    with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, cwd=Path(cli.__file__).parents[1]) as process:
+    with subprocess.Popen(program(text), stdin=pipe, stdout=pipe, stderr=pipe, text=True) as process:
         assert process.stdout and process.stdin and process.stderr
         process.stdout.close()
         process.stdin.write("\n")
         process.stdin.close()
         assert process.stderr.read() == "went on\n"
     assert process.returncode == 0
-
-
-def test_a_long_message_is_not_broken_into_lines(capsys: pytest.CaptureFixture[str]) -> None:
-    complain("word " * 100)
-    assert len(capsys.readouterr().err.splitlines()) == 1
 
 
 def test_a_page_shows_text_and_runs_none_of_it(tmp_path: Path) -> None:
@@ -229,7 +202,7 @@ class Shown(io.StringIO):
 
 @pytest.mark.parametrize(("file", "lines"), [(Shown(), 1), (io.StringIO(), 0)])
 def test_fakes_say_at_a_terminal_that_they_start_before_they_do(
-    file: io.StringIO, lines: int, monkeypatch: pytest.MonkeyPatch
+    file: io.StringIO, lines: int, monkeypatch: pytest.MonkeyPatch, cli: Cli
 ) -> None:
     def compiling(a: object) -> None:
         assert file.getvalue().count("Starting the fakes") == lines
@@ -237,5 +210,5 @@ def test_fakes_say_at_a_terminal_that_they_start_before_they_do(
 
     monkeypatch.setattr(fakes, "err", PlainConsole(file=file, width=200))
     monkeypatch.setattr(fakes, "_rig", compiling)
-    assert main(["fakes"]) == 2
+    cli("fakes", code=2)
     assert file.getvalue().count("\n") == lines

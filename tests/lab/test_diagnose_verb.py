@@ -11,17 +11,19 @@ from typing import Any
 
 import pytest
 import yaml
-from diagnosed_case import ROBOT, Answered, answered_once, campaign, edited, folder
-from page_text import read_as_text
+from commands import Cli
+from diagnosed_case import ROBOT, Answered, campaign, edited, folder
+from pages import read_as_text
 
 from diagnosis.answer.result import Diagnosis
-from lab.cli import main
+from diagnosis.diagnose import Options, diagnose
 from lab.files.example import paper_robot
+from lab.files.inputs import Case
 from lab.files.own_effects import effects_from_file
 from lab.next_step import worth_doing
 from lab.verbs.diagnose import show
 from model.effects import CATALOGUE, with_effects
-from recordings.trials import TrialRow
+from recordings.trials import Table, TrialRow
 from tests.diagnosis.small_campaigns import SOME
 
 AREA = {"area_moment.blend": 0.7}
@@ -47,23 +49,11 @@ EFFECTS = (
 """
 
 
-def ran(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str]:
-    """Exit code and what stood on stderr."""
-    capsys.readouterr()
-    code = main(["diagnose", *(str(a) for a in arguments)])
-    return code, capsys.readouterr().err
-
-
 @pytest.fixture(params=["some effects", pytest.param("all effects", marks=pytest.mark.long)])
 def weighed(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is asked does not depend on how many effects compete; `answered` is an answer of all of them."""
     if request.param == "some effects":
         monkeypatch.setattr("lab.files.own_effects.CATALOGUE", SOME)
-
-
-@pytest.fixture(scope="module")
-def answered(tmp_path_factory: pytest.TempPathFactory) -> Answered:
-    return answered_once(tmp_path_factory.getbasetemp() / "diagnosis")
 
 
 @pytest.fixture(scope="module")
@@ -158,81 +148,67 @@ def test_without_a_gap_nothing_is_proposed_that_tells_nothing(answered: Answered
     ids=["one spine length", "one pressure", "no repeats"],
 )
 def test_a_small_table_is_answered_with_its_limits_and_without_confidence(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], rows: Callable[[], list[TrialRow]], concern: str
+    tmp_path: Path, cli: Cli, rows: Callable[[], list[TrialRow]], concern: str
 ) -> None:
     path = tmp_path / "diagnosis.json"
-    code, _ = ran(capsys, folder(tmp_path / "case", rows()), "--json", path)
+    cli("diagnose", folder(tmp_path / "case", rows()), "--json", path)
     found = json.loads(path.read_text())
-    assert code == 0
     assert any(concern in said for said in found["concerns"])
     assert found["attribute"]["verdict"] != "effect" or found["attribute"]["probability"] < CONFIDENT
 
 
-@pytest.mark.usefixtures("weighed")
-def test_guesses_that_nobody_has_confirmed_stand_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    case = folder(tmp_path / "case", campaign({}, repeats=1, lengths=(0.0,), pressures=(0.0, 100e3)))
+@pytest.mark.usefixtures("weighed", "drawn")
+def test_guesses_that_nobody_has_confirmed_stand_first_and_a_page_of_a_small_table_is_drawn_too(tmp_path: Path, cli: Cli) -> None:
+    case = folder(tmp_path / "case", campaign({}, repeats=1, lengths=(0.2,), pressures=(160e3,)))
     (case / "map.yaml").write_text(
         "# CHECK: which chamber does 'Valve B' feed?\n# CHECK: frame: taken as z, or -z\nrobot: robot.yaml\n"
     )
     page, answer = tmp_path / "d.html", tmp_path / "d.json"
-    assert main(["diagnose", str(case), "--json", str(answer), "--report", str(page)]) == 0
+    printed = cli("diagnose", case, "--json", answer, "--report", page).out
     said = (
         "2 guesses of the map are not confirmed: which chamber does 'Valve B' feed?, frame; check each in "
         f"{case / 'map.yaml'}, correct it, remove its line '# CHECK:', and import again"
     )
-    assert "".join(capsys.readouterr().out.split()).startswith("".join(f"unconfirmed: {said}".split()))
+    assert "".join(printed.split()).startswith("".join(f"unconfirmed: {said}".split()))
     assert json.loads(answer.read_text())["concerns"][0] == f"unconfirmed: {said}"
     shown = html.unescape(page.read_text())
     assert shown.count(said) == 1 and shown.index(said) < shown.index('<p class="lead">')
-    (case / "map.yaml").write_text("robot: robot.yaml\n")
-    assert main(["diagnose", str(case), "--report", str(page)]) == 0
-    assert "unconfirmed" not in capsys.readouterr().out and "not confirmed" not in page.read_text()
-
-
-@pytest.mark.usefixtures("weighed", "drawn")
-def test_a_page_of_a_small_table_is_drawn_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    page = tmp_path / "page.html"
-    code, _ = ran(
-        capsys, folder(tmp_path / "case", campaign({}, repeats=1, lengths=(0.2,), pressures=(160e3,))), "--report", page
-    )
     text = read_as_text(page.read_text())
-    assert code == 0 and "Too little data to name a cause" in text and "A single trial" in text
+    assert "Too little data to name a cause" in text and "A single trial" in text
     assert "Only one spine length" in text and "Only one pressure" in text
+    (case / "map.yaml").write_text("robot: robot.yaml\n")
+    assert "unconfirmed" not in cli("diagnose", case, "--json", answer).out
+    assert not any("unconfirmed" in concern for concern in json.loads(answer.read_text())["concerns"])
 
 
 @pytest.mark.parametrize(
-    ("changes", "code", "words"),
+    ("changes", "words"),
     [
-        ({"x": "nan"}, 2, ["trials.csv line 2", "x", "leave the cell empty"]),
-        ({"z": "40.0"}, 2, ["z", "40 m", "lengths are in m"]),
-        ({"x": "4.0"}, 2, ["4.02 m", "0.4 m long", "check the unit"]),
-        ({"x": None, "y": None, "z": None}, 2, ["line 2", "needs the tip's x, y, z"]),
-        ({"p1": None}, 2, ["no column p1"]),
-        ({"spine_length": None}, 2, ["no column spine_length"]),
-        ({"spine_length": "0.45"}, 2, ["0.45 m", "longer than the robot (0.4 m)"]),
-        ({"p9": None}, 2, ["8 pressures", "9 chambers"]),
+        ({"x": "nan"}, ["trials.csv line 2", "x", "leave the cell empty"]),
+        ({"z": "40.0"}, ["z", "40 m", "lengths are in m"]),
+        ({"x": "4.0"}, ["4.02 m", "0.4 m long", "check the unit"]),
+        ({"x": None, "y": None, "z": None}, ["line 2", "needs the tip's x, y, z"]),
+        ({"p1": None}, ["no column p1"]),
+        ({"spine_length": None}, ["no column spine_length"]),
+        ({"spine_length": "0.45"}, ["0.45 m", "longer than the robot (0.4 m)"]),
+        ({"p9": None}, ["8 pressures", "9 chambers"]),
     ],
     ids=["NaN", "40 m away", "4 m away", "no tip", "no pressure", "no spine length", "long spine", "other robot"],
 )
 def test_a_table_that_cannot_be_right_is_one_clear_error(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    changes: Mapping[str, str | None],
-    code: int,
-    words: list[str],
+    tmp_path: Path, cli: Cli, changes: Mapping[str, str | None], words: list[str]
 ) -> None:
     case = edited(tmp_path / "case", campaign({}, repeats=1, lengths=(0.2,)), changes)
     path = tmp_path / "diagnosis.json"
-    found, text = ran(capsys, case, "--json", path)
-    assert found == code, text
+    text = cli("diagnose", case, "--json", path, code=2).err
     assert len(text.strip().splitlines()) == 1 and all(word in text for word in words), text
     assert not path.exists()
 
 
-def test_campaigns_of_two_robots_are_not_mixed(answered: Answered, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_campaigns_of_two_robots_are_not_mixed(answered: Answered, tmp_path: Path, cli: Cli) -> None:
     other = heavier(folder(tmp_path / "other", campaign({}, repeats=1, lengths=(0.2,))))
-    code, text = ran(capsys, answered.case, other)
-    assert code == 2 and "a different robot.yaml" in text and "--robot" in text
+    text = cli("diagnose", answered.case, other, code=2).err
+    assert "a different robot.yaml" in text and "--robot" in text
 
 
 def heavier(case: Path) -> Path:
@@ -262,28 +238,23 @@ def tipless(case: Path) -> Path:
     ids=["the same", "another robot", "no tip", "other chambers", "no x", "not there"],
 )
 def test_a_campaign_that_cannot_be_held_out_is_refused_before_anything_is_fitted(
-    answered: Answered,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    make: Callable[[Path, Path], Path],
-    words: str,
+    answered: Answered, tmp_path: Path, cli: Cli, make: Callable[[Path, Path], Path], words: str
 ) -> None:
-    code, text = ran(capsys, answered.case, "--holdout", make(tmp_path / "other", answered.case))
-    assert code == 2 and "--holdout" in text and words in text, text
+    text = cli("diagnose", answered.case, "--holdout", make(tmp_path / "other", answered.case), code=2).err
+    assert "--holdout" in text and words in text, text
     assert len(text.strip().splitlines()) == 1
 
 
 @pytest.mark.usefixtures("weighed")
-def test_an_effect_of_one_s_own_is_found_where_it_is_at_work(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_effect_of_one_s_own_is_found_where_it_is_at_work(tmp_path: Path, cli: Cli) -> None:
     file = tmp_path / "own.py"
     file.write_text(BOWED)
     effects = with_effects(effects_from_file(file))
     case = folder(
-        tmp_path / "case",
-        campaign({"bowed_spine.bow": 0.3}, lengths=OWN_LENGTHS, catalogue=effects, pressures=OWN_PRESSURES),
+        tmp_path / "case", campaign({"bowed_spine.bow": 0.3}, lengths=OWN_LENGTHS, catalogue=effects, pressures=OWN_PRESSURES)
     )
     path = tmp_path / "diagnosis.json"
-    assert ran(capsys, case, "--effects", file, "--json", path)[0] == 0
+    cli("diagnose", case, "--effects", file, "--json", path)
     found = json.loads(path.read_text())
     assert found["attribute"]["verdict"] == "effect" and found["attribute"]["effects"] == ["bowed_spine"]
     size = found["attribute"]["ranking"][0]["parameters"]["bowed_spine.bow"]
@@ -303,32 +274,22 @@ def test_an_effect_of_one_s_own_is_found_where_it_is_at_work(tmp_path: Path, cap
     ids=["no effects", "no Python", "misspelt", "not nothing at zero", "taken"],
 )
 def test_an_effect_of_one_s_own_that_is_wrong_is_refused_before_it_is_weighed(
-    answered: Answered, tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, words: str
+    answered: Answered, tmp_path: Path, cli: Cli, text: str, words: str
 ) -> None:
     file = tmp_path / "own.py"
     file.write_text(text)
-    code, said = ran(capsys, answered.case, "--effects", file)
-    assert code == 2 and words in said, said
+    said = cli("diagnose", answered.case, "--effects", file, code=2).err
+    assert words in said, said
     assert len(said.strip().splitlines()) == 1
 
 
-def test_a_file_that_cannot_be_written_is_told_at_once(
-    answered: Answered, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    code, text = ran(capsys, answered.case, "--json", tmp_path / "none" / "diagnosis.json")
-    assert code == 2 and "cannot be written" in text
-
-
-def test_no_core_at_all_is_refused(answered: Answered, capsys: pytest.CaptureFixture[str]) -> None:
-    code, said = ran(capsys, answered.case, "--workers", 0)
-    assert code == 2 and "--workers 0" in said and "at least 1" in said
+def test_wrong_words_are_told_at_once(answered: Answered, tmp_path: Path, cli: Cli) -> None:
+    assert "cannot be written" in cli("diagnose", answered.case, "--json", tmp_path / "none" / "diagnosis.json", code=2).err
+    said = cli("diagnose", answered.case, "--workers", 0, code=2).err
+    assert "--workers 0" in said and "at least 1" in said
 
 
 def test_rows_without_numbers_are_left_out_and_counted(tmp_path: Path) -> None:
-    from diagnosis.diagnose import Options, diagnose
-    from lab.files.inputs import Case
-    from recordings.trials import Table
-
     rows = campaign({}, repeats=1, lengths=(0.2,))
     rows[3] = replace(rows[3], tip=(float("nan"), 0.0, 0.4))
     one = {"chamber_azimuth": CATALOGUE["chamber_azimuth"]}

@@ -14,9 +14,9 @@ from xml.etree import ElementTree
 import matplotlib.image
 import numpy as np
 import pytest
-from diagnosed_case import Answered, answered_once
+from diagnosed_case import Answered
 from numpy.typing import NDArray
-from page_text import read_as_text
+from pages import read_as_text
 
 from benchmarks.browser import Browser
 from diagnosis.answer.result import Diagnosis
@@ -24,8 +24,6 @@ from lab.files.inputs import read_case
 from lab.pages.diagnosis_report import gap_numbers, names, write
 from lab.pages.glossary import TERMS
 from lab.pages.report import Report
-
-pytestmark = pytest.mark.usefixtures("drawn")
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 QUIET = (
@@ -42,11 +40,6 @@ SECTIONS = (
     "The gap by spine length, pressure, branch and time", "Which effects these data can distinguish",
     "Confounding: what a calibration absorbs", "Stages and misfit diagnostics", "Terms",
 )  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def answered(tmp_path_factory: pytest.TempPathFactory) -> Answered:
-    return answered_once(tmp_path_factory.getbasetemp() / "diagnosis")
 
 
 @pytest.fixture(scope="module")

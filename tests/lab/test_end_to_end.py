@@ -1,40 +1,38 @@
-"""From rig.yaml to numbers: the verbs of the command on a whole rig of fakes, through every driver and every wire."""
+"""From rig.yaml to numbers on a whole rig of fakes, through every driver and wire, and a protocol in a file of one's own."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
-from virtual_lab import VirtualLab, lab, meanwhile, press_ctrl_c
+from commands import SOUND, Cli
+from virtual_lab import VirtualLab, lab, meanwhile, press_ctrl_c, recorded, settings
 
 import timing
 from drivers.errors import InstrumentError
 from lab.calibration import calibrate
+from lab.files.example import paper_robot
 from lab.files.inputs import read_case
 from lab.rig.assembly import Rig
+from recordings.campaign.replay import table_of
+from recordings.file.reader import Recording
 from sim_fakes.virtual_robot.truth import TABLE_II
 
-SHORT = ["--set", "spine_lengths=[0.0, 10 cm]", "--set", "pressures=[100 kPa, 200 kPa]"]
-
-
-def recorded(folder: Path) -> Path:
-    (file,) = folder.glob("*.mcap")
-    return file
+SHORT = settings("spine_lengths=[0.0, 10 cm]", "pressures=[100 kPa, 200 kPa]")
 
 
 @pytest.fixture(scope="module")
 def bending(virtual_lab: VirtualLab, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("bending")
-    assert lab("run", "bending", "--rig", virtual_lab.rig, *SHORT, "--out", folder) in (0, 3)
+    assert lab("run", "bending", "--rig", virtual_lab.rig, *SHORT, "--out", folder) in SOUND
     return recorded(folder)
 
 
-def test_check_finds_every_instrument(virtual_lab: VirtualLab, capsys: pytest.CaptureFixture[str]) -> None:
-    assert lab("check", "--rig", virtual_lab.rig, "--seconds", "1", "--json") in (0, 3)
-    found = {i["instrument"]: i for i in json.loads(capsys.readouterr().out)["instruments"]}
+def test_check_finds_every_instrument(virtual_lab: VirtualLab, cli: Cli) -> None:
+    done = cli("check", "--rig", virtual_lab.rig, "--seconds", "1", "--json", code=SOUND)
+    found = {i["instrument"]: i for i in done.json["instruments"]}
     assert set(found) == {"arm", "arm_state", "force", "gauge", "mocap", "pressure", "spine", "valve"}
     assert all(i["ok"] for i in found.values())
     assert all(i["samples"] > 0 for i in found.values() if "samples" in i)
@@ -42,7 +40,7 @@ def test_check_finds_every_instrument(virtual_lab: VirtualLab, capsys: pytest.Ca
 
 
 def test_check_tells_an_instrument_that_opens_and_sends_nothing(
-    virtual_lab: VirtualLab, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    virtual_lab: VirtualLab, cli: Cli, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The cameras' network ends after they have been found: an instrument without a sample is not ok."""
     opened, mocap = Rig.open_all, virtual_lab.fakes.mocap
@@ -62,18 +60,12 @@ def test_check_tells_an_instrument_that_opens_and_sends_nothing(
     data["limits"] = {"max_age": 4.0}
     rig.write_text(yaml.safe_dump(data))
     try:
-        assert lab("check", "--rig", rig, "--seconds", "0", "--json") == 1
+        done = cli("check", "--rig", rig, "--seconds", "0", "--json", code=1)
     finally:
         mocap.faults.silent = False
-    found = {i["instrument"]: i for i in json.loads(capsys.readouterr().out)["instruments"]}
+    found = {i["instrument"]: i for i in done.json["instruments"]}
     assert not found["mocap"]["ok"] and "no sample in 4" in found["mocap"]["problem"]
     assert all(i["ok"] for name, i in found.items() if name != "mocap")
-
-
-def test_plan_moves_nothing_and_tells_limits(virtual_lab: VirtualLab, capsys: pytest.CaptureFixture[str]) -> None:
-    assert lab("plan", "bending", "--rig", virtual_lab.rig, "--json") == 0
-    plan = json.loads(capsys.readouterr().out)
-    assert plan["limits"]["pressure_pa"] == 250e3 and len(plan["steps"]) == 7 * (1 + 11)
 
 
 def test_bending_calibrates_to_the_area_factor_of_the_virtual_robot(bending: Path, virtual_lab: VirtualLab) -> None:
@@ -85,11 +77,10 @@ def test_bending_calibrates_to_the_area_factor_of_the_virtual_robot(bending: Pat
     assert fit.area_factor.rmse < 0.5e-3
 
 
-def test_replay_gives_the_same_numbers_to_the_last_bit(bending: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_replay_gives_the_same_numbers_to_the_last_bit(bending: Path, cli: Cli) -> None:
     digests = set()
     for _ in range(2):
-        assert lab("replay", bending, "--json") == 0
-        result = json.loads(capsys.readouterr().out)
+        result = cli("replay", bending, "--json").json
         assert result["equal"] and result["live"] == result["replayed"] == 10
         digests.add(result["sha256"])
     assert len(digests) == 1
@@ -103,9 +94,8 @@ def test_a_case_folder_reads_back_as_the_recording_does(bending: Path, tmp_path:
 
 
 @pytest.mark.usefixtures("drawn")
-def test_compare_draws_and_tabulates(bending: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert lab("compare", bending, "--out", tmp_path, "--json") == 0
-    table = json.loads(capsys.readouterr().out)
+def test_compare_draws_and_tabulates(bending: Path, tmp_path: Path, cli: Cli) -> None:
+    table = cli("compare", bending, "--out", tmp_path, "--json").json
     assert [r["spine_length"] for r in table["rows"]] == pytest.approx([0.0, 0.1], abs=1e-3)
     assert (tmp_path / "compare.png").stat().st_size > 10_000
 
@@ -114,8 +104,8 @@ def test_compare_draws_and_tabulates(bending: Path, tmp_path: Path, capsys: pyte
 def test_stiffness_gives_back_the_modulus_of_the_virtual_spine_at_each_length(
     virtual_lab: VirtualLab, tmp_path: Path, lengths: tuple[float, ...]
 ) -> None:
-    settings = ["--set", "steps=6", "--set", "min_samples=40", "--set", f"spine_lengths={list(lengths)}"]
-    assert lab("run", "stiffness", "--rig", virtual_lab.rig, *settings, "--out", tmp_path) in (0, 3)
+    how = settings("steps=6", "min_samples=40", f"spine_lengths={list(lengths)}")
+    assert lab("run", "stiffness", "--rig", virtual_lab.rig, *how, "--out", tmp_path) in SOUND
     found = calibrate(read_case([recorded(tmp_path)])).spine_modulus
     assert sorted(round(x, 3) for x in found) == sorted(lengths)
     beyond = 0
@@ -130,9 +120,8 @@ def test_stiffness_gives_back_the_modulus_of_the_virtual_spine_at_each_length(
     assert beyond <= 1
 
 
-def test_safe_confirms_by_reading_back(virtual_lab: VirtualLab, capsys: pytest.CaptureFixture[str]) -> None:
-    assert lab("safe", "--rig", virtual_lab.rig, "--json") == 0
-    report = json.loads(capsys.readouterr().out)
+def test_safe_confirms_by_reading_back(virtual_lab: VirtualLab, cli: Cli) -> None:
+    report = cli("safe", "--rig", virtual_lab.rig, "--json").json
     assert report["confirmed"] and {s["instrument"] for s in report["steps"]} == {"arm", "pressure", "spine", "valve"}
 
 
@@ -142,11 +131,66 @@ def vented(virtual_lab: VirtualLab, within: float) -> bool:
 
 
 @pytest.mark.parametrize("presses", [1, 2])
-def test_ctrl_c_keeps_the_data_and_leaves_the_rig_safe(
-    virtual_lab: VirtualLab, tmp_path: Path, presses: int, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_ctrl_c_keeps_the_data_and_leaves_the_rig_safe(virtual_lab: VirtualLab, tmp_path: Path, presses: int, cli: Cli) -> None:
     meanwhile(lambda: max(virtual_lab.fakes.plant.chamber_pressure) > 40e3, *[press_ctrl_c] * presses)
-    assert lab("run", "bending", "--rig", virtual_lab.rig, "--out", tmp_path) == 1
-    assert "stopped" in "".join(capsys.readouterr())
+    assert "stopped" in cli("run", "bending", "--rig", virtual_lab.rig, "--out", tmp_path, code=1).both
     assert vented(virtual_lab, 20.0)
     assert len(read_case([recorded(tmp_path)]).table) >= 1
+
+
+# ------------------------------------------------------------------ a protocol in a file of one's own
+CREEP = Path(__file__).parents[2] / "examples/protocol/creep.py"
+
+
+def test_creep_is_run_and_replayed_though_its_plan_forgets_a_state(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:
+    creep = tmp_path / "creep.py"
+    creep.write_text(CREEP.read_text().replace("in zip(p.times, waits, strict=True)", "in zip(p.times[:1], waits)"))
+    how = settings("pressure=60 kPa", "times=[10 s, 30 s]", "average=8 s", "spine_length=5 cm")
+    told = cli("run", creep, "--rig", virtual_lab.rig, *how, "--out", tmp_path, code=SOUND).both
+    assert "note: 2 states were read, and the plan lists 1:" in told, told
+    (file,) = tmp_path.glob("creep-*.mcap")
+    recording = Recording.open(file)
+    assert recording.attachments["protocol.py"] == creep.read_bytes()
+    rows = table_of(recording).rows
+    assert [row.protocol for row in rows] == ["creep", "creep"]
+    assert [row.hold for row in rows] == pytest.approx([10.0, 30.0], abs=0.5)
+    assert all(row.pressures[0] == pytest.approx(60e3, rel=0.05) for row in rows)
+    assert "bit-identical to the live run's" in cli("replay", file).out
+    assert "2 states were read, and the plan lists 1" in cli("info", file, code=SOUND).err
+
+
+def test_a_staircase_of_a_few_lines_is_planned_run_and_replayed(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:
+    staircase = CREEP.with_name("staircase.py")
+    assert len(staircase.read_text().splitlines()) <= 30
+    how = ["--rig", virtual_lab.rig, *settings("step=30 kPa", "steps=2", "chambers=[9, 1, 2]", "hold=10 s", "repeats=2")]
+    planned = cli("plan", staircase, *how, "--json").json
+    cli("run", staircase, *how, "--out", tmp_path, code=SOUND)
+    (file,) = tmp_path.glob("staircase-*.mcap")
+    rows = table_of(Recording.open(file)).rows
+    assert len(planned["steps"]) == len(rows) + 2  # and a preparation in each repeat
+    assert [(row.repeat, row.branch) for row in rows] == [(k, b) for k in (1, 2) for b in ["load"] * 3 + ["unload"] * 2]
+    assert [row.pressures[1] / 30e3 for row in rows] == pytest.approx([0, 1, 2, 1, 0] * 2, abs=0.1)
+    assert "bit-identical to the live run's" in cli("replay", file).out
+
+
+def test_a_mistake_in_run_ends_safe_and_is_told_with_its_line(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:
+    own = tmp_path / "own.py"
+    text = CREEP.with_name("staircase.py").read_text()
+    own.write_text(text.replace("    go_through(bench", "    bench.say(p.stepp)\n    go_through(bench"))
+    line = len(own.read_text().splitlines()) - 1
+    how = ["--set", "chambers=[9, 1, 2]", "--rig", str(virtual_lab.rig), "--out", str(tmp_path)]
+    told = cli("run", own, *how, code=2)
+    assert f"{own}:{line}: run: AttributeError: 'Staircase' object has no attribute 'stepp'" in told.err
+    (file,) = tmp_path.glob("own-*.mcap")
+    assert Recording.open(file).outcome == "failed" and "safe state confirmed" in Recording.open(file).log[-1].text
+
+
+def test_a_mistake_in_the_defaults_for_a_robot_is_told_with_its_line(tmp_path: Path, cli: Cli) -> None:
+    (tmp_path / "robot.yaml").write_text(paper_robot().read_text())
+    (tmp_path / "rig.yaml").write_text("name: bench\nrobot: robot.yaml\ninstruments: {}\n")
+    own = tmp_path / "own.py"
+    text = CREEP.with_name("staircase.py").read_text()
+    defaults = '    @classmethod\n    def defaults_for(cls, robot):\n        return {"chambers": robot.azimuths}\n'
+    own.write_text(text.replace("class Staircase(Parameters):\n", f"class Staircase(Parameters):\n{defaults}\n"))
+    told = cli("plan", own, "--rig", tmp_path / "rig.yaml", code=2).err
+    assert f"{own}:" in told and "'RobotFacts' object has no attribute 'azimuths'" in told and "Traceback" not in told

@@ -1,4 +1,4 @@
-"""`lab export --mat`, `--crate` and `--arviz`: what other programs read, tried with their own readers."""
+"""`lab export --mat`, `--crate` and `--arviz`: what other programs read; and no folder of results is written through a link."""
 
 from __future__ import annotations
 
@@ -6,36 +6,36 @@ import hashlib
 import json
 import shutil
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from diagnosed_case import answered_once, campaign, folder
+from commands import Cli
+from diagnosed_case import Answered
 from scipy.io import loadmat
 
-from lab.cli import main
 from lab.files.crate import write_crate
 from recordings.campaign.info import info
 from recordings.table_file import read_csv
 from recordings.trials import Table
 
-RECORDING = Path(__file__).parent.parent / "recordings" / "data" / "bending-schema-1.mcap"
+RECORDING = Path(__file__).parents[1] / "recordings/data/bending-schema-1.mcap"
 
 
 @pytest.fixture(scope="module")
-def case(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    made = folder(tmp_path_factory.mktemp("case") / "case", campaign({}, repeats=1, lengths=(0.0, 0.2)))
+def case(small_case: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = Path(shutil.copytree(small_case, tmp_path_factory.mktemp("case") / "case"))
     (made / "diagnosis.json").write_text(json.dumps({"schema": "diagnosis/1", "statement": "Cause: none."}))
     return made
 
 
-def test_a_crate_describes_all_that_is_in_it(case: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_crate_describes_all_that_is_in_it(case: Path, tmp_path: Path, cli: Cli) -> None:
     from rocrate.rocrate import ROCrate  # slow to import
 
     out = tmp_path / "supplement"
-    assert main(["export", str(case), str(RECORDING), "--crate", "--out", str(out), "--name", "Gap of a robot"]) == 0
-    assert "no licence is stated" in capsys.readouterr().err
+    assert "no licence is stated" in cli("export", case, RECORDING, "--crate", "--out", out, "--name", "Gap of a robot").err
     crate = ROCrate(out)
     assert crate.name == "Gap of a robot"
     files = {e.id: e for e in crate.data_entities}
@@ -45,11 +45,8 @@ def test_a_crate_describes_all_that_is_in_it(case: Path, tmp_path: Path, capsys:
         assert entity["sha256"] == hashlib.sha256((out / name).read_bytes()).hexdigest()
     assert files["diagnosis.json"]["abstract"] == "Cause: none."
     units = {c["name"]: c["unitText"] for c in files["trials.csv"]["variableMeasured"]}
-    assert set(units) == set(read_csv(case / "trials.csv").columns) and (units["p1"], units["z"], units["trial"]) == (
-        "Pa",
-        "m",
-        "1",
-    )
+    assert set(units) == set(read_csv(case / "trials.csv").columns)
+    assert (units["p1"], units["z"], units["trial"]) == ("Pa", "m", "1")
     assert crate.get("#robot")["additionalProperty"][0]["name"] == "length"
     recorded = crate.get(f"#recorded-{RECORDING.name}")
     assert recorded["result"].id == RECORDING.name and recorded["startTime"]
@@ -69,38 +66,31 @@ def test_who_ran_it_is_the_agent_of_the_recording(tmp_path: Path) -> None:
     assert len([e for e in crate.get_entities() if e.type == "Person"]) == 1
 
 
-def test_a_case_as_a_matlab_file(case: Path, tmp_path: Path) -> None:
-    assert main(["export", str(case), "--mat", "--out", str(tmp_path)]) == 0
+def test_a_case_as_a_matlab_file(case: Path, tmp_path: Path, cli: Cli) -> None:
+    cli("export", case, "--mat", "--out", tmp_path)
     trials = loadmat(tmp_path / "case.mat", squeeze_me=True, struct_as_record=False)["trials"]
     table = read_csv(case / "trials.csv")
     assert trials._fieldnames == list(table.columns) and (trials.z == table["z"]).all()
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
-    [(["--case"], "is a case already"), (["--parquet"], "has no streams"), ([], "has no streams")],
+    ("options", "words"), [(["--case"], "is a case already"), (["--parquet"], "has no streams"), ([], "has no streams")]
 )
-def test_a_case_has_no_streams(
-    case: Path, tmp_path: Path, options: list[str], words: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["export", str(case), "--out", str(tmp_path), *options]) == 2
-    assert words in capsys.readouterr().err
-    assert main(["export", str(case / "robot.yaml"), "--crate", "--out", str(tmp_path)]) == 2
-    assert "give recordings" in capsys.readouterr().err
+def test_a_case_has_no_streams(case: Path, tmp_path: Path, options: list[str], words: str, cli: Cli) -> None:
+    assert words in cli("export", case, "--out", tmp_path, *options, code=2).err
+    assert "give recordings" in cli("export", case / "robot.yaml", "--crate", "--out", tmp_path, code=2).err
 
 
 @pytest.fixture(scope="module")
-def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    made = answered_once(tmp_path_factory.getbasetemp() / "diagnosis")
-    case = tmp_path_factory.mktemp("arviz") / "spine"
-    shutil.copytree(made.case, case)
-    shutil.copy(made.json, case / "diagnosis.json")
+def diagnosed(answered: Answered, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    case = Path(shutil.copytree(answered.case, tmp_path_factory.mktemp("arviz") / "spine"))
+    shutil.copy(answered.json, case / "diagnosis.json")
     return case
 
 
-def test_arviz_opens_what_a_diagnosis_states(diagnosed: Path, tmp_path: Path) -> None:
-    assert main(["export", str(diagnosed), "--arviz", "--out", str(tmp_path / "a")]) == 0
-    assert main(["export", str(diagnosed), "--arviz", "--out", str(tmp_path / "b")]) == 0
+def test_arviz_opens_what_a_diagnosis_states(diagnosed: Path, tmp_path: Path, cli: Cli) -> None:
+    for place in "ab":
+        cli("export", diagnosed, "--arviz", "--out", tmp_path / place)
     import arviz  # writes a file of its own when imported, which two processes at once cannot
 
     opened, again = (arviz.from_netcdf(tmp_path / place / "spine.nc") for place in "ab")
@@ -109,11 +99,8 @@ def test_arviz_opens_what_a_diagnosis_states(diagnosed: Path, tmp_path: Path) ->
     posterior, evidence = opened.posterior, opened.evidence
     assert set(posterior.data_vars) == set(leading["parameters"]) and posterior.sizes == {"chain": 4, "draw": 1000}
     assert posterior.attrs["hypothesis"] == " + ".join(leading["effects"])
-    assert (
-        posterior.attrs["robot"]
-        and posterior.attrs["inference_library_version"]
-        and "no covariance" in posterior.attrs["drawn_from"]
-    )
+    assert posterior.attrs["robot"] and posterior.attrs["inference_library_version"]
+    assert "no covariance" in posterior.attrs["drawn_from"]
     for size in said["detail"]["sizes"]:
         draws = posterior[size["name"]]
         assert draws.attrs["units"] == size["unit"] and float(draws.min()) >= size["low"] and float(draws.max()) <= size["high"]
@@ -134,19 +121,68 @@ def test_arviz_opens_what_a_diagnosis_states(diagnosed: Path, tmp_path: Path) ->
 
 @pytest.mark.parametrize("lacking", ["xarray", "h5netcdf"])
 def test_arviz_without_its_library_says_what_to_install(
-    lacking: str, diagnosed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    lacking: str, diagnosed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli
 ) -> None:
     monkeypatch.setitem(sys.modules, lacking, None)
-    assert main(["export", str(diagnosed), "--arviz", "--out", str(tmp_path)]) == 2
-    assert "pip install 'softlab[arviz]'" in capsys.readouterr().err and not list(tmp_path.iterdir())
+    assert "pip install 'softlab[arviz]'" in cli("export", diagnosed, "--arviz", "--out", tmp_path, code=2).err and not list(
+        tmp_path.iterdir()
+    )
 
 
-def test_what_was_not_diagnosed_has_no_probabilities(case: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["export", str(RECORDING), "--arviz", "--out", str(tmp_path)]) == 2
-    assert "--arviz takes case folders that were diagnosed" in " ".join(capsys.readouterr().err.split())
-    assert main(["export", str(case), "--arviz", "--out", str(tmp_path)]) == 2
-    assert "not a diagnosis/1 file" in " ".join(capsys.readouterr().err.split())
+def test_what_was_not_diagnosed_has_no_probabilities(case: Path, tmp_path: Path, cli: Cli) -> None:
+    assert (
+        "--arviz takes case folders that were diagnosed"
+        in cli("export", RECORDING, "--arviz", "--out", tmp_path, code=2).flat_err
+    )
+    assert "not a diagnosis/1 file" in cli("export", case, "--arviz", "--out", tmp_path, code=2).flat_err
     bare = tmp_path / "bare"
     bare.mkdir()
-    assert main(["export", str(bare), "--arviz", "--out", str(tmp_path)]) == 2
-    assert "first: lab diagnose" in " ".join(capsys.readouterr().err.split())
+    assert "first: lab diagnose" in cli("export", bare, "--arviz", "--out", tmp_path, code=2).flat_err
+
+
+# ------------------------------------------------------------------ symbolic links
+PRECIOUS = "somebody's only copy"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("export", "RECORDING"),
+        ("export", "RECORDING", "--parquet"),
+        ("export", "RECORDING", "--mat"),
+        ("export", "RECORDING", "--case"),
+        ("export", "RECORDING", "--crate"),
+        ("export", "CASE", "RECORDING", "--crate"),
+        ("export", "CASE", "--mat"),
+        ("compare", "CASE"),
+        ("fit", "CASE"),
+        ("effects",),
+        ("paper",),
+    ],
+    ids=" ".join,
+)
+def test_no_file_is_written_through_a_link(words: Sequence[str], case: Path, tmp_path: Path, cli: Cli) -> None:
+    told = [{"RECORDING": RECORDING, "CASE": case}.get(word, word) for word in words]
+    out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    cli(*told, "--out", out)
+    names = [path.name for path in out.iterdir() if path.is_file()]
+    assert names
+    for name in names:
+        (out / name).unlink()
+        (elsewhere / name).write_text(PRECIOUS)
+        (out / name).symlink_to(elsewhere / name)
+    cli(*told, "--out", out)
+    assert all((elsewhere / name).read_text() == PRECIOUS for name in names)
+    assert not any((out / name).is_symlink() for name in names)
+
+
+def test_no_folder_of_a_recording_is_a_link(tmp_path: Path, cli: Cli) -> None:
+    files = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
+    for file in files:
+        shutil.copy(RECORDING, file)
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "b").symlink_to(tmp_path / "elsewhere")
+    assert "symbolic link" in cli("export", *files, "--out", tmp_path / "out", code=1).err
+    assert not list((tmp_path / "elsewhere").iterdir())

@@ -1,24 +1,34 @@
-"""`import lab`: what a script or a notebook uses, tried as its documentation writes it."""
+"""The command and `import lab` before any work: verbs, help, completion, what is not installed, and packages of the same name."""
 
 from __future__ import annotations
 
-import argparse
-import json
+import contextlib
+import os
 import re
+import shlex
+import shutil
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
-import numpy as np
 import pytest
-from diagnosed_case import campaign, folder
+from commands import Cli, run_there
 from virtual_lab import VirtualLab
 
 import lab
-from lab.cli import main, parser
+import lab.neighbours
+from drivers.alicat.wire import UNITS as WIRE
+from lab.cli import GROUPS, declared, main, parser
 from lab.files.example import paper_robot
+from lab.neighbours import strangers
+from sim_fakes.alicat import UNITS
+
+ROOT = Path(__file__).parents[2]
+RECORDING = ROOT / "tests/recordings/data/bending-schema-1.mcap"
 
 
+# ------------------------------------------------------------------ import lab
 def test_importing_it_costs_next_to_nothing_and_its_names_are_known() -> None:
     said = "import sys, lab; print(sorted(set(sys.modules) & {'numba', 'rtde_control', 'matplotlib'}), dir(lab))"
     done = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, check=True)
@@ -26,23 +36,6 @@ def test_importing_it_costs_next_to_nothing_and_its_names_are_known() -> None:
     assert all(callable(getattr(lab, name)) and getattr(lab, name).__doc__ for name in lab.__all__)
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         lab.nothing  # noqa: B018
-
-
-def test_a_recording_is_described_without_drivers_and_kernels() -> None:
-    recording = Path(__file__).parents[1] / "recordings/data/bending-schema-1.mcap"
-    said = (
-        "import sys; from lab.cli import main; code = main(['info', sys.argv[1]]); "
-        "print(code, sorted(m for m in sys.modules if m.split('.')[0] in ('drivers', 'numba', 'scipy', 'pymodbus')))"
-    )
-    done = subprocess.run([sys.executable, "-c", said, str(recording)], capture_output=True, text=True, check=True)
-    assert done.stdout.endswith("0 []\n")
-
-
-def test_prediction_follows_the_rod() -> None:
-    robot = lab.load_robot(paper_robot())
-    tips = lab.predict(robot, [[0.0] * 9, [100e3, 100e3, 0, 0, 0, 0, 0, 0, 100e3]], spine_length=[0.0, 0.1])
-    assert tips.shape == (2, 3) and abs(tips[0, 0]) < 1e-9 and np.linalg.norm(tips[1, :2]) > 0.01
-    assert np.allclose(lab.predict(robot, [0.0] * 9), tips[:1], atol=1e-9)
 
 
 def test_a_run_on_fakes_is_read_fitted_and_compared(virtual_lab: VirtualLab, tmp_path: Path) -> None:
@@ -62,8 +55,8 @@ def test_a_run_on_fakes_is_read_fitted_and_compared(virtual_lab: VirtualLab, tmp
     assert gap.predicted.shape == gap.measured.shape == (5, 3)
 
 
-def test_what_a_notebook_shows_is_short_and_a_table_becomes_a_data_frame(tmp_path: Path) -> None:
-    case = lab.case(folder(tmp_path / "case", campaign({}, repeats=1, lengths=(0.0, 0.2))))
+def test_what_a_notebook_shows_is_short_and_a_table_becomes_a_data_frame(small_case: Path) -> None:
+    case = lab.case(small_case)
     shown = [case, case.table, lab.compare(case), lab.fit(case), lab.predictor(case.robot)]
     shown += [lab.fit_with(case, "chamber_azimuth")]
     assert all(1 <= len(repr(one).splitlines()) <= 10 and len(repr(one)) < 1500 for one in shown)
@@ -80,21 +73,203 @@ def test_help_begins_with_the_names() -> None:
     assert set(listed) == set(lab.__all__) - {"Case"}
 
 
-def test_every_verb_says_what_it_does() -> None:
-    verbs = next(a for a in parser()._actions if isinstance(a, argparse._SubParsersAction))
-    assert all(verb in parser().format_help() for verb in verbs.choices)
-    assert all("usage: lab " + verb in p.format_help() for verb, p in verbs.choices.items())
-
-
-def test_version_and_schemas(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main(["--version"])
-    assert ended.value.code == 0 and re.match(r"softlab [0-9.]+", capsys.readouterr().out)
-    assert main(["schema", "robot"]) == 0
-    robot = json.loads(capsys.readouterr().out)
+def test_version_and_schemas(cli: Cli) -> None:
+    assert re.match(r"softlab [0-9.]+", cli("--version").out)
+    robot = cli("schema", "robot").json
     assert {"type": "string"} in robot["properties"]["length"]["anyOf"]  # 40 cm
-    assert main(["schema", "rig"]) == 0
-    assert "alicat" in capsys.readouterr().out
-    assert main(["schema", "bending"]) == 0
-    assert json.loads(capsys.readouterr().out)["properties"]["protocol"] == {"const": "bending"}
-    assert main(["schema", "bendin"]) == 2
+    assert {"effects", "tolerances", "posterior"} <= set(robot["properties"])
+    assert {"Stated", "Posterior", "Noise"} <= set(robot["$defs"])
+    campaign = {"campaign", "protocols", "blocks", "seed", "hands", "warm_up", "stop"}
+    assert campaign <= set(cli("schema", "campaign").json["properties"])
+    assert "alicat" in cli("schema", "rig").out
+    assert cli("schema", "bending").json["properties"]["protocol"] == {"const": "bending"}
+    cli("schema", "bendin", code=2)
+
+
+# ------------------------------------------------------------------ help
+VERBS = [verb for group in GROUPS.values() for verb in group]
+LISTS_AND_DESCRIBES = """
+import sys
+from lab.cli import main
+
+main(["help"])
+main(["recovr"])
+print([m for m in sys.modules if m.startswith(("lab.verbs", "numpy", "pydantic", "drivers"))])
+code = main(["info", sys.argv[1]])
+print(code, [m for m in sys.modules if m.split(".")[0] in ("drivers", "numba", "scipy", "pymodbus")])
+"""
+
+
+def test_verbs_are_listed_without_their_modules_and_a_recording_is_described_without_drivers_and_kernels() -> None:
+    command = [sys.executable, "-c", LISTS_AND_DESCRIBES, RECORDING]
+    done = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+    assert "[]" in done and done[-1] == "0 []"
+
+
+def test_the_verbs_are_listed_in_groups(cli: Cli) -> None:
+    told = cli("help").out
+    assert told == cli("--help").out == cli(code=2).out
+    places = [told.index(f"\n{title}:\n") for title in GROUPS]
+    assert places == sorted(places) and "\n  recover " in told[places[2] : places[3]]
+    assert [line.split()[0] for line in told.splitlines() if line.startswith("  ")] == VERBS
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [(["recovr", "a.mcap"], "did you mean recover?"), (["xyzzy"], "lab help lists"), (["help", "exprt"], "mean export?")],
+)
+def test_an_unknown_verb_is_answered_with_the_nearest(words: list[str], said: str, cli: Cli) -> None:
+    told = cli(*words, code=2).err
+    assert said in told and len(told.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["replay", "a.mcap", "--sped", "5"], "lab replay --sped: is not an option; did you mean --speed?"),
+        (["replay", "a.mcap", "--sped=5"], "lab replay --sped: is not an option; did you mean --speed?"),
+        (["run", "-rig", "rig.yaml"], "lab run -rig: is not an option; did you mean --rig?"),
+        (["safe", "--al"], "lab safe --al: is not an option; did you mean --all?"),
+        (["safe", "--xyzzy"], "lab safe --xyzzy: is not an option; lab safe --help lists the options"),
+        (["blind", "make", "set", "--sede", "5"], "lab blind make --sede: is not an option; did you mean --seed?"),
+        (["blind", "score", "set", "--seed", "5"], "lab blind score --seed: is not an option; lab blind score --help"),
+    ],
+)
+def test_an_unknown_option_is_answered_with_the_nearest(words: list[str], said: str, cli: Cli) -> None:
+    told = cli(*words, code=2).err
+    assert told.startswith(said) and len(told.splitlines()) == 1
+
+
+@pytest.mark.parametrize("words", [["--", "--sped"], ["--help", "--sped"]])
+def test_what_follows_two_dashes_or_asks_for_help_is_no_unknown_option(words: list[str]) -> None:
+    assert declared("replay").unknown_option(["a.mcap", *words]) == ""
+
+
+def test_the_table_and_the_modules_name_the_same_verbs() -> None:
+    modules = {f"lab.{module}" for group in GROUPS.values() for module, _ in group.values()}
+    declarations = [verb.name for module in modules for verb in import_module(module).VERBS]
+    assert sorted(declarations) == sorted(VERBS)
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_the_help_of_a_verb_ends_with_examples_that_parse_and_a_page_that_exists(verb: str, cli: Cli) -> None:
+    told = cli("help", verb).out
+    assert "%%" not in told and " --reference A" not in told
+    *_, first, second, empty, page = told.splitlines()
+    assert not empty and (ROOT / page.removeprefix("page: ")).is_file()
+    for line in (first, second):
+        program, *words = shlex.split(line.partition(" > ")[0])
+        assert program == "lab" and words[0] == verb
+        assert words[-1] == "--help" or parser().parse_args(words).verb == verb
+
+
+def test_files_have_names_in_the_usage(cli: Cli) -> None:
+    told = cli("fit", "--help").out
+    assert "--robot ROBOT.yaml" in told and "--out FOLDER" in told and "INPUT [INPUT ...]" in told
+
+
+# ------------------------------------------------------------------ completion
+ASK = """
+source {script}
+words=({line}); [ -n "{word}" ] || words+=("")
+COMP_WORDS=("${{words[@]}}"); COMP_CWORD=$(( ${{#words[@]}} - 1 )); COMPREPLY=()
+_shtab_lab lab "{word}"
+printf '%s\\n' "${{COMPREPLY[@]}}"
+"""
+
+
+@pytest.fixture(scope="module")
+def script(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("completion") / "lab.bash"
+    with path.open("w") as file, contextlib.redirect_stdout(file):
+        assert main(["completion", "bash"]) == 0
+    (path.parent / "beam.yaml").touch()
+    (path.parent / "beside.txt").touch()
+    return path
+
+
+@pytest.mark.parametrize(
+    ("line", "offered"),
+    [
+        ("lab diag", {"diagnose"}),
+        ("lab run be", {"bending", "beam.yaml"}),
+        ("lab run --res", {"--resume"}),
+        ("lab run bending --set settle.max_", {"settle.max_gap=", "settle.max_hidden="}),
+        ("lab predict --protocol elo", {"elongation"}),
+        ("lab fit --with spine_sl", {"spine_slip"}),
+        ("lab fakes --effect vacuum_l", {"vacuum_leak"}),
+        ("lab check --rig bea", {"beam.yaml"}),
+        ("lab blind ma", {"make"}),
+        ("lab fakes --channels ", {"3", "9"}),
+    ],
+)
+def test_bash_completes(script: Path, line: str, offered: set[str]) -> None:
+    word = "" if line.endswith(" ") else line.rpartition(" ")[2]
+    ask = ASK.format(script=script, line=line, word=word)
+    done = subprocess.run(["bash", "-c", ask], cwd=script.parent, capture_output=True, text=True, check=True)
+    assert set(done.stdout.split()) == offered, done.stderr
+
+
+def test_zsh_gets_a_completion_that_it_can_read(tmp_path: Path, cli: Cli) -> None:
+    said = cli("completion", "zsh").out
+    assert said.startswith("#compdef lab") and "_lab_protocols" in said and "_files" in said
+    if zsh := shutil.which("zsh"):
+        (tmp_path / "_lab").write_text(said)
+        subprocess.run([zsh, "-n", tmp_path / "_lab"], check=True)
+
+
+# ------------------------------------------------------------------ neighbours
+COMMAND, FRONT_DOOR = ("-m", "lab.cli", "schema", "robot"), ("-c", "import lab; lab.load_robot")
+
+
+@pytest.mark.parametrize(
+    ("words", "first"),
+    [(FRONT_DOOR, "__init__.py"), (COMMAND, "__init__.py"), (COMMAND, "data.csv"), (COMMAND, "../model.py")],
+    ids=["import lab", "a package", "a folder of data", "a module"],
+)
+def test_another_model_on_the_path_is_named(tmp_path: Path, words: tuple[str, ...], first: str) -> None:
+    (tmp_path / "model").mkdir()
+    (tmp_path / "model" / first).write_text("")
+    if first.endswith("model.py"):
+        (tmp_path / "model").rmdir()
+    env = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    done = subprocess.run([sys.executable, *words], cwd="/", env=env, capture_output=True, text=True, timeout=600)
+    told = " ".join(done.stderr.split())
+    assert done.returncode == (1 if "-c" in words else 2), told
+    assert f"another package called model, {tmp_path}/model" in told and "an environment of its own" in told
+
+
+def test_a_package_that_was_written_over_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert strangers() == ""
+    monkeypatch.setattr(lab.neighbours, "_written", lambda: {"model": "another digest"})
+    assert "another package has written into" in strangers() and "model" in strangers()
+
+
+# ------------------------------------------------------------------ without the instruments' libraries
+LIBRARIES = ("rtde_control", "rtde_receive", "serial", "pymodbus", "dynamixel_sdk", "pytrinamic", "pfeiffer_vacuum_protocol")
+
+
+def test_all_but_the_rig_works_and_a_rig_says_what_to_install(tmp_path: Path) -> None:
+    case, rig, landed = tmp_path / "case", ("--rig", ROOT / "examples/rig/rig.yaml"), tmp_path / "rig.yaml"
+    shutil.copy(ROOT / "examples/rig/rig.yaml", landed)  # beside no robot.yaml: a landing needs none
+    robot = ("--robot", paper_robot())  # the recording's own is one of a test
+    works = (
+        ("info", RECORDING), ("replay", RECORDING), ("verify", RECORDING), ("export", RECORDING, "--case", "--out", case),
+        ("schema", "robot"), ("compare", case, *robot),
+    )  # fmt: skip
+    refused = (("plan", "bending", *rig), ("check", *rig), ("demo", "--out", tmp_path / "demo"))
+    others = (("safe", "--rig", landed), ("fakes", "--unit", "torr"))
+    done = run_there((*works, *refused, *others), lacking=LIBRARIES)  # a computer without these libraries
+    assert not [each for each in done if "Traceback" in each.err]
+    for each in done[: len(works)]:
+        assert each.returncode in (0, 3), each.out + each.err
+    assert "Measured against model" in done[len(works) - 1].out
+    for each in done[len(works) : -2]:
+        assert each.returncode == 2 and "the instruments' libraries are not installed" in each.err
+        assert "pip install 'softlab[rig]'" in each.err
+    safe, fakes = done[-2:]
+    assert safe.returncode == 1 and "make it safe by hand" in safe.flat_out
+    assert all(f"{name}: NOT CONFIRMED" in safe.out for name in ("arm", "pressure", "spine", "valve"))
+    assert landed.with_suffix(".latch").exists()
+    assert fakes.returncode == 2 and "must be one of Pa, hPa, kPa, MPa, mbar, bar, psi" in fakes.err
+    assert tuple(WIRE) == UNITS

@@ -1,37 +1,30 @@
-"""MATLAB's tables, strings, dates, cells, structures and arrays on their side: columns where they are clear, else named."""
+"""Files of MATLAB and of motion capture: tables, cells, structures and arrays on their side; Motive's and Vicon's CSV, C3D."""
 
 from __future__ import annotations
 
 import sys
+import warnings
 from pathlib import Path
 from typing import Any
 
+import c3d
+import h5py
 import numpy as np
 import pytest
+from commands import Cli
+from foreign import AZIMUTHS, ROBOT, guessed, pressures, through, tips
 from scipy.io import savemat
-from test_import_tables import ROBOT, guessed
+from scipy.spatial.transform import Rotation
 
-from benchmarks.faults.foreign_tables import HEADINGS, STATES, sweep
+from benchmarks.faults.foreign_tables import HEADINGS, PLATEAUS, STATES, sweep
 from lab.files.config import ConfigError, load
 from lab.imports.formats import read
 from lab.imports.map_file import Map, Source
-from lab.imports.table import Imported, imported
-from model.robot import Robot
 
+# ------------------------------------------------------------------ MATLAB: columns where they are clear, else named
 ROWS = np.array(sweep())
 TIME, PRESSURES, TIP = ROWS[:, 0], ROWS[:, 1:4], ROWS[:, 4:]
 BRANCHES = np.array([["up", "up", "up", "down", "down"][k % 5] for k in range(STATES)], dtype=object)
-
-
-def through(file: Path) -> Imported:
-    _, place = guessed(file)
-    return imported([file], load(place, Map), load(ROBOT, Robot))
-
-
-def check(made: Imported) -> None:
-    assert len(made.table) == STATES
-    assert np.column_stack([made.table[a] for a in "xyz"]) * 1e3 == pytest.approx(TIP, abs=1e-6)
-    assert np.column_stack([made.table[f"p{i}"] for i in (1, 2, 3)]) / 1e3 == pytest.approx(PRESSURES, abs=1e-6)
 
 
 def table(**more: Any) -> Any:
@@ -53,8 +46,9 @@ def test_a_table_of_matlab_is_columns(tmp_path: Path, version: str) -> None:
     assert series.names == ("P1", "P2", "P3", "TipX", "TipY", "TipZ", "Direction", "when")
     assert series.units["when"] == "s" and series.columns["when"][-1] - series.columns["when"][0] == pytest.approx(TIME[-1])
     assert any("operator" in note for note in series.notes)
-    made = through(tmp_path / "run.mat")
-    check(made)
+    _, made = through(tmp_path / "run.mat")
+    assert len(made.table) == STATES
+    assert tips(made.table) == pytest.approx(TIP, abs=1e-6) and pressures(made.table) == pytest.approx(PRESSURES, abs=1e-6)
     assert made.table["branch"].tolist() == ["load", "load", "load", "unload", "unload"] * 6
 
 
@@ -87,7 +81,7 @@ def test_arrays_on_their_side_structures_and_cells(tmp_path: Path) -> None:
     assert all(
         word in left for word in ("gains (3 instead of 30 rows)", "name (a text)", "rate (one number)", "z (complex numbers)")
     )
-    made = through(tmp_path / "run.mat")
+    _, made = through(tmp_path / "run.mat")
     assert len(made.table) == STATES - 1 and made.table["branch"].tolist()[:4] == ["load", "load", "load", "unload"]
     assert made.table["p3"] / 1e3 == pytest.approx(np.delete(PRESSURES[:, 2], 4), abs=1e-6)
 
@@ -134,3 +128,204 @@ def test_a_file_with_elements_of_no_kind_is_refused_and_does_not_end_the_process
             (tmp_path / "a.mat").write_bytes(wrong)
             with pytest.raises(ConfigError, match=f"is not a MATLAB file .*an element of kind {kind}"):
                 read(tmp_path / "a.mat", Source())
+
+
+# ------------------------------------------------------------------ MATLAB 7.3
+def matlab_hdf5(path: Path, arrays: dict[str, np.ndarray]) -> Path:
+    """A file as MATLAB's save(.., '-v7.3') lays it out: 512 bytes of its own, then HDF5 with dimensions in reverse order."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+
+        def put(name: str, array: np.ndarray, kind: str) -> h5py.Dataset:
+            made = file.create_dataset(name, data=array.T, compression="gzip" if array.ndim == 2 else None)
+            made.attrs["MATLAB_class"] = np.bytes_(kind)
+            return made
+
+        for name, array in arrays.items():
+            put(name, array, "double")
+        file.create_group("robot").attrs["MATLAB_class"] = np.bytes_("struct")
+        put("robot/tip", np.arange(12.0).reshape(4, 3), "double")
+        put("robot/seen", np.array([[1], [1], [0], [1]], np.uint8), "logical")
+        put("robot/name", np.array([[ord(c) for c in "arm1"]], np.uint16), "char")
+        put("robot/nothing", np.array([[0, 4]], np.uint64), "double").attrs["MATLAB_empty"] = 1
+        held = put("#refs#/a", np.arange(4.0)[:, None], "double")
+        cells = file.create_dataset("cells", data=np.array([[held.ref]], h5py.ref_dtype))
+        cells.attrs["MATLAB_class"] = np.bytes_("cell")
+        sparse = file.create_group("sparse")
+        sparse.attrs["MATLAB_class"], sparse.attrs["MATLAB_sparse"] = np.bytes_("double"), 4
+        sparse.create_dataset("data", data=np.arange(4.0))
+        file["elsewhere"] = h5py.ExternalLink("other.mat", "p")
+    head = b"MATLAB 7.3 MAT-file, Platform: GLNXA64 HDF5 schema 1.00 .".ljust(124) + b"\x00\x02IM"
+    with open(path, "r+b") as raw:
+        raw.write(head)
+    return path
+
+
+def test_a_matlab_7_3_file_is_read_as_its_older_form(tmp_path: Path) -> None:
+    table = np.arange(8.0).reshape(4, 2)
+    both = {"t": np.arange(4.0)[:, None], "p": table}
+    matlab_hdf5(tmp_path / "other.mat", {"p": np.zeros((4, 1))})
+    new = read(matlab_hdf5(tmp_path / "new.mat", both), Source())
+    savemat(tmp_path / "old.mat", both | {"robot": {"tip": np.arange(12.0).reshape(4, 3), "seen": np.array([1, 1, 0, 1])}})
+    old = read(tmp_path / "old.mat", Source())
+    assert new.form == "MATLAB 7.3" and set(new.names) == set(old.names)
+    assert all((new.numbers[n] == old.numbers[n]).all() for n in old.names)
+    assert new.numbers["p.2"].tolist() == [1, 3, 5, 7] and new.numbers["robot.tip.3"].tolist() == [2, 5, 8, 11]
+    deep = np.arange(24.0).reshape(2, 3, 4)
+    axes = read(matlab_hdf5(tmp_path / "deep.mat", {"m": deep}), Source(axes={"m": ("trial", "time", "point")}))
+    assert axes.numbers["m.2"].tolist() == deep[:, :, 1].ravel().tolist()
+
+
+def test_a_matlab_7_3_file_that_is_too_large_or_damaged_is_refused(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "large.mat", "w", userblock_size=512) as file:
+        large = file.create_dataset("p", (10**6, 10**3), np.float64, chunks=(1000, 10), compression="gzip")
+        large.attrs["MATLAB_class"] = np.bytes_("double")
+    assert (tmp_path / "large.mat").stat().st_size < 10_000
+    with pytest.raises(ConfigError, match="unpacked it has 8000 MB, at most 500 MB are read"):
+        read(tmp_path / "large.mat", Source())
+    whole = matlab_hdf5(tmp_path / "whole.mat", {"p": np.arange(4000.0)[:, None]}).read_bytes()
+    (tmp_path / "half.mat").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(ConfigError, match="is not a MATLAB 7.3 file"):
+        read(tmp_path / "half.mat", Source())
+
+
+# ------------------------------------------------------------------ motion capture, recognised without a map
+FRAMES = np.array(sweep(40, 0.02))
+BASE = np.array([300.0, 1200.0, -400.0])
+"""mm, of the base in the cameras' frame."""
+
+
+def seen(tip: np.ndarray) -> np.ndarray:
+    """mm, a tip of a hanging robot in the frame of cameras whose y points up."""
+    return np.column_stack([tip[:, 1], -tip[:, 2], -tip[:, 0]]) + BASE
+
+
+def turns() -> Rotation:
+    """Of the tip, in the robot's frame."""
+    bends = 0.013 * FRAMES[:, 1:4].clip(min=0)
+    return Rotation.from_rotvec(bends @ np.column_stack([np.sin(AZIMUTHS), -np.cos(AZIMUTHS), 0 * AZIMUTHS]))
+
+
+def motive(path: Path, rotation: str = "Quaternion", unit: str = "Millimeters") -> Path:
+    """What Motive writes of two rigid bodies, one of them with a marker; in some frames the tip is not seen."""
+    scale = {"Millimeters": 1.0, "Meters": 1e-3}[unit]
+    frame = Rotation.from_matrix([[0, 1, 0], [0, 0, -1], [-1, 0, 0]])
+    turned = frame * turns() * frame.inv()
+    angles = turned.as_quat() if rotation == "Quaternion" else turned.as_euler("xyz", degrees=True)
+    axes = ["X", "Y", "Z", "W"][: angles.shape[1]]
+    n = len(axes)
+    bodies = [("Base plate", "1F"), ("Finger tip", "2A")]
+    body = [
+        ("Rigid Body", name, key, kind, axis)
+        for name, key in bodies
+        for kind, axis in [*(("Rotation", a) for a in axes), *(("Position", a) for a in "XYZ"), ("Mean Marker Error", "")]
+    ]
+    marker = [("Rigid Body Marker", "Finger tip:Marker1", "2B", "Position", a) for a in "XYZ"]
+    columns = [*body, *marker]
+    about = "Format Version,1.23,Take Name,Take 2024-03-01 12.00.00 PM,Take Notes,,Capture Frame Rate,50.000000,Export Frame "
+    about += "Rate,50.000000,Capture Start Time,2024-03-01 12.00.00.000 PM,Capture Start Frame,0,Total Frames in Take,1200,"
+    about += f"Total Exported Frames,1200,Rotation Type,{rotation},Length Units,{unit},Coordinate Space,Global"
+    lines = [about, ""]
+    lines += [",".join(["", label, *(c[i] for c in columns)]) for i, label in ((0, "Type"), (1, "Name"), (2, "ID"), (3, ""))]
+    lines.append(",".join(["Frame", "Time (Seconds)", *(c[4] for c in columns)]))
+    tips = seen(FRAMES[:, 4:]) * scale
+    for k in range(len(FRAMES)):
+        still = [*([0, 0, 0, 1] if n == 4 else [0, 0, 0]), *(BASE * scale), 0.0001]
+        tip = [*angles[k], *tips[k], 0.0002, *(tips[k] + 11 * scale)]
+        cells = [f"{v:.6f}" for v in still] + ([f"{v:.6f}" for v in tip] if k % 50 < 45 else [""] * len(tip))
+        lines.append(",".join([str(k), f"{FRAMES[k, 0]:.6f}", *cells]))
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(("rotation", "unit"), [("Quaternion", "Millimeters"), ("XYZ", "Meters")])
+def test_what_motive_exports_is_recognised(rotation: str, unit: str, tmp_path: Path, cli: Cli) -> None:
+    take = motive(tmp_path / "Take 1.csv", rotation, unit)
+    series = read(take, Source())
+    assert {"Frame", "Time (Seconds)", "Finger tip Position X", "Base plate Rotation Y", "Finger tip:Marker1 Position Z"} <= set(
+        series.names
+    )
+    told = cli("import", take, "--guess", "--robot", ROBOT, "--out", tmp_path / "g").flat_err
+    assert "constants.p1: '?' is not a number with a unit; write for example '50 kPa'" in told
+    place = tmp_path / "g" / "map.yaml"
+    place.write_text(place.read_text().replace("'?'", "0 kPa"))
+    wanted = load(place, Map)
+    tip, base = [f"Finger tip Position {a}" for a in "XYZ"], [f"Base plate Position {a}" for a in "XYZ"]
+    assert wanted.points["tip"].of == (tuple(tip),) and wanted.points["tip"].against == (tuple(base),)
+    assert wanted.points["tip"].unit == {"Millimeters": "mm", "Meters": "m"}[unit]
+    assert wanted.orientation is not None and all(str(c).startswith("Finger tip Rotation") for c in wanted.orientation.columns)
+    assert wanted.orientation.order == ("wxyz" if rotation == "Quaternion" else "euler xyz")
+
+
+def write_c3d(path: Path, unit: str = "kPa", factor: float = 1.0) -> Path:
+    """Two markers at 50 Hz and three pressures at 200 Hz; the tip is not seen in some frames."""
+    writer = c3d.Writer(point_rate=50.0, analog_rate=200.0, point_scale=-1.0, point_units="mm  ")
+    writer.set_point_labels(["Rig:Tip", "Rig:Base"])
+    writer.set_analog_labels(["Pressure1", "Pressure2", "Pressure3"])
+    writer.analog_group.add_str("UNITS", "units", "".join(unit.ljust(4) for _ in range(3)), 4, 3)
+    tips = seen(FRAMES[:, 4:])
+    for k, tip in enumerate(tips):
+        points = np.zeros((2, 5))
+        points[0, :3], points[1, :3] = tip, BASE
+        points[0, 3] = -1 if k % 50 > 44 else 0
+        writer.add_frames([(points, factor * np.repeat(FRAMES[k, 1:4, None], 4, axis=1))])
+    with warnings.catch_warnings(), open(path, "wb") as file:
+        warnings.simplefilter("ignore")
+        writer.write(file)
+    return path
+
+
+def test_c3d_with_analog_pressures_is_recognised(tmp_path: Path) -> None:
+    series = read(write_c3d(tmp_path / "take.c3d"), Source())
+    assert series.names[0] == "time" and series.units["Pressure2"] == "kPa" and series.units["Rig:Tip.x"] == "mm"
+    _, made = through(tmp_path / "take.c3d")
+    assert len(made.table) == PLATEAUS
+    assert np.abs(made.table["z"] - 0.14).max() < 0.011 and max(made.table["p2"]) == pytest.approx(35e3, abs=30)
+
+
+def test_pressures_in_volt_are_asked_about(tmp_path: Path) -> None:
+    made, _ = guessed(write_c3d(tmp_path / "take.c3d", "V", 0.1))
+    assert any("read in V: write the sensor's scale" in d for d in made.doubts)
+
+
+@pytest.mark.parametrize("cut", [100, 600, 2000])
+def test_a_torn_c3d_file_is_refused_or_read_as_far_as_it_goes(cut: int, tmp_path: Path) -> None:
+    data = write_c3d(tmp_path / "take.c3d").read_bytes()
+    (tmp_path / "take.c3d").write_bytes(data[:cut])
+    with pytest.raises(ConfigError, match=r"take.c3d: .*export"):
+        read(tmp_path / "take.c3d", Source())
+
+
+def test_headings_of_two_lines_name_marker_and_axis(tmp_path: Path) -> None:
+    """As Vicon writes them: the name above the first of three axes, units below."""
+    lines = [
+        "Trajectories",
+        "50",
+        ",,P1,P2,P3,Rig:Tip,,,Rig:Base,,",
+        "Frame,Time,,,,X,Y,Z,X,Y,Z",
+        ",s,kPa,kPa,kPa,mm,mm,mm,mm,mm,mm",
+    ]
+    for k, (tip, row) in enumerate(zip(seen(FRAMES[:, 4:]), FRAMES, strict=True)):
+        lines.append(",".join([str(k + 1), *(f"{v:.4f}" for v in (*row[:4], *tip, *BASE))]))
+    (tmp_path / "take.csv").write_text("\n".join(lines))
+    _, made = through(tmp_path / "take.csv")
+    assert len(made.table) == PLATEAUS and np.abs(made.table["z"] - 0.14).max() < 0.011
+
+
+@pytest.mark.parametrize("parent", [True, False])
+def test_a_few_markers_of_motive_keep_their_names_and_the_unit_of_the_take(parent: bool, tmp_path: Path) -> None:
+    markers = [m for m in ("Rig:Tip", "Rig:Base", "Unlabeled 7") for _ in "XYZ"]
+    lines = [
+        "Format Version,1.24,Take Name,T 1,Export Frame Rate,50.0,Rotation Type,Quaternion,Length Units,Centimeters,Space,Global",
+        ",".join(["", "Type", *["Marker"] * 9]),
+        ",".join(["", "Name", *markers]),
+        *([",".join(["", "Parent", *[""] * 9])] if parent else []),
+        ",".join(["", "", *["Position"] * 9]),
+        ",".join(["Frame", "Time (Seconds)", *"XYZXYZXYZ"]),
+    ]
+    for k, tip in enumerate(seen(FRAMES[:100, 4:]) / 10):
+        lines.append(",".join([str(k), f"{k / 50:.4f}", *(f"{v:.5f}" for v in (*tip, *BASE / 10)), "", "", ""]))
+    (tmp_path / "take.csv").write_text("\n".join(lines))
+    series = read(tmp_path / "take.csv", Source())
+    assert series.form == "Motive's export" and series.common_units == {"m": "cm"}
+    assert series.names[2] == "Rig:Tip Position X" and series.names[10] == "Unlabeled 7 Position Z"
+    assert guessed(tmp_path / "take.csv")[0].values["points"]["tip"]["unit"] == "cm"

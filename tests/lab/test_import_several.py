@@ -9,24 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from test_import_tables import ROBOT, guessed
+from commands import Cli
+from foreign import ROBOT, by_map, guessed, plain, pressures, through, tips
 
 from benchmarks.faults.foreign_tables import PLATEAUS, STATES, sweep, text
-from lab.cli import main
-from lab.files.config import ConfigError, load
-from lab.imports.map_file import Map, demand_units
-from lab.imports.table import Imported, imported
-from model.robot import Robot
+from lab.files.config import ConfigError
+from lab.imports.table import Imported
 
 FEW, MANY = sweep(), sweep(40)
-NAMES = (
-    "t [s]",
-    "p1 [kPa]",
-    "p2 [kPa]",
-    "p3 [kPa]",
-    *(f"tip {a} [mm]" for a in "xyz"),
-    *(f"mid {a} [mm]" for a in "xyz"),
-)
+NAMES = ("t [s]", "p1 [kPa]", "p2 [kPa]", "p3 [kPa]", *(f"tip {a} [mm]" for a in "xyz"), *(f"mid {a} [mm]" for a in "xyz"))
 COLUMNS: dict[str, Any] = dict(zip(("t", "p1", "p2", "p3", "x", "y", "z", "m1x", "m1y", "m1z"), NAMES, strict=True))
 
 
@@ -43,16 +34,11 @@ def exchanged(k: int, cells: list[str]) -> list[str]:
 def read_all(folder: Path, contents: Mapping[str, str], order: Sequence[str] | None = None, **more: Any) -> Imported:
     for name, content in contents.items():
         (folder / name).write_text(content)
-    values = {"columns": {n: {"column": c} for n, c in COLUMNS.items()}, "trials": {"begin": "rest"}} | more
-    (folder / "map.yaml").write_text(yaml.safe_dump(values))
-    files = [folder / name for name in order or contents]
-    wanted, robot = load(folder / "map.yaml", Map), load(ROBOT, Robot)
-    demand_units(wanted, robot.actuators.words)
-    return imported(files, wanted, robot)
+    values = {"columns": plain(**COLUMNS), "trials": {"begin": "rest"}} | more
+    return by_map([folder / name for name in order or contents], **values)
 
 
-def tips(made: Imported) -> np.ndarray:
-    return np.column_stack([made.table[a] for a in "xyz"]) * 1e3
+WHOLE = text(FEW, headings=NAMES, change=with_middle)
 
 
 # ------------------------------------------------------------------ markers
@@ -69,15 +55,12 @@ def test_markers_exchanged_within_a_file_are_asked_about(change: Any, line: str,
 
 
 def test_markers_exchanged_from_file_to_file_are_asked_about(tmp_path: Path) -> None:
-    contents = {
-        "a.csv": text(FEW, headings=NAMES, change=with_middle),
-        "b.csv": text(FEW, headings=NAMES, change=exchanged),
-    }
+    contents = {"a.csv": WHOLE, "b.csv": text(FEW, headings=NAMES, change=exchanged)}
     made = read_all(tmp_path, contents)
     assert any("b.csv, line 2" in n and "change places" in n for n in made.notes)
-    own = {"b.csv": {"columns": {n: {"column": NAMES[i]} for n, i in zip(("x", "y", "z", "m1x", "m1y", "m1z"), (7, 8, 9, 4, 5, 6), strict=True)}}}  # fmt: skip # noqa: E501
-    made = read_all(tmp_path, contents, files={**own, "*": {}})
-    assert not made.notes and tips(made)[STATES:] == pytest.approx(tips(made)[:STATES])
+    own = plain(**dict(zip(("x", "y", "z", "m1x", "m1y", "m1z"), (*NAMES[7:], *NAMES[4:7]), strict=True)))
+    made = read_all(tmp_path, contents, files={"b.csv": {"columns": own}, "*": {}})
+    assert not made.notes and tips(made.table)[STATES:] == pytest.approx(tips(made.table)[:STATES])
 
 
 def test_a_marker_that_jumps_is_asked_about_and_one_that_bends_is_not(tmp_path: Path) -> None:
@@ -87,7 +70,7 @@ def test_a_marker_that_jumps_is_asked_about_and_one_that_bends_is_not(tmp_path: 
 
     made = read_all(tmp_path, {"a.csv": text(FEW, headings=NAMES, change=moved)})
     assert any("a.csv, line 16: the tip moves by 37.0 mm" in n and "farther than the body can" in n for n in made.notes)
-    assert not read_all(tmp_path, {"a.csv": text(FEW, headings=NAMES, change=with_middle)}).notes
+    assert not read_all(tmp_path, {"a.csv": WHOLE}).notes
 
 
 def test_a_state_within_which_markers_are_exchanged_is_left_out(tmp_path: Path) -> None:
@@ -96,14 +79,14 @@ def test_a_state_within_which_markers_are_exchanged_is_left_out(tmp_path: Path) 
     assert any(
         "a.csv, line 502: a marker jumps within a state" in n and "0 rows and 1 states are left out" in n for n in made.notes
     )
-    z = tips(made)[:, 2]
+    z = tips(made.table)[:, 2]
     assert ((z > 138) | (z < 76)).all()
 
 
 def test_a_row_in_which_a_marker_jumps_and_comes_back_is_left_out_of_its_state(tmp_path: Path) -> None:
     content = text(MANY, headings=NAMES, change=lambda k, c: (exchanged if k % 50 == 27 else with_middle)(k, c))
     made = read_all(tmp_path, {"a.csv": content}, states={"plateaus": {"steady": "1 kPa"}})
-    assert len(made.table) == PLATEAUS and tips(made)[:, 2].min() > 144
+    assert len(made.table) == PLATEAUS and tips(made.table)[:, 2].min() > 144
     assert any("a.csv, line 29: a marker jumps within a state" in n and " and 0 states are left out" in n for n in made.notes)
 
 
@@ -111,28 +94,24 @@ def test_a_row_in_which_a_marker_jumps_and_comes_back_is_left_out_of_its_state(t
 def test_columns_may_differ_from_file_to_file(tmp_path: Path) -> None:
     other = [n.replace("p2 [kPa]", "regulator 2 [bar]").replace("tip", "Spitze") for n in NAMES]
     contents = {
-        "a.csv": text(FEW, headings=NAMES, change=with_middle),
+        "a.csv": WHOLE,
         "b 1.csv": text(FEW, headings=other, change=lambda k, c: with_middle(k, [*c[:2], f"{float(c[2]) / 100:.5f}", *c[3:]])),
     }
     with pytest.raises(ConfigError, match=r"b 1.csv: columns.p2 = 'p2 \[kPa\]': this column .* under files: .*'b 1.csv'"):
         read_all(tmp_path, contents)
     columns = {"p2": {"column": other[2]}, **{a: {"column": f"Spitze {a} [mm]"} for a in "xyz"}}
     made = read_all(tmp_path, contents, files={"b*": {"columns": columns, "tip_mass": "30 g"}, "*": {}})
-    assert tips(made)[STATES:] == pytest.approx(tips(made)[:STATES])
+    assert tips(made.table)[STATES:] == pytest.approx(tips(made.table)[:STATES])
     assert made.table["p2"][STATES:] == pytest.approx(made.table["p2"][:STATES], abs=1)
     assert [r.tip_mass for r in made.table.rows[STATES - 1 : STATES + 1]] == [None, 0.03]
 
 
 def test_the_tip_of_some_files_may_be_given_by_them_alone(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(text(FEW))
-    columns = {f"p{i}": {"column": f"P{i} [kPa]"} for i in (1, 2, 3)}
-    tip = {a: {"column": f"Tip {a.upper()} [mm]"} for a in "xyz"}
-    place = tmp_path / "map.yaml"
-    place.write_text(yaml.safe_dump({"columns": columns, "files": {"*": {"columns": tip}}}))
-    assert len(imported([tmp_path / "a.csv"], load(place, Map), load(ROBOT, Robot)).table) == STATES
-    place.write_text(yaml.safe_dump({"columns": columns, "files": {"*": {"columns": {"x": tip["x"]}}}}))
+    columns, tip = plain(**{f"p{i}": f"P{i} [kPa]" for i in (1, 2, 3)}), plain(**{a: f"Tip {a.upper()} [mm]" for a in "xyz"})
+    assert len(by_map(tmp_path / "a.csv", columns=columns, files={"*": {"columns": tip}}).table) == STATES
     with pytest.raises(ConfigError, match=r"a.csv: the map of this file \(files\): columns: give the tip by x, y and z"):
-        imported([tmp_path / "a.csv"], load(place, Map), load(ROBOT, Robot))
+        by_map(tmp_path / "a.csv", columns=columns, files={"*": {"columns": {"x": tip["x"]}}})
 
 
 @pytest.mark.parametrize(
@@ -146,7 +125,7 @@ def test_the_tip_of_some_files_may_be_given_by_them_alone(tmp_path: Path) -> Non
 )
 def test_what_is_wrong_under_files_is_named(own: dict[str, Any], said: str, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=said):
-        read_all(tmp_path, {"a.csv": text(FEW, headings=NAMES, change=with_middle)}, files={"*": own})
+        read_all(tmp_path, {"a.csv": WHOLE}, files={"*": own})
 
 
 def test_files_are_read_in_the_order_of_their_times_or_as_people_count(tmp_path: Path) -> None:
@@ -157,7 +136,7 @@ def test_files_are_read_in_the_order_of_their_times_or_as_people_count(tmp_path:
     made = read_all(tmp_path, {"late.csv": at(1000), "early.csv": at(0)})
     assert any("in the order of their times: early.csv, late.csv" in n for n in made.notes)
     assert made.table["t"][STATES] == pytest.approx(1000)
-    plain = text(FEW, headings=NAMES, change=with_middle)
+    plain = WHOLE
     runs = tmp_path / "runs"
     runs.mkdir()
     for n in (10, 2, 1):
@@ -185,7 +164,7 @@ def on_the_clock(start: int) -> str:
 def test_files_are_read_in_the_order_of_the_clock(starts: tuple[int, int], order: list[str], says: str, tmp_path: Path) -> None:
     columns = COLUMNS | {"t": "Uhrzeit"}
     contents = {name: on_the_clock(start) for name, start in zip(("a.csv", "b.csv"), starts, strict=True)}
-    made = read_all(tmp_path, contents, columns={n: {"column": c} for n, c in columns.items()})
+    made = read_all(tmp_path, contents, columns=plain(**columns))
     assert [s.path.name for s, _, _ in made.files] == order
     assert says in " ".join(made.notes) and bool(made.notes) == bool(says)
     assert (np.diff(made.table["t"]) > 0).all()
@@ -194,7 +173,7 @@ def test_files_are_read_in_the_order_of_the_clock(starts: tuple[int, int], order
 # ------------------------------------------------------------------ times
 def test_a_file_written_backwards_is_read_forwards(tmp_path: Path) -> None:
     made = read_all(tmp_path, {"a.csv": text(FEW[::-1], headings=NAMES, change=with_middle)})
-    assert tips(made)[:, 2] == pytest.approx([r[6] for r in FEW], abs=1e-3)
+    assert tips(made.table)[:, 2] == pytest.approx([r[6] for r in FEW], abs=1e-3)
     assert any("from its end to its begin" in n for n in made.notes)
 
 
@@ -206,11 +185,11 @@ def test_times_that_begin_again_begin_a_trial_and_late_rows_are_put_in_order(tmp
     late = [*FEW[:8], FEW[9], FEW[8], *FEW[10:]]
     made = read_all(tmp_path, {"a.csv": text(late, headings=NAMES, change=with_middle)})
     assert any("1 rows are earlier than the row before (first in line 11)" in n for n in made.notes)
-    assert tips(made)[:, 2] == pytest.approx([r[6] for r in FEW], abs=1e-3)
+    assert tips(made.table)[:, 2] == pytest.approx([r[6] for r in FEW], abs=1e-3)
 
 
 def test_a_row_without_a_time_at_the_end_is_no_state(tmp_path: Path) -> None:
-    content = text(FEW, headings=NAMES, change=with_middle) + ",11.0,11.0,11.0,0,0,147,0,0,70\n"
+    content = WHOLE + ",11.0,11.0,11.0,0,0,147,0,0,70\n"
     made = read_all(tmp_path, {"a.csv": content})
     assert len(made.table) == STATES and any("1 of 31 rows stand before or behind all times" in n for n in made.notes)
 
@@ -218,20 +197,14 @@ def test_a_row_without_a_time_at_the_end_is_no_state(tmp_path: Path) -> None:
 # ------------------------------------------------------------------ units
 def test_a_unit_that_is_none_of_the_quantity_is_asked_about(tmp_path: Path) -> None:
     content = text(FEW, headings=[n.replace("p3 [kPa]", "p3 [V]") for n in NAMES], change=with_middle)
-    columns = {n: {"column": c} for n, c in COLUMNS.items()} | {"p3": {"column": "p3 [V]"}}
+    columns = plain(**COLUMNS) | {"p3": {"column": "p3 [V]"}}
     with pytest.raises(ConfigError, match=r"a.csv: column 'p3 \[V\]' \(columns.p3\): the file says 'V' .*write columns.p3.unit"):
         read_all(tmp_path, {"a.csv": content}, columns=columns)
 
 
-def test_a_unit_of_the_map_against_that_of_the_file_is_noted(tmp_path: Path) -> None:
-    columns = {n: {"column": c} for n, c in COLUMNS.items()} | {"p3": {"column": "p3 [kPa]", "unit": "bar"}}
-    made = read_all(tmp_path, {"a.csv": text(FEW, headings=NAMES, change=with_middle)}, columns=columns)
-    assert any("'p3 [kPa]' (columns.p3): the file says kPa, the map bar, which is taken" in n for n in made.notes)
-
-
 def test_columns_and_files_of_which_the_same_is_said_share_a_note(tmp_path: Path) -> None:
     columns = {n: {"column": c, **({"unit": "cm"} if c.endswith("[mm]") else {})} for n, c in COLUMNS.items()}
-    contents = {name: text(FEW, headings=NAMES, change=with_middle) for name in ("a.csv", "b.csv")}
+    contents = dict.fromkeys(("a.csv", "b.csv"), WHOLE)
     made = read_all(tmp_path, contents, columns=columns)
     (said,) = [n for n in made.notes if "the file says" in n]
     assert said.startswith("a.csv, b.csv: columns '") and "the map cm" in said
@@ -243,11 +216,9 @@ def test_each_column_has_its_own_unit(tmp_path: Path) -> None:
         return [cells[0], f"{float(cells[1]) / 100:.5f}", *cells[2:6], f"{float(cells[6]) / 25.4:.6f}"]
 
     names = ("Time [s]", "P1 [bar]", "P2 [kPa]", "P3 [kPa]", "Tip X [mm]", "Tip Y [mm]", "Tip Z (in)")
-    (tmp_path / "a.csv").write_text(text(FEW, headings=names, change=change))
-    _, place = guessed(tmp_path / "a.csv")
-    made = imported([tmp_path / "a.csv"], load(place, Map), load(ROBOT, Robot))
-    assert tips(made) == pytest.approx(np.array(FEW)[:, 4:], abs=2e-3)
-    assert np.column_stack([made.table[f"p{i}"] for i in (1, 2, 3)]) / 1e3 == pytest.approx(np.array(FEW)[:, 1:4], abs=2e-3)
+    _, made = through(tmp_path / "a.csv", text(FEW, headings=names, change=change))
+    assert tips(made.table) == pytest.approx(np.array(FEW)[:, 4:], abs=2e-3)
+    assert pressures(made.table) == pytest.approx(np.array(FEW)[:, 1:4], abs=2e-3)
 
 
 @pytest.mark.parametrize("names", [("pset{}", "pist{}"), ("P{}_SP", "P{}_PV"), ("Soll {}", "Druck {}"), ("p{}_cmd", "p{}")])
@@ -265,12 +236,8 @@ def test_measured_pressures_are_preferred_to_set_points(names: tuple[str, str], 
 
 
 @pytest.mark.parametrize(("name", "remedy"), [("a.xlsx", "export it as CSV"), ("a.db3", "convert"), ("a.mcap.zstd", "unpack")])
-def test_the_exit_code_of_a_file_of_an_unknown_kind_is_2(
-    name: str, remedy: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_exit_code_of_a_file_of_an_unknown_kind_is_2(name: str, remedy: str, tmp_path: Path, cli: Cli) -> None:
     (tmp_path / name).write_bytes(b"SQLite format 3\0")
-    values = {"columns": {n: {"column": c} for n, c in COLUMNS.items()}, "robot": str(ROBOT)}
-    (tmp_path / "map.yaml").write_text(yaml.safe_dump(values))
+    (tmp_path / "map.yaml").write_text(yaml.safe_dump({"columns": plain(**COLUMNS), "robot": str(ROBOT)}))
     words = ["import", str(tmp_path / name), "--map", str(tmp_path / "map.yaml"), "--out", str(tmp_path / "c")]
-    assert main(words) == 2
-    assert remedy in " ".join(capsys.readouterr().err.split())
+    assert remedy in cli(*words, code=2).flat_err

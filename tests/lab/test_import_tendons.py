@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-import json
+import itertools
 import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import yaml
+from commands import Cli, Done
+from foreign import plain
 
 import lab
 from diagnosis.diagnose import Options, diagnose
-from lab.cli import main
 from lab.files.inputs import read_case
 from lab.imports.columns import judge
 from lab.imports.headings import heading, tendon
@@ -21,6 +25,7 @@ from lab.pages.diagnosis_report import write
 from lab.verbs.diagnose import show, write_protocols
 from model.effects import CATALOGUE
 from model.prediction import Predictor
+from recordings.trials import Table
 
 ROBOT = """\
 name: trunk
@@ -40,154 +45,162 @@ markers: [90 mm]
 """
 
 
-def trunk(folder: Path, word: str) -> Path:
-    """Three tendons pulled in turn to 4 N, twice; y of the cameras points up, against the hanging body."""
-    folder.mkdir()
-    (folder / "robot.yaml").write_text(ROBOT)
-    tensions = [f"{word}{k} [N]" for k in (1, 2, 3)]
-    lines = [";".join(["Zeit [s]", *tensions, *(f"{m}_{a} [mm]" for m in ("Spitze", "Mitte") for a in "xyz")])]
-    t = 0.0
-    for _ in range(2):
-        for k in range(3):
-            for pull in (0.0, 1.0, 2.0, 3.0, 4.0, 2.0, 0.0):
-                turn, towards = 0.22 * pull, np.radians(120.0 * k)
-                aside, along = 180 * (1 - np.cos(turn)) / max(turn, 1e-9), 180 * np.sinc(turn / np.pi)
-                body = np.array([aside * np.cos(towards), aside * np.sin(towards), along])
-                half = np.array([aside * np.cos(towards) / 4, aside * np.sin(towards) / 4, along / 2 + 0.01 * pull])
-                seen = [v for b in (body, half + [14, 0, 0]) for v in (700 + b[0], -b[2], 40 + b[1])]  # 14 mm: on the skin
-                row = [t, *(pull if k == j else 0.0 for j in range(3)), *seen]
-                lines.append(";".join(f"{v:.3f}".replace(".", ",") for v in row))
-                t += 3.0
-    (folder / "table.csv").write_text("\n".join(lines) + "\n")
-    return folder
-
-
 TIP, MIDDLE = (tuple(f"{m}_{a} [mm]" for a in "xyz") for m in ("Spitze", "Mitte"))
 COLUMNS: dict[str, dict[str, object]] = {f"p{k}": {"column": f"Seil_{k} [N]", "unit": "N"} for k in (1, 2, 3)}
-COLUMNS |= {"t": {"column": "Zeit [s]"}} | {a: {"column": column} for a, column in zip("xyz", TIP, strict=True)}
+COLUMNS |= plain(t="Zeit [s]", **dict(zip("xyz", TIP, strict=True)))
 FRAME = {"x": "x", "y": "z", "z": "-y"}
 
 
-def mapped(lab: Path, columns: dict[str, dict[str, object]] = COLUMNS, **more: object) -> None:
-    """Write the map of a trunk's table."""
-    values = {"robot": "robot.yaml", "columns": columns, "frame": FRAME, "constants": {"spine_length": 0}, **more}
-    (lab / "map.yaml").write_text(yaml.safe_dump(values))
+def number(cell: str) -> float:
+    return float(cell.replace(",", "."))
 
 
-def by_map(lab: Path, out: Path) -> int:
-    """Import its table by its map; the exit code."""
-    return main(["import", str(lab / "table.csv"), "--map", str(lab / "map.yaml"), "--out", str(out)])
+def cell(value: float) -> str:
+    return f"{value:.3f}".replace(".", ",")
 
 
-def guessed(lab: Path, table: str = "table.csv") -> str:
-    """The map that is proposed for it."""
-    asked = ["import", str(lab / table), "--guess", "--robot", str(lab / "robot.yaml"), "--out", str(lab / "guessed")]
-    assert main(asked) == 0
-    return (lab / "guessed/map.yaml").read_text()
+class Trunk:
+    """A folder with a robot, its table, and a map: three tendons pulled in turn to 4 N, twice.
+
+    y of the cameras points up, against the hanging body.
+    """
+
+    def __init__(self, folder: Path, cli: Cli, word: str = "Seil_") -> None:
+        self.folder, self.cli = folder, cli
+        self.robot, self.table, self.map = (folder / name for name in ("robot.yaml", "table.csv", "map.yaml"))
+        folder.mkdir()
+        self.robot.write_text(ROBOT)
+        head = ["Zeit [s]", *(f"{word}{k} [N]" for k in (1, 2, 3)), *TIP, *MIDDLE]
+        rows, pulls = [], itertools.product(range(2), range(3), (0.0, 1.0, 2.0, 3.0, 4.0, 2.0, 0.0))
+        for n, (_, k, pull) in enumerate(pulls):
+            turn, towards = 0.22 * pull, np.radians(120.0 * k)
+            aside, along = 180 * (1 - np.cos(turn)) / max(turn, 1e-9), 180 * np.sinc(turn / np.pi)
+            body = np.array([aside * np.cos(towards), aside * np.sin(towards), along])
+            half = np.array([aside * np.cos(towards) / 4, aside * np.sin(towards) / 4, along / 2 + 0.01 * pull])
+            seen = [v for b in (body, half + [14, 0, 0]) for v in (700 + b[0], -b[2], 40 + b[1])]  # 14 mm: on the skin
+            rows.append([cell(v) for v in (3.0 * n, *(pull * (k == j) for j in range(3)), *seen)])
+        self.write(head, rows)
+
+    def write(self, head: list[str], rows: list[list[str]]) -> None:
+        self.table.write_text("".join(";".join(line) + "\n" for line in [head, *rows]))
+
+    def read(self) -> tuple[list[str], list[list[str]]]:
+        """Headings and cells of the table."""
+        head, *rows = (line.split(";") for line in self.table.read_text().splitlines())
+        return head, rows
+
+    def mapped(self, columns: dict[str, dict[str, object]] = COLUMNS, **more: object) -> None:
+        """Write its map."""
+        values = {"robot": "robot.yaml", "columns": columns, "frame": FRAME, "constants": {"spine_length": 0}, **more}
+        self.map.write_text(yaml.safe_dump(values))
+
+    @contextmanager
+    def changed(self) -> Iterator[dict[str, Any]]:
+        """What the map says, to be changed."""
+        values = yaml.safe_load(self.map.read_text())
+        yield values
+        self.map.write_text(yaml.safe_dump(values))
+
+    def imported(self, name: str = "case", code: int = 0) -> Done:
+        """Its table imported by its map, into a folder of this name beside its own."""
+        return self.cli("import", self.table, "--map", self.map, "--out", self.folder.with_name(name), code=code)
+
+    def case(self, name: str = "case") -> Table:
+        return read_case([self.folder.with_name(name)]).table
+
+    def guessed(self) -> tuple[str, Done]:
+        """The map that is proposed for it, and what was said."""
+        done = self.cli("import", self.table, "--guess", "--robot", self.robot, "--out", self.folder / "guessed")
+        return (self.folder / "guessed/map.yaml").read_text(), done
 
 
-def told(capsys: pytest.CaptureFixture[str]) -> str:
-    """What stands on stderr, as words between single blanks."""
-    return " ".join(capsys.readouterr().err.split())
+@pytest.fixture
+def trunk(tmp_path: Path, cli: Cli) -> Trunk:
+    return Trunk(tmp_path / "lab", cli)
+
+
+@pytest.fixture
+def known(trunk: Trunk) -> Trunk:
+    """With a map written by hand, by which it was imported."""
+    trunk.mapped(straight="first state", trials={"begin": "rest"})
+    trunk.imported()
+    return trunk
 
 
 @pytest.mark.parametrize("word", ["Seil_", "tension ", "F", "Zugkraft", "Seilzug ", "p"])
-def test_a_map_of_tensions_is_guessed_and_the_tip_goes_to_where_they_pull(
-    word: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    lab = trunk(tmp_path / "lab", word)
-    proposed = yaml.safe_load(guessed(lab))
-    said = " ".join(capsys.readouterr().out.split())
+def test_a_map_of_tensions_is_guessed_and_the_tip_goes_to_where_they_pull(word: str, tmp_path: Path, cli: Cli) -> None:
+    trunk = Trunk(tmp_path / "lab", cli, word)
+    text, done = trunk.guessed()
+    proposed = yaml.safe_load(text)
     assert proposed["columns"] | {f"p{k}": {"column": f"{word}{k} [N]", "unit": "N"} for k in (1, 2, 3)} == proposed["columns"]
-    assert proposed["frame"] == FRAME and "towards the tendons pulled" in said
+    assert proposed["frame"] == FRAME and "towards the tendons pulled" in done.flat_out
     for frame, doubted in ((FRAME, False), ({"x": "-x", "y": "-z", "z": "-y"}, True)):
-        (lab / "map.yaml").write_text(yaml.safe_dump(proposed | {"frame": frame}))
-        assert by_map(lab, tmp_path / f"case{doubted}") == 0
-        assert ("does not go to where the tensions pull it" in told(capsys)) == doubted
+        trunk.map.write_text(yaml.safe_dump(proposed | {"frame": frame}))
+        assert ("does not go to where the tensions pull it" in trunk.imported().flat_err) == doubted
 
 
-def test_a_frame_is_guessed_of_a_body_that_is_turned_in_its_mount(tmp_path: Path) -> None:
+def test_a_frame_is_guessed_of_a_body_that_is_turned_in_its_mount(trunk: Trunk) -> None:
     """Of one experiment in which all states are."""
-    lab = trunk(tmp_path / "lab", "Seil_")
-    head, *rows = (lab / "table.csv").read_text().splitlines()
-    (at,) = (head.split(";").index(f"Spitze_{a} [mm]") for a in "x")
-    turned = []
+    head, rows = trunk.read()
+    at = head.index("Spitze_x [mm]")
     for row in rows:
-        cells = row.split(";")
-        x, z = (float(cells[at + k].replace(",", ".")) for k in (0, 2))
         # a quarter about the base's z, which the file has as -y: x goes to z, z to -x
-        for k, v in ((0, 700 - (z - 40)), (2, 40 + (x - 700))):
-            cells[at + k] = f"{v:.3f}".replace(".", ",")
-        turned.append(";".join([*cells, "90"]))
-    (lab / "table.csv").write_text("\n".join([f"{head};roll_deg", *turned]) + "\n")
-    assert yaml.safe_load(guessed(lab))["frame"] == FRAME
+        row[at], row[at + 2] = cell(700 - (number(row[at + 2]) - 40)), cell(40 + (number(row[at]) - 700))
+        row.append("90")
+    trunk.write([*head, "roll_deg"], rows)
+    assert yaml.safe_load(trunk.guessed()[0])["frame"] == FRAME
 
 
-def test_a_robot_with_tendons_takes_no_column_of_pressures_for_one(tmp_path: Path) -> None:
-    lab = trunk(tmp_path / "lab", "Seil_")
-    (lab / "table.csv").write_text((lab / "table.csv").read_text().replace("Seil_1 [N]", "Seil_1 [kPa]", 1))
-    assert "Seil_1 [kPa]" not in str(yaml.safe_load(guessed(lab))["columns"].get("p1"))
+def test_a_robot_with_tendons_takes_no_column_of_pressures_for_one(trunk: Trunk) -> None:
+    trunk.table.write_text(trunk.table.read_text().replace("Seil_1 [N]", "Seil_1 [kPa]", 1))
+    assert "Seil_1 [kPa]" not in str(yaml.safe_load(trunk.guessed()[0])["columns"].get("p1"))
 
 
 @pytest.mark.parametrize("straight", ["first state", "first row"])
-def test_markers_too_are_taken_from_the_straight_robot(straight: str, tmp_path: Path) -> None:
-    lab = trunk(tmp_path / "lab", "Seil_")
-    mapped(lab, straight=straight, points={"m1": {"of": [list(MIDDLE)], "unit": "mm"}})
-    assert by_map(lab, tmp_path / "case") == 0
-    (first, *others) = read_case([tmp_path / "case"]).table.rows
+def test_markers_too_are_taken_from_the_straight_robot(straight: str, trunk: Trunk) -> None:
+    trunk.mapped(straight=straight, points={"m1": {"of": [list(MIDDLE)], "unit": "mm"}})
+    trunk.imported()
+    (first, *others) = trunk.case().rows
     assert first.markers[0] == pytest.approx((0.0, 0.0, 0.09), abs=1e-9)
     assert max(abs(r.markers[0][0]) for r in others) > 0.005
 
 
-def test_a_robot_at_rest_is_put_where_the_model_stands_under_its_weight(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_robot_at_rest_is_put_where_the_model_stands_under_its_weight(trunk: Trunk) -> None:
     """Its tip sags, and each trial's first reading has its own noise: their mean counts."""
-    own = trunk(tmp_path / "lab", "Seil_")
-    (own / "robot.yaml").write_text(ROBOT.replace("gravity: [0, 0, 9.81]", "gravity: [1, 0, 0]"))
-    robot = lab.load_robot(own / "robot.yaml")
-    sag = Predictor(robot)(np.zeros(3)).tip[0]
+    trunk.robot.write_text(ROBOT.replace("gravity: [0, 0, 9.81]", "gravity: [1, 0, 0]"))
+    sag = Predictor(lab.load_robot(trunk.robot))(np.zeros(3)).tip[0]
     assert sag[0] > 0.002
-    head, *rows = (own / "table.csv").read_text().splitlines()
-    noise = [0.3, -0.3] + [0.0] * len(rows)
-    for at, off in zip((i for i, r in enumerate(rows) if r.split(";")[1:4] == ["0,000"] * 3), noise, strict=False):
-        cells = rows[at].split(";")
-        cells[5] = f"{float(cells[5].replace(',', '.')) + off:.3f}".replace(".", ",")
-        rows[at] = ";".join(cells)
-    (own / "table.csv").write_text("\n".join([head, *rows]) + "\n")
-    proposed = guessed(own)
+    head, rows = trunk.read()
+    first, second, *_ = (row for row in rows if row[1:4] == ["0,000"] * 3)
+    for row, off in ((first, 0.3), (second, -0.3)):
+        row[5] = cell(number(row[5]) + off)
+    trunk.write(head, rows)
+    proposed, _ = trunk.guessed()
     assert "# CHECK: straight: at rest the tip is" in proposed and yaml.safe_load(proposed)["straight"] == "at rest"
-    (own / "map.yaml").write_text(proposed)
-    assert by_map(own, tmp_path / "case") == 0
-    tips = [r.tip for r in read_case([tmp_path / "case"]).table.rows if max(r.pressures) == 0 and r.step == 1]
+    trunk.map.write_text(proposed)
+    trunk.imported()
+    tips = [r.tip for r in trunk.case().rows if max(r.pressures) == 0 and r.step == 1]
     assert np.mean(np.array(tips), axis=0) == pytest.approx(sag, abs=1e-6)
 
 
 @pytest.mark.parametrize("gravity", [(0.0, 0.0, -9.81), (0.0, -9.81, 0.0)])
 def test_another_gravity_than_that_of_readings_put_at_rest_is_asked_about(
-    gravity: tuple[float, float, float], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    gravity: tuple[float, float, float], trunk: Trunk
 ) -> None:
     """A soft robot that hangs, whose readings `straight: at rest` moves to where the model stands."""
-    own = trunk(tmp_path / "lab", "Seil_")
     soft = ROBOT.replace("length: 180 mm", "length: 260 mm").replace("[90 mm]", "[130 mm]").replace("320 kPa", "220 kPa")
     hangs, stated = soft.replace("107 kPa", "73 kPa"), f"gravity: {list(gravity)}"
-    (own / "robot.yaml").write_text(hangs)
-    robot = lab.load_robot(own / "robot.yaml")
+    trunk.robot.write_text(hangs)
+    robot = lab.load_robot(trunk.robot)
     tensions = np.array([np.eye(3)[k] * pull for k in range(3) for pull in (0.0, 0.4, 0.8, 1.2, 0.0)])
     tips = [1e3 * Predictor(robot)(row * robot.actuators.words.pascal).tip[0] + (30, -20, 5) for row in tensions]
-    lines = [
-        "p1,p2,p3,x,y,z",
-        *(",".join(f"{v:.4f}" for v in (*p, *tip)) for p, tip in zip(tensions, tips, strict=True)),
-    ]
-    (own / "rest.csv").write_text("\n".join(lines) + "\n")
+    lines = [",".join(f"{v:.4f}" for v in (*p, *tip)) for p, tip in zip(tensions, tips, strict=True)]
+    trunk.table.write_text("\n".join(["p1,p2,p3,x,y,z", *lines]) + "\n")
     columns = {f"p{k}": {"column": f"p{k}", "unit": "N"} for k in (1, 2, 3)} | {a: {"column": a, "unit": "mm"} for a in "xyz"}
-    (own / "map.yaml").write_text(yaml.safe_dump({"robot": "robot.yaml", "columns": columns, "straight": "at rest"}))
+    trunk.map.write_text(yaml.safe_dump({"robot": "robot.yaml", "columns": columns, "straight": "at rest"}))
     for text, asked in ((hangs, False), (hangs.replace("gravity: [0, 0, 9.81]", stated), True)):
-        (own / "robot.yaml").write_text(text.replace("markers: [130 mm]\n", ""))
-        out = str(tmp_path / f"case{asked}")
-        assert main(["import", str(own / "rest.csv"), "--map", str(own / "map.yaml"), "--out", out]) == 0
-        said = told(capsys)
-        assert ("mm with [0, 0, 9.81]: does gravity point down" in said) is asked, said
+        trunk.robot.write_text(text.replace("markers: [130 mm]\n", ""))
+        assert ("mm with [0, 0, 9.81]: does gravity point down" in trunk.imported().flat_err) is asked
 
 
 @pytest.mark.parametrize(
@@ -201,46 +214,32 @@ def test_another_gravity_than_that_of_readings_put_at_rest_is_asked_about(
     ],
 )
 def test_places_that_are_no_points_along_the_body_are_asked_about(
-    tip: tuple[str, ...], marker: tuple[str, ...], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tip: tuple[str, ...], marker: tuple[str, ...], said: str, trunk: Trunk
 ) -> None:
-    lab = trunk(tmp_path / "lab", "Seil_")
-    head, *rows = (lab / "table.csv").read_text().splitlines()
-    one_sided = [r for r in rows if r.split(";")[2:4] == ["0,000", "0,000"]]
-    (lab / "table.csv").write_text("\n".join([head, *one_sided]) + "\n")
+    head, rows = trunk.read()
+    trunk.write(head, [row for row in rows if row[2:4] == ["0,000", "0,000"]])
     places = {a: {"column": c.lstrip("-"), "scale": -1 if c[0] == "-" else 1} for a, c in zip("xyz", tip, strict=True)}
-    mapped(lab, COLUMNS | places, straight="at rest", points={"m1": {"of": [list(marker)], "unit": "mm"}})
-    code, doubts = by_map(lab, tmp_path / "case"), told(capsys)
-    assert code == 0 and (said in doubts if said else doubts == ""), doubts
+    trunk.mapped(COLUMNS | places, straight="at rest", points={"m1": {"of": [list(marker)], "unit": "mm"}})
+    doubts = trunk.imported().flat_err
+    assert said in doubts if said else doubts == "", doubts
 
 
-def test_a_base_that_the_map_places_is_subtracted_from_tip_and_markers(tmp_path: Path) -> None:
-    own = trunk(tmp_path / "lab", "Seil_")
+def test_a_base_that_the_map_places_is_subtracted_from_tip_and_markers(trunk: Trunk) -> None:
     places = {a: {"column": c, "zero": z} for a, c, z in zip("xyz", TIP, (700.0, 0.0, 40.0), strict=True)}
-    mapped(own, COLUMNS | places, points={"m1": {"of": [list(MIDDLE)], "unit": "mm"}})
-    assert by_map(own, tmp_path / "case") == 0
-    (first, *_) = read_case([tmp_path / "case"]).table.rows
+    trunk.mapped(COLUMNS | places, points={"m1": {"of": [list(MIDDLE)], "unit": "mm"}})
+    trunk.imported()
+    (first, *_) = trunk.case().rows
     assert first.tip == pytest.approx((0.0, 0.0, 0.18), abs=1e-6)
     assert first.markers[0] == pytest.approx((0.014, 0.0, 0.09), abs=1e-6)
 
 
-def test_tensions_ten_times_too_large_are_asked_about(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    imported(tmp_path)
-    assert "times as far as a beam" not in told(capsys)
-    text = yaml.safe_load((tmp_path / "lab/map.yaml").read_text())
-    for k in (1, 2, 3):
-        text["columns"][f"p{k}"]["scale"] = 10
-    (tmp_path / "lab/map.yaml").write_text(yaml.safe_dump(text))
-    assert by_map(tmp_path / "lab", tmp_path / "other") == 0
+def test_tensions_ten_times_too_large_are_asked_about(known: Trunk) -> None:
+    assert "times as far as a beam" not in known.imported().flat_err
+    with known.changed() as values:
+        for k in (1, 2, 3):
+            values["columns"][f"p{k}"]["scale"] = 10
     wanted = r"the tip moves 0\.\d+ times as far as a beam .* under these tensions: check the unit and scale of the"
-    assert re.search(wanted, told(capsys))
-
-
-def imported(folder: Path) -> Path:
-    """The case of a trunk, its map written by hand."""
-    lab = trunk(folder / "lab", "Seil_")
-    mapped(lab, straight="first state", trials={"begin": "rest"})
-    assert by_map(lab, folder / "case") == 0
-    return folder / "case"
+    assert re.search(wanted, known.imported("other").flat_err)
 
 
 OF_CHAMBERS = re.compile(
@@ -250,9 +249,9 @@ OF_CHAMBERS = re.compile(
 
 
 def test_answer_page_and_proposals_of_a_robot_with_tendons_speak_of_tendons_and_newtons(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    known: Trunk, tmp_path: Path, cli: Cli, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    case = read_case([imported(tmp_path)])
+    case = read_case([known.folder.with_name("case")])
     few = {e: CATALOGUE[e] for e in ("pressure_offset", "chamber_azimuth")}
     found = diagnose(case, Options(catalogue=few))
     capsys.readouterr()
@@ -269,185 +268,129 @@ def test_answer_page_and_proposals_of_a_robot_with_tendons_speak_of_tendons_and_
     highest = max(float(row.split(",")[head.split(",").index("p3 [N]")]) for row in rows)
     assert highest == pytest.approx(max(first.protocol["pressures"]) / 1e4)
     words = ["predict", "--robot", str(tmp_path / "case/robot.yaml"), "--table"]
-    assert main([*words, str(tmp_path / f"next/{first.id}.csv"), "--out", str(tmp_path / "tips.csv")]) == 0
-    assert "p in N" in capsys.readouterr().out
+    assert "p in N" in cli(*words, tmp_path / f"next/{first.id}.csv", "--out", tmp_path / "tips.csv").out
 
 
-def test_predict_takes_tensions_in_newtons_and_asks_about_small_pressures(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+NEWTONS = "p1 [N],p2,p3[N]\n2.5,0,0\n"
+
+
+def test_predict_takes_tensions_in_newtons_and_asks_about_small_pressures(tmp_path: Path, cli: Cli) -> None:
     robot, table = tmp_path / "robot.yaml", tmp_path / "states.csv"
     robot.write_text(ROBOT + "max_pressure: 5 N/cm^2\n")
-    found = []
-    for text in ("p1 [N],p2,p3[N]\n2.5,0,0\n", "p1,p2,p3\n25000,0,0\n"):
+
+    def predicted(text: str, *words: str, code: int = 0) -> Done:
         table.write_text(text)
-        assert main(["predict", "--robot", str(robot), "--table", str(table), "--json"]) == 0
-        found.append(json.loads(capsys.readouterr().out)["states"][0])
-    assert found[0] == pytest.approx(found[1]) and found[0]["x"] > 0.01
+        return cli("predict", "--robot", robot, *(words or ("--table",)), table, code=code)
+
+    in_newtons, in_pascal = (predicted(t, "--json", "--table").json["states"][0] for t in (NEWTONS, "p1,p2,p3\n25000,0,0\n"))
+    assert in_newtons == pytest.approx(in_pascal) and in_newtons["x"] > 0.01
     for text, says in (("p1\n2.5\n", "name the column 'p1 [N]'"), ("p1,p1 [N]\n0,2.5\n", "name one tendon")):
-        table.write_text(text)
-        assert main(["predict", "--robot", str(robot), "--table", str(table)]) == 2
-        assert says in told(capsys)
-    table.write_text("p1 [N]\n6\n")
-    assert main(["predict", "--robot", str(robot), "--table", str(table)]) == 0
-    assert "up to 6 N are asked for, robot.yaml allows 5 N" in capsys.readouterr().err
-    targets = tmp_path / "targets.csv"
-    targets.write_text("x,y,z\n0.03,,\n")
-    assert main(["predict", "--robot", str(robot), "--inverse", str(targets)]) == 0
-    said = capsys.readouterr().out
+        assert says in predicted(text, code=2).flat_err
+    assert "up to 6 N are asked for, robot.yaml allows 5 N" in predicted("p1 [N]\n6\n").err
+    said = predicted("x,y,z\n0.03,,\n", "--inverse").out
     assert "N (tendons)" in said and not OF_CHAMBERS.search(said)
 
 
 @pytest.mark.parametrize(
     ("heading", "unit", "says"),
-    [
-        ("Seil_1 [N]", "kPa", "column 'Seil_1 [N]' (columns.p1): the file says N, the map kPa"),
-        ("Seil_1 [V]", "N/cm^2", "column 'Seil_1 [V]' (columns.p1): the file says V, the map N/cm^2"),
-        ("Seil_1 [bar]", "kPa", "column 'Seil_1 [bar]' (columns.p1): the file says bar, the map kPa"),
-        ("Seil_1 [N]", "N/cm^2", ""),
-    ],
+    [("Seil_1 [N]", "kPa", "N"), ("Seil_1 [V]", "N/cm^2", "V"), ("Seil_1 [bar]", "kPa", "bar"), ("Seil_1 [N]", "N/cm^2", "")],
 )
-def test_a_unit_of_the_file_that_contradicts_the_map_is_asked_about(
-    heading: str, unit: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    imported(tmp_path)
-    lab = tmp_path / "lab"
-    (lab / "table.csv").write_text((lab / "table.csv").read_text().replace("Seil_1 [N]", heading))
-    values = yaml.safe_load((lab / "map.yaml").read_text())
-    values["columns"]["p1"] = {"column": heading, "unit": unit}
-    (lab / "map.yaml").write_text(yaml.safe_dump(values))
-    capsys.readouterr()
-    by_map(lab, tmp_path / "case")
-    said = told(capsys)
-    assert (says in said) if says else ("the file says" not in said)
+def test_a_unit_of_the_file_that_contradicts_the_map_is_asked_about(heading: str, unit: str, says: str, known: Trunk) -> None:
+    known.table.write_text(known.table.read_text().replace("Seil_1 [N]", heading))
+    with known.changed() as values:
+        values["columns"]["p1"] = {"column": heading, "unit": unit}
+    said = known.cli("import", known.table, "--map", known.map, "--out", known.folder.with_name("case"), code=(0, 2)).flat_err
+    told = f"column '{heading}' (columns.p1): the file says {says}, the map {unit}"
+    assert told in said if says else "the file says" not in said
 
 
 @pytest.mark.parametrize(("straight", "aside", "asked"), [("", 30, True), ("first state", 30, False), ("", 2, False)])
 def test_a_resting_tip_that_no_body_reaches_asks_for_the_straight_state(
-    straight: str, aside: float, asked: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    straight: str, aside: float, asked: bool, known: Trunk
 ) -> None:
-    imported(tmp_path)
-    lab = tmp_path / "lab"
-    values = yaml.safe_load((lab / "map.yaml").read_text())
-    values.pop("straight")
-    values |= {"straight": straight} if straight else {}
-    (lab / "map.yaml").write_text(yaml.safe_dump(values))
-    head, *rows = (lab / "table.csv").read_text().splitlines()
-    moved = []
+    with known.changed() as values:
+        values.pop("straight")
+        values |= {"straight": straight} if straight else {}
+    head, rows = known.read()
     for row in rows:
-        cells = row.split(";")
-        place = [float(c.replace(",", ".")) for c in cells[4:7]]
-        place = [place[0] - 700 + aside, place[1] - (20 if aside > 10 else 0), place[2] - 40]
-        moved.append(";".join([*cells[:4], *(f"{p:.3f}".replace(".", ",") for p in place), *cells[7:]]))
-    (lab / "table.csv").write_text("\n".join([head, *moved]) + "\n")
-    capsys.readouterr()
-    assert by_map(lab, tmp_path / "case") == 0
-    said = told(capsys)
+        x, y, z = map(number, row[4:7])
+        row[4:7] = map(cell, (x - 700 + aside, y - (20 if aside > 10 else 0), z - 40))
+    known.write(head, rows)
+    said = known.imported().flat_err
     assert ("at rest the tip is 30 mm off the axis and 202 mm from the origin, the robot is 180 mm long" in said) == asked
     assert ("straight: at rest" in said) == asked
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
+    ("columns", "frame", "says"),
     [
-        ({}, ""),
-        ({"columns": {"p1": "Seil_2 [N]", "p2": "Seil_1 [N]"}}, "an exchange of columns p1 and p2"),
-        ({"frame": {"x": "x", "y": "-y", "z": "z"}}, "y seems to be the robot's axis"),
+        ({}, FRAME, ""),
+        ({"p1": "Seil_2 [N]", "p2": "Seil_1 [N]"}, FRAME, "an exchange of columns p1 and p2"),
+        ({}, {"x": "x", "y": "-y", "z": "-z"}, "y seems to be the robot's axis"),
     ],
 )
 def test_exchanged_tendons_and_axes_are_asked_about_at_import_and_by_compare(
-    change: dict[str, dict[str, str]], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    columns: dict[str, str], frame: dict[str, str], says: str, known: Trunk
 ) -> None:
-    imported(tmp_path)
-    lab = tmp_path / "lab"
-    values = yaml.safe_load((lab / "map.yaml").read_text())
-    for name, column in change.get("columns", {}).items():
-        values["columns"][name]["column"] = column
-    values["frame"] = {"x": "x", "y": "-y", "z": "-z"} if "frame" in change else values["frame"]
-    (lab / "map.yaml").write_text(yaml.safe_dump(values))
-    capsys.readouterr()
-    assert by_map(lab, tmp_path / "case") == 0
-    at_import = told(capsys)
-    assert main(["compare", str(tmp_path / "case")]) == 0
-    compared = told(capsys)
-    assert all((says in said) if says else ("the tip" not in said) for said in (at_import, compared))
+    with known.changed() as values:
+        values["frame"] = frame
+        for name, column in columns.items():
+            values["columns"][name]["column"] = column
+    for said in (known.imported().flat_err, known.cli("compare", known.folder.with_name("case")).flat_err):
+        assert says in said if says else "the tip" not in said
 
 
 @pytest.mark.parametrize("spelt", ["Knoten4_{} [mm]", "Knoten4 {} (mm)", "Knoten4.{}", "knoten4_{}_mm"])
-def test_a_marker_is_named_without_its_axes_however_the_file_writes_them(
-    spelt: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    imported(tmp_path)
-    lab = tmp_path / "lab"
-    text = (lab / "table.csv").read_text()
+def test_a_marker_is_named_without_its_axes_however_the_file_writes_them(spelt: str, known: Trunk, tmp_path: Path) -> None:
+    text = known.table.read_text()
     for axis in "xyz":
         text = text.replace(f"Spitze_{axis} [mm]", spelt.format(axis))
-    (lab / "table.csv").write_text(text)
-    values = yaml.safe_load((lab / "map.yaml").read_text())
-    for axis in "xyz":
-        values["columns"].pop(axis)
-    values["points"] = {"tip": {"of": ["Knoten4"], "unit": "mm"}}
-    (lab / "map.yaml").write_text(yaml.safe_dump(values))
-    assert by_map(lab, tmp_path / "again") == 0
+    known.table.write_text(text)
+    with known.changed() as values:
+        values["columns"] = {n: c for n, c in values["columns"].items() if n not in tuple("xyz")}
+        values["points"] = {"tip": {"of": ["Knoten4"], "unit": "mm"}}
+    known.imported("again")
     assert (tmp_path / "again/trials.csv").read_text() == (tmp_path / "case/trials.csv").read_text()
-    values["points"]["tip"]["of"] = ["Knoten"]
-    (lab / "map.yaml").write_text(yaml.safe_dump(values))
-    capsys.readouterr()
-    assert by_map(lab, tmp_path / "again") == 2
-    said = told(capsys)
+    with known.changed() as values:
+        values["points"]["tip"]["of"] = ["Knoten"]
+    said = known.imported("again", code=2).flat_err
     assert f"there are '{spelt.format('x')}'" in said and "[[Knoten_x, Knoten_y, Knoten_z]]" in said
 
 
 @pytest.mark.parametrize("guessed", [True, False])
-def test_a_note_of_the_user_among_the_tables_is_left_out(
-    guessed: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    imported(tmp_path)
-    lab = tmp_path / "lab"
+def test_a_note_of_the_user_among_the_tables_is_left_out(guessed: bool, known: Trunk, tmp_path: Path, cli: Cli) -> None:
     measured = tmp_path / "measured"
     measured.mkdir()
     (measured / "a note.txt").write_text("camera 2 was moved before lunch\nask Jonas\n")
-    (measured / "table.csv").write_text((lab / "table.csv").read_text())
-    way = ["--guess", "--robot", str(lab / "robot.yaml")] if guessed else ["--map", str(lab / "map.yaml")]
-    capsys.readouterr()
-    assert main(["import", str(measured), *way, "--out", str(tmp_path / "out")]) == 0
-    made = capsys.readouterr()
-    assert "42 states" in made.out and "a note.txt" in " ".join(made.err.split())
-    assert main(["import", str(measured / "a note.txt"), *way, "--out", str(tmp_path / "out")]) == 2
+    (measured / "table.csv").write_text(known.table.read_text())
+    way = ["--guess", "--robot", known.robot] if guessed else ["--map", known.map]
+    made = cli("import", measured, *way, "--out", tmp_path / "out")
+    assert "42 states" in made.out and "a note.txt" in made.flat_err
+    cli("import", measured / "a note.txt", *way, "--out", tmp_path / "out", code=2)
 
 
-def with_base(lab: Path) -> str:
-    """The table of a trunk with a marker at its base."""
-    head, *lines = (lab / "table.csv").read_text().splitlines()
-    fixed = [f"{line};{700.01 + 0.02 * (k % 3):.3f};0,000;40,000".replace(".", ",") for k, line in enumerate(lines)]
-    (lab / "with_base.csv").write_text("\n".join([f"{head};Knoten1_x [mm];Knoten1_y [mm];Knoten1_z [mm]", *fixed]) + "\n")
-    return "with_base.csv"
+def test_a_marker_that_stands_still_is_the_base_and_those_of_robot_yaml_are_points_of_the_body(trunk: Trunk) -> None:
+    head, rows = trunk.read()
+    fixed = [f"Knoten1_{a} [mm]" for a in "xyz"]
+    trunk.write([*head, *fixed], [[*row, cell(700.01 + 0.02 * (k % 3)), "0,000", "40,000"] for k, row in enumerate(rows)])
+    proposed, done = trunk.guessed()
+    points = yaml.safe_load(proposed)["points"]
+    assert points["tip"]["against"] == points["m1"]["against"] == [fixed]
+    assert points["m1"]["of"] == [list(MIDDLE)]
+    assert "stands still" in done.flat_err and "not used" not in done.flat_err
+    trunk.robot.write_text(ROBOT.replace("markers: [90 mm]\n", ""))
+    proposed, done = trunk.guessed()
+    assert "points" in yaml.safe_load(proposed) and done.flat_err.count("Mitte_x [mm]") == 1
 
 
-def test_a_marker_that_stands_still_is_the_base_and_those_of_robot_yaml_are_points_of_the_body(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    lab = trunk(tmp_path / "lab", "Seil_")
-    points = yaml.safe_load(guessed(lab, with_base(lab)))["points"]
-    said = told(capsys)
-    fixed = [[f"Knoten1_{a} [mm]" for a in "xyz"]]
-    assert points["tip"]["against"] == points["m1"]["against"] == fixed
-    assert points["m1"]["of"] == [[f"Mitte_{a} [mm]" for a in "xyz"]]
-    assert "stands still" in said and "not used" not in said
-    (lab / "robot.yaml").write_text(ROBOT.replace("markers: [90 mm]\n", ""))
-    assert "points" in yaml.safe_load(guessed(lab, with_base(lab))) and told(capsys).count("Mitte_x [mm]") == 1
-
-
-def test_a_table_without_a_row_at_rest_has_a_map_proposed_and_marked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    lab = trunk(tmp_path / "lab", "Seil_")
-    head, *lines = (lab / "table.csv").read_text().splitlines()
-    pulled = [line for line in lines if any(float(c.replace(",", ".")) > 0 for c in line.split(";")[1:4])]
-    (lab / "table.csv").write_text("\n".join([head, *pulled]) + "\n")
-    proposed, said = guessed(lab), told(capsys)
-    assert "in no row with a tip is the robot at rest" in said and "# CHECK: frame: in no row" in proposed
-    columns = yaml.safe_load(proposed)["columns"]
-    assert columns["p3"]["column"] == "Seil_3 [N]" and columns["x"]["column"] == "Spitze_x [mm]"
-    assert "straight" not in yaml.safe_load(proposed)
+def test_a_table_without_a_row_at_rest_has_a_map_proposed_and_marked(trunk: Trunk) -> None:
+    head, rows = trunk.read()
+    trunk.write(head, [row for row in rows if any(number(c) > 0 for c in row[1:4])])
+    text, done = trunk.guessed()
+    assert "in no row with a tip is the robot at rest" in done.flat_err and "# CHECK: frame: in no row" in text
+    proposed = yaml.safe_load(text)
+    assert proposed["columns"]["p3"]["column"] == "Seil_3 [N]" and proposed["columns"]["x"]["column"] == "Spitze_x [mm]"
+    assert "straight" not in proposed
 
 
 def test_groups_of_tendons_are_no_clock_times() -> None:
@@ -466,78 +409,82 @@ def test_the_map_of_gaps_lists_single_tendons_first_and_the_rest_last() -> None:
     ]  # fmt: skip
 
 
-def test_power_says_the_plan_and_leaves_out_effects_of_parts_that_the_robot_has_not(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_power_says_the_plan_and_leaves_out_effects_of_parts_that_the_robot_has_not(tmp_path: Path, cli: Cli) -> None:
     (tmp_path / "robot.yaml").write_text(ROBOT)
     plan = ["--protocol", "bending", "--set", "pressures=[15 kPa, 35 kPa]", "--worlds", "2", "--no-additions"]
-    assert main(["power", "--robot", str(tmp_path / "robot.yaml"), *plan]) == 0
-    said = " ".join(capsys.readouterr().out.split())
+    said = cli("power", "--robot", tmp_path / "robot.yaml", *plan).flat_out
     assert "plan: 5 states in 1 trial, tendons up to 3.5 N, and robot.yaml states no max_pressure" in said
     assert "never seen in these states: time_offset" in said
     assert not re.search("spine|vacuum|ballooning|thrust", said)
 
 
-def test_an_arm_across_gravity_that_sags_as_its_robot_yaml_says_needs_no_straight_state(tmp_path: Path) -> None:
-    arm = ROBOT.replace("180 mm", "320 mm").replace("[0, 0, 9.81]", "[0, -9.81, 0]").replace("[90 mm]", "[]")
-    arm = arm.replace("320 kPa", "8 MPa").replace("107 kPa", "2.7 MPa")
-    (tmp_path / "robot.yaml").write_text(arm)
-    robot = lab.load_robot(tmp_path / "robot.yaml")
-    tensions = [[pull * (k == j) for j in range(3)] for k in range(3) for pull in (0.0, 20.0, 40.0, 0.0)]
-    tips = lab.predict(robot, np.multiply(tensions, 1e4)) * 1e3
-    assert abs(tips[0, 1]) > 0.05 * 320
+def predicted_table(trunk: Trunk, pulls: Sequence[float]) -> np.ndarray:
+    """Each tendon in turn pulled so far (N), and where the model of robot.yaml has the tip, mm; written as the trunk's table."""
+    tensions = [[pull * (k == j) for j in range(3)] for k in range(3) for pull in pulls]
+    tips = lab.predict(lab.load_robot(trunk.robot), np.multiply(tensions, 1e4)) * 1e3
     lines = ["t [s],F1 [N],F2 [N],F3 [N],tip x [mm],tip y [mm],tip z [mm]"]
     lines += [",".join(map(str, (3.0 * i, *f, *tip))) for i, (f, tip) in enumerate(zip(tensions, tips, strict=True))]
-    (tmp_path / "table.csv").write_text("\n".join(lines) + "\n")
-    assert "straight" not in yaml.safe_load(guessed(tmp_path))
+    trunk.table.write_text("\n".join(lines) + "\n")
+    return tips
+
+
+def test_an_arm_across_gravity_that_sags_as_its_robot_yaml_says_needs_no_straight_state(trunk: Trunk) -> None:
+    arm = ROBOT.replace("180 mm", "320 mm").replace("[0, 0, 9.81]", "[0, -9.81, 0]").replace("[90 mm]", "[]")
+    trunk.robot.write_text(arm.replace("320 kPa", "8 MPa").replace("107 kPa", "2.7 MPa"))
+    assert abs(predicted_table(trunk, (0.0, 20.0, 40.0, 0.0))[0, 1]) > 0.05 * 320
+    assert "straight" not in yaml.safe_load(trunk.guessed()[0])
+
+
+@pytest.mark.parametrize("gravity", ["[0, -9.81, 0]", "[0, 9.81, 0]"])
+def test_gravity_that_points_up_is_asked_about_at_import_and_by_compare(gravity: str, trunk: Trunk) -> None:
+    arm = ROBOT.replace("[90 mm]", "[]").replace("320 kPa", "900 kPa").replace("107 kPa", "300 kPa")
+    trunk.robot.write_text(arm.replace("[0, 0, 9.81]", "[0, -9.81, 0]"))
+    predicted_table(trunk, (0.0, 1.0, 2.0, 0.0))
+    trunk.robot.write_text(arm.replace("[0, 0, 9.81]", gravity))
+    columns = plain(t="t [s]", **{f"p{k}": f"F{k} [N]" for k in (1, 2, 3)}, **{a: f"tip {a} [mm]" for a in "xyz"})
+    trunk.map.write_text(yaml.safe_dump({"columns": columns, "trials": {"begin": "rest"}}))
+    for said in (trunk.imported().flat_err, trunk.cli("compare", trunk.folder.with_name("case")).flat_err):
+        assert ("mm with [0, -9.81, 0]: does gravity" in said) == ("[0, 9.81" in gravity)
 
 
 @pytest.mark.parametrize("azimuth", [0, 45])
-def test_axes_that_the_data_do_not_force_are_marked(azimuth: int, tmp_path: Path) -> None:
-    lab = trunk(tmp_path / "lab", "Seil_")
-    turned = f"[{azimuth}, {120 + azimuth}, {240 + azimuth}]"
-    (lab / "robot.yaml").write_text(ROBOT.replace("[0, 120, 240]", turned))
-    proposed = guessed(lab)
+def test_axes_that_the_data_do_not_force_are_marked(azimuth: int, trunk: Trunk) -> None:
+    trunk.robot.write_text(ROBOT.replace("[0, 120, 240]", f"[{azimuth}, {120 + azimuth}, {240 + azimuth}]"))
+    proposed, _ = trunk.guessed()
     assert ("# CHECK: frame.x, frame.y: with the base's x along the file's x" in proposed) == bool(azimuth)
     assert "# axis of the robot's base (z from base to tip): axis of the file" in proposed
 
 
-def with_rate(lab: Path) -> str:
-    head, *lines = (lab / "table.csv").read_text().splitlines()
-    return "\n".join([f"{head};Rate", *(f"{line};500,0" for line in lines)]) + "\n"
+def with_other_units(known: Trunk) -> None:
+    """A table with a rate, and a map of pressures in three units of a tendon's tension."""
+    head, rows = known.read()
+    known.write([*head, "Rate"], [[*row, "500,0"] for row in rows])
+    with known.changed() as values:
+        values["columns"]["p1"]["unit"], values["columns"]["p2"]["unit"] = "N", "N/cm^2"
+        del values["columns"]["p3"]["unit"]
+        values["columns"]["rate"] = {"column": "Rate", "unit": "mN/s"}
 
 
-@pytest.mark.parametrize(
-    ("robot", "refused"),
-    [(ROBOT, ""), (ROBOT.replace("tendons:", "chambers:\n  radius: 3 mm"), "the robot has chambers")],
-)
-def test_a_map_takes_newtons_of_tendons_alone(
-    robot: str, refused: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    before = read_case([imported(tmp_path)]).table
-    lab = tmp_path / "lab"
-    (lab / "robot.yaml").write_text(robot)
-    values = yaml.safe_load((lab / "map.yaml").read_text())
-    values["columns"]["p1"]["unit"], values["columns"]["p2"]["unit"] = "N", "N/cm^2"
-    del values["columns"]["p3"]["unit"]
-    (lab / "table.csv").write_text(with_rate(lab))
-    values["columns"]["rate"] = {"column": "Rate", "unit": "mN/s"}
-    (lab / "map.yaml").write_text(yaml.safe_dump(values))
-    capsys.readouterr()
-    assert by_map(lab, tmp_path / "again") == (2 if refused else 0)
-    said = capsys.readouterr()
-    if refused:
-        assert f"{lab / 'map.yaml'}: columns.p1.unit = 'N': p1 needs one of Pa" in said.err and refused in said.err
-        return
+def test_a_map_takes_newtons_of_tendons(known: Trunk, tmp_path: Path) -> None:
+    before = known.case()
+    with_other_units(known)
+    said = known.imported("again")
     assert not said.err and all(str(tmp_path / "again" / name) in said.out for name in ("robot.yaml", "trials.csv"))
-    found = read_case([tmp_path / "again"]).table
+    found = known.case("again")
     assert np.array_equal(found["p1"], before["p1"]) and np.array_equal(found["p3"], before["p3"])
     assert found["p1"].max() == pytest.approx(4e4) and set(found["rate"]) == {5e3}
-    values["columns"].pop("p3")
-    values["constants"]["p3"] = "500 mN"
-    (lab / "map.yaml").write_text(yaml.safe_dump(values))
-    assert by_map(lab, tmp_path / "again") == 0
-    assert set(read_case([tmp_path / "again"]).table["p3"]) == {5e3}
+    with known.changed() as values:
+        values["columns"].pop("p3")
+        values["constants"]["p3"] = "500 mN"
+    known.imported("again")
+    assert set(known.case("again")["p3"]) == {5e3}
+
+
+def test_a_map_takes_no_newtons_of_chambers(known: Trunk) -> None:
+    known.robot.write_text(ROBOT.replace("tendons:", "chambers:\n  radius: 3 mm"))
+    with_other_units(known)
+    said = known.imported("again", code=2).err
+    assert f"{known.map}: columns.p1.unit = 'N': p1 needs one of Pa" in said and "the robot has chambers" in said
 
 
 @pytest.mark.parametrize(
@@ -552,33 +499,8 @@ def test_words_for_a_tendon_in_several_languages(heading_: str, number: int | No
     assert tendon(heading(heading_)) == number
 
 
-def test_a_column_of_tendons_pulled_begins_trials(tmp_path: Path) -> None:
-    lab = trunk(tmp_path / "lab", "Zug_")
-    head, *lines = (lab / "table.csv").read_text().splitlines()
-    pulled = [f"{line};{1 + k // 7 % 3}" for k, line in enumerate(lines)]
-    (lab / "table.csv").write_text("\n".join([f"{head};Seile", *pulled]) + "\n")
-    proposed = guessed(lab)
-    assert yaml.safe_load(proposed)["trials"] == {"begin": "rest", "change": ["Seile"]}
-
-
-@pytest.mark.parametrize("gravity", ["[0, -9.81, 0]", "[0, 9.81, 0]"])
-def test_gravity_that_points_up_is_asked_about_at_import_and_by_compare(
-    gravity: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    arm = ROBOT.replace("[90 mm]", "[]").replace("320 kPa", "900 kPa").replace("107 kPa", "300 kPa")
-    place = tmp_path / "robot.yaml"
-    place.write_text(arm.replace("[0, 0, 9.81]", "[0, -9.81, 0]"))
-    pulls = [[pull * (k == j) for j in range(3)] for k in range(3) for pull in (0.0, 1.0, 2.0, 0.0)]
-    tips = lab.predict(lab.load_robot(place), np.multiply(pulls, 1e4)) * 1e3
-    lines = ["t [s],F1 [N],F2 [N],F3 [N],x [mm],y [mm],z [mm]"]
-    lines += [",".join(map(str, (3.0 * i, *f, *tip))) for i, (f, tip) in enumerate(zip(pulls, tips, strict=True))]
-    (tmp_path / "table.csv").write_text("\n".join(lines) + "\n")
-    place.write_text(arm.replace("[0, 0, 9.81]", gravity))
-    columns = {"t": "t [s]"} | {f"p{k}": f"F{k} [N]" for k in (1, 2, 3)} | {a: f"{a} [mm]" for a in "xyz"}
-    values = {"columns": {n: {"column": c} for n, c in columns.items()}, "trials": {"begin": "rest"}}
-    (tmp_path / "map.yaml").write_text(yaml.safe_dump(values))
-    said = []
-    for command in (["import", str(tmp_path / "table.csv"), "--map", str(tmp_path / "map.yaml"), "--out"], ["compare"]):
-        assert main([*command, str(tmp_path / "case")]) == 0
-        said.append(" ".join(capsys.readouterr().err.split()))
-    assert all(("mm with [0, -9.81, 0]: does gravity" in text) == ("[0, 9.81" in gravity) for text in said)
+def test_a_column_of_tendons_pulled_begins_trials(tmp_path: Path, cli: Cli) -> None:
+    trunk = Trunk(tmp_path / "lab", cli, "Zug_")
+    head, rows = trunk.read()
+    trunk.write([*head, "Seile"], [[*row, str(1 + k // 7 % 3)] for k, row in enumerate(rows)])
+    assert yaml.safe_load(trunk.guessed()[0])["trials"] == {"begin": "rest", "change": ["Seile"]}

@@ -1,37 +1,33 @@
-"""Where trials begin in tables of other laboratories: counts, names of chambers, rests, and columns that contradict them."""
+"""Where trials begin in tables of other laboratories, and maps that read the right file wrongly: each is asked about."""
 
 from __future__ import annotations
 
+import copy
 import itertools
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import foreign
 import numpy as np
 import pytest
 import yaml
-from test_import_tables import ROBOT, guessed
+from commands import Cli
+from foreign import AZIMUTHS, ROBOT, plain
+from matplotlib.figure import Figure
+from scipy.spatial.transform import Rotation
 
-from lab.cli import main
 from lab.files.config import ConfigError, load
-from lab.imports.map_file import Map
-from lab.imports.table import Imported, imported
+from lab.imports.table import Imported
+from lab.pages import import_figure
 from model.robot import Robot
 from recordings.table_file import read_csv
 
-OWN_TABLE = Path(__file__).parent.parent.parent / "examples" / "own_table"
+OWN_TABLE = Path(__file__).parents[2] / "examples" / "own_table"
 GROUPS = ((1,), (3,), (2,), (1, 3))
 TWO_RESTS, ONE_REST, NO_REST = (0, 150, 350, 150, 0), (0, 150, 350, 150), (150, 350, 150)
 """mbar"""
-HEADINGS = (
-    "Zeit [s]",
-    "Druck 1 [mbar]",
-    "Druck 2 [mbar]",
-    "Druck 3 [mbar]",
-    "Spitze X [mm]",
-    "Spitze Y [mm]",
-    "Spitze Z [mm]",
-)
+HEADINGS = ("Zeit [s]", "Druck 1 [mbar]", "Druck 2 [mbar]", "Druck 3 [mbar]", "Spitze X [mm]", "Spitze Y [mm]", "Spitze Z [mm]")
 Label = Callable[[int, int, tuple[int, ...], int, int], Sequence[str]]
 """Further cells of a row, from sweep, repeat, group, level and row, all from 0."""
 
@@ -42,8 +38,7 @@ def named(group: tuple[int, ...]) -> str:
 
 def tip(pressures: Sequence[float]) -> list[float]:
     """mm, away from the chambers inflated (mbar)."""
-    azimuths = np.radians([0.0, 120.0, 240.0])
-    away = -0.05 * np.array([np.cos(azimuths), np.sin(azimuths)]) @ np.array(pressures)
+    away = -0.05 * np.array([np.cos(AZIMUTHS), np.sin(AZIMUTHS)]) @ np.array(pressures)
     return [*away.tolist(), 150.0 - float(away @ away) / 180]
 
 
@@ -61,10 +56,7 @@ def table(
         for level, _ in itertools.product(range(len(levels)), range(each)):
             k = len(lines) - 1
             pressures = [levels[level] * (c in group) for c in (1, 2, 3)]
-            numbers = [
-                k * (7.0 if each == 1 else 0.05),
-                *(p + 0.4 * np.sin(2.1 * k + i) for i, p in enumerate(pressures)),
-            ]
+            numbers = [k * (7.0 if each == 1 else 0.05), *(p + 0.4 * np.sin(2.1 * k + i) for i, p in enumerate(pressures))]
             cells = [f"{v:.2f}".replace(".", ",") for v in [*numbers, *tip(pressures)]]
             lines.append(";".join([*cells, *label(sweep, repeat, group, level, k)]))
     return "\n".join(lines) + "\n"
@@ -72,18 +64,14 @@ def table(
 
 def through(folder: Path, content: str) -> tuple[dict[str, Any], list[str], Imported]:
     """The proposed map, what it asks, and the table that it makes."""
-    (folder / "versuche.csv").write_text(content)
-    made, place = guessed(folder / "versuche.csv")
-    robot = load(ROBOT, Robot)
-    return made.values, made.doubts, imported([folder / "versuche.csv"], load(place, Map), robot)
+    made, found = foreign.through(folder / "versuche.csv", content)
+    return made.values, made.doubts, found
 
 
 def by_map(folder: Path, content: str, **more: Any) -> Imported:
     (folder / "versuche.csv").write_text(content)
-    names = dict(zip(("t", "p1", "p2", "p3", "x", "y", "z"), HEADINGS, strict=True))
-    columns = {n: {"column": c} for n, c in names.items()} | more.pop("columns", {})
-    (folder / "map.yaml").write_text(yaml.safe_dump({"columns": columns, **more}))
-    return imported([folder / "versuche.csv"], load(folder / "map.yaml", Map), load(ROBOT, Robot))
+    names = zip(("t", "p1", "p2", "p3", "x", "y", "z"), HEADINGS, strict=True)
+    return foreign.by_map(folder / "versuche.csv", columns=plain(**dict(names)) | more.pop("columns", {}), **more)
 
 
 def lengths(made: Imported) -> list[int]:
@@ -95,13 +83,13 @@ def repeats(made: Imported) -> list[int]:
     return [next(r.repeat for r in made.table if r.trial == trial) for trial in range(1, len(lengths(made)) + 1)]
 
 
-def test_the_example_s_own_table_has_its_trials(tmp_path: Path) -> None:
-    words = ["import", str(OWN_TABLE / "sweep.csv"), "--robot", str(OWN_TABLE / "robot.yaml")]
-    assert main([*words, "--guess", "--out", str(tmp_path)]) == 0
+def test_the_example_s_own_table_has_its_trials(tmp_path: Path, cli: Cli) -> None:
+    words = ["import", OWN_TABLE / "sweep.csv", "--robot", OWN_TABLE / "robot.yaml"]
+    cli(*words, "--guess", "--out", tmp_path)
     proposed = (tmp_path / "map.yaml").read_text()
     assert "not used" not in proposed
     assert yaml.safe_load(proposed)["trials"] == {"begin": "rest", "change": ["chambers"]}
-    assert main([*words, "--map", str(tmp_path / "map.yaml"), "--out", str(tmp_path / "case")]) == 0
+    cli(*words, "--map", tmp_path / "map.yaml", "--out", tmp_path / "case")
     found = read_csv(tmp_path / "case" / "trials.csv")
     first = {r.trial: r for r in reversed(found.rows)}
     assert len(first) == 18 and [first[k].repeat for k in sorted(first)] == [1] * 6 + [2] * 6 + [3] * 6
@@ -245,3 +233,140 @@ def test_words_in_a_column_of_numbers_make_no_footer_of_the_last_sweep(tmp_path:
     assert len(made.table) == 16 and lengths(made) == [4] * 4 and not made.notes
     _, _, made = through(tmp_path, content + "Mittel;10;10;10;0;0;150;0\n")
     assert len(made.table) == 16 and any("line 18 is no row of numbers" in n for n in made.notes)
+
+
+# ------------------------------------------------------------------ the picture
+@pytest.mark.usefixtures("drawn")
+@pytest.mark.parametrize(
+    ("groups", "titles"),
+    [
+        (((2,),), ["p2"]),
+        (((1,), (3,), (1, 3), (1, 2, 3)), ["p1", "p3", "p1 + p3", "p1 + p2 + p3"]),
+        (((1,), (2,), (3,), (1, 2), (1, 3), (2, 3)), ["p1", "p2", "p3", "p1 + p2", "p1 + p3", "p2 + p3"]),
+    ],
+)  # fmt: skip
+def test_the_picture_has_a_panel_for_each_group_and_legends_beside_the_data(
+    groups: tuple[tuple[int, ...], ...], titles: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[Figure] = []
+    monkeypatch.setattr(import_figure, "save", lambda figure, path: drawn.append(figure))
+    made = by_map(tmp_path, table(ONE_REST, lambda *_: (), (), groups=groups), trials={"begin": "rest"})
+    import_figure.draw(made, load(ROBOT, Robot), tmp_path / "states.png")
+    (figure,) = drawn
+    figure.canvas.draw()
+    axes = [ax for ax in figure.axes if ax.axison]
+    assert [ax.get_title() for ax in axes if ax.get_title().startswith("p")] == titles
+    assert all(", " in ax.get_ylabel() for ax in axes)  # a quantity and its unit
+    legends = [legend for ax in axes if (legend := ax.get_legend()) is not None]
+    assert len(legends) == 2
+    for legend, ax in itertools.product(legends, axes):
+        assert not legend.get_window_extent().overlaps(ax.get_window_extent()), ax.get_ylabel()
+
+
+# ------------------------------------------------------------------ maps that read the right file wrongly
+ANGLES = ("phi x [deg]", "phi y [deg]", "phi z [deg]")
+HALF = ("mid x", "mid y", "mid z")
+EACH_AND_PAIRS = ((1,), (2,), (3,), (1, 2), (2, 3))
+
+
+def turned(group: tuple[int, ...], level: float) -> Rotation:
+    """Of an arc away from the chambers inflated (mbar)."""
+    away = -7e-4 * level * np.sum([[np.cos(AZIMUTHS[c - 1]), np.sin(AZIMUTHS[c - 1])] for c in group], axis=0)
+    return Rotation.from_rotvec([-away[1], away[0], 0.0])
+
+
+def cells(sweep: int, repeat: int, group: tuple[int, ...], level: int, row: int) -> list[str]:
+    """Angles about fixed axes, and a marker at half the length."""
+    angles = turned(group, TWO_RESTS[level]).as_euler("xyz", degrees=True)
+    away = np.sum([[np.cos(AZIMUTHS[c - 1]), np.sin(AZIMUTHS[c - 1])] for c in group], axis=0) * -0.0125 * TWO_RESTS[level]
+    return [f"{v:.3f}".replace(".", ",") for v in [*angles, *away, 75.0]]
+
+
+CONTENT = table(TWO_RESTS, cells, (*ANGLES, *HALF), groups=EACH_AND_PAIRS)
+RIGHT: dict[str, Any] = {
+    "columns": plain(**dict(zip(("t", "p1", "p2", "p3", "x", "y", "z"), HEADINGS, strict=True))),
+    "orientation": {"columns": list(ANGLES), "order": "euler xyz"},
+    "points": {"m1": {"of": [list(HALF)], "unit": "mm"}},
+    "trials": {"begin": "rest"},
+}
+Change = Callable[[dict[str, Any]], object]
+
+
+def exchange(a: str, b: str) -> Change:
+    def change(values: dict[str, Any]) -> None:
+        columns = values["columns"]
+        columns[a], columns[b] = columns[b], columns[a]
+
+    return change
+
+
+def column(name: str, **more: Any) -> Change:
+    return lambda values: values["columns"].setdefault(name, {}).update(more)
+
+
+def also(**more: Any) -> Change:
+    return lambda values: values.update(more)
+
+
+def told(folder: Path, content: str, values: dict[str, Any], cli: Cli) -> str:
+    """What the import notes or refuses."""
+    (folder / "a.csv").write_text(content)
+    (folder / "robot.yaml").write_text(ROBOT.read_text().replace("markers: [0.05, 0.10]", "markers: [0.075]"))
+    (folder / "map.yaml").write_text(yaml.safe_dump({"robot": "robot.yaml"} | values))
+    return cli("import", folder / "a.csv", "--map", folder / "map.yaml", "--out", folder / "case", code=(0, 2)).flat_err
+
+
+def test_a_right_map_is_not_asked_about(tmp_path: Path, cli: Cli) -> None:
+    assert told(tmp_path, CONTENT, RIGHT, cli) == ""
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (exchange("p2", "p3"), "an exchange of columns p2 and p3 would do that, and so would one of x and y"),
+        (exchange("p1", "p3"), "an exchange of columns p1 and p3 would do that"),
+        (lambda v: (exchange("p1", "p2")(v), exchange("p2", "p3")(v)), "degrees from there about z: check x and y of the frame"),
+        (exchange("x", "y"), "but to its mirror image: check x, y, their signs"),
+        (column("x", scale=-1), "but to its mirror image"),
+        (column("y", scale=-1), "the turn of the tip does not fit its place (agreement of directions"),
+        (also(frame={"x": "y", "y": "-x", "z": "z"}), "degrees from there about z: check x and y of the frame"),
+        (also(frame={"x": "y", "y": "z", "z": "x"}, straight="first state"), "y seems to be the robot's axis; check the frame"),
+        (column("p2", scale=10), "column p2: the tip moves 0.1 times as far for the same pressure"),
+        (column("p2", unit="psi"), "column p2: 2.41579e+06 Pa gauge, must be at most 2e+06 Pa: check its unit"),
+        (column("p2", unit="kPa"), "the file says mbar, the map kPa"),
+        (column("y", unit="cm"), "the file says mm, the map cm"),
+        (lambda v: v["orientation"].update(order="euler XYZ"), "orientation.order euler XYZ: the tip turns by"),
+        (lambda v: v["orientation"].update(order="rotation vector"), "with euler xyz by 0.0 deg: check the order"),
+        (lambda v: v["orientation"].update(order="euler zyx"), "check orientation (columns, order, unit)"),
+        (lambda v: v["orientation"].update(columns=list(ANGLES[::-1])), "check orientation (columns, order, unit)"),
+        (lambda v: v.pop("points") and v["columns"].update({a: {"column": f"mid {a}", "unit": "mm"} for a in "xyz"}),
+         "at rest the tip lies on the axis, 75 mm from the base of a robot of 150 mm"),
+        (column("roll_deg", column="phi y [deg]"), "write it under orientation"),
+        (lambda v: (column("roll_deg", column="phi y [deg]")(v), also(trials={"begin": "state"})(v)),
+         "columns.roll_deg: the pressures account for"),
+        (column("tip_mass", column=HEADINGS[1], unit="g"), "the file says mbar, the map g"),
+        (column("tip_mass", column=HEADINGS[0], unit="g"), "is this column a mass that was hung there?"),
+    ],
+)  # fmt: skip
+def test_a_wrong_map_is_asked_about(change: Change, said: str, tmp_path: Path, cli: Cli) -> None:
+    values = copy.deepcopy(RIGHT)
+    change(values)
+    assert said in told(tmp_path, CONTENT, values, cli)
+
+
+def test_a_marker_that_moves_more_than_the_tip_is_asked_about(tmp_path: Path, cli: Cli) -> None:
+    values = copy.deepcopy(RIGHT) | {"straight": "first state", "points": {"m1": {"of": [list(HEADINGS[4:])], "unit": "mm"}}}
+    values["columns"] |= {a: {"column": c, "unit": "mm"} for a, c in zip("xyz", HALF, strict=True)}
+    assert "marker 1 moves 4 times as far as the tip: was it taken for it?" in told(tmp_path, CONTENT, values, cli)
+
+
+def test_units_that_differ_among_columns_alike_are_asked_about_where_the_file_says_none(tmp_path: Path, cli: Cli) -> None:
+    content = table(TWO_RESTS, lambda *_: (), (), groups=EACH_AND_PAIRS).replace(" [mm]", "").replace(" [mbar]", "")
+    columns = {n: {"column": c.split(" [")[0]} for n, c in zip(("p1", "p2", "p3", "x", "y", "z"), HEADINGS[1:], strict=True)}
+    columns |= {
+        n: {**columns[n], "unit": u}
+        for n, u in zip(("p1", "p2", "p3", "x", "y", "z"), ["mbar"] * 3 + ["mm", "mm", "cm"], strict=True)
+    }
+    columns["z"]["scale"] = 0.1
+    found = told(tmp_path, content, {"columns": columns}, cli)
+    assert "columns x, y, z are read in mm, mm, cm, and the file does not say so" in found and "p1, p2" not in found

@@ -1,26 +1,35 @@
-"""`lab investigate` and `lab power` on fakes: what is done on the rig, kept in the folder, and said."""
+"""`lab investigate` and `lab power` on fakes, and whether the rig can do what a diagnosis proposes."""
 
 from __future__ import annotations
 
+import functools
 import json
+import shutil
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
+import yaml
+from commands import SOUND, Cli
 from diagnosed_case import ROBOT, campaign, folder
-from virtual_lab import VirtualLab
+from virtual_lab import VirtualLab, settings
 
-from diagnosis.answer.result import Diagnosis, Ranked
+from diagnosis.answer.experiments import Experiment, candidate_experiments, columns
+from diagnosis.answer.result import Diagnosis, Proposal, Ranked
+from diagnosis.data.case import states
 from diagnosis.investigate import Investigation, Round
 from diagnosis.judgement import CERTAIN
-from lab.cli import main
-from lab.files.inputs import read_case
+from lab.files.all_protocols import found_protocols
+from lab.files.example import paper_robot
+from lab.files.inputs import Case, read_case
 from lab.pages import investigation_page
-from lab.verbs.run import Outcome
+from lab.verbs.diagnose import write_protocols
+from lab.verbs.run import Outcome, protocol_plan
 from model.robot import load_robot
 from protocols.errors import NotReached
+from protocols.parameters import RobotFacts
 from recordings.campaign.labels import labels_of
 from recordings.file.reader import Recording
 from recordings.trials import Table
@@ -33,16 +42,7 @@ WEIGHED = ("chamber_ballooning", "pressure_offset", "base_tilt")
 
 @pytest.fixture(autouse=True)
 def few_effects(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        "lab.files.own_effects.CATALOGUE", {e: SOME[e] for e in ("chamber_ballooning", "pressure_offset", "base_tilt")}
-    )
-
-
-def told(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, dict[str, Any], str]:
-    capsys.readouterr()
-    code = main([*map(str, words)])
-    out, err = capsys.readouterr()
-    return code, json.loads(out) if out.strip().startswith("{") else {}, err
+    monkeypatch.setattr("lab.files.own_effects.CATALOGUE", {effect: SOME[effect] for effect in WEIGHED})
 
 
 def little(place: Path) -> Path:
@@ -51,17 +51,13 @@ def little(place: Path) -> Path:
     return folder(place, [r for r in rows if r.branch == "load"])
 
 
-def test_an_experiment_is_foretold_done_and_added(
-    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_experiment_is_foretold_done_and_added(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:
     file, place = little(tmp_path / "case"), tmp_path / "why"
-    code, found, said = told(
-        capsys, "investigate", file, "--rig", virtual_lab.rig, "--out", place, "--experiments", 1, "--no-hands", "--operator",
-        "Ada", *LONGER, "--json",
-    )  # fmt: skip
-    assert code in (0, 3), said
+    found = cli(
+        "investigate", file, "--rig", virtual_lab.rig, "--out", place, "--experiments", 1, "--no-hands", "--operator",
+        "Ada", *LONGER, "--json", code=SOUND,
+    ).json  # fmt: skip
     assert found == {**json.loads((place / "investigation.json").read_text()), **found}
-    assert all(name in found["rounds"][0]["not_done"] for name in ("roll", "tip_mass") if name in found["rounds"][0]["not_done"])
     done = [r for r in found["rounds"] if "experiment" in r]
     assert len(done) == len(found["inputs"]) - 1 == 1 and "hands" not in done[0]["experiment"]
     (below,) = [p for p in place.iterdir() if p.is_dir()]
@@ -81,12 +77,11 @@ def test_an_experiment_is_foretold_done_and_added(
     story = Investigation((Round(replace(answer, attribute=doubted), 3.0),), "done")
     page = investigation_page.write(story, tmp_path / "page.html", "why", "diagnosis.html").read_text()
     assert "tilt of the base with probability 0.39; outside the catalogue with 0.47." in page
-    again, _, err = told(capsys, "investigate", file, "--rig", virtual_lab.rig, "--out", place)
-    assert again == 2 and "holds an investigation already" in err
+    assert "holds an investigation already" in cli("investigate", file, "--rig", virtual_lab.rig, "--out", place, code=2).err
 
 
 def test_a_run_that_fails_leaves_what_is_known_and_the_line_to_go_on_with(
-    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    virtual_lab: VirtualLab, tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fails(rig: object, job: object, place: Path, *more: object, **named: object) -> Outcome:
         return Outcome(place / "none.mcap", "failed", Table(()), {}, True, NotReached("1 usable samples"))
@@ -94,8 +89,7 @@ def test_a_run_that_fails_leaves_what_is_known_and_the_line_to_go_on_with(
     monkeypatch.setattr("lab.investigation.laboratory.execute", fails)
     file, why = little(tmp_path / "case"), tmp_path / "why"
     words = ["investigate", file, "--rig", virtual_lab.rig, "--out", why, "--no-hands", "--watch", *LONGER]
-    assert main([*map(str, words)]) == 1
-    out, err = capsys.readouterr()
+    _, out, err = cli(*words, code=1)
     (line,) = [line for line in out.splitlines() if line.startswith("go on with: lab investigate ")]
     (experiment,) = [p.name[3:] for p in why.iterdir() if p.is_dir()]
     assert "--no-hands" in line and f"--without rate --without {experiment} --set" in line and "watch it at http://" in out
@@ -103,46 +97,99 @@ def test_a_run_that_fails_leaves_what_is_known_and_the_line_to_go_on_with(
     assert {"investigation.html", "diagnosis.html"} <= {p.name for p in why.iterdir()}
 
 
-def test_where_nothing_is_left_to_ask_nothing_moves(
-    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_where_nothing_is_left_to_ask_nothing_moves(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:
     case = folder(tmp_path / "case", campaign({"chamber_ballooning.growth": -0.4}, lengths=(0.0, 0.2)))
-    code, found, _ = told(
-        capsys, "investigate", case, "--rig", virtual_lab.rig, "--out", tmp_path / "why", "--budget", "0 min", "--json"
-    )
-    assert code == 0 and len(found["rounds"]) == 1 and not list((tmp_path / "why").glob("*/*.mcap"))
+    found = cli("investigate", case, "--rig", virtual_lab.rig, "--out", tmp_path / "why", "--budget", "0 min", "--json").json
+    assert len(found["rounds"]) == 1 and not list((tmp_path / "why").glob("*/*.mcap"))
     last = found["rounds"][-1]
     assert last["probability"] >= CERTAIN or all("min" in why for why in last["not_done"].values())
 
 
-def test_another_robot_s_campaign_is_refused(virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    case = folder(tmp_path / "case", campaign({}))
+def test_another_robot_s_campaign_is_refused(virtual_lab: VirtualLab, small_case: Path, tmp_path: Path, cli: Cli) -> None:
+    case = Path(shutil.copytree(small_case, tmp_path / "case"))
     robot = case / "robot.yaml"
     robot.write_text(robot.read_text().replace("length: 0.4", "length: 0.41"))
     assert load_robot(robot).length != ROBOT.length
-    code, _, err = told(capsys, "investigate", case, "--rig", virtual_lab.rig, "--out", tmp_path / "why")
-    assert code == 2 and "another body" in err and not (tmp_path / "why").exists()
-    with pytest.raises(SystemExit, match="2"):
-        main(["investigate", str(case), "--rig", str(virtual_lab.rig), "--budget", "5 bananas"])
-    assert "bananas" in capsys.readouterr().err
+    assert "another body" in cli("investigate", case, "--rig", virtual_lab.rig, "--out", tmp_path / "why", code=2).err
+    assert not (tmp_path / "why").exists()
+    assert "bananas" in cli("investigate", case, "--rig", virtual_lab.rig, "--budget", "5 bananas", code=2).err
 
 
-def test_the_power_of_a_plan_is_told_for_a_robot_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    case = folder(tmp_path / "case", campaign({}))
-    words = (
-        "--set",
-        "spine_lengths=[0.0, 0.2]",
-        "--set",
-        "pressures=[100 kPa, 200 kPa]",
-        "--worlds",
-        6,
-        "--no-additions",
-        "--json",
-    )
-    code, found, _ = told(capsys, "power", "--protocol", "bending", "--robot", case / "robot.yaml", *words, "--json")
-    assert code == 0 and found["schema"] == "power/1"
+def test_the_power_of_a_plan_is_told_for_a_robot_alone(cli: Cli) -> None:
+    plan = settings("spine_lengths=[0.0, 0.2]", "pressures=[100 kPa, 200 kPa]")
+    words = ("--robot", paper_robot(), *plan, "--worlds", 6, "--no-additions", "--json")
+    found = cli("power", "--protocol", "bending", *words).json
+    assert found["schema"] == "power/1"
     effects = [e["effect"] for e in found["clean"]["effects"]]
     assert set(effects) | set(found["clean"]["unseen"]) == set(WEIGHED)
     assert found["clean"]["worlds"] == 6 * (1 + len(effects)) and found["additions"] == []
-    code, _, err = told(capsys, "power", "--robot", case / "robot.yaml")
-    assert code == 2 and "--protocol, --campaign and --case" in err
+    assert "--protocol, --campaign and --case" in cli("power", "--robot", paper_robot(), code=2).err
+
+
+# ------------------------------------------------------------------ what is proposed can be done
+MENU = {
+    "unload", "orientation", "markers", "elongation", "other_chambers", "roll", "tip_mass", "hold", "vacuum", "rate",
+    "lengths", "pressures",
+}  # fmt: skip
+
+
+@functools.cache
+def offered() -> dict[str, Experiment]:
+    """The whole menu: what is offered after a campaign that read tips on the way up and nothing else."""
+    robot = ROBOT.model_copy(update={"markers": (0.1, 0.2, 0.3)})
+    rows = [replace(r, orientation=None) for r in campaign({}) if r.branch == "load"]
+    return {e.id: e for e in candidate_experiments(robot, states(Case(robot, Table(tuple(rows))))[0])}
+
+
+def written(folder: Path, e: Experiment, **changes: object) -> Path:
+    """The protocol file of an experiment, some of its parameters changed."""
+    (path,) = write_protocols([Proposal(e.id, e.do, (), 0.1, e.minutes, {**e.parameters, **changes})], folder, ROBOT)
+    return path
+
+
+def test_a_proposal_is_written_with_units_and_reads_as_it_was_meant(tmp_path: Path) -> None:
+    assert set(offered()) == MENU
+    for experiment in offered().values():
+        path = written(tmp_path, experiment)
+        told = yaml.safe_load(path.read_text())
+        assert all(str(p).endswith(" kPa") for p in told.get("pressures", []))
+        name = experiment.parameters["protocol"]
+        values = {key: value for key, value in experiment.parameters.items() if key != "protocol"}
+        meant = found_protocols().usable[name].parameters.model_validate(values)
+        assert protocol_plan(str(path), [], RobotFacts(9, (), meant.tip_mass, True))[1] == meant
+
+
+@pytest.mark.parametrize("id", sorted(MENU))
+def test_every_proposal_is_a_protocol_of_the_rig_and_takes_as_long_as_was_said(
+    id: str, virtual_lab: VirtualLab, tmp_path: Path, cli: Cli
+) -> None:
+    experiment = offered()[id]
+    plan = cli("plan", written(tmp_path, experiment), "--rig", virtual_lab.rig, "--json").json
+    assert plan["protocol"] == experiment.parameters["protocol"]
+    assert plan["limits"]["pressure_pa"] <= 250e3 and plan["limits"]["spine_length_m"] <= 0.3
+    said = experiment.minutes - experiment.hands
+    assert 0.5 * said < plan["seconds"] / 60 < 2 * said
+
+
+SHORT: Mapping[str, object] = {"spine_lengths": [0.0], "pressures": [50e3, 100e3], "repeats": 1}
+
+
+@pytest.mark.parametrize(("id", "more"), [("elongation", {}), ("hold", {"hold_times": [5.0, 20.0]})], ids=["elongation", "hold"])
+def test_the_rig_reads_the_states_that_were_foreseen(
+    virtual_lab: VirtualLab, tmp_path: Path, id: str, more: Mapping[str, object], cli: Cli
+) -> None:
+    experiment = offered()[id]
+    short = replace(experiment, parameters={**experiment.parameters, **SHORT, **more})
+    path = written(tmp_path / "next", short)
+    cli("run", path, "--rig", virtual_lab.rig, "--out", tmp_path, code=(0, 3))
+    (recording,) = tmp_path.glob("*.mcap")
+    rows = read_case([recording]).table.rows
+    foreseen = columns(short.parameters, 9, ("x", "y", "z"))
+    assert [r.branch for r in rows] == foreseen["branch"].tolist()
+    assert [r.protocol for r in rows] == foreseen["protocol"].tolist()
+    assert [r.spine_length for r in rows] == pytest.approx(foreseen["spine_length"].tolist(), abs=2e-3)
+    for c in range(9):
+        assert [r.pressures[c] for r in rows] == pytest.approx(foreseen[f"p{c + 1}"].tolist(), abs=4e3)
+    if id == "hold":
+        assert [r.hold for r in rows] == pytest.approx(foreseen["hold"].tolist(), abs=0.5)
+    assert all(r.tip is not None for r in rows)

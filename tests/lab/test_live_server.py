@@ -224,16 +224,23 @@ def post(door: Door, body: bytes, name: str = "ask", **heads: str | None) -> byt
     return door.answer(f"POST /{door.at.token}/{name} HTTP/1.1\r\n{lines}\r\n".encode() + body)
 
 
-def test_what_the_page_asks_is_handed_on_once(monkeypatch: pytest.MonkeyPatch) -> None:
+PAUSE = b'{"kind": "pause"}'
+
+
+@pytest.fixture
+def run() -> Iterator[tuple[Door, list[tuple[str, str]]]]:
+    """The door of a run, and what it was asked."""
     asked: list[tuple[str, str]] = []
     with served(lambda kind, text: asked.append((kind, text)) is None) as door:
-        assert status(post(door, b'{"kind": "pause"}', Sec_Fetch_Site="same-origin")) == 204
-        assert status(post(door, json.dumps({"kind": "note", "text": " <b>a\nb</b>"}).encode())) == 204
-        assert asked == [("pause", ""), ("note", "<b>a b</b>")]
-        assert status(door.get(f"/{door.at.token}/ask")) == 404
+        yield door, asked
 
 
-PAUSE = b'{"kind": "pause"}'
+def test_what_the_page_asks_is_handed_on_once(run: tuple[Door, list[tuple[str, str]]]) -> None:
+    door, asked = run
+    assert status(post(door, PAUSE, Sec_Fetch_Site="same-origin")) == 204
+    assert status(post(door, json.dumps({"kind": "note", "text": " <b>a\nb</b>"}).encode())) == 204
+    assert asked == [("pause", ""), ("note", "<b>a b</b>")]
+    assert status(door.get(f"/{door.at.token}/ask")) == 404
 
 
 @pytest.mark.parametrize(
@@ -264,14 +271,15 @@ PAUSE = b'{"kind": "pause"}'
         (json.dumps({"kind": "note", "text": "x" * 501}).encode(), {}, 400),
     ],
 )  # fmt: skip
-def test_what_anybody_else_asks_is_refused(body: bytes, heads: dict[str, str | None], expected: int) -> None:
-    asked: list[tuple[str, str]] = []
-    with served(lambda kind, text: asked.append((kind, text)) is None) as door:
-        answer = post(door, body, **heads)  # type: ignore[arg-type]
-        assert status(answer) == expected and door.at.token.encode() not in answer
-        wrong = door.answer(b"POST /wrong/ask HTTP/1.1\r\nHost: h:1\r\nOrigin: http://h:1\r\n\r\n")
-        assert status(wrong) == 403 and asked == []
-        assert status(door.get(f"/{door.at.token}/")) == 200
+def test_what_anybody_else_asks_is_refused(
+    body: bytes, heads: dict[str, str | None], expected: int, run: tuple[Door, list[tuple[str, str]]]
+) -> None:
+    door, asked = run
+    answer = post(door, body, **heads)  # type: ignore[arg-type]
+    assert status(answer) == expected and door.at.token.encode() not in answer
+    wrong = door.answer(b"POST /wrong/ask HTTP/1.1\r\nHost: h:1\r\nOrigin: http://h:1\r\n\r\n")
+    assert status(wrong) == 403 and asked == []
+    assert status(door.get(f"/{door.at.token}/")) == 200
 
 
 def test_too_many_requests_and_a_run_that_takes_none_are_told(monkeypatch: pytest.MonkeyPatch) -> None:

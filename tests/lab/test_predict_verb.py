@@ -1,29 +1,27 @@
-"""`lab fit --with` and `lab predict`: files, screens, exit codes."""
+"""`lab fit --with`, `lab predict` and the tables that verbs print: files, screens, exit codes, one number for each quantity."""
 
 from __future__ import annotations
 
 import csv
-import json
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
+from commands import SOUND, Cli
+from virtual_lab import VirtualLab
 
 import lab
 from lab.cli import main
+from lab.files.config import ConfigError
 from lab.files.example import paper_robot
 from model.effects.nominal import stated_effects
-from tests.lab.diagnosed_case import ROBOT, campaign, folder
+from tests.lab.diagnosed_case import campaign, folder
 
 EFFECT = "chamber_azimuth"
 THREE = Path(__file__).parents[2] / "examples/three_chambers/robot.yaml"
-
-
-def run(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, str]:
-    code = main([str(w) for w in words])
-    said = capsys.readouterr()
-    return code, said.out, said.err
 
 
 @pytest.fixture(scope="module")
@@ -52,39 +50,30 @@ def test_a_robot_and_robots_drawn_from_its_posterior_are_written(robot: Path) ->
     assert len(set(values)) == 5 and np.abs(values - angle.value).max() < 4 * angle.sd
 
 
-def test_compare_and_fit_know_the_robots_effects(case: Path, robot: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code, said, _ = run(capsys, "fit", case, "--with", EFFECT, "--json")
-    fitted = json.loads(said)
-    assert code == 0 and fitted["in_sample"] and fitted["fitted_mm"] < fitted["calibrated_mm"]
-    code, said, _ = run(capsys, "compare", case, "--robot", robot, "--json")
-    assert code == 0 and 1e3 * json.loads(said)["rmse"] == pytest.approx(fitted["fitted_mm"], rel=1e-3)
-    code, said, told = run(capsys, "fit", case, "--robot", robot, "--json")
-    assert code == 0 and "--with chamber_azimuth" in " ".join(told.split()) and "area_factor" in said
+def test_compare_and_fit_know_the_robots_effects(case: Path, robot: Path, cli: Cli) -> None:
+    fitted = cli("fit", case, "--with", EFFECT, "--json").json
+    assert fitted["in_sample"] and fitted["fitted_mm"] < fitted["calibrated_mm"]
+    assert 1e3 * cli("compare", case, "--robot", robot, "--json").json["rmse"] == pytest.approx(fitted["fitted_mm"], rel=1e-3)
+    done = cli("fit", case, "--robot", robot, "--json")
+    assert "--with chamber_azimuth" in done.flat_err and "area_factor" in done.out
 
 
-def test_what_the_model_still_misses_is_learnt_for_predictions(
-    case: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    code, said, _ = run(capsys, "fit", case, "--residual", "--out", tmp_path, "--json")
-    fitted = json.loads(said)
-    assert code == 0 and fitted["effects"] == [] and fitted["residual_left_out_mm"] < 0.5 * fitted["calibrated_mm"]
+def test_what_the_model_still_misses_is_learnt_for_predictions(case: Path, tmp_path: Path, cli: Cli) -> None:
+    fitted = cli("fit", case, "--residual", "--out", tmp_path, "--json").json
+    assert fitted["effects"] == [] and fitted["residual_left_out_mm"] < 0.5 * fitted["calibrated_mm"]
     robot = lab.load_robot(tmp_path / "robot.yaml")
     assert robot.residual is not None and len(robot.residual.states) == fitted["states"] and robot.plain.residual is None
-    code, said, _ = run(capsys, "compare", case, "--robot", tmp_path / "robot.yaml", "--json")
-    assert code == 0 and 1e3 * json.loads(said)["rmse"] < fitted["residual_left_out_mm"]
-    code, _, told = run(capsys, "diagnose", case, "--robot", tmp_path / "robot.yaml", "--holdout", tmp_path / "none")
-    assert code == 2 and "would hide one" in " ".join(told.split())
-    code, said, _ = run(capsys, "fit", case, "--with", EFFECT, "--residual")
-    assert code == 0 and "each trial that it did not learn from" in " ".join(said.split())
+    assert 1e3 * cli("compare", case, "--robot", tmp_path / "robot.yaml", "--json").json["rmse"] < fitted["residual_left_out_mm"]
+    told = cli("diagnose", case, "--robot", tmp_path / "robot.yaml", "--holdout", tmp_path / "none", code=2).flat_err
+    assert "would hide one" in told
+    assert "each trial that it did not learn from" in cli("fit", case, "--with", EFFECT, "--residual").flat_out
 
 
-def test_a_protocol_is_predicted_with_intervals(robot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_protocol_is_predicted_with_intervals(robot: Path, tmp_path: Path, cli: Cli) -> None:
     table, figure = tmp_path / "p.csv", tmp_path / "p.svg"
     settings = ["--set", "pressures=[80e3, 160e3]", "--set", "spine_lengths=[0.0, 0.2]"]
-    code, said, _ = run(
-        capsys, "predict", "--robot", robot, "--protocol", "bending", *settings, "--out", table, "--figure", figure
-    )
-    assert code == 0 and "p (chambers)" in said and "80.0 (" in said and "±" in said and figure.stat().st_size > 1000
+    said = cli("predict", "--robot", robot, "--protocol", "bending", *settings, "--out", table, "--figure", figure).out
+    assert "p (chambers)" in said and "80.0 (" in said and "±" in said and figure.stat().st_size > 1000
     with table.open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [r["branch"] for r in rows] == ["load", "load", "load", "unload", "unload"] * 2
@@ -92,22 +81,21 @@ def test_a_protocol_is_predicted_with_intervals(robot: Path, tmp_path: Path, cap
     assert all(float(r["x_low"]) < float(r["x"]) < float(r["x_high"]) for r in rows)
 
 
-def test_a_table_is_predicted_as_from_python(robot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_table_is_predicted_as_from_python(robot: Path, tmp_path: Path, cli: Cli) -> None:
     states = tmp_path / "states.csv"
     states.write_text("p1,p2,spine_length\n80e3,0,0.1\n0,60e3,0\n")
-    code, said, _ = run(capsys, "predict", "--robot", robot, "--table", states, "--json")
-    found = json.loads(said)
-    assert code == 0 and found["schema"] == "prediction/1" and found["effects"] == [EFFECT]
+    found = cli("predict", "--robot", robot, "--table", states, "--json").json
+    assert found["schema"] == "prediction/1" and found["effects"] == [EFFECT]
     tips = lab.predict(lab.load_robot(robot), [[80e3] + [0] * 8, [0, 60e3] + [0] * 7], [0.1, 0.0])
     np.testing.assert_allclose([[s[k] for k in "xyz"] for s in found["states"]], tips, atol=1e-9)
 
 
-def test_pressures_for_wanted_tips(robot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_pressures_for_wanted_tips(robot: Path, tmp_path: Path, cli: Cli) -> None:
     targets, table = tmp_path / "targets.csv", tmp_path / "p.csv"
     targets.write_text("x,y,z\n-0.05,0.01,\n1,0,0.2\n")
     words = ("predict", "--robot", robot, "--inverse", targets, "--groups", "9,1,2 3,4,5 6,7,8", "--spine-length", 0.1)
-    code, said, _ = run(capsys, *words, "--out", table, "--figure", tmp_path / "p.png")
-    assert code == 0 and "1 of 2 targets cannot be reached" in said and "2 (" in said
+    said = cli(*words, "--out", table, "--figure", tmp_path / "p.png").out
+    assert "1 of 2 targets cannot be reached" in said and "2 (" in said
     with table.open(newline="") as file:
         first, second = csv.DictReader(file)
     assert first["reached"] == "True" and second["reached"] == "False" and first["p9"] == first["p1"] == first["p2"]
@@ -132,7 +120,7 @@ def test_pressures_for_wanted_tips(robot: Path, tmp_path: Path, capsys: pytest.C
     ],
 )
 def test_what_cannot_be_used_is_refused_with_exit_code_2(
-    words: tuple[str, ...], told: str, case: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    words: tuple[str, ...], told: str, case: Path, tmp_path: Path, cli: Cli
 ) -> None:
     files: dict[str, Any] = {"CASE": case, "ROBOT": paper_robot()}
     texts = {"BAD": "p1\n0\nx\n", "NONE": "a,b\n1,2\n", "GOOD": "x\n-0.01\n"}
@@ -140,48 +128,89 @@ def test_what_cannot_be_used_is_refused_with_exit_code_2(
     for name, text in texts.items():
         files[name] = tmp_path / name
         files[name].write_text(text)
-    code, _, said = run(capsys, *(files.get(w, w) for w in words))
-    assert code == 2 and told in " ".join(said.split())
+    assert told in cli(*(files.get(w, w) for w in words), code=2).flat_err
 
 
-def test_the_schema_of_robot_yaml_has_effects(capsys: pytest.CaptureFixture[str]) -> None:
-    code, said, _ = run(capsys, "schema", "robot")
-    schema = json.loads(said)
-    assert code == 0 and {"effects", "tolerances", "posterior"} <= set(schema["properties"])
-    assert {"Stated", "Posterior", "Noise"} <= set(schema["$defs"]) and ROBOT.plain == ROBOT
-
-
-def test_a_robot_without_uncertainty_gets_no_interval(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_robot_without_uncertainty_gets_no_interval(tmp_path: Path, cli: Cli) -> None:
     table = tmp_path / "states.csv"
     table.write_text("p1,p2,p3\n30000,0,0\n90000,0,0\n")
-    assert main(["predict", "--robot", str(THREE), "--table", str(table)]) == 0
-    said = capsys.readouterr()
+    said = cli("predict", "--robot", THREE, "--table", table)
     assert "±" not in said.out and "no interval: robot.yaml states no uncertainty" in " ".join(said.out.split())
     assert "up to 90 kPa are asked for, robot.yaml allows 80 kPa" in " ".join(said.err.split()) and "Warning" not in said.err
-    assert main(["predict", "--robot", str(THREE), "--table", str(table), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = cli("predict", "--robot", THREE, "--table", table, "--json").json
     assert found["interval"] is None and found["states"][0]["x_low"] is None and found["states"][0]["x"] < 0
 
 
 @pytest.mark.parametrize(
     ("option", "text", "says"),
     [
-        (
-            "--table",
-            "p1,p2,p3\n30,0,0\n",
-            "column p1: the highest pressure is 30 Pa, which looks like another unit; write Pa",
-        ),
-        (
-            "--inverse",
-            "x,y,z\n-10,,\n",
-            "a target is 10 m from the base of a robot of 0.15 m, which looks like mm or cm",
-        ),
+        ("--table", "p1,p2,p3\n30,0,0\n", "column p1: the highest pressure is 30 Pa, which looks like another unit; write Pa"),
+        ("--inverse", "x,y,z\n-10,,\n", "a target is 10 m from the base of a robot of 0.15 m, which looks like mm or cm"),
     ],
 )
-def test_a_table_in_other_units_is_refused(
-    option: str, text: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_table_in_other_units_is_refused(option: str, text: str, says: str, tmp_path: Path, cli: Cli) -> None:
     table = tmp_path / "table.csv"
     table.write_text(text)
-    assert main(["predict", "--robot", str(THREE), option, str(table)]) == 2
-    assert says in " ".join(capsys.readouterr().err.split())
+    assert says in cli("predict", "--robot", THREE, option, table, code=2).flat_err
+
+
+# ------------------------------------------------------------------ tables: names in full, one number for each quantity
+
+
+def test_fit_gives_one_area_factor_for_all_lengths(small_case: Path, cli: Cli) -> None:
+    told = cli("fit", small_case).out
+    found = cli("fit", small_case, "--json").json["area_factor"]
+    (row,) = [line for line in told.splitlines() if "factor, tolerances" in line]
+    assert f"{found['value']:.3f} ± {found['standard_error']:.3f}" in row
+    assert f"{lab.fit(lab.case(small_case)).area_factor.factor.value:.3f}" in row  # type: ignore[union-attr]
+    assert len(re.findall(r"\d\.\d+ ± ", told)) == 3  # two lengths and all
+    rows = (small_case / "trials.csv").read_text().count("\n") - 1
+    counts = [int(line.split("│")[4]) for line in told.splitlines() if "area factor, " in line]
+    assert counts[-1] == rows == sum(counts[:-1])
+
+
+def test_compare_names_the_axes_of_the_paper_for_its_robot_only(small_case: Path, tmp_path: Path, cli: Cli) -> None:
+    assert "% in X, " in cli("compare", small_case).out
+    data = yaml.safe_load((small_case / "robot.yaml").read_text())
+    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(data | {"length": 0.41}))
+    told = cli("compare", small_case, "--robot", tmp_path / "robot.yaml").out
+    assert "paper" not in told and "plane" not in told
+    assert re.search(r"n\W+x\W+y\W+z\W+rms", told) and re.search(r"in x, .* in y, .* in z", " ".join(told.split()))
+
+
+def test_predict_has_a_column_for_each_of_few_pressures(tmp_path: Path, cli: Cli) -> None:
+    table = tmp_path / "states.csv"
+    table.write_text("p1,p2,p3\n20000,20000,0\n20000,0,0\n")
+    told = cli("predict", "--robot", THREE, "--table", table).out
+    rows = [[cell.strip() for cell in line.split("│")[1:4]] for line in told.splitlines() if line.startswith("│")]
+    assert "p3" in told and rows == [["20.0", "20.0", "0.0"], ["20.0", "0.0", "0.0"]]
+
+
+def test_power_names_causes_in_full_and_says_what_it_does(small_case: Path, cli: Cli) -> None:
+    words = ("--set", "pressures=[120 kPa]", "--worlds", 2, "--no-additions")
+    told = cli("power", "--protocol", "bending", "--robot", small_case / "robot.yaml", *words).out
+    assert "…" not in told and "tip moved /" in told
+    assert told.index("clean: 2 worlds of each") < told.index("cluttered: 2 worlds of each") < told.index("How often")
+
+
+def test_the_effects_of_the_fakes_are_a_table(cli: Cli) -> None:
+    told = cli("fakes", "--list-effects").out
+    assert "plausible size" in told and re.search(r"spine_slip\W+0\.15 N m\W", told)
+    (row,) = [line for line in told.splitlines() if "vacuum_leak" in line]
+    assert row.split("│")[2].strip() == "0.3"
+
+
+def test_a_folder_of_recordings_is_no_case(tmp_path: Path) -> None:
+    (tmp_path / "one.mcap").touch()
+    with pytest.raises(ConfigError, match="is a folder of recordings, not a case folder"):
+        lab.case(tmp_path)
+
+
+def test_check_shows_limits_with_their_units(virtual_lab: VirtualLab, cli: Cli) -> None:
+    limits = [
+        line.split("│")[-2]
+        for line in cli("check", "--rig", virtual_lab.rig, "--seconds", "0", code=SOUND).out.splitlines()
+        if line.startswith("│")
+    ]
+    told = "".join("".join(limits).split())
+    assert re.search(r"pressure\d+kPa,rate\d+kPa/s", told) and re.search(r"turn[\d.]+rad", told)

@@ -11,9 +11,9 @@ from typing import Any, get_args
 
 import pytest
 import yaml
+from commands import Cli
 
 from drivers.configs import HOSTS, PORTS
-from lab.cli import main
 from lab.files.config import ConfigError
 from lab.files.example import paper_robot
 from lab.files.rig_file import Instruments, NotInstalled, load_rig
@@ -113,9 +113,7 @@ def test_a_port_that_appears_after_the_rig_was_assembled_is_looked_at_again(writ
 
 
 @pytest.mark.parametrize("verb", [["check"], ["run", "bending"]])
-def test_no_verb_opens_real_instruments_at_another_speed(
-    write: Write, capsys: pytest.CaptureFixture[str], verb: list[str]
-) -> None:
+def test_no_verb_opens_real_instruments_at_another_speed(write: Write, cli: Cli, verb: list[str]) -> None:
     names = ("pressure", "spine", "gauge")
     tables = {
         "pressure": {"driver": "alicat", "port": REAL},
@@ -123,18 +121,17 @@ def test_no_verb_opens_real_instruments_at_another_speed(
         "gauge": {"driver": "pfeiffer", "port": REAL},
     }
     rig = write(valve=valve(REAL), mocap=mocap("192.0.2.1"), **tables)
-    assert main([*verb, "--rig", str(rig)]) == 2
-    text = capsys.readouterr().err
+    text = cli(*verb, "--rig", rig, code=2).err
     assert all(f"clock.speed = 20: instruments.{name}.port = {REAL}" in text for name in (*names, "valve"))
     assert "instruments.mocap.server = 192.0.2.1" in text
 
 
-def test_a_landing_is_not_refused_and_is_done_at_real_speed(write: Write, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_landing_is_not_refused_and_is_done_at_real_speed(write: Write, cli: Cli) -> None:
     path = write(valve=valve(REAL))
     rig, told = at_real_speed(load_rig(path))
     assert rig.clock.speed == 1 and rig.path == path.resolve() and "speed 1" in told
-    main(["safe", "--rig", str(path)])
-    assert f"instruments.valve.port = {REAL}" in (text := capsys.readouterr()).err and "NOT CONFIRMED" in text.out
+    done = cli("safe", "--rig", path, code=1)
+    assert f"instruments.valve.port = {REAL}" in done.err and "NOT CONFIRMED" in done.out
 
 
 def test_every_instrument_has_an_address_that_the_rule_knows() -> None:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import re
 import socket
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
-
-from lab.cli import main
+from commands import Cli
+from virtual_lab import settings
 
 ROOT = Path(__file__).parents[2]
 RIG = ROOT / "examples/rig/rig.yaml"
@@ -69,11 +69,8 @@ def _nothing_is_connected(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(subprocess, "Popen", refused)
 
 
-def rehearsed(capsys: pytest.CaptureFixture[str], protocol: object, *words: str, rig: Path = RIG) -> dict[str, object]:
-    code = main(["plan", str(protocol), "--rig", str(rig), "--rehearse", "--json", *words])
-    told = capsys.readouterr()
-    assert code == 0, told.err
-    found: dict[str, object] = json.loads(told.out)["rehearsal"]
+def rehearsed(cli: Cli, protocol: object, *words: str, rig: Path = RIG) -> dict[str, Any]:
+    found: dict[str, Any] = cli("plan", protocol, "--rig", rig, "--rehearse", "--json", *words).json["rehearsal"]
     return found
 
 
@@ -85,7 +82,7 @@ def puff(folder: Path, old: str = "", new: str = "") -> Path:
 
 
 @pytest.mark.parametrize(
-    ("protocol", "settings", "states", "trials"),
+    ("protocol", "values", "states", "trials"),
     [
         ("bending", ["spine_lengths=[0, 12 cm]", "repeats=2"], 44, 4),
         ("bending", ["reading=sweep", "spine_lengths=[20 cm]", "vacuums=[40 kPa, 70 kPa]"], 22, 2),
@@ -98,14 +95,11 @@ def puff(folder: Path, old: str = "", new: str = "") -> Path:
         (ROOT / "examples/protocol/creep.py", ["times=[3 s, 500 s]"], 2, 1),
     ],
 )
-def test_each_protocol_reads_what_it_plans(
-    protocol: object, settings: list[str], states: int, trials: int, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = [word for setting in settings for word in ("--set", setting)]
-    assert rehearsed(capsys, protocol, *words) == {"states": states, "trials": trials, "differs": []}
+def test_each_protocol_reads_what_it_plans(protocol: object, values: list[str], states: int, trials: int, cli: Cli) -> None:
+    assert rehearsed(cli, protocol, *settings(*values)) == {"states": states, "trials": trials, "differs": []}
 
 
-def test_a_robot_without_a_spine_needs_no_line_about_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_robot_without_a_spine_needs_no_line_about_one(tmp_path: Path, cli: Cli) -> None:
     """The experiment of the tutorial, on a rig with regulators and cameras alone."""
     tutorial = (ROOT / "docs/tutorials/your-rig.md").read_text()
     (code,) = re.findall(r"```python\n# compare_chambers.py\n(.*?)```", tutorial, re.DOTALL)
@@ -117,12 +111,12 @@ def test_a_robot_without_a_spine_needs_no_line_about_one(tmp_path: Path, capsys:
     rig["robot"] = str(ROOT / "examples/three_chambers/robot.yaml")
     file = tmp_path / "rig.yaml"
     file.write_text(yaml.safe_dump(rig))
-    assert rehearsed(capsys, own, rig=file) == {"states": 3, "trials": 1, "differs": []}
-    assert rehearsed(capsys, "bending", "--set", "pressures=[30 kPa]", rig=file)["differs"] == []
+    assert rehearsed(cli, own, rig=file) == {"states": 3, "trials": 1, "differs": []}
+    assert rehearsed(cli, "bending", "--set", "pressures=[30 kPa]", rig=file)["differs"] == []
     assert not re.search("home|set_spine|ambient|spine=", code)
 
 
-def test_visits_that_wait_for_rest_read_what_a_bending_sweep_reads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_visits_that_wait_for_rest_read_what_a_bending_sweep_reads(tmp_path: Path, cli: Cli) -> None:
     own = tmp_path / "own.py"
     own.write_text(
         """
@@ -142,7 +136,7 @@ def run(bench, p, trials):
     go_through(bench, trials, WAY, SWEEP)
 """
     )
-    assert rehearsed(capsys, own) == {"states": 10, "trials": 2, "differs": []}
+    assert rehearsed(cli, own) == {"states": 10, "trials": 2, "differs": []}
 
 
 @pytest.mark.parametrize(
@@ -166,12 +160,9 @@ def run(bench, p, trials):
         ("    steps = [Step", "    steps = [Stp", "steps = [Stp", "NameError: name 'Stp'"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_in_run_is_told_with_its_line(
-    old: str, new: str, line: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_wrong_in_run_is_told_with_its_line(old: str, new: str, line: str, said: str, tmp_path: Path, cli: Cli) -> None:
     file = puff(tmp_path, old, new)
-    assert main(["plan", str(file), "--rig", str(RIG), "--rehearse"]) == 2
-    told, text = capsys.readouterr().err.splitlines()
+    told, text = cli("plan", file, "--rig", RIG, "--rehearse", code=2).err.splitlines()
     number = int(told.removeprefix(f"{file}:").split(":")[0])
     assert said in told and text.strip() == file.read_text().splitlines()[number - 1].strip() and line in text
 
@@ -187,13 +178,12 @@ def test_what_is_wrong_in_run_is_told_with_its_line(
     ],
 )  # fmt: skip
 def test_a_run_that_reads_other_states_than_planned_is_told(
-    old: str, new: str, differs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    old: str, new: str, differs: list[str], tmp_path: Path, cli: Cli
 ) -> None:
     file = puff(tmp_path, old, new)
-    found = rehearsed(capsys, file)["differs"]
-    assert isinstance(found, list) and len(found) == len(differs)
+    found = rehearsed(cli, file)["differs"]
+    assert len(found) == len(differs)
     assert all(part in text and text.startswith("puff: ") for part, text in zip(differs, found, strict=True))
-    assert main(["plan", str(file), "--rig", str(RIG), "--rehearse"]) == 0
-    told = capsys.readouterr()
+    told = cli("plan", file, "--rig", RIG, "--rehearse")
     assert told.out.splitlines()[-1].startswith("rehearsal: run ends; states read: ")
     assert "note: puff: " in told.err

@@ -1,26 +1,34 @@
-"""A run that was killed or stopped goes on from its first unfinished trial."""
+"""A run that was killed or stopped, or whose files go meanwhile: it goes on from what is recorded."""
 
 from __future__ import annotations
 
-import shlex
+import hashlib
+import os
+import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from virtual_lab import VirtualLab, journal_says, lab, meanwhile, press_ctrl_c
+import yaml
+from commands import SOUND, Cli
+from terminal import Terminal
+from virtual_lab import VirtualLab, go_on, journal_says, lab, meanwhile, press_ctrl_c, recorded, settings
 
 import timing
 from lab.files.inputs import read_case
+from lab.rig.current import recording_of
+from lab.verbs import run as run_verb
 from lab.verbs.fakes import PATIENT_SETTLE
 from recordings.campaign.journal import read
 from recordings.campaign.labels import labels_of
 from recordings.campaign.shelf import runs
 from recordings.file.reader import Recording
+from recordings.file.verify import verify
 
-LATE = [word for setting in PATIENT_SETTLE[1:] for word in ("--set", setting)]
-SHORT = ("--set", "spine_lengths=[0.0, 3 cm, 6 cm]", "--set", "pressures=[80 kPa]", "--set", "unload=false", *LATE)
+SHORT = settings("spine_lengths=[0.0, 3 cm, 6 cm]", "pressures=[80 kPa]", "unload=false", *PATIENT_SETTLE[1:])
 
 
 def started(rig: Path, folder: Path) -> subprocess.Popen[str]:
@@ -51,7 +59,7 @@ def test_a_killed_run_is_resumed_from_its_first_unfinished_trial(real_lab: Virtu
     process.wait()
     (first,) = broken.glob("*.mcap")
     freed(real_lab)
-    assert lab("run", "--resume", first, "--rig", real_lab.rig) in (0, 3)
+    assert lab("run", "--resume", first, "--rig", real_lab.rig) in SOUND
 
     (journal,) = broken.glob("*.journal")
     progress = read(journal)
@@ -71,35 +79,114 @@ def test_a_killed_run_is_resumed_from_its_first_unfinished_trial(real_lab: Virtu
     assert [round(r.pressures[8], -4) for r in resumed] == [0.0, 80e3] * 3
     assert (resumed["t"][1:] > resumed["t"][:-1]).all() and set(read_case([second]).table.columns) <= set(resumed.columns)
 
-    assert lab("run", "--resume", journal, "--rig", real_lab.rig) in (0, 3)
+    assert lab("run", "--resume", journal, "--rig", real_lab.rig) in SOUND
     assert read_case([second, broken / "first.mcap"]).table.rows == resumed.rows
 
 
-def test_a_run_that_was_stopped_says_how_to_go_on_and_that_does(
-    virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_run_that_was_stopped_says_how_to_go_on_and_that_does(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:
     folder = tmp_path / "with blank"
     meanwhile(lambda: journal_says('{"trial": 2, "step": 1}', folder), press_ctrl_c)
     said = ("--operator", "Ada", "--tag", "batch=3")
-    code = lab("run", "bending", "--rig", virtual_lab.rig, *SHORT, "--out", folder, *said)
-    output = "".join(capsys.readouterr())
-    assert code == 1, output
-    (told,) = [line for line in output.splitlines() if line.startswith("go on with: ")]
-    words = shlex.split(told.removeprefix("go on with: "))
+    words = go_on(cli("run", "bending", "--rig", virtual_lab.rig, *SHORT, "--out", folder, *said, code=1).both)
     (first,) = folder.glob("*.mcap")
     assert words == ["lab", "run", "--resume", str(first), "--rig", str(virtual_lab.rig)]
-    assert lab(*words[1:], "--tag", "batch=4") in (0, 3)
+    assert lab(*words[1:], "--tag", "batch=4") in SOUND
     (second,) = set(folder.glob("*.mcap")) - {first}
     assert labels_of(Recording.open(first)) == {"operator": "Ada", "batch": "3"}
     assert labels_of(Recording.open(second)) == {"operator": "Ada", "batch": "4"}
     assert {row.trial for row in read_case([first, second]).table} == {1, 2, 3}
 
 
-def test_what_cannot_be_resumed_is_told(virtual_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_cannot_be_resumed_is_told(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:
     (tmp_path / "a.journal").write_text(
         '{"journal": 1, "campaign": "c", "protocol": "bending"}\n{"recording": "gone.mcap", "first_trial": 1}\n'
     )
-    assert lab("run", "--resume", tmp_path / "a.journal", "--rig", virtual_lab.rig) == 2
-    assert "gone.mcap" in capsys.readouterr().err
+    assert "gone.mcap" in cli("run", "--resume", tmp_path / "a.journal", "--rig", virtual_lab.rig, code=2).err
     assert lab("run", "--resume", tmp_path / "a.journal", "--rig", virtual_lab.rig, "--set", "repeats=2") == 2
     assert lab("run", "--rig", virtual_lab.rig) == 2
+
+
+# ------------------------------------------------------------------ files and terminals that go
+READ = '{"trial": 1, "step": 1}'
+BENDING = "PARAMETERS, NEEDS, plan, run = bending.PARAMETERS, bending.NEEDS, bending.plan, bending.run\n"
+
+
+def delete_file(folder: Path) -> None:
+    next(folder.glob("*.mcap")).unlink()
+
+
+def rename_folder(folder: Path) -> None:
+    folder.rename(folder.with_name("moved"))
+
+
+def truncate(folder: Path) -> None:
+    os.truncate(next(folder.glob("*.mcap")), 30_000)
+
+
+@pytest.mark.parametrize("harm", [delete_file, truncate, pytest.param(rename_folder, marks=pytest.mark.long)])
+def test_a_run_whose_recording_is_lost_lands_after_the_state_and_goes_on_from_the_rescue_file(
+    harm: Callable[[Path], None], virtual_lab: VirtualLab, tmp_path: Path, cli: Cli
+) -> None:
+    rig = tmp_path / "rig" / "rig.yaml"
+    shutil.copytree(virtual_lab.rig.parent, rig.parent)
+    folder = tmp_path / "out"
+    files: list[Path] = []
+    meanwhile(lambda: journal_says(READ, folder), lambda: files.extend(folder.glob("*.mcap")), lambda: harm(folder))
+    output = cli("run", "bending", "--rig", rig, *SHORT, "--out", folder, code=3).both
+    (file,) = files
+    (rescue,) = rig.parent.glob("*-rescue.mcap")
+    told = "".join(output.split())
+    assert str(file) in told and f"statesin{rescue}" in told and "Traceback" not in output
+    assert verify(rescue).ok and lab("info", rescue) == (3 if harm is truncate else 0)
+    found = Recording.open(rescue)
+    assert found.outcome == "stopped" and any(str(file) in line.text for line in found.log if line.level == "error")
+    assert found.metadata["outcome"]["safe_state"] == "confirmed" and len(found.trials) < 6
+    assert lab("replay", rescue) == 0 or harm is truncate
+    assert lab(*go_on(output)[1:]) in SOUND
+    second = max((p for p in rig.parent.glob("*.mcap") if p != rescue), key=lambda p: p.stat().st_mtime)
+    assert {row.trial for row in read_case([rescue, second]).table} == {1, 2, 3}
+
+
+def test_what_was_read_is_attached_whatever_the_files_hold_by_then(
+    virtual_lab: VirtualLab, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(virtual_lab.rig.parent, tmp_path / "rig")
+    rig, robot, own = tmp_path / "rig" / "rig.yaml", tmp_path / "rig" / "robot.yaml", tmp_path / "bending.py"
+    own.write_text("from protocols import bending\n" + BENDING)
+    before = {"rig.yaml": rig.read_bytes(), "robot.yaml": robot.read_bytes(), "protocol.py": own.read_bytes()}
+    connect = run_verb.connect
+
+    def edited(*how: object, **more: object) -> None:
+        connect(*how, **more)  # type: ignore[arg-type]
+        for path in (rig, robot, own):
+            path.write_text("edited: yes\n")
+
+    monkeypatch.setattr(run_verb, "connect", edited)
+    out = tmp_path / os.fsdecode(b"M\xfcller")  # which is no UTF-8
+    assert lab("run", own, "--rig", rig, *SHORT, "--set", "spine_lengths=[0.0]", "--out", out) in SOUND
+    (file,) = out.glob("*.mcap")
+    assert recording_of(rig) == file
+    found = Recording.open(file)
+    assert {name: found.attachments[name] for name in before} == before
+    sums = {name: hashlib.sha256(data).hexdigest() for name, data in found.attachments.items()}
+    assert found.metadata["sha256"] == sums and "protocol.yaml" in sums
+
+
+@pytest.mark.parametrize("asked", [pytest.param(False, marks=pytest.mark.long), True])
+def test_a_closed_terminal_ends_a_run_as_a_signal_to_end_does(asked: bool, real_lab: VirtualLab, tmp_path: Path) -> None:
+    """While a state is read, and while the person is asked to prepare the rig."""
+    freed(real_lab)
+    rig = real_lab.rig.with_name("at_terminal.yaml")
+    rig.write_text(yaml.safe_dump({**yaml.safe_load(real_lab.rig.read_text()), "operator": "console"}))
+    holding = settings("reading=hold", "hold_times=[1, 400]")  # the terminal is closed before the second state
+    with Terminal("run", "bending", "--rig", rig, *SHORT, *holding, "--out", tmp_path) as terminal:
+        terminal.until("Enter when ready")
+        if not asked:
+            terminal.press("\n")
+            assert timing.wait(lambda: journal_says(READ, tmp_path), 120), terminal.shown
+        terminal.hang_up()
+        assert terminal.end() == 1
+    found = Recording.open(recorded(tmp_path))
+    assert found.outcome == "stopped" and found.metadata["outcome"]["safe_state"] == "confirmed"
+    assert verify(found.path).ok
+    assert not rig.with_suffix(".latch").exists()

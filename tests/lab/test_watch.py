@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -18,12 +19,12 @@ from urllib.parse import urlsplit
 import numpy as np
 import pytest
 import yaml
-from page_events import events
-from virtual_lab import VirtualLab
+from commands import Cli
+from pages import events
+from virtual_lab import VirtualLab, recorded, settings
 
 from benchmarks.browser import BROWSERS, Browser, installed
 from benchmarks.faults.night import write_campaign
-from lab.cli import main
 from lab.comparison import expected
 from lab.files.inputs import read_case
 from lab.files.own_effects import stated_by
@@ -32,19 +33,24 @@ from lab.verbs.fakes import PATIENT_SETTLE
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
 
-SHORT = [
-    word for setting in ("spine_lengths=[0.05]", "pressures=[60 kPa, 90 kPa]", *PATIENT_SETTLE) for word in ("--set", setting)
-]
+SHORT = settings("spine_lengths=[0.05]", "pressures=[60 kPa, 90 kPa]", *PATIENT_SETTLE)
 SAID = ["--operator", "Ada", "--specimen", "S 7", "--tag", "batch=<b>3</b>"]
 HOSTILE = "<img src=x onerror=alert(1)> [/red] \x1b[2J"
 SHOWN = "<img src=x onerror=alert(1)> [/red] \\x1b[2J"
 
 
-def command(*words: object) -> subprocess.Popen[str]:
-    return subprocess.Popen(
+@contextmanager
+def command(*words: object) -> Iterator[subprocess.Popen[str]]:
+    """In a process of its own, killed at the end."""
+    program = subprocess.Popen(
         [sys.executable, "-m", "lab.cli", *map(str, words)], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT, text=True,
     )  # fmt: skip
+    try:
+        yield program
+    finally:
+        program.kill()
+        program.wait()
 
 
 def address(program: subprocess.Popen[str]) -> str:
@@ -99,8 +105,7 @@ def demand_equal(known: dict[str, Any], file: Path) -> None:
 def run(real_lab: VirtualLab, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:
     """What a viewer of a run was told, and its recording."""
     folder = tmp_path_factory.mktemp("watched")
-    program = command("run", "bending", "--rig", real_lab.rig, *SHORT, *SAID, "--out", folder, "--watch")
-    try:
+    with command("run", "bending", "--rig", real_lab.rig, *SHORT, *SAID, "--out", folder, "--watch") as program:
         where = urlsplit(page := address(program))
         with (
             socket.create_connection((where.hostname, where.port)) as stuck,
@@ -110,8 +115,6 @@ def run(real_lab: VirtualLab, tmp_path_factory: pytest.TempPathFactory) -> tuple
             hostile.sendall(b"GET /" + b"x" * 5000)
             known = told(page)
         out, _ = program.communicate(timeout=300)
-    finally:
-        program.kill()
     assert program.returncode in (0, 3), out
     (file,) = folder.glob("*.mcap")
     return known, file
@@ -120,7 +123,7 @@ def run(real_lab: VirtualLab, tmp_path_factory: pytest.TempPathFactory) -> tuple
 def test_a_viewer_of_a_run_is_told_what_is_in_its_recording(run: tuple[dict[str, Any], Path]) -> None:
     known, file = run
     demand_equal(known, file)
-    assert known["outcome"] == {"outcome": "completed", "detail": ""}
+    assert known["outcome"] == {"outcome": "completed", "detail": ""} and known["steered"] is True
     assert known["progress"]["steps"] == known["progress"]["planned"] == len(known["about"]["steps"]) == 6
     assert known["about"]["missing"] == [] and known["about"]["limits"]["pressure"] == 250e3
     recording = Recording.open(file)
@@ -128,39 +131,31 @@ def test_a_viewer_of_a_run_is_told_what_is_in_its_recording(run: tuple[dict[str,
     assert clock == pytest.approx(newest)
 
 
-def test_what_is_said_of_a_run_is_on_its_page_and_finds_it(
-    run: tuple[dict[str, Any], Path], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_said_of_a_run_is_on_its_page_and_finds_it(run: tuple[dict[str, Any], Path], cli: Cli) -> None:
     known, file = run
     assert known["about"]["labels"] == ["operator Ada", "specimen S 7", "batch <b>3</b>"]
     for words, found in ((["specimen=S 7", "batch=<b>3</b>"], [file.name]), (["operator=Eve"], [])):
-        assert main(["runs", str(file.parent), "--json", *(w for word in words for w in ("--where", word))]) == 0
-        assert [one["path"] for one in json.loads(capsys.readouterr().out)] == found
-    assert main(["runs", str(file.parent)]) == 0
-    path, seen, said = capsys.readouterr().out.splitlines()  # no path is cut where a table would be too wide
+        assert [
+            one["path"] for one in cli("runs", file.parent, "--json", *(w for word in words for w in ("--where", word))).json
+        ] == found
+    path, seen, said = cli("runs", file.parent).out.splitlines()  # no path is cut where a table would be too wide
     assert (
         path == file.name
         and "5 of 5 planned states, completed" in seen
         and said == "  operator=Ada, specimen=S 7, batch=<b>3</b>"
     )
-    assert main(["runs", str(file.parent), "--where", "operator"]) == 2
-    assert "--where 'operator': write KEY=VALUE" in " ".join(capsys.readouterr().err.split())
+    assert "--where 'operator': write KEY=VALUE" in cli("runs", file.parent, "--where", "operator", code=2).flat_err
 
 
 def test_gaps_told_are_those_of_compare(run: tuple[dict[str, Any], Path], real_lab: VirtualLab) -> None:
     _, file = run
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # as a shell starts a job in the background
-    try:
-        program = command("watch", file, "--speed", "1000", "--no-browser")
-    finally:
+    with command("watch", file, "--speed", "1000", "--no-browser") as program:
         signal.signal(signal.SIGINT, before)
-    try:
         known = told(address(program))
         program.send_signal(signal.SIGINT)
         out, _ = program.communicate(timeout=60)
         assert program.returncode == 0, out
-    finally:
-        program.kill()
     demand_equal(known, file)
     case = read_case([file])
     found = expected(case, stated_by(case.robot), intervals=True)
@@ -170,20 +165,18 @@ def test_gaps_told_are_those_of_compare(run: tuple[dict[str, Any], Path], real_l
 
 
 def test_the_run_of_a_rig_is_found_and_one_that_is_over_is_told(
-    run: tuple[dict[str, Any], Path], real_lab: VirtualLab, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    run: tuple[dict[str, Any], Path], real_lab: VirtualLab, tmp_path: Path, cli: Cli
 ) -> None:
     _, file = run
-    assert main(["watch", str(real_lab.rig)]) == 2
-    assert "no run is going on" in (said := " ".join(capsys.readouterr().err.split())) and file.name in said
+    assert "no run is going on" in (said := cli("watch", real_lab.rig, code=2).flat_err) and file.name in said
     (rig := tmp_path / "rig.yaml").write_bytes(real_lab.rig.read_bytes())
-    assert main(["watch", str(rig)]) == 2 and "no run of it is known" in capsys.readouterr().err
+    assert "no run of it is known" in cli("watch", rig, code=2).err
     with Recorder(tmp_path / "run.mcap", start_wall_ns=10**18) as recorder:
         announce(rig, recorder.path)
         recorder.push("/vacuum", 1.0, (20e3,))
         recorder.sync()
         os.utime(recorder.path, (ahead := time.time() + 600.0, ahead))  # however long the program takes to start
-        program = command("watch", rig, "--json", "--no-browser")
-        try:
+        with command("watch", rig, "--json", "--no-browser") as program:
             assert program.stdout is not None
             answer = json.loads(program.stdout.readline())
             assert answer["live"] is True and answer["file"] == str(recorder.path)
@@ -204,9 +197,6 @@ def test_the_run_of_a_rig_is_found_and_one_that_is_over_is_told(
                 assert found["clock"] == found["t"] == 0.0  # no age is counted from the run before
                 found = until(stream, lambda d: "vacuum" in d.get("newest", {}))
                 assert found["newest"]["vacuum"] == {"t": 0.5, "absolute": 22e3}
-        finally:
-            program.kill()
-            program.wait()
 
 
 def until(stream: Iterator[tuple[str, dict[str, Any]]], fits: Any) -> dict[str, Any]:
@@ -215,9 +205,8 @@ def until(stream: Iterator[tuple[str, dict[str, Any]]], fits: Any) -> dict[str, 
 
 def test_the_page_of_a_campaign_goes_on_from_run_to_run_by_itself(real_lab: VirtualLab, tmp_path: Path) -> None:
     file = write_campaign(tmp_path / "night.yaml", (0.0,), 1, unload=False)
-    program = command("campaign", file, "--rig", real_lab.rig, "--out", tmp_path / "night", "--watch")
     wholes: list[dict[str, Any]] = []
-    try:
+    with command("campaign", file, "--rig", real_lab.rig, "--out", tmp_path / "night", "--watch") as program:
         for name, data in events(address(program)):  # one connection to the end
             if name == "whole":
                 wholes.append({"rows": []})
@@ -225,14 +214,9 @@ def test_the_page_of_a_campaign_goes_on_from_run_to_run_by_itself(real_lab: Virt
                 wholes[-1]["rows"] += data.pop("rows", [])
                 wholes[-1] |= data
         out, _ = program.communicate(timeout=300)
-    finally:
-        program.kill()
     assert program.returncode in (0, 3), out
     parts = [known for known in wholes if "about" in known]  # an early viewer was told that nothing is there yet
-    assert [known["part"].partition(":")[0] for known in parts] == [
-        "Campaign night. Warm-up",
-        "Campaign night. Run 1 of 1",
-    ]
+    assert [known["part"].partition(":")[0] for known in parts] == ["Campaign night. Warm-up", "Campaign night. Run 1 of 1"]
     assert all(known["outcome"]["outcome"] == "completed" and known["steered"] for known in parts)
     assert [known["more"] for known in parts] == [True, False]
     for known, folder in zip(parts, ("warm-up", "0001-bending"), strict=True):
@@ -252,11 +236,8 @@ def test_the_page_of_a_campaign_goes_on_from_run_to_run_by_itself(real_lab: Virt
         (["--speed", "nan"], "--speed nan"),
     ],
 )
-def test_wrong_words_get_one_clear_error(
-    run: tuple[dict[str, Any], Path], words: list[str], says: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["watch", str(run[1]), *words]) == 2
-    assert says in " ".join(capsys.readouterr().err.split())
+def test_wrong_words_get_one_clear_error(run: tuple[dict[str, Any], Path], words: list[str], says: str, cli: Cli) -> None:
+    assert says in cli("watch", run[1], *words, code=2).flat_err
 
 
 # -- in a browser
@@ -274,20 +255,19 @@ def test_a_browser_shows_a_run_as_it_goes_and_what_it_shows_is_in_the_recording(
     real_lab: VirtualLab, tmp_path: Path, page: Browser
 ) -> None:
     words = (*SHORT, "--set", "settle.within=3600 s", "--out", tmp_path / "out", "--watch")
-    program = command("run", "bending", "--rig", real_lab.rig, *words)
-    try:
-        shown_at = address(program)
-        # No state can be read from now on, however long a browser takes.
-        real_lab.fakes.door.answer(b'{"tip_visible": false}')
-        page.open(shown_at)
-        page.until("document.getElementById('lead').textContent.includes('hidden')", 120)
-        real_lab.fakes.door.answer(b'{"tip_visible": true}')
-        page.until("live.state", 120)
-        page.until("live.outcome", 240)
-        out, _ = program.communicate(timeout=120)
-    finally:
-        real_lab.fakes.door.answer(b'{"tip_visible": true}')
-        program.kill()
+    with command("run", "bending", "--rig", real_lab.rig, *words) as program:
+        try:
+            shown_at = address(program)
+            # No state can be read from now on, however long a browser takes.
+            real_lab.fakes.door.answer(b'{"tip_visible": false}')
+            page.open(shown_at)
+            page.until("document.getElementById('lead').textContent.includes('hidden')", 120)
+            real_lab.fakes.door.answer(b'{"tip_visible": true}')
+            page.until("live.state", 120)
+            page.until("live.outcome", 240)
+            out, _ = program.communicate(timeout=120)
+        finally:
+            real_lab.fakes.door.answer(b'{"tip_visible": true}')
     assert program.returncode in (0, 3), out
     (file,) = (tmp_path / "out").glob("*.mcap")
     demand_equal(page.value("live"), file)
@@ -306,19 +286,9 @@ def test_a_browser_shows_a_run_as_it_goes_and_what_it_shows_is_in_the_recording(
 
 @pytest.mark.long
 def test_buttons_pause_a_run_and_a_note_is_written_down(real_lab: VirtualLab, tmp_path: Path, page: Browser) -> None:
-    words = (
-        "--set",
-        "spine_lengths=[0.0, 3 cm]",
-        *SHORT[2:],
-        "--set",
-        "rate=1 kPa/s",
-        "--out",
-        tmp_path / "out",
-        "--watch",
-    )
-    program = command("run", "bending", "--rig", real_lab.rig, *words)
+    words = ("--set", "spine_lengths=[0.0, 3 cm]", *SHORT[2:], "--set", "rate=1 kPa/s", "--out", tmp_path / "out", "--watch")
     press = "document.getElementById('{}').click()"
-    try:
+    with command("run", "bending", "--rig", real_lab.rig, *words) as program:
         page.open(address(program))
         page.until("live.steered", 120)
         page.value(press.format("pause"))
@@ -339,11 +309,8 @@ def test_buttons_pause_a_run_and_a_note_is_written_down(real_lab: VirtualLab, tm
         page.until("document.getElementById('steer').hidden")
         assert page.value("document.images.length") == 0 and page.said == []
         out, _ = program.communicate(timeout=120)
-    finally:
-        program.kill()
     assert "Note: " in out and "(page)" in out and "\x1b" not in out
-    (file,) = (tmp_path / "out").glob("*.mcap")
-    requests = Recording.open(file).requests
+    requests = Recording.open(recorded(tmp_path / "out")).requests
     assert {r.by for r in requests} == {"page"}
     assert [r.kind for r in requests if r.done] == ["pause", "note", "go on", "skip"]
     assert [r.text for r in requests if r.kind == "note"] == [HOSTILE]
@@ -369,22 +336,21 @@ def test_in_a_campaign_a_browser_goes_on_with_the_next_run_and_its_buttons_are_f
             fakes.door.answer(b'{"tip_visible": false}')
 
     monkeypatch.setattr(fakes, "prepare", prepare_and_hide)
-    program = command("campaign", file, "--rig", real_lab.rig, "--out", tmp_path / "night", "--watch")
-    try:
-        page.open(address(program))
-        page.until("document.getElementById('part').textContent.includes('Run 2 of 2')", 240)
-        page.until("document.getElementById('lead').textContent.includes('hidden')", 120)
-        page.until("!document.getElementById('steer').hidden")
-        page.value("document.getElementById('note').value = 'of the second'")
-        page.value("document.getElementById('note-form').requestSubmit()")
-        page.until("document.getElementById('log').textContent.includes('note: of the second (page)')", 120)
-        fakes.door.answer(b'{"tip_visible": true}')
-        page.until("live.more === false", 240)
-        page.until("document.getElementById('lead').textContent === 'Completed'")
-        out, _ = program.communicate(timeout=120)
-    finally:
-        fakes.door.answer(b'{"tip_visible": true}')
-        program.kill()
+    with command("campaign", file, "--rig", real_lab.rig, "--out", tmp_path / "night", "--watch") as program:
+        try:
+            page.open(address(program))
+            page.until("document.getElementById('part').textContent.includes('Run 2 of 2')", 240)
+            page.until("document.getElementById('lead').textContent.includes('hidden')", 120)
+            page.until("!document.getElementById('steer').hidden")
+            page.value("document.getElementById('note').value = 'of the second'")
+            page.value("document.getElementById('note-form').requestSubmit()")
+            page.until("document.getElementById('log').textContent.includes('note: of the second (page)')", 120)
+            fakes.door.answer(b'{"tip_visible": true}')
+            page.until("live.more === false", 240)
+            page.until("document.getElementById('lead').textContent === 'Completed'")
+            out, _ = program.communicate(timeout=120)
+        finally:
+            fakes.door.answer(b'{"tip_visible": true}')
     assert program.returncode in (0, 3), out
     (recording,) = (tmp_path / "night" / "0002-bending").glob("*.mcap")
     assert [r.text for r in Recording.open(recording).requests if r.kind == "note"] == ["of the second"]
@@ -392,20 +358,7 @@ def test_in_a_campaign_a_browser_goes_on_with_the_next_run_and_its_buttons_are_f
 
 
 @pytest.mark.long
-def test_a_page_of_a_recording_has_no_buttons(run: tuple[dict[str, Any], Path], page: Browser) -> None:
-    program = command("watch", run[1], "--speed", "1000", "--no-browser")
-    try:
-        page.open(address(program))
-        page.until("live.outcome")
-        assert page.value("live.steered") is False and page.value("document.getElementById('steer').hidden")
-        assert run[0]["steered"] is True
-    finally:
-        program.kill()
-        program.wait()
-
-
-@pytest.mark.long
-def test_what_is_silent_or_not_safe_is_said_and_no_old_number_looks_new(tmp_path: Path, page: Browser) -> None:
+def test_a_recording_has_no_buttons_and_says_what_is_silent_or_not_safe(tmp_path: Path, page: Browser) -> None:
     with Recorder(tmp_path / "run.mcap", start_wall_ns=10**18) as recorder:
         for k in range(60):
             recorder.push("/pressure", 0.1 * k, ((0.0,) * 9, (0.0,) * 9))
@@ -413,21 +366,18 @@ def test_what_is_silent_or_not_safe_is_said_and_no_old_number_looks_new(tmp_path
                 recorder.push("/vacuum", 0.1 * k, (20e3,))
             recorder.sync()
         recorder.close("failed", "gauge: no answer", safe=False)
-    program = command("watch", recorder.path, "--no-browser")
     box = "[...document.querySelectorAll('#numbers .bad')].map((e) => e.innerText).join()"
-    try:
+    with command("watch", recorder.path, "--no-browser") as program:
         page.open(address(program))
         page.until("document.getElementById('lead').textContent.startsWith('No data on /vacuum for ')")
         page.until(f"/pressure in the spine.*20.0 kPa abs, .* old/s.test({box})")
         page.until("live.outcome")
+        assert page.value("live.steered") is False and page.value("document.getElementById('steer').hidden")
         lead = "The safe state was not confirmed. Failed: gauge: no answer"
         page.until(f"document.getElementById('lead').textContent === {json.dumps(lead)}")
         page.until(f"/pressure in the spine.*20.0 kPa abs, .* before the end/s.test({box})")
         assert page.value("document.getElementById('planes').hidden") and page.said == []
         assert "no motion capture in this recording" in page.text()
-    finally:
-        program.kill()
-        program.wait()
 
 
 @pytest.mark.long
@@ -439,8 +389,7 @@ def test_a_browser_shows_text_from_outside_as_text_and_asks_for_nothing_beyond_t
         recorder.push("/vacuum", 1.0, (20e3,))
         recorder.log("error", HOSTILE)
         recorder.close("failed", HOSTILE)
-    program = command("watch", recorder.path, "--speed", "1000", "--no-browser")
-    try:
+    with command("watch", recorder.path, "--speed", "1000", "--no-browser") as program:
         page.open(address(program))
         page.until("live.outcome")
         page.until(f"document.getElementById('lead').textContent === {json.dumps('Failed: ' + SHOWN)}")
@@ -449,6 +398,3 @@ def test_a_browser_shows_text_from_outside_as_text_and_asks_for_nothing_beyond_t
         asked = page.value("performance.getEntriesByType('resource').map((e) => e.name)")
         assert asked and all(name.startswith(page.value("location.origin")) for name in asked)
         assert page.said == []
-    finally:
-        program.kill()
-        program.wait()

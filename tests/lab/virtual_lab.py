@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import signal
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -24,6 +25,23 @@ class VirtualLab:
 def lab(*arguments: object) -> int:
     """The command, in this process; its exit code."""
     return main([str(a) for a in arguments])
+
+
+def settings(*values: str) -> list[str]:
+    """`--set` for each."""
+    return [word for value in values for word in ("--set", value)]
+
+
+def recorded(folder: Path) -> Path:
+    """The only recording in a folder."""
+    (file,) = folder.glob("*.mcap")
+    return file
+
+
+def go_on(output: str) -> list[str]:
+    """The words of the line with which a command says how to go on."""
+    (told,) = [line for line in output.splitlines() if line.startswith("go on with: ")]
+    return shlex.split(told.removeprefix("go on with: "))
 
 
 def meanwhile(condition: Callable[[], object], *acts: Callable[[], object], within: float = 120.0) -> None:

@@ -1,7 +1,5 @@
 """Robots and conditions shared by the tests of the model."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 
@@ -24,14 +22,9 @@ def paper_robot() -> Robot:
 @pytest.fixture(scope="session")
 def reference_robot(paper_robot: Robot) -> Robot:
     """The robot of the published reference values: one area factor, spine modulus on a straight line."""
-    return robot_from_dict(
-        {
-            **paper_robot.model_dump(),
-            "shear_modulus": paper_robot.youngs_modulus / 3,
-            "area_factor": 1.5,
-            "spine": {"radius": 0.029, "modulus": {0.05: 0.318e6, 0.30: 4.389e6}},
-        }
-    )
+    spine = {"radius": 0.029, "modulus": {0.05: 0.318e6, 0.30: 4.389e6}}
+    changed = {"shear_modulus": paper_robot.youngs_modulus / 3, "area_factor": 1.5, "spine": spine}
+    return robot_from_dict({**paper_robot.model_dump(), **changed})
 
 
 @pytest.fixture(scope="session")

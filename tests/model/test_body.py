@@ -1,7 +1,5 @@
 """Bodies whose section is not the same all along, and bodies whose stiffness is given."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -10,12 +8,12 @@ import pytest
 from model import body
 from model.body import body_of
 from model.condition import conditions
-from model.effects.design import design_from_columns
-from model.effects.forward import ForwardModel
 from model.errors import BadRobot
+from model.prediction.campaign import predict_campaign
 from model.robot import Robot, robot_from_dict
 from model.rods import FINE, Rods, solve
 from model.section import rods_of
+from tests.model.effects.campaigns import Moved
 from tests.model.rods.reference import REFERENCE
 
 PRESSURES = np.outer([0.0, 60e3, 120e3], [0, 0, 0, 1, 1, 1, 0, 0, 0])
@@ -26,20 +24,21 @@ def changed(robot: Robot, **fields: Any) -> Robot:
     return robot_from_dict({**robot.model_dump(), **fields})
 
 
-def tips(robot: Robot, method: Any = FINE) -> np.ndarray:
-    return solve(rods_of(robot, conditions(robot, SPINES, PRESSURES)), method).trusted().tip
+def tips(robot: Robot, method: Any = FINE, **more: Any) -> np.ndarray:
+    """(3, 3) m, of the rods."""
+    return solve(rods_of(robot, conditions(robot, SPINES, PRESSURES, **more)), method).trusted().tip
 
 
-def predicted(robot: Robot) -> np.ndarray:
-    """(n, 3) tips of the forward model of a campaign in the same states."""
-    columns = {"trial": np.arange(3), "spine_length": SPINES, "x": np.zeros(3), "y": np.zeros(3), "z": np.zeros(3),
-               **{f"p{i + 1}": p for i, p in enumerate(PRESSURES.T)}}  # fmt: skip
-    forward = ForwardModel(robot, design_from_columns(robot, columns), "per_length", {})
-    values = forward.predict(np.zeros(len(forward.parameters)))
-    out = np.zeros((3, 3))
-    for (row, channel), value in zip(forward.labels, values, strict=True):
-        out[row, "xyz".index(channel)] = value
-    return out
+def predicted(robot: Robot, force: Any = 0.0) -> np.ndarray:
+    """(3, 3) m, of the forward model of a campaign in the same states, which its predictor confirms."""
+    force = np.zeros((3, 3)) + force
+    columns = {"trial": np.arange(3), "spine_length": SPINES, **{c: np.zeros(3) for c in "xyz"}}
+    columns |= {f"p{i + 1}": p for i, p in enumerate(PRESSURES.T)} | {
+        f"force_{c}": f for c, f in zip("xyz", force.T, strict=True)
+    }
+    found = Moved(robot, columns, area="per_length", catalogue={}).still
+    np.testing.assert_allclose(predict_campaign(robot, columns).tip, found, atol=1e-6)
+    return found
 
 
 def test_sections_that_are_all_alike_are_the_uniform_body(reference_robot: Robot) -> None:
@@ -61,17 +60,29 @@ def test_stiffness_and_mass_that_are_given_stand_for_radii_and_material(referenc
     np.testing.assert_allclose(predicted(given), predicted(reference_robot), atol=1e-8)
 
 
-def test_forward_model_and_rods_agree_on_a_body_of_sections(reference_robot: Robot) -> None:
-    segmented = changed(
-        reference_robot,
-        sections=[
-            {"length": 0.15, "bending_stiffness": 2.0, "mass_per_length": 6.0},
-            {"length": 0.1, "youngs_modulus": 8e5, "chamber_radius": 0.004},
-            {"length": 0.15, "outer_radius": (0.05, 0.045), "path_radius": (0.04, 0.038)},
-        ],
-    )
-    np.testing.assert_allclose(predicted(segmented), tips(segmented), atol=2e-6)
-    assert np.abs(tips(segmented) - tips(reference_robot)).max() > 3e-3
+SEGMENTED = {
+    "sections": [
+        {"length": 0.15, "bending_stiffness": 2.0, "mass_per_length": 6.0},
+        {"length": 0.1, "youngs_modulus": 8e5, "chamber_radius": 0.004},
+        {"length": 0.15, "outer_radius": (0.05, 0.045), "path_radius": (0.04, 0.038)},
+    ]
+}
+NINE = {"path_radius": 0.04, "azimuths_deg": [40.0 * k for k in range(9)], "ends": [0.2, 0.4, 0.3] * 3}
+PULLED = {"chambers": None, "area_factor": 0.9, "tendons": NINE}
+
+
+@pytest.mark.parametrize("fields", [{}, SEGMENTED, PULLED], ids=["uniform", "of sections", "pulled by tendons"])
+def test_the_forward_model_and_the_rods_agree_under_known_forces(reference_robot: Robot, fields: dict[str, Any]) -> None:
+    robot, forces = changed(reference_robot, **fields), np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0], [0.0, -0.2, 0.1]])
+    np.testing.assert_allclose(predicted(robot, forces), tips(robot, force=forces), atol=2e-6)
+    assert np.abs(tips(robot, force=forces) - tips(robot)).max() > 3e-4
+    assert not fields or np.abs(tips(robot) - tips(reference_robot)).max() > 3e-3
+
+
+def test_a_mass_at_the_tip_is_a_force_along_gravity(reference_robot: Robot) -> None:
+    weight = 0.1 * np.array(reference_robot.gravity)
+    lifted, heavy = tips(reference_robot, tip_mass=0.0, force=weight), tips(reference_robot, tip_mass=0.1)
+    np.testing.assert_allclose(lifted, heavy, atol=1e-9)
 
 
 def test_a_taper_converges_with_its_pieces(reference_robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -108,7 +119,6 @@ def test_chambers_that_end_half_way_leave_the_rest_straight(reference_robot: Rob
     )  # fmt: skip
     rods = rods_of(half, conditions(half, 0.0, PRESSURES[-1]))
     found = solve(rods, FINE, arc_lengths=[0.2, 0.3, 0.4])
-    assert found.shape is not None
     first, second = np.diff(found.shape[0], axis=0)
     assert np.linalg.norm(np.cross(first, second)) < 1e-9 < np.linalg.norm(np.cross(first, [0.0, 0.0, 1.0]))
 
@@ -129,7 +139,6 @@ def test_a_tendon_bends_towards_itself_in_a_circle_and_shortens(reference_robot:
     )  # fmt: skip
     tension = 3.0
     found = solve(rods_of(pulled, conditions(pulled, 0.0, [tension / 1e-4, 0.0, 0.0])), FINE, arc_lengths=[0.2, 0.4])
-    assert found.shape is not None
     curvature, stretch = tension * 0.04 / 0.5, 1 - tension / 800.0
     for s, place in zip((0.2, 0.4), found.shape[0], strict=True):
         circle = stretch / curvature * np.array([1 - np.cos(curvature * s), 0.0, np.sin(curvature * s)])
@@ -144,17 +153,8 @@ def test_tendons_fastened_half_way_bend_the_first_half(reference_robot: Robot) -
     np.testing.assert_allclose(body_of(two).chamber_area, [[-1e-4, -1e-4], [0.0, -1e-4]])
     rods = rods_of(two, conditions(two, 0.0, [60e3, 0.0]))
     found = solve(rods, FINE, arc_lengths=[0.2, 0.3, 0.4])
-    assert found.shape is not None
     first, second = np.diff(found.shape[0], axis=0)
     assert found.shape[0, 0, 0] > 1e-3 and np.linalg.norm(np.cross(first, second)) < 1e-9
-
-
-def test_the_forward_model_of_tendons_is_that_of_its_rods(reference_robot: Robot) -> None:
-    pulled = changed(
-        reference_robot, chambers=None, area_factor=0.9,
-        tendons={"path_radius": 0.04, "azimuths_deg": [40.0 * k for k in range(9)], "ends": [0.2, 0.4, 0.3] * 3},
-    )  # fmt: skip
-    np.testing.assert_allclose(predicted(pulled), tips(pulled), atol=2e-6)
 
 
 @pytest.mark.parametrize(

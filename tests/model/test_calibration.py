@@ -1,6 +1,4 @@
-"""Calibration gives back what synthetic data were made with, and says how well."""
-
-from __future__ import annotations
+"""Calibration: area factors from tips, stiffness and moduli from pushes, and how well each is known."""
 
 from collections.abc import Callable
 
@@ -8,10 +6,11 @@ import numpy as np
 import pytest
 
 from model.calibration import fit_area_factor, fit_area_factor_by_length, fit_body_modulus, fit_spine_modulus
+from model.cantilever import fit_stiffness, youngs_modulus
 from model.condition import States, conditions
 from model.errors import BadCondition, NotIdentified
 from model.robot import Robot
-from model.section import body_second_moment
+from model.section import annulus_second_moment, body_second_moment
 from tests.model.rods.cases import solved
 
 Bending = Callable[..., States]
@@ -27,12 +26,6 @@ def test_a_known_factor_is_found_within_its_error(paper_robot: Robot, bending: B
     assert low < 1.73 < high
     assert high - low < 0.01
     assert fit.rmse == pytest.approx(0.3e-3 * np.sqrt(3), rel=0.4)
-
-
-def test_exact_tips_give_the_exact_factor(paper_robot: Robot, bending: Bending) -> None:
-    states = bending(paper_robot, [0.0, 0.2], PRESSURES)
-    fit = fit_area_factor(paper_robot, states, solved(paper_robot.with_area_factor(2.2), states).tip)
-    assert fit.factor.value == pytest.approx(2.2, rel=1e-7)
 
 
 def test_a_factor_of_its_own_for_each_length_gives_back_the_papers_sequence(paper_robot: Robot, bending: Bending) -> None:
@@ -90,3 +83,76 @@ def test_spine_modulus_comes_back_for_each_length() -> None:
     force = np.concatenate([3 * e * second / length**3 * y for length, e in truth.items()])
     found = fit_spine_modulus(0.029, np.repeat(list(truth), 5), np.tile(y, 2), force)
     assert {length: fit.value for length, fit in found.items()} == pytest.approx(truth)
+
+
+DEFLECTION = np.linspace(0.002, 0.02, 10)
+
+
+def test_a_push_at_the_end_is_equation_nine_whatever_the_force_s_offset() -> None:
+    nine = 4 * 120 * 0.2**3 / (3 * np.pi * 0.029**4)
+    slope = fit_stiffness(DEFLECTION, 120 * DEFLECTION + 0.4)
+    assert youngs_modulus(slope, 0.2, annulus_second_moment(0.029)).value == pytest.approx(nine, rel=1e-12)
+
+
+def test_a_load_short_of_the_end_is_equation_eight() -> None:
+    second, x = 1e-7, 0.1
+    slope = fit_stiffness(DEFLECTION, 50 * DEFLECTION)
+    e = youngs_modulus(slope, 0.2, second, load_at=x).value
+    assert 50 * (3 * 0.2 - x) * x**2 / (6 * e * second) == pytest.approx(1.0)
+
+
+def test_each_trial_has_its_own_intercept() -> None:
+    trial = np.repeat(["a", "b"], 5)
+    force = 80 * DEFLECTION + np.where(trial == "a", 0.5, -0.3)
+    slope = fit_stiffness(DEFLECTION, force, trial=trial)
+    assert slope.value == pytest.approx(80, rel=1e-12)
+
+
+def test_the_interval_covers_the_truth_as_often_as_it_says() -> None:
+    draw = np.random.default_rng(3)
+    covered = 0
+    for _ in range(400):
+        low, high = fit_stiffness(DEFLECTION, 100 * DEFLECTION + draw.normal(0, 0.05, 10)).interval
+        covered += low < 100 < high
+    assert 0.92 < covered / 400 < 0.98
+
+
+def test_readings_with_a_large_error_count_less() -> None:
+    force = 100 * DEFLECTION
+    force[-1] += 5
+    sd = np.full(10, 0.01)
+    sd[-1] = 10.0
+    assert fit_stiffness(DEFLECTION, force, sd).value == pytest.approx(100, rel=1e-3)
+    assert fit_stiffness(DEFLECTION, force).value > 130
+
+
+def test_errors_shared_within_a_trial_widen_the_standard_error() -> None:
+    draw = np.random.default_rng(5)
+    trial = np.repeat(np.arange(6), 10)
+    y = np.tile(DEFLECTION, 6)
+    force = (100 + draw.normal(0, 5, 6)[trial]) * y
+    by_trial = fit_stiffness(y, force, trial=trial)
+    assert by_trial.dof == 5
+    assert by_trial.standard_error == pytest.approx(5 / np.sqrt(6), rel=0.6)
+
+
+@pytest.mark.parametrize(
+    ("deflection", "force", "kind", "word"),
+    [
+        ([0.01, 0.01, 0.01], [1, 2, 3], NotIdentified, "deflection"),
+        ([0.01, 0.02], [1, 2], NotIdentified, "at least 3"),
+        ([0.01, 0.02, np.nan], [1, 2, 3], BadCondition, "deflection: row 2"),
+        ([0.01, 0.02, 0.03], [1, 2], BadCondition, "force"),
+    ],
+)
+def test_readings_that_cannot_be_fitted_are_refused(
+    deflection: list[float], force: list[float], kind: type[Exception], word: str
+) -> None:
+    with pytest.raises(kind, match=word):
+        fit_stiffness(deflection, force)
+
+
+def test_a_load_beyond_the_beam_is_refused() -> None:
+    slope = fit_stiffness(DEFLECTION, 50 * DEFLECTION)
+    with pytest.raises(BadCondition, match=r"loaded at 0.3 m"):
+        youngs_modulus(slope, 0.2, 1e-7, load_at=0.3)

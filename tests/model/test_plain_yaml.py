@@ -1,14 +1,8 @@
 """YAML of people: plain values only, and one error with its line for everything else."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 
-from model.errors import BadRobot
 from model.plain_yaml import MOST_CHARACTERS, MOST_VALUES, BadYaml, parse
-from model.robot import load_robot
 
 
 def test_tables_lists_numbers_and_texts_are_read_as_before() -> None:
@@ -56,14 +50,7 @@ def test_what_is_no_yaml_at_all_is_an_error(text: str) -> None:
 
 
 def test_a_key_is_a_name_whatever_yaml_makes_of_it_elsewhere() -> None:
-    assert parse("{on: 1, off: 2, No: 3, ~: 4, y: 5, 0.1: 6}")[0] == {
-        "on": 1,
-        "off": 2,
-        "No": 3,
-        "~": 4,
-        "y": 5,
-        0.1: 6,
-    }
+    assert parse("{on: 1, off: 2, No: 3, ~: 4, y: 5, 0.1: 6}")[0] == {"on": 1, "off": 2, "No": 3, "~": 4, "y": 5, 0.1: 6}
 
 
 def test_a_date_is_a_text_and_a_merge_key_is_a_key_like_any_other() -> None:
@@ -77,14 +64,3 @@ def test_a_date_is_a_text_and_a_merge_key_is_a_key_like_any_other() -> None:
 def test_what_is_longer_or_deeper_than_any_sensible_file_is_given_up_early(text: str) -> None:
     with pytest.raises(BadYaml, match="more than"):
         parse(text)
-
-
-@pytest.mark.parametrize(
-    "data", [b"\xff\xfe", b"name: !!int ''", b"[" * 500, b"\0", b'name: "\\0"', b"x" * (MOST_CHARACTERS + 1)]
-)
-def test_a_robot_file_of_such_content_is_a_bad_robot(tmp_path: Path, data: bytes) -> None:
-    (tmp_path / "robot.yaml").write_bytes(data)
-    with pytest.raises(BadRobot, match=r"robot\.yaml"):
-        load_robot(tmp_path / "robot.yaml")
-    with pytest.raises(BadRobot, match="not a file"):
-        load_robot(tmp_path)

@@ -1,20 +1,23 @@
-"""States as arrays: the same numbers as the forward model, gradients, intervals, and the way back."""
-
-from __future__ import annotations
+"""States as arrays: the numbers of the forward model, gradients, intervals, the way back, and the learnt residual."""
 
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
 
+from diagnosis.errors import BadCase
+from diagnosis.fit_residual import learn_residual
 from model.effects import CATALOGUE, ForwardModel, Parameter, design_from_columns
 from model.errors import BadCondition, BadRobot
 from model.prediction import Predictor
 from model.prediction.box_minima import box_minima
 from model.prediction.campaign import predict_campaign
 from model.prediction.inverse import inverse, limits_of
+from model.prediction.residual import LearntResidual, section_sums
 from model.robot import Robot, robot_from_dict
+from model.stated import Residual
 
 GROUPS = ((9, 1, 2), (3, 4, 5), (6, 7, 8))
 AZIMUTH = {"chamber_azimuth": {"angle": {"value": 0.1, "sd": 0.01, "unit": "rad"}}}
@@ -158,19 +161,6 @@ def test_limits_that_the_robot_does_not_have_are_refused(paper_robot: Robot, mor
         limits_of(paper_robot, **more)
 
 
-def test_quadratics_are_minimised_within_their_bounds() -> None:
-    rng = np.random.default_rng(2)
-    half = rng.normal(size=(50, 6, 6))
-    curve = half @ half.swapaxes(1, 2) + 1e-6 * np.eye(6)
-    slope = rng.normal(size=(50, 6))
-    low, high = -rng.uniform(0, 1, (50, 6)), rng.uniform(0, 1, (50, 6))
-    x = box_minima(curve, slope, low, high)
-    assert (x >= low).all() and (x <= high).all()
-    uphill = (curve @ x[..., None])[..., 0] + slope
-    held = np.where(x <= low, np.minimum(uphill, 0), np.where(x >= high, np.maximum(uphill, 0), uphill))
-    assert np.abs(held).max() < 1e-8
-
-
 def test_every_effect_of_the_catalogue_can_be_predicted_with(paper_robot: Robot) -> None:
     def small(p: Parameter) -> dict[str, Any]:
         return {"value": float(np.clip(0.3 * p.scale, p.low, p.high)), "sd": 0.1 * p.scale, "unit": p.unit}
@@ -188,3 +178,123 @@ def test_states_beyond_the_robot_s_limits_are_marked(paper_robot: Robot) -> None
     with pytest.warns(UserWarning, match="2 of 4 states have pressures outside 0 to"):
         found = at(rows)
     assert found.outside is not None and found.outside.tolist() == [False, True, True, False]
+
+
+Array = NDArray[np.float64]
+
+
+def minimum(curve: Array, score: Array, low: Array, high: Array) -> Array:
+    return box_minima(curve[None], -score[None], low[None], high[None])[0]
+
+
+def problem(seed: int, n: int) -> tuple[Array, Array, Array, Array]:
+    """Curvature with columns of very different size, and bounds of which many are zero or hold."""
+    rng = np.random.default_rng(seed)
+    columns = rng.normal(size=(n + 20, n)) * 10 ** rng.uniform(-1, 2, n)
+    curve = np.eye(n) + columns.T @ columns
+    score = columns.T @ rng.normal(size=n + 20) * 30
+    low = np.where(rng.random(n) < 0.4, 0.0, -rng.uniform(0.5, 3, n))
+    return curve, score, low, rng.uniform(0.5, 3, n)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_it_is_the_minimum_within_the_bounds(seed: int) -> None:
+    curve, score, low, high = problem(seed, 60)
+    root = np.linalg.cholesky(curve)
+    known = lsq_linear(root.T, np.linalg.solve(root, score), (low, high), method="bvls", tol=1e-14).x
+    assert ((known == low) | (known == high)).sum() > 10
+    np.testing.assert_allclose(minimum(curve, score, low, high), known, atol=1e-7)
+
+
+def test_what_is_held_too_early_comes_back() -> None:
+    # Alone the second would run out of its bound; it comes back when the first is held.
+    curve, score = np.array([[1.0, 0.9], [0.9, 1.0]]), np.array([4.0, 3.2])
+    x = minimum(curve, score, np.array([-1.0, -0.1]), np.array([1.0, 9.0]))
+    np.testing.assert_allclose(x, [1.0, 2.3])
+
+
+def learnt_states(robot: Robot, n: int = 60, per_trial: float = 3e-4, reading: float = 1e-4) -> tuple[Any, ...]:
+    """Trials of six states, and a smooth miss of 2 mm with what trials and readings add."""
+    rng = np.random.default_rng(5)
+    pressure, length = asked(n, seed=5)
+    trial = np.repeat(np.arange(n // 6), 6)
+    missed = smooth(robot, pressure, length) + per_trial * rng.normal(size=(n // 6, 3))[trial]
+    return trial, pressure, length, missed + reading * rng.normal(size=(n, 3))
+
+
+def smooth(robot: Robot, pressure: Array, length: Array) -> Array:
+    u = section_sums(robot, pressure) / 6e5
+    return 2e-3 * np.column_stack([np.sin(2 * u[:, 0]) * (1 + length), u[:, 1] ** 2, np.cos(3 * length) * u[:, 2]])
+
+
+def test_mean_and_variance_are_those_of_scikit_learn(paper_robot: Robot) -> None:
+    kernels = pytest.importorskip("sklearn.gaussian_process.kernels")
+    from sklearn.gaussian_process import GaussianProcessRegressor
+
+    trial, pressure, length, missed = learnt_states(paper_robot)
+    u = section_sums(paper_robot, pressure)
+    table = np.column_stack([trial, u, length, missed])
+    own = Residual(amplitude=2e-3, pressure_scale=5e5, length_scale=0.2, trial=0.0, reading=3e-4, states=table.tolist())
+    kernel = 2e-3**2 * kernels.RBF([5e5, 5e5, 5e5, 0.2])
+    peer = GaussianProcessRegressor(kernel, alpha=3e-4**2, optimizer=None).fit(np.column_stack([u, length]), missed)
+    there, at = asked(20, seed=9)
+    mean, sd = peer.predict(np.column_stack([section_sums(paper_robot, there), at]), return_std=True)
+    ours = LearntResidual(paper_robot, own)(there, at, intervals=True)
+    assert ours.variance is not None
+    assert np.abs(ours.mean - mean).max() < 1e-9
+    assert np.abs(np.sqrt(ours.variance) - np.asarray(sd).reshape(20, -1)[:, :1]).max() < 1e-9
+
+
+def test_scales_are_found_and_left_out_trials_are_predicted_as_by_learning_anew(paper_robot: Robot) -> None:
+    trial, pressure, length, missed = learnt_states(paper_robot)
+    found = learn_residual(paper_robot, trial, pressure, length, missed)
+    assert 0.5 < found.residual.trial / 3e-4 < 2 and 0.5 < found.residual.reading / 1e-4 < 2
+    there, at = asked(40, seed=11)
+    off = LearntResidual(paper_robot, found.residual)(there, at).mean - smooth(paper_robot, there, at)
+    assert np.sqrt((off**2).sum(axis=1).mean()) < 0.3 * np.sqrt((missed**2).sum(axis=1).mean())
+    left = []
+    for out in np.unique(trial):
+        rest = tuple(s for s in found.residual.states if s[0] != out)
+        anew = LearntResidual(paper_robot, found.residual.model_copy(update={"states": rest}))
+        own = trial == out
+        left.append(missed[own] - anew(pressure[own], length[own]).mean)
+    expected = np.sqrt((np.concatenate(left) ** 2).sum(axis=1).mean())
+    assert found.left_out == pytest.approx(expected, rel=1e-4)
+
+
+def test_predictions_have_the_residual_its_slopes_and_its_interval(paper_robot: Robot) -> None:
+    plain = robot_with(paper_robot, AZIMUTH)
+    own = learn_residual(plain, *learnt_states(plain)).residual
+    robot = plain.model_copy(update={"residual": own})
+    pressure, length = asked(12, seed=2)
+    with_it, without = (Predictor(r)(pressure, length, intervals=True, gradient=True) for r in (robot, plain))
+    learnt = LearntResidual(robot, own)(pressure, length, intervals=True)
+    assert np.abs(with_it.tip - without.tip - learnt.mean).max() < 1e-12
+    opened = with_it.model_sd**2 - without.model_sd**2
+    assert np.allclose(opened, learnt.variance - 1e-4**2, atol=1e-12)  # in place of the discrepancy
+    assert with_it.tip_by_pressure is not None and with_it.tip_by_length is not None
+    up, further = pressure.copy(), length + 1e-5
+    up[:, 3] += 10.0
+    at = Predictor(robot)
+    assert np.allclose((at(up, length).tip - with_it.tip) / 10.0, with_it.tip_by_pressure[:, :, 3], atol=3e-10)
+    assert np.allclose((at(pressure, further).tip - with_it.tip) / 1e-5, with_it.tip_by_length, atol=2e-4)
+    table = predict_campaign(robot, columns(pressure, length), intervals=True)
+    bare = predict_campaign(plain, columns(pressure, length), intervals=True)
+    assert np.abs(table.tip - bare.tip - learnt.mean).max() < 1e-12
+
+
+def test_far_from_all_states_nothing_is_added_and_the_interval_says_so(paper_robot: Robot) -> None:
+    own = learn_residual(paper_robot, *learnt_states(paper_robot)).residual
+    own = own.model_copy(update={"pressure_scale": 1e4})
+    far = LearntResidual(paper_robot, own)(np.full((1, 9), 190e3), np.array([0.1]), intervals=True)
+    assert np.abs(far.mean).max() < 1e-9 and far.variance is not None
+    assert far.variance[0, 0] == pytest.approx(own.amplitude**2)
+
+
+def test_too_few_states_and_a_wrong_table_are_refused(paper_robot: Robot) -> None:
+    trial, pressure, length, missed = learnt_states(paper_robot)
+    with pytest.raises(BadCase, match="5 states with a tip in 1 trial"):
+        learn_residual(paper_robot, trial[:5], pressure[:5], length[:5], missed[:5])
+    own = learn_residual(paper_robot, trial, pressure, length, missed).residual.model_dump()
+    with pytest.raises(BadRobot, match=r"residual.amplitude = -1.0 m"):
+        robot_from_dict({**paper_robot.model_dump(), "residual": {**own, "amplitude": -1.0}})

@@ -1,7 +1,5 @@
 """Effects in robot.yaml: what is refused and how it is told, and that the model has them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +12,7 @@ from model.effects import CATALOGUE, EffectSpec, ForwardModel, Law, Parameter, d
 from model.errors import BadRobot
 from model.robot import Robot, robot_from_dict
 from model.stated import Stated
-from tests.model.effects.conftest import campaign
+from tests.model.effects.campaigns import Moved, campaign
 
 SLIP = {"moment": {"value": 0.15, "sd": 0.01, "unit": "N m"}, "stroke": {"value": 0.3, "sd": 0.2, "unit": "ln"}}
 AZIMUTH = {"angle": {"value": 0.1, "sd": 0.01, "unit": "rad"}}
@@ -81,22 +79,19 @@ def test_the_baseline_of_a_robot_has_its_effects(paper_robot: Robot) -> None:
     tilt = {"tilt": {"x": {"value": 2e-3, "sd": 1e-3, "unit": "rad"}}}
     robot = robot_from_dict(stating(paper_robot, effects={"spine_slip": SLIP}, tolerances=tilt))
     assert robot.plain == plain
-    forward, bare = (ForwardModel(r, design_from_columns(r, columns)) for r in (robot, plain))
-    names = [p.name for p in forward.parameters]
-    theta = np.zeros(len(names))
-    for name, value in (("spine_slip.moment", 0.15), ("spine_slip.stroke", 0.3), ("tilt.x", 2e-3)):
-        theta[names.index(name)] = value
-    np.testing.assert_array_equal(forward.predict(0 * theta), bare.predict(theta))
+    here, bare = (Moved(r, columns) for r in (robot, plain))
+    stated = {"spine_slip.moment": 0.15, "spine_slip.stroke": 0.3, "tilt.x": 2e-3}
+    np.testing.assert_array_equal(here.still, bare.tips(stated))
     # What is added to it, and derivatives, count from there.
-    change = np.zeros(len(names))
-    change[names.index("spine_slip.moment")] = -0.05
-    np.testing.assert_allclose(forward.predict(change), bare.predict(theta + change), atol=1e-15)
-    np.testing.assert_array_equal(forward.linearise(0 * theta)[1], bare.linearise(theta)[1])
-    moment, stroke = (forward.parameters[names.index(f"spine_slip.{k}")] for k in ("moment", "stroke"))
+    np.testing.assert_allclose(here.tips(spine_slip__moment=-0.05), bare.tips(stated | {"spine_slip.moment": 0.10}), atol=1e-15)
+    slopes = (here.forward.linearise(here.vector())[1], bare.forward.linearise(bare.vector(stated))[1])
+    np.testing.assert_array_equal(*slopes)
+    own = {p.name: p for p in here.forward.parameters}
+    moment, stroke = own["spine_slip.moment"], own["spine_slip.stroke"]
     assert (moment.low, moment.sign, stroke.role) == (-0.15, "both", "size")
     # The same where the effect is not among those that are varied.
-    fixed = ForwardModel(robot, design_from_columns(robot, columns), catalogue={"base_tilt": CATALOGUE["base_tilt"]})
-    np.testing.assert_array_equal(fixed.predict(np.zeros(len(fixed.parameters))), bare.predict(theta))
+    fixed = Moved(robot, columns, catalogue={"base_tilt": CATALOGUE["base_tilt"]})
+    np.testing.assert_array_equal(fixed.still, bare.tips(stated))
 
 
 def test_an_effect_of_ones_own_may_stand_there(paper_robot: Robot) -> None:
@@ -105,12 +100,11 @@ def test_an_effect_of_ones_own_may_stand_there(paper_robot: Robot) -> None:
 
     own = EffectSpec("colder", "material", "", (Parameter("excess", "1", 0.1, -0.5, 1.0),), Law(before=colder), "", "")
     robot = robot_from_dict(stating(paper_robot, effects={"colder": {"excess": {"value": 0.2, "unit": "1"}}}))
-    design = design_from_columns(robot, campaign(lengths=(0.1,), levels=(60e3,)))
+    columns = campaign(lengths=(0.1,), levels=(60e3,))
     with pytest.raises(BadRobot, match=r"effects\.colder: is not known.*--effects"):
-        ForwardModel(robot, design)
-    moved = ForwardModel(robot, design, catalogue={"colder": own})
-    zero = np.zeros(len(moved.parameters))
-    assert np.abs(moved.predict(zero) - ForwardModel(robot.plain, design, catalogue={}).predict(zero[1:])).max() > 1e-3
+        Moved(robot, columns)
+    with_it, plain = Moved(robot, columns, catalogue={"colder": own}), Moved(robot.plain, columns, catalogue={})
+    assert np.abs(with_it.still - plain.still).max() > 1e-3
 
 
 def test_the_uncertainty_of_a_robot_is_one_covariance(paper_robot: Robot) -> None:
@@ -125,24 +119,12 @@ def test_the_uncertainty_of_a_robot_is_one_covariance(paper_robot: Robot) -> Non
 
 def test_a_stated_effect_acts_where_it_stands_in_the_catalogue(paper_robot: Robot) -> None:
     """An offset of a gauge goes with its regulator to the chambers that hang on it, be their order stated or varied."""
-    columns = {
-        "trial": np.ones(2, int),
-        "spine_length": np.zeros(2),
-        "x": np.zeros(2),
-        "y": np.zeros(2),
-        "z": np.zeros(2),
-    }
-    columns |= {f"p{c}": np.array([0.0, 100e3 if c in (3, 4, 5) else 0.0]) for c in range(1, 10)}
-    design = design_from_columns(paper_robot, columns)
-    stated = {"chamber_order": {"blend": Stated(value=1.0, unit="1"), "which": Stated(value=2.0, unit="1")}}
-    fixed = paper_robot.model_copy(update={"effects": stated})
-    found = []
-    for robot, size in ((fixed, 0.0), (paper_robot, 1.0)):
-        known = {id: CATALOGUE[id] for id in ("pressure_offset", "chamber_order") if size or id != "chamber_order"}
-        forward = ForwardModel(robot, design, catalogue=known)
-        theta = np.zeros(len(forward.parameters))
-        theta[forward.index("pressure_offset")[0]] = 8e3
-        if size:
-            theta[forward.index("chamber_order")] = [1.0, 2.0]
-        found.append(forward.predict(theta))
-    assert found[0] == pytest.approx(found[1], abs=1e-6)
+    columns = campaign(lengths=(0.0,), levels=(100e3,), unload=False, chambers=(3, 4, 5))
+    order, known = {"blend": 1.0, "which": 2.0}, {id: CATALOGUE[id] for id in ("pressure_offset", "chamber_order")}
+    stated = {"chamber_order": {name: Stated(value=value, unit="1") for name, value in order.items()}}
+    fixed = Moved(
+        paper_robot.model_copy(update={"effects": stated}), columns, catalogue={"pressure_offset": known["pressure_offset"]}
+    )
+    varied = Moved(paper_robot, columns, catalogue=known)
+    found = varied.tips({f"chamber_order.{name}": value for name, value in order.items()}, pressure_offset__offset=8e3)
+    assert fixed.tips(pressure_offset__offset=8e3) == pytest.approx(found, abs=1e-6)

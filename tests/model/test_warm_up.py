@@ -1,7 +1,5 @@
 """What is compiled ahead is what is asked for later."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from itertools import permutations

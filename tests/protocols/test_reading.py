@@ -57,20 +57,17 @@ class Narrator:
 HUMIDITY = sensor("skin", {"humidity": "1"})
 
 
+def bench_of(clock: ClockOfStream, recorder: Recorder, narrator: Narrator) -> Bench:
+    """One without instruments."""
+    nine = ChamberMap(tuple((i,) for i in range(1, 10)))
+    return Bench(clock, recorder, cast(Any, None), narrator, *cast(Any, (None,) * 3), nine, patience=0.0)
+
+
 def read(path: Path, pauses: list[tuple[float, float]], repeatable: bool, topics: tuple[str, ...] = (TOPIC,)) -> list[str]:
     """What is said while one state is read in a window of 1 s; pauses from and to so many s after its begin."""
     clock, narrator = ClockOfStream(), Narrator()
     with Recorder(path, start_wall_ns=10**18, sensors=[HUMIDITY]) as recorder:
-        bench = Bench(
-            clock,
-            recorder,
-            cast(Any, None),
-            narrator,
-            *cast(Any, (None,) * 3),
-            ChamberMap(tuple((i,) for i in range(1, 10))),
-            patience=0.0,
-        )
-        trials = Trials(bench, Plan("test", (), {}))
+        trials = Trials(bench_of(clock, recorder, narrator), Plan("test", (), {}))
         trial = trials.begin(repeat=1, spine=0.0)
         begin = clock.now()
         recorder.push(HUMIDITY.topic, begin, humidity=0.4)
@@ -89,14 +86,14 @@ def test_a_window_in_which_a_stream_paused_is_read_again(tmp_path: Path) -> None
     assert compare(Recording.open(tmp_path / "run.mcap")).equal
 
 
-def test_where_something_creeps_it_is_not(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("pauses", "repeatable"),
+    [([(0.0, 2.0)], False), ([(1.5 * k, 1.5 * k + 1.42) for k in range(8 * READINGS)], True)],
+    ids=["where something creeps", "again and again"],
+)
+def test_a_pause_is_no_reading(tmp_path: Path, pauses: list[tuple[float, float]], repeatable: bool) -> None:
     with pytest.raises(NotReached, match="usable samples of /force"):
-        read(tmp_path / "run.mcap", [(0.0, 2.0)], False)
-
-
-def test_a_stream_that_pauses_again_and_again_is_no_reading(tmp_path: Path) -> None:
-    with pytest.raises(NotReached, match="usable samples of /force"):
-        read(tmp_path / "run.mcap", [(1.5 * k, 1.5 * k + 1.42) for k in range(8 * READINGS)], True)
+        read(tmp_path / "run.mcap", pauses, repeatable)
 
 
 def test_the_stream_that_is_silent_is_named_before_those_that_are_not(tmp_path: Path) -> None:
@@ -112,14 +109,7 @@ def test_the_stream_that_is_silent_is_named_before_those_that_are_not(tmp_path: 
 def test_a_skip_is_of_the_trial_in_which_it_was_asked_even_at_its_very_end(tmp_path: Path) -> None:
     kept: list[tuple[object, ...]] = []
     with Recorder(tmp_path / "run.mcap", start_wall_ns=10**18) as recorder:
-        bench = Bench(
-            ClockOfStream(),
-            recorder,
-            cast(Any, None),
-            Narrator(),
-            *cast(Any, (None,) * 3),
-            ChamberMap(tuple((i,) for i in range(1, 10))),
-        )
+        bench = bench_of(ClockOfStream(), recorder, Narrator())
         with (
             Journal.begin(recorder.path, "test") as journal,
             bench.steering.of_run(lambda *told: kept.append(told), lambda: None, lambda text: None),

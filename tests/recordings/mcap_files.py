@@ -1,45 +1,34 @@
-"""MCAP files of any writer: every combination of what the format leaves open, built byte by byte."""
+"""MCAP files of any writer: every combination of what the format leaves open, by the library's writer."""
 
-from __future__ import annotations
-
+import contextlib
+import functools
+import io
 import itertools
+import operator
 import struct
 import zlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 from typing import Any
+from unittest import mock
 
 import lz4.frame
 import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import (
-    Attachment,
-    AttachmentIndex,
-    Channel,
-    Chunk,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    Header,
-    Message,
-    MessageIndex,
-    Metadata,
-    MetadataIndex,
-    Schema,
-    Statistics,
-    SummaryOffset,
-)
+from mcap.records import Attachment, Channel, Chunk, DataEnd, Header, Message, Metadata, Schema
+from mcap.writer import CompressionType, IndexType, Writer
 
 MAGIC = b"\x89MCAP0\r\n"
-FEATURES = (
-    "chunks", "message index", "statistics", "repeated schemas", "repeated channels", "attachment index", "metadata index",
-    "chunk index", "summary offsets", "extra bytes",
-)  # fmt: skip
-FIXED = (Message, Chunk, DataEnd, Footer)
-"""Records that cannot be longer than their fields."""
+INDEXES = {
+    "message index": IndexType.MESSAGE, "attachment index": IndexType.ATTACHMENT, "metadata index": IndexType.METADATA,
+    "chunk index": IndexType.CHUNK,
+}  # fmt: skip
+FEATURES = (*INDEXES, "chunks", "statistics", "repeated schemas", "repeated channels", "summary offsets", "extra bytes")
 EXTRA = b"\x01\xff\xff"
+FIXED = (Opcode.MESSAGE, Opcode.CHUNK, Opcode.DATA_END, Opcode.FOOTER, Opcode.ATTACHMENT)
+"""Records that cannot be longer than their fields, and one that has its extra bytes behind its checksum."""
 PACKERS: dict[str, Callable[[bytes], bytes]] = {"": bytes, "lz4": lz4.frame.compress, "zstd": zstandard.compress}
+COMPRESSIONS = {"": CompressionType.NONE, "lz4": CompressionType.LZ4, "zstd": CompressionType.ZSTD}
 ONE = Schema(1, b"\xf4\x05\x06", "json", "Example")
 CHANNEL = Channel(1, "example", "json", {"foo": "bar"}, 1)
 BARE = Channel(1, "example", "json", {}, 0)
@@ -67,117 +56,66 @@ def combinations() -> Iterator[frozenset[str]]:
         yield frozenset(name for name, on in zip(FEATURES, flags, strict=True) if on)
 
 
-@dataclass
-class Built:
-    """A file, and what a reader must find in it."""
-
-    data: bytes
-    counts: dict[int, int] = field(default_factory=dict)
-    chunks: int = 0
-
-
 def build(
-    inputs: list[Any], features: frozenset[str], compression: str = "", checksums: bool = False, per_chunk: int = 10**9
-) -> Built:
-    """The records of `inputs` in one file; a chunk is closed after `per_chunk` messages."""
-    pad = EXTRA if "extra bytes" in features else b""
-    out, summary = bytearray(MAGIC), list[tuple[int, Any]]()
-    built, chunk, indexes = Built(b""), bytearray(), dict[int, list[tuple[int, int]]]()
-    out += written(Header("", "conformance"), pad)
-
-    def close() -> None:
-        if not chunk:
-            return
-        packed, raw = PACKERS[compression](bytes(chunk)), bytes(chunk)
-        times = [time for index in indexes.values() for time, _ in index] or [0]
-        record = Chunk(compression, packed, max(times), min(times), zlib.crc32(raw) if checksums else 0, len(raw))
-        start, body = len(out), written(record)
-        out.extend(body)
-        places = {}
-        after = len(out)
-        for number, index in indexes.items() if "message index" in features else ():
-            places[number] = len(out)
-            out.extend(written(MessageIndex(number, index), pad))
-        listed = ChunkIndex(
-            len(body), start, compression, len(packed), max(times), len(out) - after, places, min(times), len(raw)
-        )
-        summary.append((Opcode.CHUNK_INDEX, listed))
-        built.chunks += 1
-        chunk.clear()
-        indexes.clear()
-
-    for record in inputs:
-        inner = isinstance(record, Schema | Channel | Message)
-        if isinstance(record, Message):
-            built.counts[record.channel_id] = built.counts.get(record.channel_id, 0) + 1
-        if inner and "chunks" in features:
-            if isinstance(record, Message):
-                indexes.setdefault(record.channel_id, []).append((record.log_time, len(chunk)))
-            chunk += written(record, pad)
-            if sum(map(len, indexes.values())) >= per_chunk:
-                close()
-            continue
-        start, body = len(out), written(record, pad, checksums)
-        out += body
-        if isinstance(record, Attachment):
-            about = AttachmentIndex(start, len(body), 1, 2, len(record.data), record.name, record.media_type)
-            summary.append((Opcode.ATTACHMENT_INDEX, about))
-        elif isinstance(record, Metadata):
-            summary.append((Opcode.METADATA_INDEX, MetadataIndex(start, len(body), record.name)))
-    close()
-    out += written(DataEnd(zlib.crc32(out) if checksums else 0))
-    out += _summary(inputs, features, summary, built, len(out), pad, checksums)
-    built.data = bytes(out + MAGIC)
-    return built
-
-
-def _summary(
-    inputs: list[Any],
-    features: frozenset[str],
-    listed: list[tuple[int, Any]],
-    built: Built,
-    start: int,
-    pad: bytes,
-    checksums: bool,
+    inputs: list[Any], features: frozenset[str], compression: str = "", checksums: bool = False, chunk_size: int = 10**9
 ) -> bytes:
-    def kinds(kind: Any) -> list[Any]:
-        return [record for record in inputs if isinstance(record, kind)]
-
-    counts = built.counts
-    statistics = Statistics(
-        len(kinds(Attachment)), len(kinds(Channel)), counts, built.chunks, sum(counts.values()), 0, 0, len(kinds(Metadata)),
-        len(kinds(Schema)),
-    )  # fmt: skip
-    groups = {
-        Opcode.SCHEMA: kinds(Schema) if "repeated schemas" in features else [],
-        Opcode.CHANNEL: kinds(Channel) if "repeated channels" in features else [],
-        Opcode.STATISTICS: [statistics] if "statistics" in features else [],
-    }
-    for name, opcode in (
-        ("metadata index", Opcode.METADATA_INDEX),
-        ("attachment index", Opcode.ATTACHMENT_INDEX),
-        ("chunk index", Opcode.CHUNK_INDEX),
-    ):
-        groups[opcode] = [record for kind, record in listed if kind == opcode and name in features]
-    out, offsets = b"", b""
-    for opcode, records in groups.items():
-        part = b"".join(written(record, pad) for record in records)
-        if "summary offsets" in features and (part or opcode in (Opcode.METADATA_INDEX, Opcode.CHUNK_INDEX)):
-            offsets += written(SummaryOffset(opcode, start + len(out), len(part)), pad)
-        out += part
-    at = start + len(out) if offsets else 0
-    foot = struct.pack("<BQQQ", Opcode.FOOTER, 20, start if out else 0, at)
-    crc = zlib.crc32(out + offsets + foot) if checksums else 0
-    return out + offsets + foot + struct.pack("<I", crc)
+    """The records of `inputs` in one file; a chunk is closed when it holds more than `chunk_size` bytes."""
+    out, none = io.BytesIO(), IndexType.NONE
+    indexes = [kind if name in features else none for name, kind in INDEXES.items()]
+    on = [name in features for name in ("repeated channels", "repeated schemas", "chunks", "statistics", "summary offsets")]
+    made = Writer(out, chunk_size, COMPRESSIONS[compression], functools.reduce(operator.or_, indexes), *on, checksums, checksums)
+    with padded() if "extra bytes" in features else contextlib.nullcontext():
+        made.start("", "conformance")
+        for r in inputs:
+            if isinstance(r, Schema):
+                made.register_schema(r.name, r.encoding, r.data)
+            elif isinstance(r, Channel):
+                made.register_channel(r.topic, r.message_encoding, r.schema_id, r.metadata)
+            elif isinstance(r, Message):
+                made.add_message(r.channel_id, r.log_time, r.data, r.publish_time, r.sequence)
+            elif isinstance(r, Attachment):
+                made.add_attachment(r.create_time, r.log_time, r.name, r.media_type, r.data)
+            else:
+                made.add_metadata(r.name, r.metadata)
+        made.finish()
+    data = out.getvalue()
+    sealed = written(ATTACHED)  # without checksums that of an attachment is left out too
+    return data if checksums else data.replace(sealed[9:], sealed[9:-4] + bytes(4))
 
 
-def written(record: Any, pad: bytes = b"", checksums: bool = True) -> bytes:
-    """A record, with extra bytes behind its fields where its kind may have them."""
+@contextlib.contextmanager
+def padded() -> Iterator[None]:
+    """Records get extra bytes behind their fields where their kind may have them."""
+    finish, write = RecordBuilder.finish_record, Attachment.write
+
+    def finish_padded(self: Any) -> None:
+        if self._buffer.getbuffer()[self._record_start_offset] not in FIXED:
+            self.write(EXTRA)
+        finish(self)
+
+    def write_padded(self: Attachment, stream: RecordBuilder) -> None:
+        write(self, own := RecordBuilder())
+        data = own.end()
+        stream.write(data[:1] + struct.pack("<Q", len(data) - 9 + len(EXTRA)) + data[9:] + EXTRA)
+
+    with mock.patch.object(RecordBuilder, "finish_record", finish_padded), mock.patch.object(Attachment, "write", write_padded):
+        yield
+
+
+def written(record: Any) -> bytes:
+    """A record."""
     builder = RecordBuilder()
     record.write(builder)
-    data = bytes(builder.end())
-    if isinstance(record, Attachment) and not checksums:
-        data = data[:-4] + bytes(4)
-    if pad and not isinstance(record, FIXED):
-        data = struct.pack("<BQ", data[0], len(data) - 9 + len(pad)) + data[9:] + pad
-    return data
+    return bytes(builder.end())
+
+
+def chunk(raw: bytes, compression: str = "", crc: int | None = None, size: int | None = None) -> bytes:
+    """A chunk of records, which may state another checksum, size or compression than it has."""
+    packed = PACKERS.get(compression, bytes)(raw)
+    return written(Chunk(compression, packed, 19, 10, zlib.crc32(raw) if crc is None else crc, size or len(raw)))
+
+
+def whole(*parts: bytes) -> bytes:
+    """A file that has its end, with no summary."""
+    end = written(DataEnd(0)) + struct.pack("<BQQQI", Opcode.FOOTER, 20, 0, 0, 0) + MAGIC
+    return b"".join([MAGIC, written(Header("", "another")), *parts, end])

@@ -1,14 +1,26 @@
-"""A noisy made-up run: a robot that is inflated, creeps to rest, and is looked at by streams of different rates."""
-
-from __future__ import annotations
+"""A noisy made-up run: a robot that is inflated, creeps to rest, and is read by streams of different rates; its recording, the
+same by another writer, and states that may be asked of it."""
 
 import math
-from collections.abc import Iterator
+import random as order
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from mcap.reader import make_reader
+from mcap.records import Message as McapMessage
+from mcap.writer import Writer
+
+from recordings.file.writer import Recorder
+from recordings.states.rules import State, Window
 
 Message = tuple[str, float, tuple[object, ...]]
+Change = Callable[[str, int, McapMessage], None]
+STREAMS = ("/pressure", "/tip", "/spine", "/vacuum", "/force", "/arm")
+OLD = Path(__file__).parent / "data" / "bending-schema-1.mcap"
+"""A recording of schema version 1, kept since."""
 SIGNS = (-1, 1)
 TARGETS = (80e3, 80e3, 80e3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -28,14 +40,8 @@ class Run:
         """All messages in the order in which they arrive."""
         random = np.random.default_rng(self.seed)
         out: list[Message] = []
-        for topic, rate in (
-            ("/pressure", 10),
-            ("/tip", 100),
-            ("/spine", 10),
-            ("/vacuum", 5),
-            ("/force", 100),
-            ("/arm", 125),
-        ):
+        rates = {"/pressure": 10, "/tip": 100, "/spine": 10, "/vacuum": 5, "/force": 100, "/arm": 125}
+        for topic, rate in rates.items():
             stamps = np.arange(0.01, self.duration, 1 / rate)
             stamps += random.uniform(0, 0.3 / rate, len(stamps))
             for k, t in enumerate(stamps.tolist()):
@@ -70,3 +76,69 @@ class Run:
             return (tuple(random.normal(0, 0.05, 6) + [0.0, 0.0, 2.5, 0.0, 0.0, 0.0]), (0.0, 0.0, 0.5, 0.0, 0.0, 0.0))
         pose = (0.4, 0.1, 0.305 + random.normal(0, 1e-5), math.pi * SIGNS[random.integers(2)], 0.0, 0.0)
         return (t, (0.0,) * 6, pose, (0.0,) * 6, 1, True)
+
+
+def recorded(path: Path, run: Run, **options: Any) -> Path:
+    """A finished recording of a run, with a robot's two markers and an attachment."""
+    kept: dict[str, Any] = {"start_wall_ns": 10**18, "attachments": {"rig.yaml": b"x: 1"}, "markers": 2}
+    with Recorder(path, **kept | options) as recorder:
+        for topic, t, values in run.messages():
+            recorder.push(topic, t, values)
+    return path
+
+
+def state(**changes: Any) -> State:
+    """A state of the first trial, as a protocol asks for it."""
+    plain: dict[str, Any] = {
+        "trial": 1, "step": 1, "protocol": "bending", "repeat": 1, "branch": "load", "rule": Window(0.5), "t_start": 0.0,
+        "ramp_end": 0.0, "rate": 0.0, "targets": TARGETS, "spine_length": 0.1, "tip_mass": 0.0,
+    }  # fmt: skip
+    return State(**plain | changes)
+
+
+def rewritten(
+    source: Path,
+    target: Path,
+    change: Change = lambda topic, number, message: None,
+    topics: Iterable[str] | None = None,
+    seed: int | None = None,
+    metadata: dict[str, dict[str, str]] | None = None,
+    channel: dict[str, str] | None = None,
+    more: Iterable[tuple[str, bytes, int]] = (),
+    **how: Any,
+) -> Path:
+    """The same messages by the library's writer; with a seed in another order, so that its chunks hold others.
+
+    Each message may be changed; `metadata` and `channel` (of every channel) replace those of the source, and `more` messages
+    (topic, data, number) follow at 11 s.
+    """
+    with open(source, "rb") as file, open(target, "wb") as out:
+        reader, writer = make_reader(file), Writer(out, **how)
+        found, summary = list(reader.iter_messages(topics, log_time_order=seed is None)), reader.get_summary()
+        if seed is not None:
+            order.Random(seed).shuffle(found)
+        writer.start()
+        for attachment in reader.iter_attachments():
+            writer.add_attachment(1, 1, attachment.name, "text/plain", attachment.data)
+        own = {r.name: dict(r.metadata) for r in reader.iter_metadata() if r.name not in ("counts", "clocks")}
+        for name, texts in (own if metadata is None else metadata).items():
+            writer.add_metadata(name, texts)
+        channels: dict[str, int] = {}
+        for each in summary.channels.values():
+            schema = summary.schemas[each.schema_id]
+            number = writer.register_schema(schema.name, schema.encoding, schema.data)
+            channels[each.topic] = writer.register_channel(each.topic, "protobuf", number, each.metadata | (channel or {}))
+        for k, (_, each, message) in enumerate(found):
+            change(each.topic, k, message)
+            writer.add_message(channels[each.topic], message.log_time, message.data, message.publish_time, message.sequence)
+        for topic, data, number in more:
+            writer.add_message(channels[topic], 10**18 + 11 * 10**9, data, 10**18 + 11 * 10**9, number)
+        writer.finish()
+    return target
+
+
+def held(path: Path) -> list[tuple[str, int, int, bytes]]:
+    """All messages (topic, log time, number, data), by the library's reader, in the file's order of time."""
+    with open(path, "rb") as file:
+        found = make_reader(file, validate_crcs=True).iter_messages()
+        return [(channel.topic, m.log_time, m.sequence, m.data) for _, channel, m in found]

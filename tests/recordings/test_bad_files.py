@@ -1,12 +1,10 @@
 """What was found by mutating files: each is one clear error."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
 import pytest
-from synthetic_run import TARGETS
+from synthetic_run import state
 
 from recordings.campaign.journal import read as read_journal
 from recordings.campaign.shelf import INDEX, runs
@@ -19,10 +17,7 @@ from recordings.trials import TrialRow
 
 HEAD = "trial,step,protocol,repeat,branch,t,spine_length,p1,x,y,z"
 ROW = "1,1,bending,1,load,1,0,0,0,0,0"
-STATE = State(
-    trial=1, step=1, protocol="bending", repeat=1, branch="load", rule=Settled(), t_start=0.0, ramp_end=0.0, rate=0.0,
-    targets=TARGETS, spine_length=0, tip_mass=0.0,
-)  # fmt: skip
+STATE = state(rule=Settled())
 
 
 @pytest.mark.parametrize("text", ["[" * 100_000, '{"a":' * 5000, "9" * 5000, '"\\ud800"', "", b"\xff", "\0", "[" * 60 + "]" * 60])
@@ -58,16 +53,8 @@ def test_a_state_with_a_value_of_another_kind_is_refused(where: str, key: str, v
     ("name", "value"), [("t", "x"), ("trial", 1.5), ("m999999999x", 1.0), ("protocol", 1), ("p1", [1]), ("x", None)]
 )
 def test_a_row_with_a_value_of_another_kind_is_refused(name: str, value: object) -> None:
-    cells = {
-        "trial": 1,
-        "step": 1,
-        "protocol": "bending",
-        "repeat": 1,
-        "branch": "load",
-        "t": 1.0,
-        "spine_length": 0.1,
-        "p1": 0.0,
-    }
+    row = ("trial", 1), ("step", 1), ("protocol", "bending"), ("repeat", 1), ("branch", "load"), ("t", 1.0), ("spine_length", 0.1)
+    cells = {**dict(row), "p1": 0.0}
     TrialRow.from_json(json.dumps(cells))
     with pytest.raises(BadTable):
         TrialRow.from_json(json.dumps(cells | {name: value}))
@@ -102,10 +89,7 @@ def test_a_journal_with_such_a_line_is_refused(tmp_path: Path, line: str) -> Non
 
 
 def test_counts_that_are_none_are_left_out() -> None:
-    told = {
-        "/tip": '{"written": 5, "lost": 1e999, "dropped": ' + "9" * 30 + ', "generated": -1}',
-        "/arm": "[" * 100_000,
-    }
+    told = {"/tip": '{"written": 5, "lost": 1e999, "dropped": ' + "9" * 30 + ', "generated": -1}', "/arm": "[" * 100_000}
     assert counted({"counts": told}) == {"/tip": {"written": 5}}
 
 
@@ -126,7 +110,9 @@ def test_an_index_that_was_changed_is_made_anew(tmp_path: Path, key: str, value:
     assert (tmp_path / INDEX).read_text() == sound
 
 
-@pytest.mark.parametrize("text", ["[" * 100_000, "[]", '{"version": 6, "runs": 1}', '{"version": 1}', "\0"])
+@pytest.mark.parametrize(
+    "text", ["", "no index at all" * 100, "[" * 100_000, "[]", '{"version": 6, "runs": 1}', '{"version": 1}', "\0"]
+)
 def test_an_index_that_is_none_is_made_anew(tmp_path: Path, text: str) -> None:
     (tmp_path / INDEX).write_text(text)
     assert runs(tmp_path) == []

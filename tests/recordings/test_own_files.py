@@ -1,7 +1,5 @@
 """Files that the software names itself never go through a symbolic link, and are there whole or not at all."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Clocks: the instrument's clock is found below the delays of the wire, and wall time may jump as it likes."""
 
-from __future__ import annotations
-
 import json
 import time
 from dataclasses import asdict
@@ -11,14 +9,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from synthetic_run import TARGETS
+from synthetic_run import TARGETS, state
 
 from recordings.errors import MissingStream
 from recordings.file.clocks import aligned, clocks, fit
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
 from recordings.states.concluding import conclude
-from recordings.states.rules import State, Window
+from recordings.states.rules import Window
 
 
 @settings(max_examples=25)
@@ -28,7 +26,6 @@ def test_offset_and_drift_are_found_below_delays_of_any_size(offset: float, drif
     device = 5e3 + np.arange(0, 120, 0.008)
     delay = 0.4e-3 + random.exponential(3e-3, len(device))
     model = fit(device, device + offset + drift * (device - device[0]) + delay)
-    assert model is not None
     assert model.drift == pytest.approx(drift, abs=2e-6)
     assert model.offset == pytest.approx(offset + 0.4e-3, abs=0.1e-3)
     assert model.residual == pytest.approx(3e-3 * np.log(2), rel=0.1)
@@ -71,10 +68,7 @@ def test_the_model_is_stored_in_the_file_and_aligns_its_stream(tmp_path: Path) -
 
 
 def test_a_step_of_wall_time_by_an_hour_changes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    state = State(
-        trial=1, step=1, protocol="bending", repeat=1, branch="load", rule=Window(0.2, 0.5), t_start=0.0, ramp_end=0.0,
-        rate=0.0, targets=TARGETS, spine_length=0.1, tip_mass=0.0, topics=("/pressure",),
-    )  # fmt: skip
+    asked = state(rule=Window(0.2, 0.5), topics=("/pressure",))
 
     def run(path: Path, step: float) -> tuple[str, list[int]]:
         with monkeypatch.context() as patch, Recorder(path, start_wall_ns=10**18) as recorder:
@@ -84,8 +78,7 @@ def test_a_step_of_wall_time_by_an_hour_changes_nothing(tmp_path: Path, monkeypa
                     patch.setattr(time, "time", lambda: real() + step)
                     patch.setattr(time, "time_ns", lambda: real_ns() + round(step * 1e9))
                 recorder.push("/pressure", k * 0.01, (TARGETS, tuple(p + k for p in TARGETS)))
-            row = conclude(recorder.buffers, state)
-        assert row is not None
+            row = conclude(recorder.buffers, asked)
         return row.to_json(), Recording.open(path).log_times("/pressure").tolist()
 
     plain = run(tmp_path / "plain.mcap", 0.0)

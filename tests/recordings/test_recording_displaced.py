@@ -1,10 +1,8 @@
 """A recording that is deleted, renamed, replaced or truncated while it is written goes on in a rescue file."""
 
-from __future__ import annotations
-
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -19,6 +17,7 @@ from recordings.file.recover import recover
 from recordings.file.verify import verify
 from recordings.file.writer import Recorder
 
+Begun = tuple[Recorder, Journal]
 RUN = Run(duration=4.0)
 HALF = 2.0
 WITHIN = 60.0
@@ -28,17 +27,19 @@ def until(condition: Callable[[], object]) -> None:
     assert timing.wait(lambda: bool(condition()), WITHIN)
 
 
-def begun(folder: Path, rescue: Path) -> tuple[Recorder, Journal]:
-    folder.mkdir(exist_ok=True)
-    rescue.mkdir(exist_ok=True)
-    journal = Journal.begin(folder / "run.mcap", "bending")
-    recorder = Recorder(
-        folder / "run.mcap", start_wall_ns=10**18, attachments={"rig.yaml": b"x: 1\n"}, markers=2, journal=journal,
-        metadata=metadata(journal.campaign, journal.path.name, 1), rescue=[rescue],
-    )  # fmt: skip
-    push(recorder, first=True)
-    journal.step(1, 1)
-    return recorder, journal
+@pytest.fixture
+def begun(tmp_path: Path) -> Iterator[Begun]:
+    """Half a recording in out/run.mcap, which may be rescued into the folder rig."""
+    for name in ("out", "rig"):
+        (tmp_path / name).mkdir()
+    with Journal.begin(tmp_path / "out" / "run.mcap", "bending") as journal:
+        recorder = Recorder(
+            tmp_path / "out" / "run.mcap", start_wall_ns=10**18, attachments={"rig.yaml": b"x: 1\n"}, markers=2, journal=journal,
+            metadata=metadata(journal.campaign, journal.path.name, 1), rescue=[tmp_path / "rig"],
+        )  # fmt: skip
+        push(recorder, first=True)
+        journal.step(1, 1)
+        yield recorder, journal
 
 
 def push(recorder: Recorder, first: bool) -> None:
@@ -46,22 +47,6 @@ def push(recorder: Recorder, first: bool) -> None:
         if (t < HALF) is first:
             recorder.push(topic, t, values)
     recorder.sync()
-
-
-def delete(file: Path) -> None:
-    file.unlink()
-
-
-def rename(file: Path) -> None:
-    file.rename(file.with_name("other.mcap"))
-
-
-def delete_folder(file: Path) -> None:
-    shutil.rmtree(file.parent)
-
-
-def rename_folder(file: Path) -> None:
-    file.parent.rename(file.parent.with_name("moved"))
 
 
 def replace(file: Path) -> None:
@@ -75,18 +60,26 @@ def into_folder(file: Path) -> None:
     file.mkdir()
 
 
-LOSSLESS = (delete, rename, delete_folder, rename_folder, replace, into_folder)
+LOSSLESS: dict[str, Callable[[Path], object]] = {
+    "deleted": Path.unlink,
+    "renamed": lambda file: file.rename(file.with_name("other.mcap")),
+    "folder deleted": lambda file: shutil.rmtree(file.parent),
+    "folder renamed": lambda file: file.parent.rename(file.parent.with_name("moved")),
+    "replaced": replace,
+    "now a folder": into_folder,
+}
 
 
-@pytest.mark.parametrize("harm", LOSSLESS)
-def test_a_recording_that_lost_its_place_is_whole_in_the_rescue_file(harm: Callable[[Path], None], tmp_path: Path) -> None:
-    recorder, journal = begun(tmp_path / "out", tmp_path / "rig")
+@pytest.mark.parametrize("harm", LOSSLESS.values(), ids=LOSSLESS)
+def test_a_recording_that_lost_its_place_is_whole_in_the_rescue_file(
+    begun: Begun, harm: Callable[[Path], None], tmp_path: Path
+) -> None:
+    recorder, journal = begun
     harm(tmp_path / "out" / "run.mcap")
     until(lambda: recorder.displaced)
     push(recorder, first=False)
     journal.done(1, 1)
     counts = recorder.close("completed")
-    journal.close()
 
     file = tmp_path / "rig" / "run-rescue.mcap"
     assert recorder.path == file and verify(file).ok
@@ -104,14 +97,13 @@ def test_a_recording_that_lost_its_place_is_whole_in_the_rescue_file(harm: Calla
 
 
 @pytest.mark.parametrize("left", [0, 5, 20_000])
-def test_what_a_truncated_recording_still_holds_is_kept_and_the_rest_is_told(left: int, tmp_path: Path) -> None:
-    recorder, journal = begun(tmp_path / "out", tmp_path / "rig")
+def test_what_a_truncated_recording_still_holds_is_kept_and_the_rest_is_told(begun: Begun, left: int, tmp_path: Path) -> None:
+    recorder, _ = begun
     size = (tmp_path / "out" / "run.mcap").stat().st_size
     os.truncate(tmp_path / "out" / "run.mcap", left)
     until(lambda: recorder.displaced)
     push(recorder, first=False)
     counts = recorder.close("completed")
-    journal.close()
     assert verify(recorder.path).ok
     found = Recording.open(recorder.path)
     for topic in recorder.messages:
@@ -124,9 +116,9 @@ def test_what_a_truncated_recording_still_holds_is_kept_and_the_rest_is_told(lef
 
 
 def test_a_recording_lost_in_the_moment_of_closing_is_finished_in_the_rescue_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    begun: Begun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    recorder, journal = begun(tmp_path / "out", tmp_path / "rig")
+    recorder, _ = begun
     finish = recorder._mcap.finish
 
     def lose() -> None:
@@ -135,62 +127,63 @@ def test_a_recording_lost_in_the_moment_of_closing_is_finished_in_the_rescue_fil
 
     monkeypatch.setattr(recorder._mcap, "finish", lose)
     recorder.close("completed")
-    journal.close()
     assert recorder.path.parent == tmp_path / "rig" and verify(recorder.path).ok
     assert Recording.open(recorder.path).outcome == "completed"
 
 
-def test_a_rescue_file_goes_into_the_temporary_folder_where_the_rig_s_cannot_be_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder for temporary files, before a recorder asks for it."""
     (tmp_path / "tmp").mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "tmp"))
-    recorder, journal = begun(tmp_path / "out", tmp_path / "rig")
+    return tmp_path / "tmp"
+
+
+def test_a_rescue_file_goes_into_the_temporary_folder_where_the_rig_s_cannot_be_written(
+    temporary: Path, begun: Begun, tmp_path: Path
+) -> None:
+    recorder, _ = begun
     shutil.rmtree(tmp_path / "rig")
-    delete_folder(tmp_path / "out" / "run.mcap")
+    shutil.rmtree(tmp_path / "out")
     until(lambda: recorder.displaced)
-    assert recorder.path == tmp_path / "tmp" / "run-rescue.mcap"
+    assert recorder.path == temporary / "run-rescue.mcap"
     recorder.path.unlink()  # and once more
     until(lambda: len(recorder.displaced) == 2)
-    shutil.rmtree(tmp_path / "tmp")
+    shutil.rmtree(temporary)
     with pytest.raises(WriteFailed, match="no rescue file can be written"):
         recorder.close("completed")
-    journal.close()
 
 
-def test_a_rescue_file_of_a_killed_program_can_be_recovered(tmp_path: Path) -> None:
-    recorder, journal = begun(tmp_path / "out", tmp_path / "rig")
+def test_a_rescue_file_of_a_killed_program_can_be_recovered(begun: Begun, tmp_path: Path) -> None:
+    recorder, _ = begun
     os.truncate(tmp_path / "out" / "run.mcap", 0)
     until(lambda: recorder.displaced)
     push(recorder, first=False)
     cut = tmp_path / "cut.mcap"
     shutil.copy(recorder.path, cut)
     recorder.close("completed")
-    journal.close()
     assert recover(cut).holes == 0
     sent = sum(name == "/force" and t >= HALF for name, t, _ in RUN.messages())
     assert len(Recording.open(tmp_path / "cut-recovered.mcap").stream("/force")) == sent
 
 
-@pytest.mark.parametrize("harm", [delete, lambda file: os.truncate(file, 0)])
-def test_a_journal_that_is_lost_is_written_anew_in_its_place(harm: Callable[[Path], None], tmp_path: Path) -> None:
-    recorder, journal = begun(tmp_path / "out", tmp_path / "rig")
+@pytest.mark.parametrize("harm", [Path.unlink, lambda file: os.truncate(file, 0)])
+def test_a_journal_that_is_lost_is_written_anew_in_its_place(begun: Begun, harm: Callable[[Path], None], tmp_path: Path) -> None:
+    recorder, journal = begun
     harm(journal.path)
     journal.step(1, 2)
     until(lambda: recorder.displaced)
     journal.done(1, 2)
     recorder.close("completed")
-    journal.close()
     assert recorder.path == tmp_path / "out" / "run.mcap"
     assert read(tmp_path / "out" / "run.journal").done == {1: 2}
     assert "run.journal" in recorder.displaced[0]
 
 
-def test_a_journal_that_was_replaced_is_left_alone_and_both_go_on_elsewhere(tmp_path: Path) -> None:
-    recorder, journal = begun(tmp_path / "out", tmp_path / "rig")
+def test_a_journal_that_was_replaced_is_left_alone_and_both_go_on_elsewhere(begun: Begun, tmp_path: Path) -> None:
+    recorder, journal = begun
     replace(tmp_path / "out" / "run.journal")
     until(lambda: recorder.displaced)
     recorder.close("completed")
-    journal.close()
     assert (tmp_path / "out" / "run.journal").read_bytes() == b"something else"
     assert read(tmp_path / "rig" / "run-rescue.journal").recordings == (("run-rescue.mcap", 1),)

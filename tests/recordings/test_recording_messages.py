@@ -1,6 +1,4 @@
-"""Every message has one definition, from which schema, bytes and arrays agree."""
-
-from __future__ import annotations
+"""Every message has one definition, from which schema, bytes and arrays agree, also those of a lab's own sensors."""
 
 import math
 import struct
@@ -15,7 +13,17 @@ from mcap.records import Schema
 from mcap_protobuf.decoder import DecoderFactory
 
 from recordings.errors import BadMessage
-from recordings.messages import STREAMS, Field, MessageType, streams
+from recordings.messages import (
+    FORCE,
+    STREAMS,
+    Field,
+    MessageType,
+    is_stream,
+    message_name,
+    sensor,
+    stream_message,
+    streams,
+)  # fmt: skip
 
 MESSAGES = streams(chambers=6, markers=2)
 DOUBLES = st.floats(allow_nan=True, width=64)
@@ -61,6 +69,7 @@ def test_an_independent_protobuf_decoder_and_the_array_give_back_the_values(topi
     values = data.draw(values_of(message))
     t = data.draw(st.floats(0, 1e6))
     payload = message.encode(t, values)
+    assert len(payload) == message.size and message.fits(np.frombuffer(payload, np.uint8).reshape(1, -1))
     parsed, row = independent(message)(payload), message.decode(payload)[0]
     assert same(parsed.t, t) and same(float(row["t"]), t)
     for field, value in zip(message.fields[1:], values, strict=True):
@@ -69,16 +78,6 @@ def test_an_independent_protobuf_decoder_and_the_array_give_back_the_values(topi
         by_array = row[field.name].reshape(-1).tolist() if field.shape else [row[field.name].item()]
         assert len(expected) == len(by_runtime) == len(by_array)
         assert all(same(a, b) and same(a, c) for a, b, c in zip(expected, by_runtime, by_array, strict=True))
-
-
-@pytest.mark.parametrize("topic", MESSAGES)
-@settings(max_examples=20)
-@given(data=st.data())
-def test_every_message_of_a_type_has_the_same_bytes_everywhere_but_in_its_values(topic: str, data: st.DataObject) -> None:
-    message = MESSAGES[topic]
-    payload = message.encode(data.draw(st.floats(0, 1e6)), data.draw(values_of(message)))
-    assert len(payload) == message.size
-    assert message.fits(np.frombuffer(payload, np.uint8).reshape(1, -1))
 
 
 @pytest.mark.parametrize("topic", MESSAGES)
@@ -124,3 +123,40 @@ def test_values_that_do_not_fit_are_refused_with_the_name_of_the_field(topic: st
 def test_units_and_version_are_in_the_channel_metadata() -> None:
     metadata = MESSAGES["/pressure"].metadata
     assert metadata["unit.measured"] == "Pa" and metadata["shape.measured"] == "6" and metadata["schema_version"] == "1"
+
+
+SKIN = sensor("skin", {"temperature": "K", "humidity": "1"})
+
+
+def test_a_file_s_schema_gives_the_message_back() -> None:
+    units = {key.removeprefix("unit."): text for key, text in SKIN.metadata.items() if key.startswith("unit.")}
+    assert stream_message("/sensor/skin", SKIN.schema, units) == SKIN
+    assert stream_message("/force", b"", {}) is FORCE
+    assert message_name("/sensor/skin") == SKIN.full_name and message_name("/state") is None
+
+
+def test_its_samples_are_numbers_by_name() -> None:
+    samples = SKIN.decode(SKIN.encode(1.5, (296.4, 0.38)))
+    assert samples[0].tolist() == (1.5, 296.4, 0.38)
+    assert streams(sensors=[SKIN])["/sensor/skin"] is SKIN and is_stream("/sensor/skin") and not is_stream("/log")
+
+
+@pytest.mark.parametrize(
+    ("name", "quantities", "words"),
+    [
+        ("Skin", {"x": "m"}, "'Skin' must be lower-case letters"),
+        ("skin", {"": "m"}, "'' must be lower-case letters"),
+        ("skin", {"t": "s"}, "'t' must be lower-case letters"),
+        ("skin", {}, "measures 0 quantities"),
+        ("skin", {f"q{i}": "1" for i in range(101)}, "measures 101 quantities"),
+    ],
+)
+def test_what_cannot_be_a_column_is_refused(name: str, quantities: dict[str, str], words: str) -> None:
+    with pytest.raises(BadMessage, match=words):
+        sensor(name, quantities)
+
+
+@pytest.mark.parametrize("schema", [b"\xff\xff\xff", b"", FORCE.schema[:-4], b"\x0a\x00"])
+def test_a_schema_that_is_none_is_refused(schema: bytes) -> None:
+    with pytest.raises(BadMessage, match=r"/sensor/skin: its schema"):
+        stream_message("/sensor/skin", schema, {})

@@ -1,7 +1,5 @@
 """Playing a recording: all messages, in the order of time, the same at any pace; and concluding as they come in."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from dataclasses import dataclass, field
@@ -9,21 +7,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from synthetic_run import TARGETS, Run
+from synthetic_run import Run, state
 
 from recordings.campaign.replay import replay_states
 from recordings.file.player import Played, play
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
-from recordings.messages import streams
-from recordings.states.buffer import Buffers
 from recordings.states.concluding import conclude
-from recordings.states.rules import Settled, State
+from recordings.states.rules import Settled
 
-ASKED = State(
-    trial=1, step=1, protocol="bending", repeat=1, branch="load", t_start=2.0, ramp_end=2.0, rate=1.0, targets=TARGETS,
-    spine_length=0.2, tip_mass=0.0, rule=Settled(still=0.6, still_distance=1e-3, min_samples=3, average=0.4),
-)  # fmt: skip
+RULE = Settled(still=0.6, still_distance=1e-3, min_samples=3, average=0.4)
+ASKED = state(rule=RULE, t_start=2.0, ramp_end=2.0, rate=1.0, spine_length=0.2)
 
 
 @pytest.fixture(scope="module")
@@ -94,25 +88,6 @@ def test_a_slow_sink_delays_and_leaves_out_nothing(path: Path) -> None:
         sent.append(message)
 
     assert play(Recording.open(path), slow, 1.0, clock) == len(sent) == len(lines(path))
-
-
-@pytest.mark.parametrize("every", [1, 13, 400])
-def test_what_is_concluded_while_playing_does_not_depend_on_how_often_one_looks(path: Path, every: int) -> None:
-    kinds = streams(markers=2)
-    buffers, seen, found = Buffers(kinds), 0, []
-
-    def take(message: Played) -> None:
-        nonlocal seen
-        if message.topic in kinds:
-            kind, seen = kinds[message.topic], seen + 1
-            payload = kind.encode(message.t, [message.fields[name] for name in kind.value_names])
-            buffers[message.topic].append(message.t, payload)
-            if seen % every == 0 and not found and (row := conclude(buffers, ASKED)) is not None:
-                found.append(row.to_json())
-
-    recording = Recording.open(path)
-    play(recording, take)
-    assert found == [recording.trials[0].row.to_json()]
 
 
 def test_a_speed_that_is_none_is_refused(path: Path) -> None:

@@ -1,7 +1,5 @@
 """The table of trials and its file: exact numbers, strict reading, messages that help."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -16,27 +14,11 @@ from recordings.table_file import read_csv, write_csv
 from recordings.trials import Table, TrialRow
 
 ROW = TrialRow(
-    trial=1,
-    step=1,
-    protocol="bending",
-    repeat=1,
-    branch="load",
-    t=12.5,
-    spine_length=0.1,
-    pressures=(50e3,) * 3 + (0.0,) * 6,
-    rate=1e4,
-    hold=2.0,
-    vacuum=80e3,
-    tip_mass=0.053,
-    roll_deg=0.0,
-    force_x=0.02,
-    force_y=0.0,
-    force_z=-0.1,
-    tip=(0.1, -0.02, 0.38),
-    orientation=(1.0, 0.0, 0.0, 0.0),
-    markers=((0.0, 0.0, 0.1), (math.nan,) * 3, (0.05, 0.0, 0.3)),
+    trial=1, step=1, protocol="bending", repeat=1, branch="load", t=12.5, spine_length=0.1, pressures=(50e3,) * 3 + (0.0,) * 6,
+    rate=1e4, hold=2.0, vacuum=80e3, tip_mass=0.053, roll_deg=0.0, force_x=0.02, force_y=0.0, force_z=-0.1,
+    tip=(0.1, -0.02, 0.38), orientation=(1.0, 0.0, 0.0, 0.0), markers=((0.0, 0.0, 0.1), (math.nan,) * 3, (0.05, 0.0, 0.3)),
     sd={"x": 3e-4, "p1": 80.0},
-)
+)  # fmt: skip
 PUSH = replace(ROW, step=2, protocol="stiffness", tip=None, orientation=None, specimen="spine", force=0.5, deflection=2e-3)
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import pytest
 from house import House
 
+from lab.rig.assembly import Rig
 from lab.verbs.fakes import PATIENT, write_rig
 from sim_fakes.rig import FakeRig
 
@@ -34,3 +35,17 @@ def house(request: pytest.FixtureRequest) -> Iterator[House]:
     yield house
     fakes.switch.end()
     fakes.on_confirm = None
+
+
+@pytest.fixture
+def small(house: House) -> House:
+    """The rig without arm, force sensor and cameras: quick to connect."""
+    house.change(without=("arm", "force", "mocap"))
+    return house
+
+
+@pytest.fixture
+def rig(small: House) -> Iterator[Rig]:
+    """The same, with all its instruments open."""
+    with small.opened() as opened:
+        yield opened

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import subprocess
 import sys
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,9 +14,16 @@ from typing import Any
 import yaml
 
 import timing
+from lab.cli import main
+from lab.files.rig_file import load_rig
 from lab.rig.assembly import Rig
 from lab.verbs.fakes import PATIENT_SETTLE
+from recordings.campaign.replay import compare
+from recordings.file.reader import Recording
 from sim_fakes.rig import FakeRig
+
+BENDING = [word for setting in ("spine_lengths=[0.05]", "pressures=[60 kPa, 120 kPa]") for word in ("--set", setting)]
+STIFFNESS = [w for s in ("spine_lengths=[0.1]", "steps=3", "min_samples=20", "zero_samples=20") for w in ("--set", s)]
 
 
 @dataclass(frozen=True)
@@ -52,6 +61,22 @@ class House:
         """Whether all chambers fall below 5 kPa and the valve drops."""
         return until(lambda: self.highest() < 5e3 and not self.fakes.plant.valve_on)
 
+    @contextlib.contextmanager
+    def opened(self, **how: Any) -> Iterator[Rig]:
+        """The rig with all its instruments open."""
+        with Rig(load_rig(self.rig), **how) as rig:
+            assert rig.open_all(lambda name, outcome: None) == []
+            yield rig
+
+    def lab(self, folder: Path, protocol: str, *words: str) -> int:
+        """`lab run` in this process; its exit code."""
+        return main(["run", protocol, "--rig", str(self.rig), *words, "--out", str(folder)])
+
+    def completed(self, folder: Path, protocol: str, *words: str) -> Recording:
+        """The file of a run that comes to its end, perhaps with lost samples."""
+        assert self.lab(folder, protocol, *words) in (0, 3)
+        return recorded(folder)
+
     def start(self, folder: Path, *settings: str) -> subprocess.Popen[str]:
         """A bending run in a process of its own, as soon as it has inflated the robot."""
         command = [sys.executable, "-m", "lab.cli", "run", "bending", "--rig", str(self.rig), "--out", str(folder)]
@@ -61,6 +86,26 @@ class House:
             process.kill()
             raise AssertionError(process.communicate()[0])
         return process
+
+
+def recorded(folder: Path) -> Recording:
+    """The only recording there; its replay gives the same rows."""
+    (file,) = folder.glob("*.mcap")
+    recording = Recording.open(file)
+    assert compare(recording).equal
+    return recording
+
+
+def during(condition: Callable[[], bool], act: Callable[[], object]) -> threading.Thread:
+    """Do something as soon as a condition holds."""
+
+    def watch() -> None:
+        if until(condition, 60.0):
+            act()
+
+    thread = timing.Thread(target=watch, daemon=True)
+    thread.start()
+    return thread
 
 
 def inflate(rig: Rig, house: House) -> None:

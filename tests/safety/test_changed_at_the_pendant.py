@@ -10,7 +10,6 @@ import yaml
 from house import House, until
 
 from drivers.errors import InstrumentError, NotReady, WrongDevice
-from lab.files.rig_file import load_rig
 from lab.rig.assembly import Rig
 from sim_fakes.dynamixel import DynamixelFake
 
@@ -21,8 +20,7 @@ SHUTDOWN, SHUTDOWN_AS_DELIVERED = 63, 52
 def rig(house: House) -> Iterator[Rig]:
     arm = yaml.safe_load(house.rig.read_text())["instruments"]["arm"]
     house.change(without=("mocap",), instruments={"arm": {**arm, "watchdog_frequency": 2.0, "timeout": 3.0}})
-    with Rig(load_rig(house.rig)) as opened:
-        assert opened.open_all(lambda name, outcome: None) == []
+    with house.opened() as opened:
         yield opened
 
 

@@ -45,7 +45,7 @@ class Mute(Recorder):
         raise WriteFailed("no room")
 
 
-def test_a_recording_that_takes_no_last_line_is_finished_all_the_same(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_recording_that_takes_no_last_line_is_finished_all_the_same(tmp_path: Path) -> None:
     recorder = Mute(tmp_path / "a.mcap", start_wall_ns=10**18)
     recorder.push("/valve", 0.1, on=True)
     recorder.note_lost("/valve", 2)

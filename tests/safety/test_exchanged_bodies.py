@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from house import House
-from test_pauses import BENDING, during, lab
+from house import BENDING, House, during
 
 from lab.cli import main
 from lab.files.units import KINDS
@@ -24,7 +23,7 @@ def test_bodies_exchanged_in_mid_sweep_hold_the_run_up(
     assert cameras is not None
     fakes.on_confirm = lambda trouble: fakes.switch.end()
     during(lambda: float(plant.chamber_pressure.max()) > 100e3, lambda: cameras.faults.extra.update(exchange=pair))
-    assert lab(house, tmp_path, "bending", *BENDING) == 3
+    assert house.lab(tmp_path, "bending", *BENDING) == 3
     assert any("mocap" in trouble and "mm apart" in trouble for trouble in fakes.troubles)
     assert "a body was where the robot cannot have brought it" in capsys.readouterr().err
     (file,) = tmp_path.glob("*.mcap")

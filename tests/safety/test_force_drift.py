@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from house import House
-from test_pauses import STIFFNESS, during, lab
+from house import STIFFNESS, House, during
 
 import timing
 from lab.files.inputs import read_case
@@ -70,12 +69,10 @@ def slope(table: Table) -> float:
 
 
 @pytest.mark.parametrize("rate", [0.08, -0.08])
-def test_a_constant_drift_is_removed_and_stands_in_the_row(
-    house: House, tmp_path: Path, rate: float, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_constant_drift_is_removed_and_stands_in_the_row(house: House, tmp_path: Path, rate: float) -> None:
     house.change(without=("mocap",))
     with drifting(house, lambda t: rate * t):
-        assert lab(house, tmp_path, "stiffness", *STIFFNESS, "--set", "steps=6") in (0, 3), "".join(capsys.readouterr())
+        assert house.lab(tmp_path, "stiffness", *STIFFNESS, "--set", "steps=6") in (0, 3)
     table = one(tmp_path)
     assert len(table) == 6
     print(table["force"], table["force_drift"], table["deflection"], table["t"], slope(table), TRUE_SLOPE)
@@ -99,7 +96,7 @@ def test_a_zero_that_moves_in_another_way_marks_the_trial(
     plant, begun = house.fakes.plant, []
     during(lambda: abs(plant.probe_force).max() > 1.0, lambda: begun.append(timing.now()))
     with drifting(house, lambda t: KINDS[kind](timing.now() - begun[0]) if begun else 0.0):
-        assert lab(house, tmp_path, "stiffness", *STIFFNESS, "--set", "steps=6") in (0, 3), "".join(capsys.readouterr())
+        assert house.lab(tmp_path, "stiffness", *STIFFNESS, "--set", "steps=6") in (0, 3)
     table = one(tmp_path)
     assert set(table["doubt"]) == {"drift"} and len(table) == 6
     assert np.all(table["force_drift"] < -0.3)
@@ -108,7 +105,7 @@ def test_a_zero_that_moves_in_another_way_marks_the_trial(
 
 def test_without_drift_nothing_is_marked(house: House, tmp_path: Path) -> None:
     house.change(without=("mocap",))
-    assert lab(house, tmp_path, "stiffness", *STIFFNESS) in (0, 3)
+    assert house.lab(tmp_path, "stiffness", *STIFFNESS) in (0, 3)
     table = one(tmp_path)
     assert not table.doubtful and np.all(np.abs(table["force_drift"]) < 0.1)
     assert slope(table) == pytest.approx(TRUE_SLOPE, rel=0.05)

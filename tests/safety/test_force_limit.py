@@ -40,71 +40,48 @@ def told(listener: Listener) -> list[bytes]:
     return [kind for kind, _ in listener.take() if kind not in (BEAT, FRESH)]
 
 
-def feed(limit: ForceLimit, sample: WrenchSample, times: int) -> None:
-    for _ in range(times):
-        limit.judge(sample)
-
-
-@pytest.mark.parametrize(("axis", "by", "kind"), [(0, 250.0, FORCE), (2, 65.0, FORCE), (4, 12.0, MOMENT)])
-def test_a_load_is_told_before_the_sensor_has_its_zero(
-    line: tuple[ForceLimit, Listener], axis: int, by: float, kind: bytes
+@pytest.mark.parametrize(
+    ("samples", "expected"),
+    [
+        pytest.param([(3, loaded(0, 0.0)), (AGREE, loaded(0, 250.0))], [FORCE], id="before the sensor has its zero"),
+        pytest.param([(3, loaded(0, 0.0)), (AGREE, loaded(2, 65.0))], [FORCE], id="the same along z"),
+        pytest.param([(3, loaded(0, 0.0)), (AGREE, loaded(4, 12.0))], [MOMENT], id="a moment"),
+        pytest.param([(100, loaded(2, 60.0))], [], id="a tool as heavy as the limit is no load"),
+        pytest.param(
+            [(1, loaded(0, 200.0)), (10, loaded(0, 0.0)), (1, loaded(0, 200.0)), (10, loaded(0, 0.0))], [],
+            id="a knock of one sample is none, not even the first",
+        ),
+        pytest.param(
+            [(1, loaded(0, 200.0)), (10, loaded(0, 0.0)), (AGREE, loaded(0, 65.0))], [FORCE], id="after a knock"
+        ),
+        pytest.param([(AGREE, loaded(1, 305.0))], [FORCE_RANGE], id="beyond the range from the first sample"),
+        pytest.param([(AGREE, loaded(3, 31.0))], [MOMENT_RANGE], id="the same of a moment"),
+        pytest.param([(5, loaded(0, 0.0)), (5, loaded(0, 59.0, TOOL))], [], id="59 N beyond the zero"),
+        pytest.param([(5, loaded(0, 0.0)), (AGREE, loaded(0, 61.0, TOOL))], [FORCE], id="61 N beyond the zero"),
+        # The guard lets pass what it hears while nothing is energised; it must hear it again afterwards.
+        pytest.param([(5, loaded(0, 0.0)), (AGREE + 10, loaded(0, 250.0))], [FORCE] * 11, id="as long as it lasts"),
+    ],
+)  # fmt: skip
+def test_which_loads_are_told(
+    line: tuple[ForceLimit, Listener], samples: list[tuple[int, WrenchSample]], expected: list[bytes]
 ) -> None:
     limit, listener = line
-    feed(limit, loaded(0, 0.0), 3)
-    assert told(listener) == []
-    feed(limit, loaded(axis, by), AGREE)
-    assert told(listener) == [kind]
+    for times, sample in samples:
+        for _ in range(times):
+            limit.judge(sample)
+    assert told(listener) == expected
 
 
-def test_a_tool_as_heavy_as_the_limit_is_no_load(line: tuple[ForceLimit, Listener]) -> None:
-    limit, listener = line
-    feed(limit, loaded(2, 60.0), 100)
-    assert told(listener) == []
-
-
-def test_a_knock_of_one_sample_is_no_load_not_even_the_first(line: tuple[ForceLimit, Listener]) -> None:
-    limit, listener = line
-    feed(limit, loaded(0, 200.0), 1)
-    feed(limit, loaded(0, 0.0), 10)
-    feed(limit, loaded(0, 200.0), 1)
-    feed(limit, loaded(0, 0.0), 10)
-    assert told(listener) == []
-    feed(limit, loaded(0, 65.0), AGREE)
-    assert told(listener) == [FORCE]
-
-
-@pytest.mark.parametrize(("axis", "by", "kind"), [(1, 305.0, FORCE_RANGE), (3, 31.0, MOMENT_RANGE)])
-def test_a_raw_value_beyond_the_sensors_range_is_told_though_it_was_there_from_the_first_sample(
-    line: tuple[ForceLimit, Listener], axis: int, by: float, kind: bytes
-) -> None:
-    limit, listener = line
-    feed(limit, loaded(axis, by), AGREE)
-    assert told(listener) == [kind]
-    assert "range" in overload(kind, by, RIG)
-
-
-def test_beyond_the_zero_counts_once_there_is_one(line: tuple[ForceLimit, Listener]) -> None:
-    limit, listener = line
-    feed(limit, loaded(0, 0.0), 5)
-    feed(limit, loaded(0, 59.0, TOOL), 5)
-    assert told(listener) == []
-    feed(limit, loaded(0, 61.0, TOOL), AGREE)
-    assert told(listener) == [FORCE]
-
-
-def test_a_load_is_told_as_long_as_it_lasts(line: tuple[ForceLimit, Listener]) -> None:
-    """The guard lets pass what it hears while nothing is energised; it must hear it again afterwards."""
-    limit, listener = line
-    feed(limit, loaded(0, 0.0), 5)
-    feed(limit, loaded(0, 250.0), AGREE + 10)
-    assert told(listener) == [FORCE] * 11
+def test_a_value_beyond_the_range_is_told_as_such() -> None:
+    assert "range" in overload(FORCE_RANGE, 305.0, RIG) and "range" in overload(MOMENT_RANGE, 31.0, RIG)
 
 
 def test_a_new_stream_begins_with_its_own_tool(line: tuple[ForceLimit, Listener]) -> None:
     limit, listener = line
-    feed(limit, loaded(0, 0.0), 5)
+    limit.judge(loaded(0, 0.0))
     limit.begin()
-    feed(limit, loaded(0, 80.0), 5)
+    for _ in range(5):
+        limit.judge(loaded(0, 80.0))
     assert told(listener) == []
 
 

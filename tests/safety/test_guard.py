@@ -9,7 +9,6 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 from house import House, inflate, until
 
@@ -31,21 +30,6 @@ from protocols.actions import ramp
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
 from timing import RigClock
-
-
-@pytest.fixture
-def small(house: House) -> House:
-    """The rig without arm, force sensor and cameras: quick to connect."""
-    house.change(without=("arm", "force", "mocap"))
-    return house
-
-
-@pytest.fixture
-def rig(small: House) -> Iterator[Rig]:
-    with Rig(load_rig(small.rig)) as opened:
-        assert opened.open_all(lambda name, outcome: None) == []
-        yield opened
-
 
 PROTECTIVE_STOP = 1 << 2
 """Of safety_status_bits."""
@@ -113,24 +97,19 @@ def test_a_computer_that_stood_still_condemns_nobody(house: House, tmp_path: Pat
 
 
 @pytest.mark.real
-def test_a_program_without_its_guard_stops_lands_the_rig_anew_and_says_so(house: House, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("how", "said"), [(signal.SIGKILL, "was lost"), (signal.SIGSTOP, "no heartbeat")], ids=["killed", "frozen"]
+)
+def test_a_program_without_its_guard_stops_lands_the_rig_anew_and_says_so(
+    house: House, tmp_path: Path, how: signal.Signals, said: str
+) -> None:
     house.change(without=("arm", "force"))
     program = house.start(tmp_path)
-    os.kill(guard_of(program), signal.SIGKILL)
+    os.kill(guard_of(program), how)
     output, _ = program.communicate(timeout=600)
-    assert program.returncode == 1 and "guard" in output and "was lost" in output
+    assert program.returncode == 1 and "guard" in output and said in output
     assert house.vented()
-    assert not house.latch.exists()
-
-
-@pytest.mark.real
-def test_a_frozen_guard_is_replaced(house: House, tmp_path: Path) -> None:
-    house.change(without=("arm", "force"))
-    program = house.start(tmp_path)
-    os.kill(guard_of(program), signal.SIGSTOP)
-    output, _ = program.communicate(timeout=600)
-    assert program.returncode == 1 and "no heartbeat" in output
-    assert house.vented()
+    assert until(lambda: not house.latch.exists())
 
 
 @pytest.mark.real
@@ -190,36 +169,35 @@ def test_an_unconfirmed_landing_locks_the_rig_and_clearing_needs_a_confirmed_one
     capsys.readouterr()
 
 
-def test_a_landing_that_comes_after_the_last_one_does_not_judge_closed_drivers(small: House) -> None:
+@pytest.fixture
+def guard(small: House) -> Iterator[Guard]:
+    """In this process."""
+    guard = Guard(load_rig(small.rig), RigClock(20.0))
+    guard.take_over()
+    yield guard
+    guard.close()
+
+
+def test_a_landing_that_comes_after_the_last_one_does_not_judge_closed_drivers(small: House, guard: Guard) -> None:
     """The program's death is seen by two threads of the guard; the slower one must not lock a rig that was landed."""
-    guard = Guard(load_rig(small.rig), RigClock(20.0))
-    guard.take_over()
-    try:
-        for name in ("gauge", "valve", "pressure", "spine"):
-            guard.open(name)
-        guard.do("valve", "set", (True,))
-        assert small.latch.exists()
-        guard.close()
-        report = guard.make_safe("the program ended", keep_vacuum=False)
-        assert report.confirmed and not small.latch.exists()
-    finally:
-        guard.close()
+    for name in ("gauge", "valve", "pressure", "spine"):
+        guard.open(name)
+    guard.do("valve", "set", (True,))
+    assert small.latch.exists()
+    guard.close()
+    report = guard.make_safe("the program ended", keep_vacuum=False)
+    assert report.confirmed and not small.latch.exists()
 
 
-def test_a_refused_command_raises_what_landed_the_rig_and_no_error_is_its_own_cause(small: House) -> None:
+def test_a_refused_command_raises_what_landed_the_rig_and_no_error_is_its_own_cause(guard: Guard) -> None:
     """Libraries that pickle causes too would follow it for ever, and the guard's process would end."""
-    guard = Guard(load_rig(small.rig), RigClock(20.0))
-    guard.take_over()
-    try:
-        guard.open("pressure")
-        why = DeviceFault("force", "too much")
-        guard.land("force: too much", why)
-        for _ in range(2):
-            with pytest.raises(DeviceFault, match="too much") as caught:
-                guard.do("pressure", "set", ((20e3, 20e3, 20e3),))
-            assert caught.value is why and why.__cause__ is None
-    finally:
-        guard.close()
+    guard.open("pressure")
+    why = DeviceFault("force", "too much")
+    guard.land("force: too much", why)
+    for _ in range(2):
+        with pytest.raises(DeviceFault, match="too much") as caught:
+            guard.do("pressure", "set", ((20e3, 20e3, 20e3),))
+        assert caught.value is why and why.__cause__ is None
 
 
 @pytest.mark.real
@@ -300,8 +278,7 @@ def test_a_ramp_whose_setpoints_were_clipped_says_so_until_the_next(small: House
 def test_the_robot_s_own_pressure_clips_and_lands(small: House) -> None:
     robot = small.rig.with_name("robot.yaml")
     robot.write_text(robot.read_text().replace("max_pressure: 250000.0", "max_pressure: 80000.0"))
-    with Rig(load_rig(small.rig)) as rig:
-        assert rig.open_all(lambda name, outcome: None) == []
+    with small.opened() as rig:
         inflate(rig, small)
         for _ in range(20):
             got = rig.actuators.call("pressure", "set", (200e3, 60e3, 60e3))
@@ -314,47 +291,10 @@ def test_the_robot_s_own_pressure_clips_and_lands(small: House) -> None:
         small.fakes.lines["pressure"].faults.extra.clear()
 
 
-def test_a_second_program_cannot_take_the_rig(small: House, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(RigLocked, match="in use"), Rig(load_rig(small.rig)):
-        pass
-
-
-def test_a_burst_chamber_is_told_with_its_channel(small: House, rig: Rig) -> None:
-    small.fakes.accidents.begin("burst")
-    for _ in range(20):
-        rig.actuators.call("pressure", "set", (60e3, 60e3, 60e3))
-        timing.sleep(0.02)
-    assert until(lambda: rig.vital.pause is not None)
-    assert rig.vital.pause is not None and "channel 1" in rig.vital.pause.text and "burst" in rig.vital.pause.text
-
-
-def test_too_much_force_stops_the_arm_at_once(house: House) -> None:
-    house.change(without=("mocap",))
-    fakes = house.fakes
-    with Rig(load_rig(house.rig)) as rig:
-        assert rig.open_all(lambda name, outcome: None) == []
-        rig.streams["force"].zero(5)
-        pose = list(rig.streams["arm_state"].latest().tcp_pose)
-        away = 0.1 if pose[1] < 0 else -0.1
-        rig.actuators.call("arm", "move_to", (pose[0], pose[1] + away, *pose[2:]), 0.05, 0.3)
-        assert fakes.ur is not None
-        device = fakes.lines["force"].device  # type: ignore[attr-defined]
-        bias = device.bias.copy()
-        device.bias = bias + np.array([80.0, 0, 0, 0, 0, 0])
-        try:
-            assert until(lambda: rig.vital.landed is not None)
-        finally:
-            device.bias = bias
-        assert max(abs(v) for v in fakes.ur.backdoor()["tcp_speed"][:3]) < 2e-3
-        with pytest.raises(DeviceFault, match="limits.max_force"):
-            rig.actuators.call("arm", "move_to", tuple(pose), 0.05, 0.3)
-
-
 @pytest.mark.real
 def test_the_arms_process_may_crash_and_nobody_else_does(house: House) -> None:
     house.change(without=("force", "mocap"))
-    with Rig(load_rig(house.rig)) as rig:
-        assert rig.open_all(lambda name, outcome: None) == []
+    with house.opened() as rig:
         children = Path(f"/proc/{rig.actuators.pid}/task").glob("*/children")
         (host,) = [int(pid) for file in children for pid in file.read_text().split()]
         os.kill(host, signal.SIGSEGV)
@@ -370,8 +310,7 @@ def test_an_arm_that_its_safety_system_holds_is_confirmed_at_rest_though_it_cann
     house.change(without=("force", "mocap"))
     ur = house.fakes.ur
     assert ur is not None
-    with Rig(load_rig(house.rig)) as rig:
-        assert rig.open_all(lambda name, outcome: None) == []
+    with house.opened() as rig:
         rig.actuators.call("valve", "set", True)
         ur.backdoor("protective_stop")
         state = rig.streams["arm_state"]

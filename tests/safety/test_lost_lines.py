@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 from house import House, inflate, until
-from test_pauses import BENDING, during, lab
 
 import timing
 from drivers.errors import InstrumentError, Unreachable
@@ -91,8 +90,7 @@ def test_the_rig_is_made_safe_once_the_line_is_back(of: dict[str, House], kind: 
     house = of[kind]
     use(house, name)
     fakes = house.fakes
-    with Rig(load_rig(house.rig)) as rig:
-        assert rig.open_all(lambda name, outcome: None) == []
+    with house.opened() as rig:
         inflate(rig, house)
         fakes.switch.drop_out(name, OUT)
         if phase == "landing":
@@ -113,8 +111,7 @@ def test_an_inflated_rig_whose_guard_was_killed_is_landed_once_a_line_is_back(
 ) -> None:
     house = {FIRST: house, SECOND: real_second}[kind]
     use(house, name)
-    with Rig(load_rig(house.rig), despite_latch=True) as rig:
-        assert rig.open_all(lambda name, outcome: None) == []
+    with house.opened(despite_latch=True) as rig:
         inflate(rig, house)
         rig.actuators._process.kill()
         rig.actuators._process.wait()
@@ -126,17 +123,9 @@ def test_an_inflated_rig_whose_guard_was_killed_is_landed_once_a_line_is_back(
     assert until(lambda: not house.latch.exists())
 
 
-@pytest.fixture
-def small(house: House) -> House:
-    """The rig without arm, force sensor and cameras: quick to connect."""
-    use(house, "pressure")
-    return house
-
-
 @pytest.mark.parametrize("name", ["pressure", "spine", "valve", "gauge"])
 def test_the_guard_lands_everything_by_itself_and_names_the_line(small: House, name: str) -> None:
-    with Rig(load_rig(small.rig)) as rig:
-        assert rig.open_all(lambda name, outcome: None) == []
+    with small.opened() as rig:
         inflate(rig, small)
         small.fakes.switch.drop_out(name, OUT)
         assert small.vented()
@@ -172,8 +161,7 @@ def test_a_line_that_returns_after_the_report_is_still_landed_and_that_is_report
 
 def test_the_guard_lives_on_after_its_program_and_lands_what_comes_back(small: House) -> None:
     small.change(safe={"within": 0.1})
-    with Rig(load_rig(small.rig)) as rig:
-        assert rig.open_all(lambda name, outcome: None) == []
+    with small.opened() as rig:
         inflate(rig, small)
         small.fakes.switch.begin("pressure", "disconnect")
         assert not rig.make_safe().confirmed
@@ -190,8 +178,7 @@ def test_the_guard_lives_on_after_its_program_and_lands_what_comes_back(small: H
 def test_a_guard_that_ended_as_it_was_told_needs_no_rescue(small: House, monkeypatch: pytest.MonkeyPatch) -> None:
     rescues: list[str] = []
     monkeypatch.setattr(assembly, "make_safe_after_loss", lambda *about: rescues.append("rescue"))
-    with Rig(load_rig(small.rig)) as rig:
-        assert rig.open_all(lambda name, outcome: None) == []
+    with small.opened() as rig:
         guard_ended = rig.actuators._end
 
         def noticed(lives_on: bool = False) -> None:
@@ -206,8 +193,7 @@ def test_a_guard_that_ended_as_it_was_told_needs_no_rescue(small: House, monkeyp
 def test_a_rescue_goes_on_after_its_program(small: House, monkeypatch: pytest.MonkeyPatch) -> None:
     """The guard was killed while the line was out, and the program has nothing more to do."""
     monkeypatch.setattr(new_guard, "REACH_WITHIN", 0.5)  # of the program; its rescue goes on for longer
-    with Rig(load_rig(small.rig)) as rig:
-        assert rig.open_all(lambda name, outcome: None) == []
+    with small.opened() as rig:
         inflate(rig, small)
         small.fakes.switch.begin("pressure", "disconnect")
         os.kill(rig.actuators.pid, signal.SIGKILL)
@@ -217,16 +203,6 @@ def test_a_rescue_goes_on_after_its_program(small: House, monkeypatch: pytest.Mo
     small.fakes.switch.end()
     assert small.vented()
     assert until(lambda: not small.latch.exists())
-
-
-def test_a_run_whose_regulators_drop_out_ends_vented_and_names_the_line(
-    house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    house.change(without=NETWORK)
-    during(lambda: house.highest() > 40e3, lambda: house.fakes.switch.drop_out("pressure", OUT))
-    assert lab(house, tmp_path, "bending", *BENDING) == 1
-    assert house.vented() and "pressure: lost" in " ".join(capsys.readouterr().err.split())
-    assert not house.latch.exists()
 
 
 @pytest.mark.long

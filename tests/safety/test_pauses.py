@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from house import House, until
+from house import BENDING, STIFFNESS, House, during, until
 
 import timing
 from drivers.errors import InstrumentError
-from lab.cli import main
 from lab.console import Screen
 from lab.files.inputs import read_case
 from lab.rig.assembly import Rig
@@ -19,29 +16,10 @@ from lab.verbs.run import connect, execute, job
 from protocols.steering import Steering
 from recordings.file.reader import Recording
 
-BENDING = [word for setting in ("spine_lengths=[0.05]", "pressures=[60 kPa, 120 kPa]") for word in ("--set", setting)]
-STIFFNESS = [w for s in ("spine_lengths=[0.1]", "steps=3", "min_samples=20", "zero_samples=20") for w in ("--set", s)]
-
-
-def during(condition: Callable[[], bool], act: Callable[[], object]) -> threading.Thread:
-    """Do something as soon as a condition holds."""
-
-    def watch() -> None:
-        if until(condition, 60.0):
-            act()
-
-    thread = timing.Thread(target=watch, daemon=True)
-    thread.start()
-    return thread
-
-
-def lab(house: House, folder: Path, protocol: str, *settings: str) -> int:
-    return main(["run", protocol, "--rig", str(house.rig), *settings, "--out", str(folder)])
-
 
 @pytest.mark.parametrize(("accident", "word"), [("marker_lost", "mocap"), ("supply_low", "pressure")])
 def test_a_bending_sweep_goes_on_without_losing_or_doubling_a_point(
-    house: House, tmp_path: Path, accident: str, word: str, capsys: pytest.CaptureFixture[str]
+    house: House, tmp_path: Path, accident: str, word: str
 ) -> None:
     house.change(without=("arm", "force"), limits={"max_hidden": 0.5})
     vented: list[float] = []
@@ -54,7 +32,7 @@ def test_a_bending_sweep_goes_on_without_losing_or_doubling_a_point(
     house.fakes.on_confirm = repair
     plant = house.fakes.plant
     during(lambda: plant.valve_on and float(plant.regulator.max()) > 100e3, lambda: house.fakes.accidents.begin(accident))
-    assert lab(house, tmp_path, "bending", *BENDING) in (0, 3), "".join(capsys.readouterr())
+    assert house.lab(tmp_path, "bending", *BENDING) in (0, 3)
     assert vented and max(vented) < 5e3
     assert len(house.fakes.troubles) == 1 and word in house.fakes.troubles[0]
     (file,) = tmp_path.glob("*.mcap")
@@ -68,9 +46,7 @@ STOPS = {"safeguard_stop": "safeguard stop", "emergency_stop": "emergency stop"}
 
 
 @pytest.mark.parametrize("stop", ["safeguard_stop", pytest.param("emergency_stop", marks=pytest.mark.long)])
-def test_a_stiffness_trial_goes_on_after_the_arms_own_safety_system_held_it(
-    house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str], stop: str
-) -> None:
+def test_a_stiffness_trial_goes_on_after_the_arms_own_safety_system_held_it(house: House, tmp_path: Path, stop: str) -> None:
     house.change(without=("mocap",))
     ur, plant = house.fakes.ur, house.fakes.plant
     assert ur is not None
@@ -85,7 +61,7 @@ def test_a_stiffness_trial_goes_on_after_the_arms_own_safety_system_held_it(
 
     house.fakes.on_confirm = put_right
     during(lambda: abs(plant.probe_force).max() > 1.0, lambda: ur.backdoor(stop))
-    assert lab(house, tmp_path, "stiffness", *STIFFNESS) in (0, 3), "".join(capsys.readouterr())
+    assert house.lab(tmp_path, "stiffness", *STIFFNESS) in (0, 3)
     assert any(STOPS[stop] in trouble for trouble in house.fakes.troubles)
     assert stopped[0] == stopped[1]  # nothing moves before the person has confirmed
     (file,) = tmp_path.glob("*.mcap")
@@ -98,7 +74,7 @@ def test_what_is_not_put_right_ends_the_run_with_its_cause(
     house.change(without=("arm", "force"), limits={"max_hidden": 0.5, "resume_within": 1.0})
     plant = house.fakes.plant
     during(lambda: float(plant.regulator.max()) > 50e3, lambda: house.fakes.accidents.begin("marker_lost"))
-    assert lab(house, tmp_path, "bending", *BENDING) == 1
+    assert house.lab(tmp_path, "bending", *BENDING) == 1
     assert "mocap" in capsys.readouterr().err
     assert house.vented() and not house.latch.exists()
 

@@ -10,7 +10,7 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -120,8 +120,7 @@ def test_one_that_owns_a_name_and_stands_still_is_known_as_silent(monkeypatch: p
 # ------------------------------------------------------------------ a run that is going
 def test_a_rig_that_is_used_lands_at_once_and_for_good(house: House, capsys: pytest.CaptureFixture[str]) -> None:
     house.change(without=("arm", "force", "mocap"))
-    with Rig(load_rig(house.rig)) as rig:
-        assert rig.open_all(lambda name, outcome: None) == []
+    with house.opened() as rig:
         rig.actuators.call("valve", "set", True)
         rig.actuators.call("pressure", "set", (20e3, 20e3, 20e3))
         assert main(["safe", "--json", "--rig", str(house.rig)]) == 0
@@ -155,8 +154,7 @@ def test_a_second_program_is_refused_at_once_and_told_of_the_first(
     other = tmp_path / "other.yaml"  # another file for the same instruments
     shutil.copy(house.rig, other)
     shutil.copy(house.rig.with_name("robot.yaml"), tmp_path)
-    with Rig(load_rig(house.rig)) as rig:
-        assert rig.open_all(lambda name, outcome: None) == []
+    with house.opened() as rig:
         for words in (["check", "--move", "--yes"], ["check"], ["run", "bending", "--out", str(tmp_path)]):
             for path in (house.rig, other):
                 assert main([*words, "--rig", str(path)]) == 1
@@ -165,73 +163,46 @@ def test_a_second_program_is_refused_at_once_and_told_of_the_first(
 
 
 # ------------------------------------------------------------------ on a bad day
-def log_deleted(rig: Path) -> Path:
-    rig.with_suffix(".guard.log").unlink(missing_ok=True)
+def spoilt(day: str, rig: Path) -> Path:
+    """The rig's files after a bad day; where its rig.yaml is by then."""
+    match day:
+        case "log deleted":
+            rig.with_suffix(".guard.log").unlink(missing_ok=True)
+        case "typo":
+            rig.write_text(rig.read_text().replace("instruments:", "instruments: ["))
+        case "wrong table":
+            rig.write_text(rig.read_text().replace("max_pressure", "max_presure").replace("heartbeat", "hartbeat"))
+        case "empty":
+            rig.write_text("")
+        case "not text":
+            rig.write_bytes(b"\xff\x00\xfe")
+        case "gone":
+            rig.unlink()
+        case "folder moved":
+            return rig.parent.rename(rig.parent.with_name("moved")) / rig.name
+        case "by link" | "by linked folder":
+            what, link = (rig, "link.yaml") if day == "by link" else (rig.parent, "linked")
+            rig.parent.with_name(link).symlink_to(what)
+            return rig.parent.with_name(link) / (rig.name if what != rig else "")
+        case "folder read-only":  # for root, too: where a file should be stands a folder, so that nothing can be created
+            for name in ("rig.latch", "rig.guard.log"):
+                rig.with_name(name).unlink(missing_ok=True)
+                rig.with_name(name).mkdir()
     return rig
 
 
-def typo(rig: Path) -> Path:
-    rig.write_text(rig.read_text().replace("instruments:", "instruments: ["))
-    return rig
-
-
-def empty(rig: Path) -> Path:
-    rig.write_text("")
-    return rig
-
-
-def not_text(rig: Path) -> Path:
-    rig.write_bytes(b"\xff\x00\xfe")
-    return rig
-
-
-def gone(rig: Path) -> Path:
-    rig.unlink()
-    return rig
-
-
-def one_table_wrong(rig: Path) -> Path:
-    rig.write_text(rig.read_text().replace("max_pressure", "max_presure").replace("heartbeat", "hartbeat"))
-    return rig
-
-
-def folder_moved(rig: Path) -> Path:
-    moved = rig.parent.with_name("moved")
-    rig.parent.rename(moved)
-    return moved / rig.name
-
-
-def by_link(rig: Path) -> Path:
-    link = rig.parent.with_name("link.yaml")
-    link.symlink_to(rig)
-    return link
-
-
-def by_linked_folder(rig: Path) -> Path:
-    link = rig.parent.with_name("linked")
-    link.symlink_to(rig.parent)
-    return link / rig.name
-
-
-def folder_read_only(rig: Path) -> Path:
-    """For root, too: where a folder should be stands a file, so that nothing can be created."""
-    for name in ("rig.latch", "rig.guard.log"):
-        rig.with_name(name).unlink(missing_ok=True)
-        rig.with_name(name).mkdir()
-    return rig
-
-
-BAD_DAYS: tuple[Callable[[Path], Path], ...] = (
-    log_deleted,
-    typo,
-    empty,
-    not_text,
-    gone,
-    one_table_wrong,
-    folder_moved,
-    by_link,
-    by_linked_folder,
-    folder_read_only,
+READ_ONLY, MOVED = "folder read-only", "folder moved"
+BAD_DAYS = (
+    "log deleted",
+    "typo",
+    "empty",
+    "not text",
+    "gone",
+    "one table wrong",
+    MOVED,
+    "by link",
+    "by linked folder",
+    READ_ONLY,
 )
 
 
@@ -248,17 +219,16 @@ def own_folder(house: House, tmp_path: Path) -> Iterator[House]:
         forget(left)
 
 
-@pytest.mark.parametrize("spoil", BAD_DAYS, ids=lambda f: f.__name__)
-def test_a_live_run_is_landed(own_folder: House, spoil: Callable[[Path], Path]) -> None:
-    with Rig(load_rig(own_folder.rig)) as rig:
-        assert rig.open_all(lambda name, outcome: None) == []
+@pytest.mark.parametrize("day", BAD_DAYS)
+def test_a_live_run_is_landed(own_folder: House, day: str) -> None:
+    with own_folder.opened() as rig:
         rig.actuators.call("valve", "set", True)
         rig.actuators.call("pressure", "set", (20e3, 20e3, 20e3))
         assert until(lambda: own_folder.highest() > 10e3)
-        place = spoil(own_folder.rig)
+        place = spoilt(day, own_folder.rig)
         code = main(["safe", "--rig", str(place)])
         assert own_folder.highest() < 5e3 and not own_folder.fakes.plant.valve_on
-        assert code == (1 if spoil in (folder_read_only, folder_moved) else 0)  # a latch stays behind
+        assert code == (1 if day in (READ_ONLY, MOVED) else 0)  # a latch stays behind
 
 
 CRASHING = """
@@ -277,20 +247,18 @@ os.kill(os.getpid(), signal.SIGKILL)
 
 @pytest.mark.real
 @pytest.mark.parametrize(
-    "spoil",
-    [d if d in (gone, folder_moved, folder_read_only) else pytest.param(d, marks=pytest.mark.long) for d in BAD_DAYS],
-    ids=lambda f: f.__name__,
+    "day", [d if d in ("gone", MOVED, READ_ONLY) else pytest.param(d, marks=pytest.mark.long) for d in BAD_DAYS]
 )
-def test_what_a_crash_left_behind_is_landed(own_folder: House, spoil: Callable[[Path], Path]) -> None:
+def test_what_a_crash_left_behind_is_landed(own_folder: House, day: str) -> None:
     """Program and guard are killed at the same moment; then the rig's files are spoilt."""
     done = subprocess.run([sys.executable, "-c", CRASHING, str(own_folder.rig)], check=False)
     assert done.returncode == -signal.SIGKILL and until(lambda: own_folder.highest() > 10e3)
-    place = spoil(own_folder.rig)
-    if spoil is folder_moved:
+    place = spoilt(day, own_folder.rig)
+    if day == MOVED:
         own_folder = House(own_folder.fakes, place)
     code = main(["safe", "--clear", "--rig", str(place)])
     assert own_folder.highest() < 5e3 and not own_folder.fakes.plant.valve_on
-    locked = spoil is folder_read_only
+    locked = day == READ_ONLY
     assert code == (1 if locked else 0) and (Latch(place).read() is not None) is locked
 
 

@@ -9,12 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from house import House, until
-from test_pauses import STIFFNESS, during, lab
+from house import STIFFNESS, House, during, until
 
 import timing
 from drivers.errors import DeviceFault, StaleReading
-from lab.files.rig_file import load_rig
 from lab.rig.assembly import Rig
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
@@ -26,8 +24,7 @@ FAR, SLOW, STILL = 0.28, 6e-3, 1e-3
 @pytest.fixture
 def rig(house: House) -> Iterator[Rig]:
     house.change(without=("mocap",))
-    with Rig(load_rig(house.rig)) as opened:
-        assert opened.open_all(lambda name, outcome: None) == []
+    with house.opened() as opened:
         yield opened
 
 
@@ -114,7 +111,7 @@ def test_a_stiffness_run_whose_sensor_drips_ends_with_its_stale_reading(
         moved.append(float(np.linalg.norm(here(house) - at)))
 
     watching = during(lambda: abs(plant.probe_force).max() > 0.25, drip)
-    assert lab(house, tmp_path, "stiffness", *STIFFNESS) == 1
+    assert house.lab(tmp_path, "stiffness", *STIFFNESS) == 1
     error = capsys.readouterr().err
     # in motion, between motions, or while a reading is taken
     assert "force" in error and re.search("max_age_in_motion|the newest frame is|samples: not reached", error), error
@@ -123,11 +120,16 @@ def test_a_stiffness_run_whose_sensor_drips_ends_with_its_stale_reading(
     assert not house.latch.exists()
 
 
-def test_250_newtons_before_the_zero_stop_the_arm(house: House, rig: Rig) -> None:
+@pytest.mark.parametrize(("zeroed", "newton"), [(False, 250.0), (True, 80.0)])
+def test_too_much_force_stops_the_arm_before_the_sensor_has_its_zero_and_after(
+    house: House, rig: Rig, zeroed: bool, newton: float
+) -> None:
+    if zeroed:
+        rig.streams["force"].zero(5)
     set_off(house, rig)
     device = sensor(house).device
     bias = device.bias.copy()
-    device.bias = bias + np.array([250.0, 0, 0, 0, 0, 0])
+    device.bias = bias + np.array([newton, 0, 0, 0, 0, 0])
     try:
         assert until(lambda: rig.vital.landed is not None, 10.0)
     finally:

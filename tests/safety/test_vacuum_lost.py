@@ -6,12 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from house import House, until
-from test_pauses import BENDING, STIFFNESS, during, lab
+from house import BENDING, STIFFNESS, House, during, recorded, until
 
-from lab.files.inputs import read_case
-from recordings.campaign.replay import compare, replay, table_of
-from recordings.file.reader import Recording
+from recordings.campaign.replay import table_of
 
 PLANNED = 80e3
 
@@ -34,32 +31,20 @@ def put_right(house: House) -> None:
     vacuum(house, PLANNED)
 
 
-def one(folder: Path) -> Recording:
-    (file,) = folder.glob("*.mcap")
-    recording = Recording.open(file)
-    assert compare(recording).equal
-    assert [row.cells() for row in replay(file)] == [row.cells() for row in table_of(recording)]
-    return recording
-
-
 @pytest.mark.parametrize("level", [94e3, *(pytest.param(p, marks=pytest.mark.long) for p in (0.0, 60e3))])
-def test_a_bending_state_is_read_again_with_the_spine_jammed_anew(
-    house: House, tmp_path: Path, level: float, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_bending_state_is_read_again_with_the_spine_jammed_anew(house: House, tmp_path: Path, level: float) -> None:
     house.change(without=("arm", "force"))
     house.fakes.on_confirm = lambda trouble: vacuum(house, PLANNED)
     plant = house.fakes.plant
     during(lambda: plant.valve_on and float(plant.chamber_pressure.max()) > 100e3, lambda: vacuum(house, level))
-    assert lab(house, tmp_path, "bending", *BENDING) in (0, 3), "".join(capsys.readouterr())
+    recording = house.completed(tmp_path, "bending", *BENDING)
     assert any("gauge" in trouble and "kPa below ambient" in trouble for trouble in house.fakes.troubles)
-    table = table_of(one(tmp_path))
+    table = table_of(recording)
     assert [row.step for row in table] == [1, 2, 3, 4, 5]
     assert np.all(np.abs(table["vacuum"] - PLANNED) < 11e3)
 
 
-def test_a_vacuum_that_comes_back_by_itself_between_two_states_is_noticed(
-    house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_vacuum_that_comes_back_by_itself_between_two_states_is_noticed(house: House, tmp_path: Path) -> None:
     house.change(without=("arm", "force"))
     plant = house.fakes.plant
 
@@ -68,9 +53,9 @@ def test_a_vacuum_that_comes_back_by_itself_between_two_states_is_noticed(
         during(lambda: plant.vacuum_absolute > 90e3, lambda: vacuum(house, PLANNED))
 
     during(lambda: plant.valve_on and float(plant.regulator.max()) > 70e3, lose)
-    assert lab(house, tmp_path, "bending", *BENDING) in (0, 3), "".join(capsys.readouterr())
+    recording = house.completed(tmp_path, "bending", *BENDING)
     assert any("gauge" in trouble for trouble in house.fakes.troubles)
-    assert [row.step for row in table_of(one(tmp_path))] == [1, 2, 3, 4, 5]
+    assert [row.step for row in table_of(recording)] == [1, 2, 3, 4, 5]
 
 
 def test_what_is_not_put_right_ends_the_run_without_a_state_of_a_soft_spine(
@@ -79,34 +64,26 @@ def test_what_is_not_put_right_ends_the_run_without_a_state_of_a_soft_spine(
     house.change(without=("arm", "force"))
     plant = house.fakes.plant
     during(lambda: plant.valve_on and float(plant.chamber_pressure.max()) > 50e3, lambda: vacuum(house, 0.0))
-    assert lab(house, tmp_path, "bending", *BENDING) == 1
+    assert house.lab(tmp_path, "bending", *BENDING) == 1
     assert "spine jammed at 72 kPa" in capsys.readouterr().err
-    assert all(abs((row.vacuum or 0.0) - PLANNED) < 11e3 for row in table_of(one(tmp_path)))
+    assert all(abs((row.vacuum or 0.0) - PLANNED) < 11e3 for row in table_of(recorded(tmp_path)))
 
 
 def test_a_spine_without_vacuum_is_read_as_planned(house: House, tmp_path: Path) -> None:
     house.change(without=("arm", "force"))
-    assert lab(house, tmp_path, "bending", *BENDING, "--set", "vacuums=[0]") in (0, 3)
-    assert len(read_case(list(tmp_path.glob("*.mcap"))).table) == 5 and not house.fakes.troubles
+    recording = house.completed(tmp_path, "bending", *BENDING, "--set", "vacuums=[0]")
+    assert len(table_of(recording)) == 5 and not house.fakes.troubles
 
 
 @pytest.mark.parametrize("frozen", [False, True])
-def test_a_stiffness_trial_whose_spine_goes_soft_begins_again(
-    house: House, tmp_path: Path, frozen: bool, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_stiffness_trial_whose_spine_goes_soft_begins_again(house: House, tmp_path: Path, frozen: bool) -> None:
     house.change(without=("mocap",))
     fakes = house.fakes
-
-    def put_right(trouble: str) -> None:
-        fakes.switch.end()
-        vacuum(house, PLANNED)
-
-    fakes.on_confirm = put_right
+    fakes.on_confirm = lambda trouble: put_right(house)
     spoil = lose if frozen else lambda house: vacuum(house, 0.0)
     during(lambda: abs(fakes.plant.probe_force).max() > 2.2, lambda: spoil(house))  # on the way from the first step to the second
-    assert lab(house, tmp_path, "stiffness", *STIFFNESS) in (0, 3), "".join(capsys.readouterr())
+    recording = house.completed(tmp_path, "stiffness", *STIFFNESS)
     assert fakes.troubles and ("soft although the gauge" in fakes.troubles[0]) == frozen
-    recording = one(tmp_path)
     table = table_of(recording)
     assert [row.step for row in table] == [1, 2, 3] and not table.doubtful
     slope = np.polyfit(table["deflection"], table["force"], 1)[0]
@@ -115,17 +92,14 @@ def test_a_stiffness_trial_whose_spine_goes_soft_begins_again(
 
 
 @pytest.mark.long  # what is lost must be lost within a second
-def test_a_spine_that_never_was_jammed_asks_for_a_person(
-    house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_spine_that_never_was_jammed_asks_for_a_person(house: House, tmp_path: Path) -> None:
     house.change(without=("mocap",))
     fakes = house.fakes
-
     fakes.on_confirm = lambda trouble: put_right(house)
     during(lambda: fakes.plant.valve_on and fakes.plant.vacuum_absolute < 24e3, lambda: lose(house))
-    assert lab(house, tmp_path, "stiffness", *STIFFNESS) in (0, 3), "".join(capsys.readouterr())
+    recording = house.completed(tmp_path, "stiffness", *STIFFNESS)
     assert fakes.troubles and "jammed" in fakes.troubles[0]
-    assert [row.step for row in table_of(one(tmp_path))] == [1, 2, 3]
+    assert [row.step for row in table_of(recording)] == [1, 2, 3]
 
 
 def test_a_gauge_that_repeats_itself_to_the_last_digit_ends_the_run(
@@ -138,27 +112,23 @@ def test_a_gauge_that_repeats_itself_to_the_last_digit_ends_the_run(
         lambda: house.fakes.switch.begin("gauge", "stuck"),
     )
     settings = [*BENDING, "--set", "reading=hold", "--set", "hold_times=[100]"]
-    assert lab(house, tmp_path, "bending", *settings) == 1
+    assert house.lab(tmp_path, "bending", *settings) == 1
     assert "gauge: its reading has been the same to the last digit" in capsys.readouterr().err
 
 
-def test_the_shape_tells_that_the_spine_went_soft_where_the_gauge_does_not(
-    house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_shape_tells_that_the_spine_went_soft_where_the_gauge_does_not(house: House, tmp_path: Path) -> None:
     house.change(without=("arm", "force"))
     fakes = house.fakes
-
     fakes.on_confirm = lambda trouble: put_right(house)
     during(lambda: fakes.plant.valve_on and float(fakes.plant.regulator.max()) > 100e3, lambda: lose(house))
-    assert lab(house, tmp_path, "bending", *BENDING, "--set", "spine_lengths=[0.25]") in (0, 3), "".join(capsys.readouterr())
+    recording = house.completed(tmp_path, "bending", *BENDING, "--set", "spine_lengths=[0.25]")
     assert any("soft although the gauge" in trouble for trouble in fakes.troubles)
-    recording = one(tmp_path)
     table = table_of(recording)
     assert [row.step for row in table] == [1, 2, 3, 4, 5] and recording.marks and not table.doubtful
     assert table["x"][3] == pytest.approx(table["x"][1], abs=3e-3)
 
 
-def test_a_spine_that_stays_soft_marks_its_trial(house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_spine_that_stays_soft_marks_its_trial(house: House, tmp_path: Path) -> None:
     house.change(without=("arm", "force"))
     fakes = house.fakes
 
@@ -174,5 +144,5 @@ def test_a_spine_that_stays_soft_marks_its_trial(house: House, tmp_path: Path, c
     during(lambda: True, each_time)
     settings = (*BENDING, "--set", "spine_lengths=[0.25]")
     # with a gauge that has frozen the vacuum's release is not confirmed
-    assert lab(house, tmp_path, "bending", *settings) == 1, "".join(capsys.readouterr())
-    assert set(table_of(one(tmp_path))["doubt"]) == {"soft"}
+    assert house.lab(tmp_path, "bending", *settings) == 1
+    assert set(table_of(recorded(tmp_path))["doubt"]) == {"soft"}

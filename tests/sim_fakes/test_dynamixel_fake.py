@@ -1,17 +1,14 @@
 """The fake servo on its wire, without any driver: strictness, physics, faults."""
 
 import struct
-from collections.abc import Iterator
 
 import dynamixel_sdk
 import pytest
 import serial
 
-import timing
 from drivers.dynamixel.bus import _Port as Port
 from sim_fakes.dynamixel import DynamixelFake, crc16, stuffed, unstuffed
-from sim_fakes.plant import Plant
-from timing import RigClock
+from tests.simulated.bench import Bench
 
 RANGE, LENGTH, LIMIT, ACCESS, CRC, UNDEFINED = 4, 5, 6, 7, 3, 2
 TORQUE, GOAL_CURRENT, GOAL, POSITION = 64, 102, 116, 132
@@ -54,28 +51,10 @@ class Wire:
 
 
 @pytest.fixture
-def wire(plant: Plant) -> Iterator[Wire]:
-    fake = DynamixelFake(plant, RigClock(20.0))
-    fake.start()
-    wire = Wire(fake)
-    yield wire
-    wire.port.close()
-    fake.stop()
-
-
-def test_checksum_is_that_of_a_published_packet() -> None:
-    ping = bytes([0xFF, 0xFF, 0xFD, 0x00, 0x01, 0x03, 0x00, 0x01])
-    assert crc16(ping) == 0x4E19
-
-
-def test_what_looks_like_a_header_is_stuffed_and_restored() -> None:
-    body = b"\x03\xff\xff\xfd\x01\xff\xff\xfd\xfd"
-    assert b"\xff\xff\xfd\x01" not in stuffed(body)
-    assert unstuffed(stuffed(b"\x03\xff\xff\xfd\x01")) == b"\x03\xff\xff\xfd\x01"
-
-
-def test_a_damaged_packet_is_answered_with_a_crc_error(wire: Wire) -> None:
-    assert wire.ask(1, damage=True) == (CRC, b"")
+def wire(bench: Bench) -> Wire:
+    wire = Wire(bench.started(DynamixelFake(bench.plant, bench.clock)))
+    bench.closing(wire.port)
+    return wire
 
 
 @pytest.mark.parametrize(
@@ -90,6 +69,7 @@ def test_a_damaged_packet_is_answered_with_a_crc_error(wire: Wire) -> None:
         (GOAL_CURRENT, struct.pack("<h", 1193), 0),
         (GOAL_CURRENT, struct.pack("<h", 1194), RANGE),
         (GOAL, struct.pack("<i", 5000), LIMIT),
+        (38, struct.pack("<H", 1193), 0),
     ],
 )
 def test_writes_are_checked(wire: Wire, address: int, data: bytes, error: int) -> None:
@@ -113,10 +93,6 @@ def test_what_is_undefined_reads_as_zero_and_beyond_the_table_is_refused(wire: W
     assert wire.ask(2, struct.pack("<HH", 660, 4)) == (ACCESS, b"")
 
 
-def test_a_broadcast_ping_finds_the_servo(wire: Wire) -> None:
-    assert wire.ask(1, servo=254) == (0, struct.pack("<HB", 1020, 45))
-
-
 def test_sync_and_bulk_instructions_reach_the_servo_among_others(wire: Wire) -> None:
     goal_current, led = struct.pack("<h", 321), b"\1"
     assert wire.ask(0x83, struct.pack("<HH", GOAL_CURRENT, 2) + b"\7\0\0\1" + goal_current, 254, within=0.1) is None
@@ -128,40 +104,24 @@ def test_sync_and_bulk_instructions_reach_the_servo_among_others(wire: Wire) -> 
     assert wire.ask(0x82, struct.pack("<HH", GOAL_CURRENT, 2) + b"\7", 254, within=0.1) is None
 
 
-def test_the_makers_own_groups_read_and_write(wire: Wire) -> None:
-    packets = dynamixel_sdk.PacketHandler(2.0)
-    wire.port.close()
-    port = Port(wire.fake.port, 1.0)
-    assert port.openPort()
-    try:
-        assert packets.broadcastPing(port)[0] == {1: [1020, 45]}
-        write = dynamixel_sdk.GroupSyncWrite(port, packets, GOAL_CURRENT, 2)
-        assert write.addParam(1, [100, 0]) and write.txPacket() == dynamixel_sdk.COMM_SUCCESS
-        read = dynamixel_sdk.GroupBulkRead(port, packets)
-        assert read.addParam(1, GOAL_CURRENT, 2)
-        for _ in range(5):  # its time-out is 34 ms, and the fake shares a computer
-            if read.txRxPacket() == dynamixel_sdk.COMM_SUCCESS:
-                break
-        assert read.getData(1, GOAL_CURRENT, 2) == 100
-    finally:
-        port.closePort()
-
-
-def test_the_makers_fast_groups_read(wire: Wire) -> None:
+def test_the_makers_own_groups_read_and_write(wire: Wire, bench: Bench) -> None:
     wire.port.close()
     port, packets = Port(wire.fake.port, 1.0), dynamixel_sdk.PacketHandler(2.0)
     assert port.openPort()
-    try:
-        sync = dynamixel_sdk.GroupSyncRead(port, packets, POSITION, 4)
-        bulk = dynamixel_sdk.GroupBulkRead(port, packets)
-        assert sync.addParam(1) and bulk.addParam(1, POSITION, 4)
-        for group, read in ((sync, sync.fastSyncRead), (bulk, bulk.fastBulkRead)):
-            for _ in range(5):
-                if read() == dynamixel_sdk.COMM_SUCCESS:
-                    break
-            assert group.getData(1, POSITION, 4) == wire.fake.motor.get(POSITION)
-    finally:
-        port.closePort()
+    bench.ends.callback(port.closePort)
+    assert packets.broadcastPing(port)[0] == {1: [1020, 45]}
+    write = dynamixel_sdk.GroupSyncWrite(port, packets, GOAL_CURRENT, 2)
+    assert write.addParam(1, [100, 0]) and write.txPacket() == dynamixel_sdk.COMM_SUCCESS
+    sync = dynamixel_sdk.GroupSyncRead(port, packets, POSITION, 4)
+    bulk = dynamixel_sdk.GroupBulkRead(port, packets)
+    assert sync.addParam(1) and bulk.addParam(1, GOAL_CURRENT, 2)
+    for group, read, where, value in (
+        (bulk, bulk.txRxPacket, (GOAL_CURRENT, 2), 100),
+        (sync, sync.fastSyncRead, (POSITION, 4), wire.fake.motor.get(POSITION)),
+        (bulk, bulk.fastBulkRead, (GOAL_CURRENT, 2), 100),
+    ):
+        assert any(read() == dynamixel_sdk.COMM_SUCCESS for _ in range(5))  # its time-out is 34 ms
+        assert group.getData(1, *where) == value
 
 
 def test_a_registered_write_waits_for_the_action(wire: Wire) -> None:
@@ -213,44 +173,6 @@ def test_its_secondary_id_is_obeyed_and_not_answered(wire: Wire) -> None:
     assert wire.ask(2, struct.pack("<HH", 65, 1)) == (0, b"\1")
 
 
-def test_a_watchdog_that_trips_forgets_the_homing_offset(wire: Wire) -> None:
-    assert wire.write(11, b"\4") == 0
-    assert wire.write(20, struct.pack("<i", 1024)) == 0
-    assert wire.write(TORQUE, b"\1") == 0
-    start = wire.fake.motor.length
-    assert wire.write(98, b"\1") == 0
-    deadline = timing.now() + 20
-    while abs(wire.fake.motor.length - start) < 0.02:
-        assert timing.now() < deadline, "the shaft stands still"
-        timing.sleep(0.01)
-
-
-def test_an_unknown_instruction_is_refused(wire: Wire) -> None:
+def test_an_unknown_instruction_and_a_damaged_packet_are_refused(wire: Wire) -> None:
     assert wire.ask(0x77) == (UNDEFINED, b"")
-
-
-def test_nothing_moves_without_torque(wire: Wire, plant: Plant) -> None:
-    wire.write(11, b"\5")
-    wire.write(GOAL, struct.pack("<i", 9000))
-    timing.sleep(0.1)
-    assert plant.spine_drive == pytest.approx(0.03)
-
-
-def test_a_restart_keeps_the_angle_within_a_turn_only() -> None:
-    motor = DynamixelFake(Plant(), RigClock()).motor
-    motor.place(10_000)
-    motor.restart()
-    assert motor.counts == 10_000 % 4096
-
-
-def test_goals_are_read_only_after_the_watchdog_tripped(wire: Wire) -> None:
-    wire.write(11, b"\5")
-    wire.write(TORQUE, b"\1")
-    wire.write(98, b"\1")
-    deadline = timing.now() + 20
-    while wire.ask(2, struct.pack("<HH", 98, 1)) != (0, b"\xff"):
-        assert timing.now() < deadline
-        timing.sleep(0.1)  # each instruction feeds the watchdog of 20 ms
-    assert wire.write(GOAL, struct.pack("<i", 0)) == RANGE
-    assert wire.write(98, b"\0") == 0
-    assert wire.write(GOAL, struct.pack("<i", 0)) == 0
+    assert wire.ask(1, damage=True) == (CRC, b"")

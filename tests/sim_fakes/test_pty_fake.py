@@ -50,14 +50,23 @@ def ask(port: serial.Serial, request: bytes = b"0123456789\n", size: int = 11) -
     return port.read(size)
 
 
-def test_without_faults_every_byte_comes_back(port: serial.Serial) -> None:
-    assert ask(port) == b"0123456789\n"
-
-
-def test_silent_reads_and_does_not_answer(echo: Echo, port: serial.Serial) -> None:
-    echo.faults.silent = True
+@pytest.mark.parametrize(
+    ("fault", "arrives"),
+    [
+        ({}, b"0123456789\n"),
+        ({"silent": True}, b""),
+        ({"truncate": True}, b"01234"),
+        ({"garbage": b"\x00\xff"}, b"\x00\xff0123456789\n"),
+        ({"split": True}, b"0123456789\n"),
+    ],
+    ids=str,
+)
+def test_what_arrives_with_each_fault(echo: Echo, port: serial.Serial, fault: dict[str, object], arrives: bytes) -> None:
+    for name, value in fault.items():
+        setattr(echo.faults, name, value)
+    assert ask(port, size=len(arrives)) == arrives
     port.timeout = 0.2
-    assert ask(port) == b""
+    assert port.read(1) == b""
 
 
 def test_corrupt_changes_exactly_one_bit(echo: Echo, port: serial.Serial) -> None:
@@ -65,23 +74,6 @@ def test_corrupt_changes_exactly_one_bit(echo: Echo, port: serial.Serial) -> Non
     differing = [a ^ b for a, b in zip(ask(port), b"0123456789\n", strict=True) if a != b]
     assert len(differing) == 1
     assert differing[0].bit_count() == 1
-
-
-def test_truncate_sends_the_first_half(echo: Echo, port: serial.Serial) -> None:
-    echo.faults.truncate = True
-    assert ask(port, size=5) == b"01234"
-    port.timeout = 0.2
-    assert port.read(1) == b""
-
-
-def test_garbage_comes_first(echo: Echo, port: serial.Serial) -> None:
-    echo.faults.garbage = b"\x00\xff"
-    assert ask(port, size=13) == b"\x00\xff0123456789\n"
-
-
-def test_split_answers_are_whole_in_the_end(echo: Echo, port: serial.Serial) -> None:
-    echo.faults.split = True
-    assert ask(port) == b"0123456789\n"
 
 
 def test_delay_holds_the_answer_back(echo: Echo, port: serial.Serial) -> None:

@@ -1,7 +1,6 @@
 """The fake TMCM-1260 on its wire, without any driver."""
 
 import struct
-from collections.abc import Iterator
 
 import pytest
 import serial
@@ -9,7 +8,7 @@ import serial
 import timing
 from sim_fakes.plant import Plant
 from sim_fakes.tmcl import TmclFake
-from timing import RigClock
+from tests.simulated.bench import Bench
 
 OK = 100
 MST, MVP, SAP, GAP, RFS = 3, 4, 5, 6, 13
@@ -39,13 +38,10 @@ class Wire:
 
 
 @pytest.fixture
-def wire(plant: Plant) -> Iterator[Wire]:
-    fake = TmclFake(plant, RigClock(20.0))
-    fake.start()
-    wire = Wire(fake)
-    yield wire
-    wire.port.close()
-    fake.stop()
+def wire(bench: Bench) -> Wire:
+    wire = Wire(bench.started(TmclFake(bench.plant, bench.clock)))
+    bench.closing(wire.port)
+    return wire
 
 
 @pytest.mark.parametrize(
@@ -64,55 +60,19 @@ def test_a_wrong_checksum_is_refused(wire: Wire) -> None:
     assert answer[0] == 1
 
 
-def test_half_a_frame_is_forgotten(wire: Wire) -> None:
-    wire.port.write(b"\x01\x06\x01")
-    timing.sleep(0.15)
-    assert wire.ask(GAP, 0) == (OK, 0)
-
-
-def test_it_moves_at_its_maximum_speed(plant: Plant) -> None:
-    drum = TmclFake(plant, RigClock()).drum
-    drum.parameters[4] = 51200
-    drum.go(51200)
-    drum.process(0.5)
-    assert drum.steps == pytest.approx(25600)
-    assert drum.speed == pytest.approx(51200)
-    drum.process(1.0)
-    assert drum.encoder == 51200
-    assert plant.spine_drive == pytest.approx(0.13, abs=1e-5)
-
-
-def test_a_spine_that_does_not_follow_stops_the_module_and_reading_clears_the_flag(plant: Plant) -> None:
-    fake = TmclFake(plant, RigClock())
-    plant.spine_blocked = True
-    fake.drum.parameters[212] = 1000
-    fake.drum.go(50_000)
-    fake.drum.process(1.0)
-    assert 1000 < fake.drum.steps < 1500
-    assert fake.drum.speed == 0.0
-    assert fake.drum.errors == 2
-
-
-def test_relative_motions_and_rotations(plant: Plant) -> None:
-    fake = TmclFake(plant, RigClock(20.0))
-    fake.start()
-    wire = Wire(fake)
-    try:
-        assert wire.ask(SAP, 1, 0) == (OK, 0) and wire.ask(SAP, 0, 0) == (OK, 0)
-        assert wire.ask(MVP, 1, 500) == (OK, 500) and wire.ask(MVP, 1, 250) == (OK, 250)
-        assert wire.ask(GAP, 0) == (OK, 750)
-        for command, sign in ((1, 1), (2, -1)):
-            assert wire.ask(command, 0, 5120) == (OK, 5120)
-            deadline = timing.now() + 20
-            while fake.drum.speed * sign < 5000:
-                assert timing.now() < deadline, "does not turn"
-                timing.sleep(0.01)
-            assert wire.ask(MST, 0) == (OK, 0)
-            assert wire.ask(GAP, 3) == (OK, 0)
-        assert wire.ask(GAP, 4) == (OK, 51200)
-    finally:
-        wire.port.close()
-        fake.stop()
+def test_relative_motions_and_rotations(wire: Wire) -> None:
+    assert wire.ask(SAP, 1, 0) == (OK, 0) and wire.ask(SAP, 0, 0) == (OK, 0)
+    assert wire.ask(MVP, 1, 500) == (OK, 500) and wire.ask(MVP, 1, 250) == (OK, 250)
+    assert wire.ask(GAP, 0) == (OK, 750)
+    for command, sign in ((1, 1), (2, -1)):
+        assert wire.ask(command, 0, 5120) == (OK, 5120)
+        deadline = timing.now() + 20
+        while wire.fake.drum.speed * sign < 5000:
+            assert timing.now() < deadline, "does not turn"
+            timing.sleep(0.01)
+        assert wire.ask(MST, 0) == (OK, 0)
+        assert wire.ask(GAP, 3) == (OK, 0)
+    assert wire.ask(GAP, 4) == (OK, 51200)
 
 
 @pytest.mark.parametrize(
@@ -151,6 +111,12 @@ def test_a_stored_parameter_outlasts_a_power_cut(wire: Wire) -> None:
     assert wire.ask(SAP, 6, 42) == (OK, 42)
     wire.fake.restart()
     assert (wire.ask(GAP, 7), wire.ask(GAP, 6)) == ((OK, 42), (OK, 128))
+
+
+def test_half_a_frame_is_forgotten(wire: Wire) -> None:
+    wire.port.write(b"\x01\x06\x01")
+    timing.sleep(0.15)
+    assert wire.ask(GAP, 0) == (OK, 0)
 
 
 def test_the_switch_stops_a_motion_towards_it(wire: Wire, plant: Plant) -> None:

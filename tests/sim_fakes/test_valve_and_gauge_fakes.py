@@ -1,33 +1,24 @@
-"""The fake relay module and the fake gauge on their wires, without any driver."""
-
-import random
-from collections.abc import Iterator
+"""The fake relay module and the fake gauge, asked what their drivers never ask."""
 
 import pytest
 import serial
 
 from sim_fakes.numato import NumatoFake
-from sim_fakes.pfeiffer import PfeifferFake, checksum, pressure_digits
+from sim_fakes.pfeiffer import PfeifferFake, checksum
 from sim_fakes.plant import Plant
-from timing import RigClock
+from tests.simulated.bench import Bench
 
 
 @pytest.fixture
-def relay(plant: Plant) -> Iterator[serial.Serial]:
-    fake = NumatoFake(plant, RigClock(20.0))
-    fake.start()
-    with serial.serial_for_url(fake.port, 19200, timeout=20) as port:
-        yield port
-    fake.stop()
+def relay(bench: Bench) -> serial.Serial:
+    fake = bench.started(NumatoFake(bench.plant, bench.clock))
+    return bench.closing(serial.serial_for_url(fake.port, 19200, timeout=20))
 
 
 @pytest.fixture
-def gauge(plant: Plant) -> Iterator[serial.Serial]:
-    fake = PfeifferFake(plant, RigClock(20.0), noise=0.0)
-    fake.start()
-    with serial.serial_for_url(fake.port, 9600, timeout=20) as port:
-        yield port
-    fake.stop()
+def gauge(bench: Bench) -> serial.Serial:
+    fake = bench.started(PfeifferFake(bench.plant, bench.clock))
+    return bench.closing(serial.serial_for_url(fake.port, 9600, timeout=20))
 
 
 def typed(port: serial.Serial, command: str) -> bytes:
@@ -55,11 +46,6 @@ def telegram(text: str) -> bytes:
     return f"{text}{checksum(text)}\r".encode()
 
 
-@pytest.mark.parametrize(("pascal", "digits"), [(101_325.0, "101323"), (100.0, "100020"), (99_999.0, "100023"), (0.0, "100010")])
-def test_digits_are_mantissa_and_exponent(pascal: float, digits: str) -> None:
-    assert pressure_digits(pascal) == digits
-
-
 def test_an_unknown_parameter_is_told_so(gauge: serial.Serial) -> None:
     gauge.write(telegram("0010099902=?"))
     assert gauge.read_until(b"\r") == telegram("0011099906NO_DEF")
@@ -70,17 +56,3 @@ def test_a_telegram_that_is_not_exact_or_not_for_this_gauge_meets_silence(gauge:
     gauge.write(request_)
     gauge.timeout = 0.2
     assert gauge.read(1) == b""
-
-
-def test_noise_is_a_share_of_the_reading() -> None:
-    fake = PfeifferFake(Plant(), RigClock(), noise=0.01)
-    fake.random = random.Random(1)
-    sent: list[bytes] = []
-    fake.send = sent.append  # type: ignore[method-assign]
-    for _ in range(200):
-        fake._answer(740)
-    values = [int(a[10:14]) / 1000 * 10 ** (int(a[14:16]) - 20) * 100 for a in sent]
-    mean = sum(values) / len(values)
-    spread = (sum((v - mean) ** 2 for v in values) / len(values)) ** 0.5
-    assert mean == pytest.approx(101_325, rel=0.003)
-    assert spread == pytest.approx(1013, rel=0.2)

@@ -89,7 +89,6 @@ class UrThread:
             return
 
     def backdoor(self, do: str = "state", **values: object) -> dict[str, Any]:
-        """See UrProcess.backdoor."""
         outcome: list[dict[str, Any] | Exception] = []
 
         def act() -> None:
@@ -108,7 +107,6 @@ class UrThread:
         return outcome[0]
 
     def wait_for(self, what: str, value: object, timeout: float = 5.0) -> dict[str, Any]:
-        """See UrProcess.wait_for."""
         if not timing.wait(lambda: bool(backdoor.state(self.server.hub)[what] == value), timeout):
             raise TimeoutError(f"{what} is not {value!r} after {timeout:g} s")
         return backdoor.state(self.server.hub)

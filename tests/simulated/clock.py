@@ -76,7 +76,7 @@ def _arm(*args: Any, **how: Any) -> Any:
 
 
 class SimulatedClock:
-    """Enter it to live in it: `with clock: ..`. It may be left and entered again; its time stands still meanwhile."""
+    """A `timing.Host`. Enter it to live in it: `with clock: ..`. It may be left and entered again, and stands still meanwhile."""
 
     stand_ins: ClassVar = {PtyLine: MemoryLine, UrProcess: _arm, new_process: started}
 
@@ -110,7 +110,6 @@ class SimulatedClock:
             threading.Thread.join(thread, 1.0)
 
     def start(self, thread: Thread) -> None:
-        """See Host."""
         run, waiter = thread.run, _Waiter(thread.name)
 
         def live() -> None:
@@ -134,17 +133,14 @@ class SimulatedClock:
         threading.Thread.start(thread)
 
     def join(self, thread: Thread, timeout: float | None) -> None:
-        """See Host."""
         self.wait(lambda: thread.over or thread.ident is None, math.inf if timeout is None else self._now + timeout)
 
     # -- waiting
     def now(self) -> float:
-        """See Host."""
         self._now += TICK
         return self._now
 
     def sleep(self, duration: float) -> None:
-        """See Host."""
         # who sleeps no time at all would keep it from going on
         self.wait(_never, self._now + max(1e-6, duration))
 
@@ -219,7 +215,6 @@ class SimulatedClock:
                 return told
 
     def readable(self, lines: Sequence[Any], longest: float) -> list[Any]:
-        """See Host."""
         found: list[Any] = []
 
         def ready() -> bool:
@@ -232,23 +227,18 @@ class SimulatedClock:
 
     # -- what waits on it
     def event(self) -> threading.Event:
-        """See Host."""
         return cast(threading.Event, _Event(self))
 
     def lock(self) -> threading.Lock:
-        """See Host."""
         return cast(threading.Lock, _Lock(self, again=False))
 
     def rlock(self) -> threading.RLock:
-        """See Host."""
         return cast(threading.RLock, _Lock(self, again=True))
 
     def condition(self) -> threading.Condition:
-        """See Host."""
         return cast(threading.Condition, _Condition(self))
 
     def queue(self) -> queue.Queue[Any]:
-        """See Host."""
         return cast("queue.Queue[Any]", _Queue(self))
 
     def _end(self, timeout: float | None) -> float:

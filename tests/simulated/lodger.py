@@ -27,11 +27,9 @@ class Lodger:
         self._thread.start()
 
     def poll(self) -> int | None:
-        """See Popen."""
         return None if self._thread.is_alive() else self.returncode
 
     def wait(self, timeout: float | None = None) -> int:
-        """See Popen."""
         self._thread.join(timeout)
         if self._thread.is_alive():
             raise subprocess.TimeoutExpired(self._thread.name, timeout or 0.0)

@@ -21,7 +21,7 @@ serial.protocol_handler_packages.append(__package__)
 
 
 class MemoryLine:
-    """Stands in for `sim_fakes.lines.PtyLine`."""
+    """Stands in for `sim_fakes.lines.PtyLine`; its methods do the same."""
 
     def __init__(self, name: str) -> None:
         # another process has lines of its own, and one rig must not be taken for the other
@@ -38,11 +38,9 @@ class MemoryLine:
 
     @property
     def plugged(self) -> bool:
-        """See PtyLine."""
         return self._plugged
 
     def plug(self) -> None:
-        """See PtyLine."""
         self._plugged = True
         self.openers.clear()
         self.plugs += 1
@@ -50,16 +48,13 @@ class MemoryLine:
         self.to_driver.clear()
 
     def unplug(self) -> None:
-        """See PtyLine."""
         self._plugged = False
         self.openers.clear()
 
     def await_bytes(self, longest: float) -> bool:
-        """See PtyLine."""
         return timing.wait(lambda: self.plugged and bool(self.to_fake), longest)
 
     def read(self) -> bytes:
-        """See PtyLine."""
         if not self.plugged:
             raise OSError("unplugged")
         data = bytes(self.to_fake[:4096])
@@ -67,11 +62,9 @@ class MemoryLine:
         return data
 
     def write(self, data: bytes) -> None:
-        """See PtyLine."""
         if self.plugged and self.openers:
             self.to_driver += data
 
     def close(self) -> None:
-        """See PtyLine."""
         self.unplug()
         LINES.pop(self.port, None)

@@ -15,7 +15,7 @@ PAUSE = 0.001
 
 
 class Serial(serial.Serial):  # type: ignore[misc]
-    """One driver's use of a line."""
+    """One driver's use of a line, as serial.Serial; there is no speed to set, nothing to flush, no file."""
 
     _line: MemoryLine | None = None
     _plugs = 0
@@ -23,7 +23,6 @@ class Serial(serial.Serial):  # type: ignore[misc]
     """Something was sent, and neither was anything read since nor has `timeout` passed in vain."""
 
     def open(self) -> None:
-        """See serial.Serial."""
         line = LINES.get(str(self.port))
         if line is None or not line.plugged:
             raise serial.SerialException(2, f"could not open port {self.port}: nothing is plugged in")
@@ -35,7 +34,6 @@ class Serial(serial.Serial):  # type: ignore[misc]
         line.to_driver.clear()
 
     def close(self) -> None:
-        """See serial.Serial."""
         line, self._line, self.is_open = self._line, None, False
         if line is not None and self in line.openers:
             line.openers.remove(self)
@@ -66,7 +64,6 @@ class Serial(serial.Serial):  # type: ignore[misc]
         return len(self._alive().to_driver)
 
     def read(self, size: int = 1) -> bytes:
-        """See serial.Serial."""
         self._wait(size, 1e9 if self.timeout is None else self.timeout)
         line = self._alive()
         data = bytes(line.to_driver[:size])
@@ -75,7 +72,6 @@ class Serial(serial.Serial):  # type: ignore[misc]
         return data
 
     def write(self, data: Any, /) -> int:
-        """See serial.Serial."""
         self._alive().to_fake.extend(bytes(data))
         self._asked = True
         return len(data)
@@ -86,7 +82,6 @@ class Serial(serial.Serial):  # type: ignore[misc]
         timing.wait(lambda: len(line.to_driver) >= size or not line.plugged or line.plugs != self._plugs, within)
 
     def reset_input_buffer(self) -> None:
-        """See serial.Serial."""
         self._alive().to_driver.clear()
 
     def reset_output_buffer(self) -> None:

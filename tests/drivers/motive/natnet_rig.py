@@ -1,28 +1,66 @@
-"""What the tests of motion capture share."""
+"""A fake Motive, and drivers that listen to it."""
 
-import random
-import socket
+from __future__ import annotations
+
 from collections.abc import Callable
+from typing import Any
+
+import numpy as np
 
 import timing
-from drivers.errors import DeviceFault, InstrumentError, StaleReading
+from drivers.errors import InstrumentError
+from drivers.frames import rotation_from_vector
 from drivers.interfaces import BodySample
-from drivers.natnet.driver import NatNetMocap
+from drivers.natnet.driver import Config, NatNetMocap
+from sim_fakes.motive import MotiveFake
+from sim_fakes.ur.process import free_host
+from tests.simulated.bench import Bench
 
-IDENTITY = {"position": (0.0, 0.0, 0.0), "quaternion": (1.0, 0.0, 0.0, 0.0)}
-Make = Callable[..., NatNetMocap]
 
+class Motive:
+    """The fake, what a driver sends and tells, and the plant that the cameras see; they have no noise."""
 
-def free_host() -> str:
-    """A loopback address whose NatNet ports nobody uses."""
-    while True:
-        host = f"127.{random.randint(1, 254)}.{random.randint(1, 254)}.{random.randint(2, 254)}"
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            try:
-                probe.bind((host, 1510))
-            except OSError:
-                continue
-        return host
+    def __init__(self, bench: Bench, **changes: Any) -> None:
+        self.bench, self.plant = bench, bench.plant
+        self.plant.tip_position = np.array([0.05, -0.08, 0.37])
+        self.plant.tip_rotation = rotation_from_vector((0.3, -0.2, 0.9))
+        self.plant.markers = np.array([[0.0, 0.0, 0.1], [0.01, -0.02, 0.2], [0.02, -0.04, 0.3]])
+        values: dict[str, Any] = {"host": free_host(), "noise": 0.0, "angle_noise": 0.0} | changes
+        self.fake: MotiveFake = bench.started(MotiveFake(self.plant, bench.clock, **values))
+        self.extra = self.fake.faults.extra
+        self.samples: list[BodySample] = []
+        self.told: list[str] = []
+
+    def made(self, **changes: Any) -> NatNetMocap:
+        """A driver, with other settings in rig.yaml."""
+        values = {"server": self.fake.host, "body": "Tip", "mocap_to_base": self.fake.mocap_to_base, "timeout": 1.0}
+        config = Config.model_validate(values | {"max_age": 0.25} | changes)
+        mocap: NatNetMocap = self.bench.closing(
+            NatNetMocap("mocap", config, self.bench.clock, self.samples.append, self.told.append)
+        )
+        return mocap
+
+    def opened(self, **changes: Any) -> NatNetMocap:
+        """The same, opened."""
+        mocap = self.made(**changes)
+        mocap.open()
+        return mocap
+
+    def seen(self, **changes: Any) -> NatNetMocap:
+        """The same, with a first valid sample."""
+        mocap = self.opened(**changes)
+        first(mocap)
+        return mocap
+
+    def frames(self, count: int) -> None:
+        """Wait for more samples."""
+        goal = len(self.samples) + count
+        wait(lambda: len(self.samples) >= goal)
+
+    def invalid(self) -> BodySample:
+        """Wait for a sample that is invalid."""
+        wait(lambda: bool(self.samples) and not self.samples[-1].valid)
+        return self.samples[-1]
 
 
 def wait(condition: Callable[[], bool], within: float = 60.0) -> None:
@@ -33,7 +71,7 @@ def wait(condition: Callable[[], bool], within: float = 60.0) -> None:
 
 
 def refused(mocap: NatNetMocap, kind: type[InstrumentError], text: str = "") -> None:
-    """Wait until the newest reading is refused for this reason; late for want of processors, it may first be for another."""
+    """Wait until the newest reading is refused for this reason; it may first be for another."""
 
     def so() -> bool:
         try:
@@ -48,13 +86,13 @@ def refused(mocap: NatNetMocap, kind: type[InstrumentError], text: str = "") -> 
 
 
 def first(mocap: NatNetMocap) -> BodySample:
-    """The first valid sample after opening."""
+    """The next valid sample."""
     found: list[BodySample] = []
 
     def look() -> bool:
         try:
             found.append(mocap.latest())
-        except (StaleReading, DeviceFault):
+        except InstrumentError:
             return False
         return True
 

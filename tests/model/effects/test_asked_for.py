@@ -1,8 +1,5 @@
 """Effects that robots of other laboratories asked for: chambers that differ or are exchanged, a payload, a shape that is kept."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,94 +8,75 @@ from numpy.typing import NDArray
 
 from model import rods as rod
 from model.condition import States
-from model.effects import CATALOGUE, ForwardModel, design_from_columns
+from model.effects import CATALOGUE, design_from_columns
 from model.effects import layout as at
-from model.effects.history import DRIVES, History, loading_path
 from model.effects.laws.actuation import orders
 from model.effects.solver import METHOD, full_rods
 from model.robot import Robot
 from model.rods import columns as col
 from model.rotation import to_base
+from tests.model.effects.campaigns import Moved, campaign, joined
 from tests.model.effects.test_history import unchanged
 
 Array = NDArray[np.float64]
-Make = Callable[..., Any]
-NEW = ("chamber_gain", "chamber_order", "tip_payload", "rest_shape")
 GROUPS = ((9, 1, 2), (3, 4, 5), (6, 7, 8))
 
 
-def joined(*parts: Any) -> Any:
-    """Campaigns one after another."""
-    out, trials, time = [], 0, 0.0
-    for part in parts:
-        out.append(dict(part) | {"trial": part["trial"] + trials, "t": part["t"] + time})
-        trials, time = int(out[-1]["trial"].max()), float(out[-1]["t"].max())
-    return {name: np.concatenate([part[name] for part in out]) for name in out[0]}
+SHORT: dict[str, Any] = {"lengths": (0.0, 0.2), "levels": (80e3, 160e3)}
+ONE_SIDE, THREE_SIDES = campaign(**SHORT), joined(*(campaign(**SHORT, chambers=c) for c in GROUPS))
+ALL_AT_ONCE = joined(ONE_SIDE, campaign(lengths=(0.0,), levels=(80e3,), chambers=range(1, 10)))
+FIRST_SWEEP, TIME = campaign(lengths=(0.0,), unload=False), campaign(lengths=(0.1, 0.2))
+READ = TIME | {f"p{c}": TIME[f"p{c}"] + np.random.default_rng(c).normal(0, 50.0, len(TIME["p1"])) for c in range(1, 10)}
 
 
-@pytest.fixture(scope="module")
-def three_sides(make_campaign: Make) -> Any:
-    return joined(*(make_campaign(lengths=(0.0, 0.2), levels=(80e3, 160e3), chambers=c) for c in GROUPS))
+@pytest.mark.parametrize(
+    ("id", "shows", "hides"),
+    [
+        ("chamber_gain", (THREE_SIDES, ALL_AT_ONCE), (ONE_SIDE,)),
+        ("chamber_order", (THREE_SIDES,), (ONE_SIDE, ALL_AT_ONCE)),
+        ("rest_shape", (ONE_SIDE,), (FIRST_SWEEP,)),
+        ("pressure_lag", (TIME,), (READ,)),  # whether regulators lag is not asked of a table of readings
+    ],
+)
+def test_an_effect_is_asked_for_where_a_campaign_can_show_it(paper_robot: Robot, id: str, shows: Any, hides: Any) -> None:
+    shown = CATALOGUE[id].shown
+    assert shown is not None
+    assert all(shown(paper_robot, design_from_columns(paper_robot, columns)) for columns in shows)
+    assert not any(shown(paper_robot, design_from_columns(paper_robot, columns)) for columns in hides)
 
 
-def forward_of(robot: Robot, columns: Any, **options: Any) -> ForwardModel:
-    return ForwardModel(robot, design_from_columns(robot, columns, ("x", "y", "z")), **options)
-
-
-def at_values(forward: ForwardModel, **values: float) -> Array:
-    theta = np.zeros(len(forward.parameters))
-    names = [p.name for p in forward.parameters]
-    for name, value in values.items():
-        theta[names.index(name.replace("__", "."))] = value
-    return theta
-
-
-def shown(robot: Robot, id: str, columns: Any) -> bool:
-    spec = CATALOGUE[id]
-    assert spec.shown is not None
-    return spec.shown(robot, design_from_columns(robot, columns))
-
-
-SIZES = {
-    "chamber_gain": {"x": 0.08, "y": -0.05, "peak": 0.7},
-    "chamber_order": {"blend": 0.6, "which": 1.4},
-    "tip_payload": {"mass": 0.15, "x": 0.02, "y": -0.01, "z": 0.04},
-    "rest_shape": {"kept": 0.04, "recovery": 8e-4},
-}
-
-
-@pytest.mark.parametrize("id", NEW)
-def test_derivatives_are_those_of_differences(paper_robot: Robot, three_sides: Any, id: str) -> None:
-    forward = forward_of(paper_robot, three_sides, catalogue={id: CATALOGUE[id]})
-    theta = at_values(forward, **{f"{id}__{name}": value for name, value in SIZES[id].items()})
-    own = forward.index(id)
+@pytest.mark.parametrize(
+    ("id", "sizes"),
+    [
+        ("chamber_gain", {"x": 0.08, "y": -0.05, "peak": 0.7}),
+        ("chamber_order", {"blend": 0.6, "which": 1.4}),
+        ("tip_payload", {"mass": 0.15, "x": 0.02, "y": -0.01, "z": 0.04}),
+        ("rest_shape", {"kept": 0.04, "recovery": 8e-4}),
+    ],
+)
+def test_derivatives_are_those_of_differences_where_several_sides_are_inflated(
+    paper_robot: Robot, id: str, sizes: dict[str, float]
+) -> None:
+    forward = Moved(paper_robot, THREE_SIDES, catalogue={id: CATALOGUE[id]}).forward
+    own, theta = forward.index(id), np.zeros(len(forward.parameters))
+    theta[own] = list(sizes.values())
     _, slope = forward.linearise(theta, own)
     for k, column in zip(own, slope.T, strict=True):
-        step = np.zeros(len(theta))
-        step[k] = 2e-4 * forward.parameters[k].sd
+        step = 2e-4 * forward.parameters[k].sd * (np.arange(len(theta)) == k)
         difference = (forward.predict(theta + step) - forward.predict(theta - step)) / (2 * step[k])
-        assert np.abs(difference).max() > 0
-        assert column == pytest.approx(difference, abs=2e-3 * float(np.abs(difference).max()))
+        assert column == pytest.approx(difference, abs=2e-3 * float(np.abs(difference).max())) and np.abs(difference).max() > 0
 
 
-def left_by_calibration(forward: ForwardModel, id: str) -> float:
-    """Share of what the effect does that the area factor and a turned pattern do not do as well."""
-    _, slope = forward.linearise(np.zeros(len(forward.parameters)))
-    own = slope[:, forward.index(id)[:2]]
-    others = slope[:, [*forward.index("area"), *forward.index("chamber_azimuth")]]
-    rest = own - others @ np.linalg.lstsq(others, own, rcond=None)[0]
-    return float(np.linalg.norm(rest) / np.linalg.norm(own))
-
-
-def test_a_gain_is_no_area_factor_where_several_sides_are_inflated_and_nothing_else_with_one(
-    paper_robot: Robot, make_campaign: Make, three_sides: Any
-) -> None:
-    one = make_campaign(lengths=(0.0, 0.2), levels=(80e3, 160e3))
-    assert left_by_calibration(forward_of(paper_robot, three_sides), "chamber_gain") > 0.5
-    assert left_by_calibration(forward_of(paper_robot, one), "chamber_gain") < 0.05
-    assert shown(paper_robot, "chamber_gain", three_sides) and not shown(paper_robot, "chamber_gain", one)
-    all_at_once = joined(one, make_campaign(lengths=(0.0,), levels=(80e3,), chambers=range(1, 10)))
-    assert shown(paper_robot, "chamber_gain", all_at_once) and not shown(paper_robot, "chamber_order", all_at_once)
+def test_a_gain_is_no_area_factor_where_several_sides_are_inflated_and_nothing_else_with_one(paper_robot: Robot) -> None:
+    left = []  # of what the effect does, by the area factor and a turned pattern
+    for columns in (THREE_SIDES, ONE_SIDE):
+        forward = Moved(paper_robot, columns).forward
+        _, slope = forward.linearise(np.zeros(len(forward.parameters)))
+        own = slope[:, forward.index("chamber_gain")[:2]]
+        others = slope[:, [*forward.index("area"), *forward.index("chamber_azimuth")]]
+        rest = own - others @ np.linalg.lstsq(others, own, rcond=None)[0]
+        left.append(np.linalg.norm(rest) / np.linalg.norm(own))
+    assert left[0] > 0.5 and left[1] < 0.05
 
 
 def areas(robot: Robot, design: States, **values: float) -> Array:
@@ -110,8 +88,8 @@ def areas(robot: Robot, design: States, **values: float) -> Array:
     return q.area_factor[0, 0]
 
 
-def test_gains_leave_the_mean_and_range_over_twice_their_size(paper_robot: Robot, three_sides: Any) -> None:
-    design = design_from_columns(paper_robot, three_sides)
+def test_gains_leave_the_mean_and_range_over_twice_their_size(paper_robot: Robot) -> None:
+    design = design_from_columns(paper_robot, THREE_SIDES)
     for peak in (-3.0, 0.0, 3.0):
         area = areas(paper_robot, design, x=0.1, peak=peak)
         assert area.mean() == pytest.approx(1.0) and 0.16 < np.ptp(area) < 0.2001
@@ -133,15 +111,14 @@ def test_three_chambers_have_every_set_of_gains(paper_robot: Robot) -> None:
 
 
 @pytest.mark.parametrize("place", range(5))
-def test_exchanged_chambers_are_a_table_with_exchanged_columns(paper_robot: Robot, three_sides: Any, place: int) -> None:
+def test_exchanged_chambers_are_a_table_with_exchanged_columns(paper_robot: Robot, place: int) -> None:
     order = orders(paper_robot.chambers.azimuths_deg)[place]
     assert sorted(order.tolist()) == list(range(9)) and (order != np.arange(9)).any()
-    exchanged = dict(three_sides) | {f"p{i + 1}": three_sides[f"p{order[i] + 1}"] for i in range(9)}
-    forward = forward_of(paper_robot, three_sides)
-    there = forward.predict(at_values(forward, chamber_order__blend=1.0, chamber_order__which=place - 2.0))
-    other = forward_of(paper_robot, exchanged)
-    assert there == pytest.approx(other.predict(np.zeros(len(other.parameters))), abs=1e-5)
-    assert np.abs(there - forward.predict(np.zeros(len(forward.parameters)))).max() > 0.1
+    exchanged = THREE_SIDES | {f"p{i + 1}": THREE_SIDES[f"p{order[i] + 1}"] for i in range(9)}
+    here = Moved(paper_robot, THREE_SIDES)
+    there = here.tips(chamber_order__blend=1.0, chamber_order__which=place - 2.0)
+    assert there == pytest.approx(Moved(paper_robot, exchanged).still, abs=1e-5)
+    assert np.abs(there - here.still).max() > 0.1
 
 
 @pytest.mark.parametrize(("count", "ways"), [(1, 0), (2, 1), (3, 5), (4, 5), (9, 5)])
@@ -150,29 +127,17 @@ def test_orders_of_a_ring_are_different_ones(count: int, ways: int) -> None:
     assert len(found - {tuple(range(count))}) == ways
 
 
-def test_an_order_is_asked_for_where_chambers_of_several_sides_were_inflated(
-    paper_robot: Robot, make_campaign: Make, three_sides: Any
-) -> None:
-    assert shown(paper_robot, "chamber_order", three_sides)
-    assert not shown(paper_robot, "chamber_order", make_campaign(lengths=(0.0, 0.2)))
+def test_a_payload_at_the_tip_itself_is_a_tip_mass(paper_robot: Robot) -> None:
+    columns = campaign(lengths=(0.0, 0.2), levels=(100e3, 200e3), unload=False)
+    light, heavy = (Moved(paper_robot, columns | {"tip_mass": np.full(len(columns["t"]), mass)}) for mass in (0.05, 0.15))
+    assert light.tips(tip_payload__mass=0.1) == pytest.approx(heavy.still, abs=2e-6)
 
 
-def test_a_payload_at_the_tip_itself_is_a_tip_mass(paper_robot: Robot, make_campaign: Make) -> None:
-    columns = make_campaign(lengths=(0.0, 0.2), levels=(100e3, 200e3), unload=False)
-    light = forward_of(paper_robot, columns | {"tip_mass": np.full(len(columns["trial"]), 0.05)})
-    heavy = forward_of(paper_robot, columns | {"tip_mass": np.full(len(columns["trial"]), 0.15)})
-    found = light.predict(at_values(light, tip_payload__mass=0.1))
-    assert found == pytest.approx(heavy.predict(np.zeros(len(heavy.parameters))), abs=2e-6)
-
-
-def test_the_moment_of_a_payload_is_its_weight_at_a_lever_that_turns_with_the_tip(
-    paper_robot: Robot, make_campaign: Make
-) -> None:
-    columns = make_campaign(lengths=(0.0, 0.2), levels=(100e3, 200e3), unload=False)
-    forward = forward_of(paper_robot, columns)
-    lever, mass = np.array([0.03, -0.02, 0.05]), 0.3
-    theta = at_values(forward, tip_payload__mass=mass, tip_payload__x=0.03, tip_payload__y=-0.02, tip_payload__z=0.05)
-    final = forward._solved(theta).final
+def test_the_moment_of_a_payload_is_its_weight_at_a_lever_that_turns_with_the_tip(paper_robot: Robot) -> None:
+    columns = campaign(lengths=(0.0, 0.2), levels=(100e3, 200e3), unload=False)
+    made, lever, mass = Moved(paper_robot, columns), np.array([0.03, -0.02, 0.05]), 0.3
+    payload = dict(zip(("tip_payload.x", "tip_payload.y", "tip_payload.z"), lever, strict=True))
+    final = made.forward._solved(made.vector(payload, tip_payload__mass=mass)).final
     spring = at.SPRINGS + 3 * at.SPRING_WIDTH
     plain = final.rows.copy()
     plain[:, spring + col.SPRING_STIFFNESS] = 0.0
@@ -187,55 +152,11 @@ def test_the_moment_of_a_payload_is_its_weight_at_a_lever_that_turns_with_the_ti
     assert np.abs(rod.solve(held, METHOD).tip - again.tip).max() > 2e-3
 
 
-def test_a_payload_is_rolled_with_the_robot_it_sits_on(paper_robot: Robot, make_campaign: Make) -> None:
-    moved = []
-    for roll in (0.0, 90.0):
-        forward = forward_of(paper_robot, make_campaign(lengths=(0.0,), levels=(), unload=False, roll_deg=roll))
-        theta = at_values(forward, tip_payload__mass=0.2, tip_payload__x=0.05)
-        moved.append(forward.predict(theta) - forward.predict(np.zeros(len(theta))))
-    (x, y, _), (u, v, _) = moved
-    assert abs(x) > 1e-3 and abs(y) < 1e-6
-    assert [u, v] == pytest.approx([0.0, x], abs=1e-6)
-
-
-def remembered(robot: Robot, columns: Any, inner: Any, outer: Any, rate: float) -> Array:
-    """(n, DRIVES) extremes where the first curvature of both parts is given (n,)."""
-    design = design_from_columns(robot, columns)
-    n = len(design)
-    drive = np.zeros((1, n, DRIVES))
-    drive[0, :, 0], drive[0, :, 4] = inner, outer
-    firsts = np.array([np.flatnonzero(design.trial == k)[0] for k in range(len(design.trial_id))])
-    h = History(
-        unchanged(robot, design), loading_path(design, firsts), drive,
-        np.ones((1, n, 2)), np.ones((1, n, 2)), np.ones((1, n, DRIVES)), np.zeros((1, n, DRIVES)),
-        np.zeros((1, n, 2, 2)),
-    )  # fmt: skip
-    return h.extremes(np.full((1, 1), rate))[0]
-
-
-def test_extremes_stay_fade_and_are_kept_by_place(paper_robot: Robot, make_campaign: Make) -> None:
-    columns = make_campaign(lengths=(0.0, 0.2), levels=(100e3,))
-    bent, inner = [0.0, 3.0, -1.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 0.0, 0.5, 0.0]
-    for_good = remembered(paper_robot, columns, inner, bent, 0.0)
-    # The largest and the least add; the part with spine remembers what it was bent to when there was none.
-    assert for_good[:, 4] == pytest.approx([0.0, 3.0, 2.0, 2.0, 2.0, 2.0])
-    assert for_good[3:, 0] == pytest.approx([2.0, 2.0, 2.0])
-    fading = remembered(paper_robot, columns, inner, bent, 1e-2)
-    t = columns["t"]
-    assert fading[3, 4] == pytest.approx(3.0 * np.exp(-(t[3] - t[1]) / 100) - np.exp(-(t[3] - t[2]) / 100), rel=1e-6)
-
-
-def test_a_body_that_was_held_bent_hangs_bent_and_stays_so_in_later_trials(paper_robot: Robot, make_campaign: Make) -> None:
-    columns = make_campaign(lengths=(0.0, 0.2), levels=(100e3, 200e3))
-    forward = forward_of(paper_robot, columns)
-    still = forward.predict(np.zeros(len(forward.parameters))).reshape(-1, 3)
-    kept = forward.predict(at_values(forward, rest_shape__kept=0.03)).reshape(-1, 3) - still
-    fading = forward.predict(at_values(forward, rest_shape__kept=0.03, rest_shape__recovery=5e-3)).reshape(-1, 3) - still
-    vented = np.flatnonzero(forward.design.pressure.max(axis=1) == 0)
-    before, after, later = vented[0], vented[1], vented[2]
+def test_a_body_that_was_held_bent_hangs_bent_and_stays_so_in_later_trials(paper_robot: Robot) -> None:
+    made = Moved(paper_robot, campaign(lengths=(0.0, 0.2), levels=(100e3, 200e3)))
+    kept, fading = (made.by(rest_shape__kept=0.03, rest_shape__recovery=r) for r in (0.0, 5e-3))
+    before, after, later, *_ = np.flatnonzero(made.forward.design.pressure.max(axis=1) == 0)
     assert np.abs(kept[before]).max() < 1e-4
     # Chambers 9, 1 and 2 bend towards -x.
     assert kept[after, 0] < -3e-3 and kept[later, 0] < -1e-3
     assert abs(fading[later, 0]) < 0.8 * abs(kept[later, 0])
-    assert shown(paper_robot, "rest_shape", columns)
-    assert not shown(paper_robot, "rest_shape", make_campaign(lengths=(0.0,), levels=(50e3, 100e3), unload=False))

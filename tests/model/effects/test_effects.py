@@ -1,11 +1,7 @@
 """Each effect: absent at zero, sign and rough size on the paper's sweep, what turns with the robot and what does not."""
 
-from __future__ import annotations
-
 import copy
 import math
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,47 +13,19 @@ from model.effects.spec import Values
 from model.errors import BadEffect
 from model.robot import Robot, robot_from_dict
 from model.section import body_area, body_second_moment
+from tests.model.effects.campaigns import Moved, campaign, pushes
 
 Array = NDArray[np.float64]
-Make = Callable[..., Any]
-IDS = {
-    "spine_slip", "area_moment", "spine_shear", "vacuum_leak", "spine_length_offset", "body_modulus", "hyperelastic",
-    "viscoelastic", "chamber_ballooning", "pressure_deadband", "pressure_offset", "chamber_azimuth", "chamber_twist",
-    "self_weight", "tether_load", "contact", "base_tilt", "base_compliance", "precurvature", "frame_misalignment",
-    "marker_offset", "time_offset", "force_bias", "arm_compliance", "contact_offset", "chamber_thrust",
-    "chamber_gain", "chamber_order", "tip_payload", "rest_shape", "pressure_lag",
-}  # fmt: skip
 ON_FORCE = {"force_bias", "arm_compliance", "contact_offset"}
 ON_TENDONS = {"tendon_friction", "tendon_slack"}
 
 
-class Moved:
-    """How far effects move the tips of a campaign, m."""
-
-    def __init__(self, robot: Robot, columns: Any, **options: Any) -> None:
-        self.forward = ForwardModel(robot, design_from_columns(robot, columns, ("x", "y", "z")), **options)
-        self.zero = np.zeros(len(self.forward.parameters))
-        self.still = self.forward.predict(self.zero).reshape(-1, 3)
-
-    def by(self, **sizes: float) -> Array:
-        """(n, 3) tip change by parameters, named effect__parameter."""
-        theta = self.zero.copy()
-        names = [p.name for p in self.forward.parameters]
-        for name, value in sizes.items():
-            theta[names.index(name.replace("__", "."))] = value
-        return self.forward.predict(theta).reshape(-1, 3) - self.still
-
-
 @pytest.fixture(scope="module")
-def sweep(paper_robot: Robot, make_campaign: Make) -> Moved:
-    return Moved(paper_robot, make_campaign(lengths=(0.0, 0.15, 0.30), levels=(50e3, 100e3, 150e3, 200e3)))
+def sweep(paper_robot: Robot) -> Moved:
+    return Moved(paper_robot, campaign(lengths=(0.0, 0.15, 0.30), levels=(50e3, 100e3, 150e3, 200e3)))
 
 
-def test_the_catalogue_holds_every_effect_once() -> None:
-    assert set(CATALOGUE) == IDS | ON_TENDONS
-
-
-@pytest.mark.parametrize("id", sorted(IDS - ON_FORCE - {"time_offset"}))
+@pytest.mark.parametrize("id", sorted(set(CATALOGUE) - ON_FORCE - ON_TENDONS - {"time_offset"}))
 def test_an_effect_at_its_scale_moves_the_tip_and_at_zero_does_not_at_all(sweep: Moved, id: str) -> None:
     spec = CATALOGUE[id]
     shapes = {f"{id}__{p.name}": 0.5 * (p.high if p.low == 0 else p.scale) for p in spec.parameters if p.role == "shape"}
@@ -104,23 +72,24 @@ def test_effects_add_to_first_order_and_any_subset_works_together(sweep: Moved) 
     assert np.isfinite(sweep.by(**everything)).all()
 
 
-def test_precurvature_turns_with_the_robot_and_a_tilted_base_does_not(paper_robot: Robot, make_campaign: Make) -> None:
-    straight, rolled = (
-        Moved(paper_robot, make_campaign(lengths=(0.1,), levels=(), unload=False, roll_deg=angle)) for angle in (0.0, 90.0)
-    )
-    tilt = {"base_tilt__x": 0.02}
-    assert rolled.by(**tilt) == pytest.approx(straight.by(**tilt), abs=1e-9)
-    curved = {"precurvature__x": 0.1}
-    x, y, z = straight.by(**curved)[0]
-    assert rolled.by(**curved)[0] == pytest.approx([-y, x, z], abs=1e-9)
-    assert math.hypot(x, y) > 5e-3
-
-
-def test_friction_makes_a_loop_that_no_rate_changes_and_relaxation_one_that_it_does(
-    paper_robot: Robot, make_campaign: Make
+@pytest.mark.parametrize(
+    "sits_on_it", [{"precurvature.x": 0.1}, {"tip_payload.mass": 0.2, "tip_payload.x": 0.05}, {"marker_offset.x": 5e-3}]
+)
+def test_what_sits_on_the_robot_turns_with_it_and_a_tilted_base_does_not(
+    paper_robot: Robot, sits_on_it: dict[str, float]
 ) -> None:
+    straight, rolled = (
+        Moved(paper_robot, campaign(lengths=(0.1,), levels=(), unload=False, roll_deg=angle)) for angle in (0.0, 90.0)
+    )
+    assert rolled.by(base_tilt__x=0.02) == pytest.approx(straight.by(base_tilt__x=0.02), abs=1e-9)
+    x, y, z = straight.by(sits_on_it)[0]
+    assert rolled.by(sits_on_it)[0] == pytest.approx([-y, x, z], abs=1e-6)
+    assert math.hypot(x, y) > 1e-3
+
+
+def test_friction_makes_a_loop_that_no_rate_changes_and_relaxation_one_that_it_does(paper_robot: Robot) -> None:
     def loop(parameter: str, size: float, rate: float) -> float:
-        made = Moved(paper_robot, make_campaign(lengths=(0.2,), levels=(60e3, 120e3, 180e3), rate=rate))
+        made = Moved(paper_robot, campaign(lengths=(0.2,), levels=(60e3, 120e3, 180e3), rate=rate))
         moved = made.by(**{parameter: size})[:, 0]
         up, down = moved[2], moved[4]
         return float(up - down)
@@ -130,21 +99,19 @@ def test_friction_makes_a_loop_that_no_rate_changes_and_relaxation_one_that_it_d
     assert loop("viscoelastic__fast", 0.05, 25e3) > 2 * loop("viscoelastic__fast", 0.05, 2.5e3) > 0
 
 
-def test_a_late_clock_shifts_states_read_on_the_fly_and_turns_its_sign_on_the_way_down(
-    paper_robot: Robot, make_campaign: Make
-) -> None:
+def test_a_late_clock_shifts_states_read_on_the_fly_and_turns_its_sign_on_the_way_down(paper_robot: Robot) -> None:
     levels = (60e3, 120e3, 180e3)
-    settled = Moved(paper_robot, make_campaign(lengths=(0.1,), levels=levels))
+    settled = Moved(paper_robot, campaign(lengths=(0.1,), levels=levels))
     assert not settled.by(time_offset__delay=0.4).any()
-    flying = Moved(paper_robot, make_campaign(lengths=(0.1,), levels=levels, hold=0.0))
+    flying = Moved(paper_robot, campaign(lengths=(0.1,), levels=levels, hold=0.0))
     moved = flying.by(time_offset__delay=0.4)[:, 0]
     assert moved[2] < -1e-3 and moved[4] > 1e-3
-    faster = Moved(paper_robot, make_campaign(lengths=(0.1,), levels=levels, hold=0.0, rate=50e3))
+    faster = Moved(paper_robot, campaign(lengths=(0.1,), levels=levels, hold=0.0, rate=50e3))
     assert faster.by(time_offset__delay=0.2)[2, 0] == pytest.approx(moved[2], rel=1e-9)
 
 
-def test_a_dead_band_and_an_offset_differ_below_the_band_only(paper_robot: Robot, make_campaign: Make) -> None:
-    made = Moved(paper_robot, make_campaign(lengths=(0.0,), levels=(5e3, 100e3, 200e3), unload=False))
+def test_a_dead_band_and_an_offset_differ_below_the_band_only(paper_robot: Robot) -> None:
+    made = Moved(paper_robot, campaign(lengths=(0.0,), levels=(5e3, 100e3, 200e3), unload=False))
     band, offset = made.by(pressure_deadband__band=10e3), made.by(pressure_offset__offset=-10e3)
     assert band[2:] == pytest.approx(offset[2:], abs=0.06 * float(np.abs(offset).max()))
     # Neither goes below ambient: below the band both leave nothing, but an offset the other way inflates what is vented.
@@ -152,8 +119,8 @@ def test_a_dead_band_and_an_offset_differ_below_the_band_only(paper_robot: Robot
     assert np.abs(made.by(pressure_offset__offset=10e3)[0]).max() > 1e-3
 
 
-def test_play_of_a_dead_band_follows_late_on_the_way_down(paper_robot: Robot, make_campaign: Make) -> None:
-    made = Moved(paper_robot, make_campaign(lengths=(0.0,), levels=(0.0, 100e3, 150e3, 200e3)))
+def test_play_of_a_dead_band_follows_late_on_the_way_down(paper_robot: Robot) -> None:
+    made = Moved(paper_robot, campaign(lengths=(0.0,), levels=(0.0, 100e3, 150e3, 200e3)))
     unload, p = made.forward.design.unload, made.forward.design.pressure.max(axis=1)
     slack, play = (made.by(pressure_deadband__band=10e3, pressure_deadband__play=h) for h in (0.0, 1.0))
     assert np.array_equal(slack[~unload], play[~unload]) and np.abs(slack[~unload & (p == 200e3)]).max() > 1e-3
@@ -164,8 +131,8 @@ def test_play_of_a_dead_band_follows_late_on_the_way_down(paper_robot: Robot, ma
     assert half[middle, 0] == pytest.approx(0.5 * slack[middle, 0], rel=0.05)
 
 
-def test_less_vacuum_softens_the_spine_like_a_leak(paper_robot: Robot, make_campaign: Make) -> None:
-    columns = make_campaign(lengths=(0.2,), levels=(150e3,), unload=False)
+def test_less_vacuum_softens_the_spine_like_a_leak(paper_robot: Robot) -> None:
+    columns = campaign(lengths=(0.2,), levels=(150e3,), unload=False)
     columns["vacuum"] = np.array([80e3, 56e3])
     columns["trial"] = np.array([1, 2])
     for name in [f"p{c}" for c in (9, 1, 2)]:
@@ -176,10 +143,10 @@ def test_less_vacuum_softens_the_spine_like_a_leak(paper_robot: Robot, make_camp
     assert less[0] - full[0] == pytest.approx(leaking[0], rel=0.01)
 
 
-def test_thrust_that_the_side_walls_balance_bends_the_body_to_an_arc(paper_robot: Robot, make_campaign: Make) -> None:
+def test_thrust_that_the_side_walls_balance_bends_the_body_to_an_arc(paper_robot: Robot) -> None:
     """Without weight each section feels P A along its own tangent and the chambers' moment: an arc of curvature M / EI."""
     robot = paper_robot.model_copy(update={"gravity": (0.0, 0.0, 0.0)})
-    moved = Moved(robot, make_campaign(lengths=(0.0,), levels=(150e3, 250e3)))
+    moved = Moved(robot, campaign(lengths=(0.0,), levels=(150e3, 250e3)))
     tips = moved.by(chamber_thrust__share=1.0) + moved.still
     for pressure, tip in zip(moved.forward.design.pressure, tips, strict=True):
         push = pressure * moved.forward.area_factor[0] * robot.chambers.area
@@ -200,20 +167,13 @@ def test_contact_kinks_the_sweep_where_the_plane_stands(sweep: Moved) -> None:
 
 def test_a_force_reading_has_bias_arm_and_late_touch(paper_robot: Robot) -> None:
     y = np.array([0.0, 1e-3, 2e-3, 3e-3, 4e-3])
-    columns = {
-        "trial": np.ones(5, int), "protocol": np.full(5, "stiffness"), "specimen": np.full(5, "spine"),
-        "spine_length": np.full(5, 0.1), "deflection": y, "force": np.zeros(5),
-    }  # fmt: skip
-    forward = ForwardModel(paper_robot, design_from_columns(paper_robot, columns))
-    zero = np.zeros(len(forward.parameters))
+    made = Moved(paper_robot, pushes("spine", [0.1], y), None)
     stiffness = 3 * 1.323e6 * math.pi / 4 * 0.029**4 / 0.1**3
-    assert forward.predict(zero) == pytest.approx(stiffness * y)
 
     def read(name: str, size: float) -> Array:
-        theta = zero.copy()
-        theta[[p.name for p in forward.parameters].index(name)] = size
-        return forward.predict(theta)
+        return made.forward.predict(made.vector({name: size}))
 
+    assert read("force_bias.bias", 0.0) == pytest.approx(stiffness * y)
     assert read("force_bias.bias", 0.2) == pytest.approx(stiffness * y + 0.2)
     assert read("arm_compliance.give", 1e-4) == pytest.approx(y / (1 / stiffness + 1e-4))
     assert read("contact_offset.offset", 1.5e-3) == pytest.approx(stiffness * np.maximum(y - 1.5e-3, 0))
@@ -224,11 +184,7 @@ def test_a_force_reading_has_bias_arm_and_late_touch(paper_robot: Robot) -> None
 
 def test_a_late_touch_may_be_a_soft_layer_that_is_squeezed_flat(paper_robot: Robot) -> None:
     y = np.array([0.0, 0.5e-3, 1e-3, 2e-3])
-    columns = {
-        "trial": np.ones(4, int), "protocol": np.full(4, "stiffness"), "specimen": np.full(4, "spine"),
-        "spine_length": np.full(4, 0.1), "deflection": y, "force": np.zeros(4),
-    }  # fmt: skip
-    forward = ForwardModel(paper_robot, design_from_columns(paper_robot, columns))
+    forward = Moved(paper_robot, pushes("spine", [0.1], y), None).forward
     theta, stiffness, layer = np.zeros(len(forward.parameters)), 3 * 1.323e6 * math.pi / 4 * 0.029**4 / 0.1**3, 100.0
     offset, soft = forward.index("contact_offset")
     theta[soft] = layer
@@ -240,14 +196,7 @@ def test_a_late_touch_may_be_a_soft_layer_that_is_squeezed_flat(paper_robot: Rob
 
 
 def test_a_shear_soft_spine_gives_the_papers_table_of_moduli(paper_robot: Robot) -> None:
-    assert paper_robot.spine is not None
-    lengths = np.array(sorted(paper_robot.spine.modulus))
-    n = len(lengths)
-    columns = {
-        "trial": np.arange(n), "protocol": np.full(n, "stiffness"), "specimen": np.full(n, "spine"),
-        "spine_length": lengths, "deflection": np.full(n, 1e-3), "force": np.zeros(n),
-    }  # fmt: skip
-    forward = ForwardModel(paper_robot, design_from_columns(paper_robot, columns))
+    forward = Moved(paper_robot, pushes("spine", sorted(paper_robot.spine.modulus), [1e-3]), None).forward
     theta = np.zeros(len(forward.parameters))
     table = forward.predict(theta)
     theta[forward.index("spine_shear")[0]] = 1.0
@@ -255,7 +204,7 @@ def test_a_shear_soft_spine_gives_the_papers_table_of_moduli(paper_robot: Robot)
     assert np.sqrt(np.mean(ratio**2)) < 0.08
 
 
-def test_an_effect_of_ones_own_takes_part_like_any_other(paper_robot: Robot, make_campaign: Make) -> None:
+def test_an_effect_of_ones_own_takes_part_like_any_other(paper_robot: Robot) -> None:
     def weak(q: Quantities, v: Values) -> None:
         share = np.zeros(9)
         share[0] = 1.0
@@ -265,16 +214,16 @@ def test_an_effect_of_ones_own_takes_part_like_any_other(paper_robot: Robot, mak
         "weak_chamber", "actuation", "A_1 = A (1 - d)", (Parameter("loss", "1", 0.2, 0.0, 1.0, sign="positive"),),
         Law(before=weak), "a test", "roll",
     )  # fmt: skip
-    made = Moved(paper_robot, make_campaign(lengths=(0.0,), levels=(100e3,), unload=False), catalogue=with_effects([own]))
+    made = Moved(paper_robot, campaign(lengths=(0.0,), levels=(100e3,), unload=False), catalogue=with_effects([own]))
     assert made.by(weak_chamber__loss=0.3)[1, 0] > 2e-3
     with pytest.raises(BadEffect, match="taken"):
         with_effects([own], with_effects([own]))
 
 
-def test_a_robot_without_spine_or_with_other_chambers_has_the_same_catalogue(paper_robot: Robot, make_campaign: Make) -> None:
+def test_a_robot_without_spine_or_with_other_chambers_has_the_same_catalogue(paper_robot: Robot) -> None:
     three = {**paper_robot.chambers.model_dump(), "azimuths_deg": (0.0, 120.0, 240.0)}
     plain = robot_from_dict({**paper_robot.model_dump(), "spine": None, "area_factor": 1.4, "chambers": three})
-    columns = make_campaign(lengths=(0.0,), levels=(80e3,), chambers=(1,))
+    columns = campaign(lengths=(0.0,), levels=(80e3,), chambers=(1,))
     for c in range(4, 10):
         del columns[f"p{c}"]
     made = Moved(plain, columns)
@@ -282,11 +231,11 @@ def test_a_robot_without_spine_or_with_other_chambers_has_the_same_catalogue(pap
     assert np.abs(made.by(spine_slip__moment=0.1)).max() < 1e-12
 
 
-def test_regulators_that_lag_follow_a_first_order_low_pass(paper_robot: Robot, make_campaign: Make) -> None:
+def test_regulators_that_lag_follow_a_first_order_low_pass(paper_robot: Robot) -> None:
     """Against the differential equation itself, ramps and holds one after the other."""
     tau, rate, hold = 1.5, 25e3, 1.0
     design = design_from_columns(
-        paper_robot, make_campaign(lengths=(0.1,), levels=(50e3, 100e3, 150e3), rate=rate, hold=hold), ("x", "y", "z")
+        paper_robot, campaign(lengths=(0.1,), levels=(50e3, 100e3, 150e3), rate=rate, hold=hold), ("x", "y", "z")
     )
     forward = ForwardModel(paper_robot, design)
     q = copy.copy(forward._baseline)
@@ -301,12 +250,3 @@ def test_regulators_that_lag_follow_a_first_order_low_pass(paper_robot: Robot, m
         wanted.append(held)
     found = q.pressure[0, : len(design)].max(axis=1)
     assert found == pytest.approx(wanted, abs=60.0) and np.abs(found - design.pressure.max(axis=1)).max() > 8e3
-
-
-def test_a_table_of_readings_does_not_ask_whether_regulators_lag(paper_robot: Robot, make_campaign: Make) -> None:
-    columns = make_campaign(lengths=(0.1, 0.2))
-    shown = CATALOGUE["pressure_lag"].shown
-    assert shown is not None and shown(paper_robot, design_from_columns(paper_robot, columns))
-    noise = np.random.default_rng(1)
-    read = columns | {f"p{c}": columns[f"p{c}"] + noise.normal(0, 50.0, len(columns["p1"])) for c in range(1, 10)}
-    assert not shown(paper_robot, design_from_columns(paper_robot, read))

@@ -1,17 +1,14 @@
 """How equilibria are found that are far from a known one, or close to buckling."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from model.effects import layout as at
-from model.effects.design import design_from_columns
-from model.effects.forward import ForwardModel
 from model.effects.solver import integration_steps, solve
 from model.robot import Robot
 from model.rods import Fast, Rods, Status, rods
 from model.rods import columns as col
+from tests.model.effects.campaigns import Moved
 
 LENGTH, BEND = 0.4, 0.5
 CRITICAL = np.pi**2 * BEND / (4 * LENGTH**2)
@@ -64,9 +61,7 @@ def test_a_rod_that_was_followed_is_a_start(monkeypatch: pytest.MonkeyPatch) -> 
     np.testing.assert_allclose(found.result[:, :3], exact.result[:, :3], atol=1e-6)
 
 
-def test_who_asks_for_the_whole_waits_for_no_other_state_once_one_has_no_equilibrium(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_who_asks_for_the_whole_waits_for_no_other_state_once_one_has_no_equilibrium(monkeypatch: pytest.MonkeyPatch) -> None:
     free, pressed = rows(0.0, 0.0, 0.0), rows(1.05, 1.06, 1.07)
     steps = integration_steps(at.UNIFORM, free)
     known, tried = solve(at.UNIFORM, free, NOWHERE, steps), []
@@ -86,12 +81,10 @@ def test_a_state_is_told_where_and_only_where_its_rods_were_found(paper_robot: R
     n = len(pressure)
     columns = {"trial": np.ones(n, int), **{c: np.zeros(n) for c in ("spine_length", "x", "y", "z")}}
     columns |= dict.fromkeys(("p1", "p2", "p9"), pressure)
-    forward = ForwardModel(paper_robot, design_from_columns(paper_robot, columns))
-    names = [p.name for p in forward.parameters]
+    made = Moved(paper_robot, columns)
+    forward = made.forward
     for growth, fast in ((0.0, 0.05), (0.6, 0.0), (1.0, 0.05)):
-        theta = np.zeros(len(names))
-        theta[names.index("chamber_ballooning.growth")] = growth
-        theta[names.index("viscoelastic.fast")] = fast
+        theta = made.vector(chamber_ballooning__growth=growth, viscoelastic__fast=fast)
         for trial in (True, False):
             predicted = forward.predict(theta, trial).reshape(n, 3)
             here = forward._solved(theta, trial=trial)

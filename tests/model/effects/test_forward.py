@@ -1,9 +1,6 @@
 """The forward model of a campaign: baseline, derivatives, round trip."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -15,6 +12,7 @@ from model.errors import BadCondition
 from model.robot import Robot, robot_from_dict
 from model.rotation import from_vector, multiply
 from model.section import body_second_moment
+from tests.model.effects.campaigns import campaign, pushes
 from tests.model.rods.cases import solved
 
 
@@ -26,10 +24,8 @@ def at_some_values(forward: ForwardModel, seed: int, share: float = 0.4) -> Any:
     return np.clip(np.where(low == 0, np.abs(drawn), drawn), low, high)
 
 
-def test_at_zero_parameters_the_tips_are_those_of_the_converged_rod(
-    paper_robot: Robot, make_campaign: Callable[..., Any]
-) -> None:
-    columns = make_campaign(unload=False)
+def test_at_zero_parameters_the_tips_are_those_of_the_converged_rod(paper_robot: Robot) -> None:
+    columns = campaign(unload=False)
     design = design_from_columns(paper_robot, columns)
     forward = ForwardModel(paper_robot, design, area="per_length")
     predicted = forward.predict(np.zeros(len(forward.parameters)))
@@ -39,9 +35,9 @@ def test_at_zero_parameters_the_tips_are_those_of_the_converged_rod(
         assert predicted[own] == pytest.approx(expected[:, k], abs=1e-5)
 
 
-def test_derivatives_agree_with_differences_of_predictions(paper_robot: Robot, make_campaign: Callable[..., Any]) -> None:
-    design = design_from_columns(paper_robot, make_campaign(lengths=(0.0, 0.12, 0.27), levels=(60e3, 180e3)))
-    forward = ForwardModel(paper_robot, design)
+def test_derivatives_agree_with_differences_of_predictions(paper_robot: Robot) -> None:
+    columns = campaign(lengths=(0.0, 0.12, 0.27), levels=(60e3, 180e3))
+    forward = ForwardModel(paper_robot, design_from_columns(paper_robot, columns))
     theta = at_some_values(forward, seed=3)
     theta[forward.index("contact")] = 0.0
     _, jacobian = forward.linearise(theta)
@@ -58,10 +54,8 @@ def test_derivatives_agree_with_differences_of_predictions(paper_robot: Robot, m
     assert forward.linearise(theta, some)[1] == pytest.approx(jacobian[:, some], rel=1e-9, abs=1e-12)
 
 
-def test_where_all_effects_are_absent_derivatives_are_those_towards_each_of_them(
-    paper_robot: Robot, make_campaign: Callable[..., Any]
-) -> None:
-    design = design_from_columns(paper_robot, make_campaign(lengths=(0.0, 0.12, 0.27), levels=(60e3, 180e3)))
+def test_where_all_effects_are_absent_derivatives_are_those_towards_each_of_them(paper_robot: Robot) -> None:
+    design = design_from_columns(paper_robot, campaign(lengths=(0.0, 0.12, 0.27), levels=(60e3, 180e3)))
     forward = ForwardModel(paper_robot, design)
     for theta in (np.zeros(len(forward.parameters)), at_some_values(forward, seed=5)):
         sizes = [k for k, p in enumerate(forward.parameters) if p.role == "size" and p.group == "effect"]
@@ -76,11 +70,9 @@ def test_where_all_effects_are_absent_derivatives_are_those_towards_each_of_them
             assert jacobian[:, k] * forward.parameters[k].sd == pytest.approx(moved, abs=3e-6, rel=3e-3), name
 
 
-def test_what_a_parameter_vector_predicts_is_observed_in_the_same_order(
-    paper_robot: Robot, make_campaign: Callable[..., Any]
-) -> None:
+def test_what_a_parameter_vector_predicts_is_observed_in_the_same_order(paper_robot: Robot) -> None:
     robot = robot_from_dict({**paper_robot.model_dump(), "markers": (0.1, 0.25)})
-    columns = make_campaign(lengths=(0.0, 0.2), levels=(80e3, 160e3))
+    columns = campaign(lengths=(0.0, 0.2), levels=(80e3, 160e3))
     columns |= {f"m{k}{axis}": np.zeros(10) for k in (1, 2) for axis in "xyz"}
     design = design_from_columns(robot, columns)
     forward = ForwardModel(robot, design)
@@ -104,9 +96,9 @@ def test_what_a_parameter_vector_predicts_is_observed_in_the_same_order(
     assert measured[~lost] == pytest.approx(y[~lost], abs=1e-9)
 
 
-def test_markers_and_orientation_are_those_of_the_converged_rod(paper_robot: Robot, make_campaign: Callable[..., Any]) -> None:
+def test_markers_and_orientation_are_those_of_the_converged_rod(paper_robot: Robot) -> None:
     robot = robot_from_dict({**paper_robot.model_dump(), "markers": (0.12, 0.2, 0.4)})
-    columns = make_campaign(lengths=(0.2,), levels=(150e3,), unload=False)
+    columns = campaign(lengths=(0.2,), levels=(150e3,), unload=False)
     columns |= {f"m{k}{axis}": np.zeros(2) for k in (1, 2, 3) for axis in "xyz"}
     design = design_from_columns(robot, columns)
     forward = ForwardModel(robot, design, area="per_length")
@@ -121,11 +113,9 @@ def test_markers_and_orientation_are_those_of_the_converged_rod(paper_robot: Rob
     assert [by_label[1, name] for name in ("rx", "ry", "rz")] == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
 
 
-def test_parameters_of_a_trial_reach_its_own_rows_only(paper_robot: Robot, make_campaign: Callable[..., Any]) -> None:
+def test_parameters_of_a_trial_reach_its_own_rows_only(paper_robot: Robot) -> None:
     forward = ForwardModel(
-        paper_robot,
-        design_from_columns(paper_robot, make_campaign(lengths=(0.0, 0.1, 0.2), levels=(100e3,))),
-        "per_length",
+        paper_robot, design_from_columns(paper_robot, campaign(lengths=(0.0, 0.1, 0.2), levels=(100e3,))), "per_length"
     )
     _, jacobian = forward.linearise(np.zeros(len(forward.parameters)))
     names = [p.name for p in forward.parameters]
@@ -148,16 +138,14 @@ def test_parameters_of_a_trial_reach_its_own_rows_only(paper_robot: Robot, make_
         ({"t": np.zeros(4)}, "t: shape"),
     ],
 )
-def test_a_table_that_does_not_fit_is_refused_by_column(
-    paper_robot: Robot, make_campaign: Callable[..., Any], change: dict[str, Any], message: str
-) -> None:
-    columns = make_campaign(lengths=(0.1,), levels=(60e3, 120e3))
+def test_a_table_that_does_not_fit_is_refused_by_column(paper_robot: Robot, change: dict[str, Any], message: str) -> None:
+    columns = campaign(lengths=(0.1,), levels=(60e3, 120e3))
     with pytest.raises(BadCondition, match=message):
         design_from_columns(paper_robot, columns | change)
 
 
-def test_parameters_beyond_their_bounds_are_refused_by_name(paper_robot: Robot, make_campaign: Callable[..., Any]) -> None:
-    forward = ForwardModel(paper_robot, design_from_columns(paper_robot, make_campaign(lengths=(0.1,), levels=(60e3,))))
+def test_parameters_beyond_their_bounds_are_refused_by_name(paper_robot: Robot) -> None:
+    forward = ForwardModel(paper_robot, design_from_columns(paper_robot, campaign(lengths=(0.1,), levels=(60e3,))))
     theta = np.zeros(len(forward.parameters))
     theta[forward.index("vacuum_leak")[0]] = -0.1
     with pytest.raises(BadCondition, match=r"vacuum_leak\.lost"):
@@ -167,10 +155,7 @@ def test_parameters_beyond_their_bounds_are_refused_by_name(paper_robot: Robot, 
 
 
 def test_a_table_of_stiffness_trials_alone_needs_no_pressures(paper_robot: Robot) -> None:
-    columns = {
-        "trial": np.repeat([1, 2], 3), "protocol": np.full(6, "stiffness"), "spine_length": np.repeat([0.0, 0.2], 3),
-        "specimen": np.full(6, "body"), "deflection": np.tile([0.0, 2e-3, 4e-3], 2), "force": np.zeros(6),
-    }  # fmt: skip
+    columns = pushes("body", [0.0, 0.2], [0.0, 2e-3, 4e-3])
     forward = ForwardModel(paper_robot, design_from_columns(paper_robot, columns))
     y, jacobian = forward.linearise(np.zeros(len(forward.parameters)))
     # Bending and shear in series; the weight holds the body up beside them, 3/8 of it over the length.

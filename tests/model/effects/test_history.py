@@ -1,8 +1,5 @@
 """Laws with memory: sliding elements and relaxation against what can be written down, and the path between readings."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,10 +8,11 @@ import pytest
 from model.body import body_of
 from model.condition import States
 from model.effects.design import design_from_columns, with_rest
-from model.effects.history import DRIVES, History, Path, loading_path
+from model.effects.history import DRIVES, History, loading_path
 from model.effects.layout import layout_of
 from model.effects.quantities import Quantities, baseline
 from model.robot import Robot
+from tests.model.effects.campaigns import campaign
 
 
 def unchanged(robot: Robot, design: States) -> Quantities:
@@ -24,20 +22,19 @@ def unchanged(robot: Robot, design: States) -> Quantities:
     return baseline(robot, body, layout, design, np.ones(len(design)), np.array([1.0, 0.0]))
 
 
-def history(robot: Robot, columns: Any, driven: Any, path: Path | None = None) -> History:
-    """A history whose drive (n,) is given for the first curvature; the first state is at rest."""
+def history(robot: Robot, columns: Any, inner: Any, outer: Any = 0.0) -> History:
+    """A history whose drive (n,) is given for the first curvature of both parts; the first state of a trial is at rest."""
     design, rest_of = with_rest(design_from_columns(robot, columns))
     n = len(design)
-    drive = np.zeros((1, n, DRIVES))
-    drive[0, :, 0] = driven
-    quantities = unchanged(robot, design)
-    one = np.ones((1, n, 2))
+    drive, one = np.zeros((1, n, DRIVES)), np.ones((1, n, 2))
+    drive[0, :, 0], drive[0, :, 4] = inner, outer
     silicone, rest = np.ones((1, n, DRIVES)), np.zeros((1, n, DRIVES))
-    return History(quantities, path or loading_path(design, rest_of), drive, one, one, silicone, rest, np.zeros((1, n, 2, 2)))
+    path = loading_path(design, rest_of)
+    return History(unchanged(robot, design), path, drive, one, one, silicone, rest, np.zeros((1, n, 2, 2)))
 
 
-def test_between_readings_the_drive_stays_ramps_and_stays(paper_robot: Robot, make_campaign: Callable[..., Any]) -> None:
-    columns = make_campaign(lengths=(0.1,), levels=(50e3, 100e3), unload=False, rate=25e3, hold=3.0)
+def test_between_readings_the_drive_stays_ramps_and_stays(paper_robot: Robot) -> None:
+    columns = campaign(lengths=(0.1,), levels=(50e3, 100e3), unload=False, rate=25e3, hold=3.0)
     columns["t"] = columns["t"] + np.array([0.0, 4.0, 4.0])
     design, rest_of = with_rest(design_from_columns(paper_robot, columns))
     path = loading_path(design, rest_of)
@@ -47,8 +44,8 @@ def test_between_readings_the_drive_stays_ramps_and_stays(paper_robot: Robot, ma
     assert path.stay == pytest.approx([np.inf, 4.0, 0.0])
 
 
-def test_a_trial_without_a_state_of_rest_gets_one(paper_robot: Robot, make_campaign: Callable[..., Any]) -> None:
-    design = design_from_columns(paper_robot, make_campaign(lengths=(0.0, 0.1), levels=(50e3, 100e3), zero=False))
+def test_a_trial_without_a_state_of_rest_gets_one(paper_robot: Robot) -> None:
+    design = design_from_columns(paper_robot, campaign(lengths=(0.0, 0.1), levels=(50e3, 100e3), zero=False))
     full, rest_of = with_rest(design)
     assert len(full) == len(design) + 2
     assert rest_of.tolist() == [len(design), len(design) + 1]
@@ -56,8 +53,8 @@ def test_a_trial_without_a_state_of_rest_gets_one(paper_robot: Robot, make_campa
     assert full.spine_length[len(design) :].tolist() == [0.0, 0.1]
 
 
-def test_what_follows_late_lags_a_ramp_by_its_closed_form(paper_robot: Robot, make_campaign: Callable[..., Any]) -> None:
-    columns = make_campaign(lengths=(0.1,), levels=(100e3,), rate=25e3, hold=3.0)
+def test_what_follows_late_lags_a_ramp_by_its_closed_form(paper_robot: Robot) -> None:
+    columns = campaign(lengths=(0.1,), levels=(100e3,), rate=25e3, hold=3.0)
     lag = history(paper_robot, columns, [0.0, 2.0, 0.0]).lag(5.0)[0, :, 0]
     # A ramp to 2 within 4 s, then 3 s at rest: z' = (x - z) / 5 s.
     at_top = 2.0 / 4.0 * 5.0 * (1 - np.exp(-4.0 / 5.0))
@@ -65,12 +62,21 @@ def test_what_follows_late_lags_a_ramp_by_its_closed_form(paper_robot: Robot, ma
     assert lag[2] == pytest.approx((lag[1] * np.exp(-4.0 / 5.0) - at_top) * np.exp(-3.0 / 5.0))
 
 
-def test_a_sliding_element_yields_at_its_stroke_and_needs_twice_that_to_yield_back(
-    paper_robot: Robot, make_campaign: Callable[..., Any]
-) -> None:
-    columns = make_campaign(lengths=(0.1,), levels=(50e3, 100e3, 150e3))
+def test_a_sliding_element_yields_at_its_stroke_and_needs_twice_that_to_yield_back(paper_robot: Robot) -> None:
+    columns = campaign(lengths=(0.1,), levels=(50e3, 100e3, 150e3))
     h = history(paper_robot, columns, [0.0, 0.5, 3.0, 4.0, 3.0, 2.0, 0.0])
     state = h.sliding(h.drive[..., :2], np.array([[1.0]]))[0, :, 0]
     assert state == pytest.approx([0.0, 0.5, 1.0, 1.0, 0.0, -1.0, -1.0])
     parallel = h.sliding(h.drive[..., :2], np.array([[1.0, 4.0]]))[0, :, 0]
     assert parallel[1] == pytest.approx(0.5 * (0.5 + 0.125))
+
+
+def test_extremes_stay_fade_and_are_kept_by_place(paper_robot: Robot) -> None:
+    columns = campaign(lengths=(0.0, 0.2), levels=(100e3,))
+    bent, inner = [0.0, 3.0, -1.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 0.0, 0.5, 0.0]
+    for_good, fading = (history(paper_robot, columns, inner, bent).extremes(np.full((1, 1), r))[0] for r in (0.0, 1e-2))
+    # The largest and the least add; the part with spine remembers what it was bent to when there was none.
+    assert for_good[:, 4] == pytest.approx([0.0, 3.0, 2.0, 2.0, 2.0, 2.0])
+    assert for_good[3:, 0] == pytest.approx([2.0, 2.0, 2.0])
+    t = columns["t"]
+    assert fading[3, 4] == pytest.approx(3.0 * np.exp(-(t[3] - t[1]) / 100) - np.exp(-(t[3] - t[2]) / 100), rel=1e-6)

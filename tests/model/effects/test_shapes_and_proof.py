@@ -1,53 +1,77 @@
-"""Backbones of the forward model, the same model on other states, and the trial of an effect of one's own."""
-
-from __future__ import annotations
+"""Declarations of effects and what is refused, the trial of an effect of one's own, backbones, the same model on other states."""
 
 import re
 from collections.abc import Callable
-from typing import Any
+from copy import copy
 
 import numpy as np
 import pytest
 
-from model.effects import EffectSpec, ForwardModel, Law, Parameter, design_from_columns
+from model.effects import CATALOGUE, EffectSpec, Law, Parameter
+from model.effects.catalogue import announced
 from model.effects.proof import prove
 from model.effects.quantities import Quantities
 from model.effects.spec import Values
+from model.effects.spine import shear_spine
 from model.errors import BadEffect
 from model.robot import Robot
+from tests.model.effects.campaigns import Moved, campaign
 
 
-def tips(forward: ForwardModel, theta: np.ndarray) -> np.ndarray:
-    predicted = forward.predict(theta)
-    return np.stack([predicted[forward.observations.channel == axis] for axis in "xyz"], axis=1)
+def test_every_effect_says_what_it_is_and_where_it_is_seen() -> None:
+    for spec in CATALOGUE.values():
+        assert spec.equation and spec.citation and spec.seen_best_in
+        assert all(p.low <= s <= p.high for p in spec.parameters for s in p.starts)
+        positive = [p for p in spec.parameters if p.sign in ("positive", "blend")]
+        assert all(p.low == 0 for p in positive)
+        assert all(p.high == 1 for p in positive if p.sign == "blend")
+    assert CATALOGUE["pressure_offset"].family_id == CATALOGUE["pressure_deadband"].family_id
 
 
-def test_a_backbone_runs_from_the_mount_to_the_tip_that_is_read(paper_robot: Robot, make_campaign: Callable[..., Any]) -> None:
-    forward = ForwardModel(paper_robot, design_from_columns(paper_robot, make_campaign(lengths=(0.0, 0.2))))
-    theta = np.zeros(len(forward.parameters))
-    theta[forward.index("frame_misalignment")] = [0.0, 0.05, 0.02]
+@pytest.mark.parametrize("value", [(), None, ("colder",)])
+def test_what_is_no_effect_is_refused(value: object) -> None:
+    with pytest.raises(BadEffect, match="must be a tuple of EffectSpec"):
+        announced(value)
+
+
+def test_declarations_that_could_never_be_absent_are_refused() -> None:
+    with pytest.raises(BadEffect, match="must include zero"):
+        Parameter("size", "1", 0.1, 0.5, 1.0)
+    with pytest.raises(BadEffect, match="no parameter is a size"):
+        EffectSpec("own", "load", "", (Parameter("form", "1", 0.1, -1.0, 1.0, role="shape"),), Law(), "", "")
+    with pytest.raises(BadEffect, match="stage"):
+        EffectSpec("own", "weather", "", (Parameter("size", "1", 0.1, -1.0, 1.0),), Law(), "", "")  # type: ignore[arg-type]
+
+
+def test_the_papers_table_asks_for_six_and_a_half_megapascal_and_a_soft_core(paper_robot: Robot) -> None:
+    found = shear_spine(paper_robot.spine)
+    assert found.modulus == pytest.approx(6.6e6, rel=0.02)
+    assert 3 * paper_robot.spine.radius**2 / (4 * found.shear) == pytest.approx(0.0070e-6, rel=0.02)
+    engaged = found.engaged(np.array([0.05, 0.3]))
+    assert 0.02 < engaged[0] < 0.06 and 0.5 < engaged[1] < 0.6
+
+
+def test_a_backbone_runs_from_the_mount_to_the_tip_that_is_read(paper_robot: Robot) -> None:
+    made = Moved(paper_robot, campaign(lengths=(0.0, 0.2)))
+    turned = {"frame_misalignment.y": 0.05, "frame_misalignment.z": 0.02}
     arcs = np.append(np.linspace(0.0, paper_robot.length, 60), 2 * paper_robot.length)
-    curves = forward.shapes(theta, arcs)
-    assert curves.shape == (len(forward.design), 61, 3)
+    curves = made.forward.shapes(made.vector(turned), arcs)
+    assert curves.shape == (len(made.still), 61, 3)
     assert np.abs(curves[:, 0]).max() < 1e-6
-    assert curves[:, -1] == pytest.approx(tips(forward, theta), abs=1e-6)
+    assert curves[:, -1] == pytest.approx(made.tips(turned), abs=1e-6)
     long = np.linalg.norm(np.diff(curves, axis=1), axis=2).sum(axis=1)
     assert long == pytest.approx(paper_robot.length, rel=0.08)
 
 
-def test_the_model_on_other_states_keeps_area_and_obstacle(paper_robot: Robot, make_campaign: Callable[..., Any]) -> None:
-    every = ForwardModel(paper_robot, design_from_columns(paper_robot, make_campaign(lengths=(0.0, 0.1, 0.3))))
-    one = design_from_columns(paper_robot, make_campaign(lengths=(0.1,)))
-    other = every.on(one)
-    theta = np.zeros(len(every.parameters))
-    theta[every.index("contact")] = [300.0, -0.03, 0.0, 0.0]
-    there = np.zeros(len(other.parameters))
-    there[other.index("contact")] = [300.0, -0.03, 0.0, 0.0]
-    own = np.abs(every.design.spine_length - 0.1) < 1e-9
-    assert tips(other, there) == pytest.approx(tips(every, theta)[own], abs=1e-6)
-    assert set(other.area_factor) == set(every.area_factor)
-    alone = ForwardModel(paper_robot, one)
-    assert np.abs(tips(alone, there) - tips(other, there)).max() > 1e-3
+def test_the_model_on_other_states_keeps_area_and_obstacle(paper_robot: Robot) -> None:
+    every, alone = (Moved(paper_robot, campaign(lengths)) for lengths in ((0.0, 0.1, 0.3), (0.1,)))
+    other = copy(alone)
+    other.forward = every.forward.on(alone.forward.design)
+    contact = {"contact.stiffness": 300.0, "contact.distance": -0.03}
+    own = np.abs(every.forward.design.spine_length - 0.1) < 1e-9
+    assert other.tips(contact) == pytest.approx(every.tips(contact)[own], abs=1e-6)
+    assert set(other.forward.area_factor) == set(every.forward.area_factor)
+    assert np.abs(alone.tips(contact) - other.tips(contact)).max() > 1e-3
 
 
 def effect(law: Callable[[Quantities, Values], None], scale: float = 5.0) -> EffectSpec:

@@ -1,8 +1,5 @@
 """What tendons lose on their way: friction makes a loop that no rate changes, slack takes the first newtons."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,6 +14,7 @@ from model.effects.forward import ForwardModel
 from model.effects.laws.tendons import PLACES, _by_weight
 from model.robot import Robot, robot_from_dict
 from model.section import body_area, body_second_moment
+from tests.model.effects.campaigns import Moved
 
 TENSIONS = np.array([0.0, 10.0, 20.0, 10.0, 0.0])
 """N, one tendon in and out."""
@@ -28,81 +26,50 @@ def pulled(reference_robot: Robot) -> Robot:
     return robot_from_dict({**reference_robot.model_dump(), "chambers": None, "tendons": ring, "spine": None, "area_factor": 1.0})
 
 
-@pytest.fixture
-def moved(pulled: Robot) -> Callable[..., np.ndarray]:
-    def made(rate: float = 20e3, **values: float) -> np.ndarray:
-        """(5,) m sideways."""
-        n = len(TENSIONS)
-        columns: dict[str, Any] = {name: np.zeros(n) for name in ("spine_length", "p2", "p3", "x", "y", "z")}
-        columns |= {
-            "trial": np.ones(n, int),
-            "p1": TENSIONS / 1e-4,
-            "rate": np.full(n, rate),
-            "branch": ["load"] * 3 + ["unload"] * 2,
-        }
-        forward = ForwardModel(pulled, design_from_columns(pulled, columns))
-        names = [p.name for p in forward.parameters]
-        theta = np.zeros(len(names))
-        for name, value in values.items():
-            theta[names.index(name.replace("__", "."))] = value
-        return forward.predict(theta).reshape(n, 3)[:, 0]
-
-    return made
+def pulls(tensions: Any, **more: Any) -> Any:
+    """Columns of one tendon that is pulled to its largest tension (N) and let go."""
+    n, top = len(tensions), int(np.argmax(tensions)) + 1
+    columns = {name: np.zeros(n) for name in ("spine_length", "p2", "p3", "x", "y", "z")}
+    return columns | {"trial": np.ones(n, int), "p1": tensions / 1e-4, "branch": ["load"] * top + ["unload"] * (n - top), **more}
 
 
-def test_friction_pulls_less_on_the_way_in_and_holds_on_the_way_out(moved: Callable[..., np.ndarray]) -> None:
-    free, held = moved(), moved(tendon_friction__coefficient=0.5)
+def sideways(robot: Robot, rate: float = 20e3, **values: float) -> np.ndarray:
+    """(5,) m."""
+    return Moved(robot, pulls(TENSIONS, rate=np.full(len(TENSIONS), rate))).tips(**values)[:, 0]
+
+
+def test_friction_pulls_less_on_the_way_in_and_holds_on_the_way_out_at_any_rate(pulled: Robot) -> None:
+    free, held = sideways(pulled), sideways(pulled, tendon_friction__coefficient=0.5)
     assert free[1] == pytest.approx(free[3], abs=1e-9) and free[2] > 0.02
     assert held[2] < free[2] - 4e-4
     assert held[3] > held[1] + 1e-4
     assert held[0] == pytest.approx(0.0, abs=1e-9)
+    for rate in (1e3, 100e3):
+        np.testing.assert_allclose(sideways(pulled, rate, tendon_friction__coefficient=0.5), held, atol=1e-12)
 
 
-def test_no_rate_changes_the_loop(moved: Callable[..., np.ndarray]) -> None:
-    slow, fast = (moved(rate, tendon_friction__coefficient=0.5) for rate in (1e3, 100e3))
-    np.testing.assert_allclose(slow, fast, atol=1e-12)
-
-
-def test_slack_takes_the_first_newtons(moved: Callable[..., np.ndarray]) -> None:
-    free, slack = moved(), moved(tendon_slack__tension=2.0)
+def test_slack_takes_the_first_newtons(pulled: Robot) -> None:
+    free, slack = sideways(pulled), sideways(pulled, tendon_slack__tension=2.0)
     assert slack[0] == 0.0
-    assert slack[1] / free[1] == pytest.approx(0.8, abs=0.03)
-    assert slack[2] / free[2] == pytest.approx(0.9, abs=0.03)
+    assert slack[1:3] / free[1:3] == pytest.approx([0.8, 0.9], abs=0.03)
 
 
 def test_its_derivatives_are_those_of_its_predictions(pulled: Robot) -> None:
-    n = len(TENSIONS)
-    columns: dict[str, Any] = {name: np.zeros(n) for name in ("spine_length", "p2", "p3", "x", "y", "z")}
-    columns |= {"trial": np.ones(n, int), "p1": TENSIONS / 1e-4, "branch": ["load"] * 3 + ["unload"] * 2}
-    forward = ForwardModel(pulled, design_from_columns(pulled, columns))
-    names = [p.name for p in forward.parameters]
-    theta = np.zeros(len(names))
-    theta[names.index("tendon_friction.coefficient")] = 0.4
-    _, slope = forward.linearise(theta)
-    for name, step in (
-        ("tendon_friction.coefficient", 1e-4),
-        ("body_modulus.excess", 1e-4),
-        ("tendon_slack.tension", 1e-3),
-    ):
-        k = names.index(name)
-        there = theta.copy()
-        there[k] += step
-        moved = (forward.predict(there) - forward.predict(theta)) / step
-        np.testing.assert_allclose(slope[:, k], moved, atol=0.02 * np.abs(moved).max())
+    made, friction = Moved(pulled, pulls(TENSIONS)), "tendon_friction.coefficient"
+    _, slope = made.forward.linearise(made.vector({friction: 0.4}))
+    names = [p.name for p in made.forward.parameters]
+    for name, step in ((friction, 1e-4), ("body_modulus.excess", 1e-4), ("tendon_slack.tension", 1e-3)):
+        there = {friction: 0.4} | {name: step + 0.4 * (name == friction)}
+        difference = (made.tips(there) - made.tips({friction: 0.4})).ravel() / step
+        np.testing.assert_allclose(slope[:, names.index(name)], difference, atol=0.02 * np.abs(difference).max())
 
 
 def test_each_kind_of_robot_has_its_own_causes(pulled: Robot, paper_robot: Robot) -> None:
-    n = 5
     for robot, own, other in (
         (pulled, "tendon_friction", "chamber_ballooning"),
         (paper_robot, "chamber_ballooning", "tendon_friction"),
     ):
-        columns = {
-            "trial": np.ones(n, int),
-            "p1": TENSIONS / 1e-4,
-            **{c: np.zeros(n) for c in ("spine_length", "x", "y", "z")},
-        }
-        design = design_from_columns(robot, columns)
+        design = design_from_columns(robot, pulls(TENSIONS))
         shown = {id for id, spec in CATALOGUE.items() if spec.shown is None or spec.shown(robot, design)}
         assert own in shown and other not in shown
 
@@ -112,25 +79,20 @@ def test_friction_bends_the_body_as_its_law_does_all_along(pulled: Robot, cuts: 
     """Without weight and stretch k(s) = T(s) r / EI and a(s) = T0 r s / EI, whatever sections the body is cut into."""
     still = {**pulled.model_dump(), "gravity": (0.0, 0.0, 0.0), "axial_stiffness": 1e9, "bending_stiffness": 0.3}
     robot = robot_from_dict({**still, "sections": [{"length": x} for x in cuts]})
-    pulls, mu = np.array([0.0, 10.0, 20.0, 15.0]), 0.3
-    columns: dict[str, Any] = {name: np.zeros(4) for name in ("spine_length", "p2", "p3", "x", "y", "z")}
-    columns |= {"trial": np.ones(4, int), "p1": pulls / 1e-4, "branch": ["load"] * 3 + ["unload"]}
-    forward = ForwardModel(robot, design_from_columns(robot, columns))
-    theta = np.zeros(len(forward.parameters))
-    theta[[p.name for p in forward.parameters].index("tendon_friction.coefficient")] = mu
-
+    pulls_to, mu = np.array([0.0, 10.0, 20.0, 15.0]), 0.3
+    friction = {"tendon_friction.coefficient": mu}
+    made = Moved(robot, pulls(pulls_to))
     s = np.linspace(0.0, robot.length, 4001)
-    bent = pulls[:, None] * (0.04 / 0.3)
+    bent = pulls_to[:, None] * (0.04 / 0.3)
     up, down = (bent / (1 + sign * mu * bent * s) for sign in (1, -1))
     up[3] = np.clip(up[2], up[3], down[3])
     angle, side, along = np.zeros(up.shape), np.zeros(up.shape), np.zeros(up.shape)
     for whole, slope in ((angle, lambda: up), (side, lambda: np.sin(angle)), (along, lambda: np.cos(angle))):
         whole[:, 1:] = np.cumsum((slope()[:, 1:] + slope()[:, :-1]) / 2 * np.diff(s), axis=1)
-    read = forward.read(theta)
-    turn = 2 * np.arccos(np.abs(read.orientation[0, :, 0]))
+    turn = 2 * np.arccos(np.abs(made.forward.read(made.vector(friction)).orientation[0, :, 0]))
     np.testing.assert_allclose(turn, angle[:, -1], atol=1e-3)
     places = [2000, 3000, 4000]
-    found = forward.shapes(theta, s[places])
+    found = made.forward.shapes(made.vector(friction), s[places])
     # On the way out tensions rise from the base to where the way in has left them lower: a line is a rougher guess of that.
     near = np.array([2e-4, 2e-4, 2e-4, 1e-3])[:, None]
     assert (np.abs(np.hypot(found[..., 0], found[..., 1]) - side[:, places]) < near).all()

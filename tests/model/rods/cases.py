@@ -1,25 +1,15 @@
 """The robot of the reference values, as arrays of rods: bends in the x-z plane, hangs along z."""
 
-from __future__ import annotations
-
-import math
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from benchmarks.rod_cases import AREA, BODY, CHAMBER, GRAVITY, SPINE_AREA, rods_like_it
 from model.condition import States
 from model.robot import Robot
-from model.rods import FINE, Form, Method, Rods, Solution, rods, solve
+from model.rods import FINE, Form, Method, Rods, Solution, solve
 from model.section import rods_of
 
 Array = NDArray[np.float64]
-
-LENGTH, OUTER, INNER, BODY, GRAVITY = 0.40, 0.05, 0.029, 0.507147e6, 9.81
-AREA = math.pi * (OUTER**2 - INNER**2)
-SECOND = math.pi / 4 * (OUTER**4 - INNER**4)
-SPINE_AREA = math.pi * INNER**2
-CHAMBER, PATH = 1.5 * math.pi * 0.005**2, 0.04
-WEIGHT, TIP_WEIGHT = 1300.0 * AREA * GRAVITY, 0.053 * GRAVITY
 
 PRESSURES = np.array([50.0, 100.0, 150.0, 200.0, 250.0]) * 1e3
 REFERENCE = {
@@ -43,47 +33,13 @@ REFERENCE = {
 """Spine length (m) -> tip (x, z) in mm at each of PRESSURES, converged by collocation and by shooting."""
 
 
-def combined_modulus(spine: Array) -> Array:
-    """E (Pa) of the part with spine: mixed by volume, the spine's own linear between 5 and 30 cm."""
+def robots(n: int, pressure: ArrayLike, spine: ArrayLike, roll: ArrayLike = 0.0, form: Form | None = None) -> Rods:
+    """n robots with chambers at -40, 0, 40 degrees pressurised."""
+    pressure, spine, roll, one = (np.broadcast_to(np.asarray(x, float), n) for x in (pressure, spine, roll, 1.0))
     own = (0.318 + (4.389 - 0.318) * (spine - 0.05) / 0.25) * 1e6
-    return np.where(spine > 0, (AREA * BODY + SPINE_AREA * own) / (AREA + SPINE_AREA), BODY)
-
-
-def robots(
-    n: int,
-    pressure: ArrayLike,
-    spine: ArrayLike,
-    *,
-    body: ArrayLike = 1.0,
-    stiffer_spine: ArrayLike = 1.0,
-    roll: ArrayLike = 0.0,
-    tip_weight: ArrayLike = 1.0,
-    weight: ArrayLike = 1.0,
-    side: ArrayLike = 0.0,
-    form: Form | None = None,
-) -> Rods:
-    """n robots with chambers at -40, 0, 40 degrees pressurised; factors on moduli and weights, side forces (n, 3) N."""
-    pressure, spine, roll = (np.broadcast_to(np.asarray(x, float), n) for x in (pressure, spine, roll))
-    azimuth = np.deg2rad([-40.0, 0.0, 40.0]) + roll[:, None]
-    push = pressure[:, None] * CHAMBER * np.ones(3)
-    force, moment = np.zeros((n, 3)), np.zeros((n, 3))
-    force[:, 2] = push.sum(1)
-    moment[:, 0], moment[:, 1] = PATH * (np.sin(azimuth) * push).sum(1), -PATH * (np.cos(azimuth) * push).sum(1)
-    modulus = np.stack([combined_modulus(spine) * stiffer_spine, BODY * np.ones(n) * body], 1)[:, :, None]
-    dead, load = np.zeros((n, 3)), np.zeros((n, 2, 3))
-    dead[:, 2] = TIP_WEIGHT * np.ones(n) * tip_weight
-    load[:, :, 2] = (WEIGHT * np.ones(n) * weight)[:, None]
-    return rods(
-        form or Form(elements=2),
-        n,
-        length=np.stack([spine, LENGTH - spine], 1),
-        bend_stiffness=modulus * np.array([SECOND, SECOND, 2 * SECOND]),
-        stretch_stiffness=modulus * np.array([AREA / 3, AREA / 3, AREA]),
-        tip_force=force,
-        tip_moment=moment,
-        dead_force=dead + side,
-        load=load,
-    )
+    mixed = np.where(spine > 0, (AREA * BODY + SPINE_AREA * own) / (AREA + SPINE_AREA), BODY)
+    dead = (0 * one, 0 * one, 0.053 * GRAVITY * one)
+    return rods_like_it(spine, (mixed, BODY * one), pressure * CHAMBER, roll, dead, 1300.0 * AREA * GRAVITY * one, form)
 
 
 def reference_robots() -> tuple[Rods, Array]:
@@ -91,24 +47,6 @@ def reference_robots() -> tuple[Rods, Array]:
     found = robots(20, np.tile(PRESSURES, 4), np.repeat(list(REFERENCE), 5))
     tips = np.array([(x, 0.0, z) for row in REFERENCE.values() for x, z in row]) * 1e-3
     return found, tips
-
-
-def wild_robots(n: int, seed: int) -> Rods:
-    """Random robots far beyond the paper's: E +-30 %, to 450 kPa, any spine length, tip forces to 5 N sideways."""
-    r = np.random.default_rng(seed)
-    angle, size = r.uniform(0, 2 * np.pi, n), r.uniform(0, 5, n)
-    side = np.stack([size * np.cos(angle), size * np.sin(angle), np.zeros(n)], 1)
-    return robots(
-        n,
-        r.uniform(0, 450e3, n),
-        r.uniform(0, 0.395, n) * (r.random(n) < 0.85),
-        body=r.uniform(0.7, 1.3, n),
-        stiffer_spine=r.uniform(0.7, 1.3, n),
-        roll=r.uniform(0, 2 * np.pi, n),
-        tip_weight=r.uniform(0, 3, n),
-        weight=r.uniform(0.8, 1.2, n),
-        side=side,
-    )
 
 
 def solved(robot: Robot, states: States, arc_lengths: ArrayLike | None = None, method: Method = FINE) -> Solution:

@@ -1,17 +1,16 @@
 """One call, several methods: they agree where they must, and refuse what they do not know."""
 
-from __future__ import annotations
-
 import doctest
 
 import numpy as np
 import pytest
 
 import model.rods.solver
+from benchmarks.rod_cases import wild_rods
 from model.errors import BadCondition, SolveFailed
 from model.rods import FAST, FINE, PAPER, Fast, Form, Method, Paper, Rods, Status, rods, solve
 from model.rods.beam import bar_deflection, bending_compliance, shear_compliance
-from tests.model.rods.cases import robots, wild_robots
+from tests.model.rods.cases import robots
 from tests.model.rods.reference import REFERENCE
 
 EDGES, BEND, SHEAR = (0.0, 0.1, 0.25, 0.4), (3.0, 2.0, 1.5), (900.0, 700.0, 500.0)
@@ -28,13 +27,9 @@ def three_parts(**loads: object) -> Rods:
 @EVERY
 def test_under_small_loads_every_method_finds_the_same_rod_of_three_elements(method: Method) -> None:
     small = three_parts(
-        dead_force=[2e-3, 1e-3, 0.0],
-        tip_moment=[1e-4, -2e-4, 1e-4],
-        dead_moment=[-1e-4, 3e-4, 0.0],
-        tip_force=[1e-3, 0.0, 5e-3],
-        load=[[1e-3, 0.0, 0.0], [0.0, 2e-3, 0.0], [0.0, 0.0, 3e-3]],
-        rest_curvature=[[1e-3, 0.0, 0.0], [0.0, 1e-3, 0.0], [0.0, 0.0, 1e-3]],
-    )
+        dead_force=[2e-3, 1e-3, 0.0], tip_moment=[1e-4, -2e-4, 1e-4], dead_moment=[-1e-4, 3e-4, 0.0], tip_force=[1e-3, 0.0, 5e-3],
+        load=1e-3 * np.diag([1.0, 2.0, 3.0]), rest_curvature=1e-3 * np.diag([1.0, 1.0, 1.0]),
+    )  # fmt: skip
     arcs = [0.0, 0.05, 0.1, 0.3, 0.4]
     exact, found = solve(small, FINE, arc_lengths=arcs), solve(small, method, arc_lengths=arcs)
     assert found.converged.all()
@@ -98,7 +93,7 @@ def test_arc_lengths_beyond_the_rod_are_refused(method: Method) -> None:
 
 
 def test_what_did_not_converge_holds_nan_and_says_why() -> None:
-    found = solve(wild_robots(4, 1).changed(dead_force=[0.0, 0.0, -400.0], load=0.0, tip_moment=0.0), FAST)
+    found = solve(wild_rods(4, 1).changed(dead_force=[0.0, 0.0, -400.0], load=0.0, tip_moment=0.0), FAST)
     assert not found.converged.any() and np.isnan(found.tip).all()
     assert set(found.status) <= {Status.OTHER_BRANCH, Status.FAILED}
     with pytest.raises(SolveFailed, match="of the load"):

@@ -1,51 +1,45 @@
-"""Sensitivities against converged central differences of fine solves, and their chain rule."""
+"""Sensitivities against converged differences of fine solves: of the tip, of all else that a rod gives, and between its ends."""
 
-from __future__ import annotations
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from benchmarks.rod_cases import LENGTH
 from model.errors import BadCondition
-from model.rods import FINE, Fast, Form, Rods, sensitivities, solve
+from model.rods import FINE, Fast, Form, Rods, gauss_points, sensitivities, solve, stations
 from tests.model.rods.cases import robots
 
+Array = np.ndarray
 TIGHT = Fast(divisions=16.0, close=1e-13)
+FIXED = replace(TIGHT, steps=np.full((2, 2), 12))
+"""Fixed, so that differences are of one smooth function."""
 FULL = Form(elements=2, full=True)
 """With room for all that an effect may change, as the diagnosis differentiates rods."""
-plain_too = pytest.mark.parametrize("form", [FULL, pytest.param(Form(elements=2), marks=pytest.mark.long)])
-"""The plain form is compiled by itself, for half a minute."""
+ARCS = np.array([0.0, 0.07, 0.16, 0.33, LENGTH])
 
 
-def direction(rods: Rods, name: str, value: object) -> np.ndarray:
-    """One direction in which the field `name` changes by `value`."""
+def direction(rods: Rods, **changes: object) -> Array:
+    """One direction, in which each of some fields changes by a value."""
     row = np.zeros((1, 1, rods.form.width))
-    rods.form.view(row, name)[0, 0] = value
+    for name, value in changes.items():
+        rods.form.view(row, name)[0, 0] = value
     return row
 
 
-def eight_directions(rods: Rods) -> np.ndarray:
+def eight_directions(rods: Rods) -> Array:
     """Both moduli, actuation, tip weight, body weight, precurvature twice, spine length."""
-    first = rods[0:1]
-    inner, outer = np.array([[1.0], [0.0]]), np.array([[0.0], [1.0]])
-    moduli = [
-        direction(rods, "bend_stiffness", part * first.field("bend_stiffness")[0])
-        + direction(rods, "stretch_stiffness", part * first.field("stretch_stiffness")[0])
-        for part in (inner, outer)
-    ]
-    wrench = direction(rods, "tip_force", first.field("tip_force")[0]) + direction(
-        rods, "tip_moment", first.field("tip_moment")[0]
-    )
-    others = [
-        direction(rods, "dead_force", (0.0, 0.0, 1.0)),
-        direction(rods, "load", (0.0, 0.0, 60.0)),
-        direction(rods, "rest_curvature", (1.0, 0.0, 0.0)),
-        direction(rods, "rest_curvature", (0.0, 1.0, 0.0)),
-        direction(rods, "length", (1.0, -1.0)),
-    ]
-    return np.concatenate([*moduli, wrench, *others], axis=1)
+    first = {name: rods.field(name)[0] for name in ("bend_stiffness", "stretch_stiffness", "tip_force", "tip_moment")}
+    stiff = ("bend_stiffness", "stretch_stiffness")
+    moduli = [{name: part * first[name] for name in stiff} for part in np.eye(2)[:, :, None]]
+    wrench = {name: first[name] for name in ("tip_force", "tip_moment")}
+    weights = [{"dead_force": (0.0, 0.0, 1.0)}, {"load": (0.0, 0.0, 60.0)}]
+    forms = [{"rest_curvature": (1.0, 0.0, 0.0)}, {"rest_curvature": (0.0, 1.0, 0.0)}, {"length": (1.0, -1.0)}]
+    return np.concatenate([direction(rods, **changes) for changes in (*moduli, wrench, *weights, *forms)], axis=1)
 
 
-def differences(rods: Rods, along: np.ndarray, size: float) -> np.ndarray:
+def differences(rods: Rods, along: Array, size: float) -> Array:
     """Five-point differences of fine solves, (n, k, 3)."""
     found = []
     for row in along[0]:
@@ -54,62 +48,15 @@ def differences(rods: Rods, along: np.ndarray, size: float) -> np.ndarray:
     return np.stack(found, axis=1)
 
 
-def worst(found: np.ndarray, expected: np.ndarray) -> float:
-    """Largest error of a derivative relative to the size of its vector."""
-    return float((np.linalg.norm(found - expected, axis=-1) / np.linalg.norm(expected, axis=-1)).max())
-
-
-@plain_too
-def test_eight_parameters_agree_with_converged_differences_to_a_millionth(form: Form) -> None:
+# The plain form is compiled by itself, for half a minute.
+@pytest.mark.parametrize("form", [FULL, pytest.param(Form(elements=2), marks=pytest.mark.long)])
+def test_eight_parameters_agree_with_converged_differences(form: Form) -> None:
     rods = robots(5, np.linspace(60e3, 250e3, 5), 0.15, roll=0.3, form=form)
     along = eight_directions(rods)
-    found = sensitivities(rods, solve(rods, TIGHT), along, TIGHT)
-    assert worst(found.tip, differences(rods, along, 2e-4)) < 1e-6
-
-
-@plain_too
-def test_the_default_setting_is_good_to_a_ten_thousandth(form: Form) -> None:
-    rods = robots(5, np.linspace(60e3, 250e3, 5), 0.15, roll=0.3, form=form)
-    along = eight_directions(rods)
-    assert worst(sensitivities(rods, solve(rods), along).tip, differences(rods, along, 2e-4)) < 1e-4
-
-
-def test_springs_graded_curvature_series_and_compliance_have_sensitivities_too() -> None:
-    form = Form(elements=2, springs=1, full=True)
-    rods = robots(2, np.array([120e3, 200e3]), 0.15, form=form)
-    rods.field("spring_direction")[:] = (1.0, 0.0, 0.0)
-    rods.field("spring_stiffness")[:], rods.field("spring_origin")[:] = 60.0, -0.05
-    rods.field("spring_softness")[:] = 5e-3
-    rods.field("series")[:] = (0.02, 0.5, 1.0)
-    rods.field("base_compliance")[:] = 0.01
-    along = np.concatenate(
-        [
-            direction(rods, "spring_stiffness", 100.0),
-            direction(rods, "spring_origin", 1.0),
-            direction(rods, "series", (0.05, 0.0, 0.0)),
-            direction(rods, "series", (0.0, 0.0, 1.0)),
-            direction(rods, "curvature_rise", np.eye(9)[1]),
-            direction(rods, "base_compliance", 0.01),
-            direction(rods, "base_turn", (0.0, 1.0, 0.0)),
-        ],
-        axis=1,
-    )
-    found = sensitivities(rods, solve(rods, TIGHT), along, TIGHT)
-    assert worst(found.tip, differences(rods, along, 2e-4)) < 1e-6
-
-
-def test_rotation_and_base_wrench_have_sensitivities() -> None:
-    rods = robots(1, 150e3, 0.1, form=FULL)
-    along = direction(rods, "dead_force", (0.0, 1.0, 0.0))
-    found = sensitivities(rods, solve(rods, TIGHT), along, TIGHT)
-    moved = [solve(Rods(rods.form, rods.values + s * along[0]), TIGHT) for s in (1e-3, -1e-3)]
-    by_moment = (moved[0].base_moment - moved[1].base_moment) / 2e-3
-    by_force = (moved[0].base_force - moved[1].base_force) / 2e-3
-    assert np.abs(found.base_moment[:, 0] - by_moment).max() < 1e-5
-    assert np.abs(found.base_force[:, 0] - by_force).max() < 1e-5
-    (w1, *v1), (w0, *v0) = moved[0].orientation[0], moved[1].orientation[0]
-    turned = 2 * (w0 * np.array(v1) - w1 * np.array(v0) - np.cross(v1, v0)) / 2e-3
-    assert np.abs(found.rotation[0, 0] - turned).max() < 1e-5
+    expected = differences(rods, along, 2e-4)
+    for method, within in ((TIGHT, 1e-6), (Fast(), 1e-4)):
+        found = sensitivities(rods, solve(rods, method), along, method).tip
+        assert (np.linalg.norm(found - expected, axis=-1) / np.linalg.norm(expected, axis=-1)).max() < within
 
 
 def test_each_rod_may_have_directions_of_its_own() -> None:
@@ -118,7 +65,7 @@ def test_each_rod_may_have_directions_of_its_own() -> None:
     rods.form.view(own, "tip_force")[:, 0] = rods.field("tip_force")
     solution = solve(rods, FINE)
     found = sensitivities(rods, solution, own, FINE).tip
-    shared = sensitivities(rods, solution, direction(rods, "tip_force", (0.0, 0.0, 1.0)), FINE).tip
+    shared = sensitivities(rods, solution, direction(rods, tip_force=(0.0, 0.0, 1.0)), FINE).tip
     assert np.allclose(found[:, 0], shared[:, 0] * rods.field("tip_force")[:, 2:], rtol=1e-6, atol=1e-12)
 
 
@@ -126,3 +73,81 @@ def test_directions_of_the_wrong_shape_are_refused() -> None:
     rods = robots(3, 100e3, 0.1, form=FULL)
     with pytest.raises(BadCondition, match=r"directions: shape \(3, 1, 7\)"):
         sensitivities(rods, solve(rods), np.zeros((3, 1, 7)))
+
+
+def rich_rods() -> Rods:
+    """Two rods with everything there is: three springs, softening, graded curvature, a base that gives and is tilted."""
+    rods = robots(2, np.array([120e3, 200e3]), 0.15, roll=0.4, form=Form(2, springs=3, full=True))
+    rods.field("spring_direction")[:] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.6, 0.8]]
+    rods.field("spring_stiffness")[:] = [20.0, 30.0, 60.0]
+    rods.field("spring_origin")[:] = [0.01, 0.0, 0.3]
+    rods.field("spring_softness")[:] = [0.0, 0.0, 5e-3]
+    rods.field("spring_arm")[:] = [[0.0, 0.0, 0.0], [0.0, 0.01, 0.05], [0.02, -0.01, 0.08]]
+    rods.field("series")[:] = [(0.02, 0.5, 1.0), (-0.01, -2.0, -1.0)]
+    rods.field("base_compliance")[:], rods.field("base_relief")[:] = (0.02, 0.03, 0.01), 0.4
+    rods.field("base_stiffening")[:] = 300.0
+    rods.field("base_turn")[:] = (0.02, -0.03, 0.05)
+    rods.field("rest_curvature")[:] = (0.3, -0.2, 0.4)
+    rods.field("rest_strain")[..., :2] = (0.01, -0.02)
+    rods.field("dead_moment")[:] = (0.02, 0.01, -0.03)
+    rods.field("curvature_rise")[:] = 0.1 * np.arange(-4.0, 5.0)
+    return rods.check()
+
+
+SIZES = {
+    "bend_stiffness": 2.0, "stretch_stiffness": 800.0, "length": 0.1, "load": 30.0, "series": 0.2, "spring_stiffness": 30.0,
+    "spring_origin": 0.05, "spring_softness": 4e-3, "spring_arm": 0.05, "base_compliance": 0.02, "base_stiffening": 100.0,
+}  # fmt: skip
+"""By how much each field is changed in a difference, before it is scaled down; others by 1."""
+
+
+def outputs(values: Array, form: Form) -> dict[str, Array]:
+    """What is differentiated; orientations as matrices, strains as means of each element by Gauss's rule."""
+    rods = Rods(form, values)
+    solution = solve(rods, FIXED).trusted()
+    found, (arcs, weights) = stations(rods, solution, ARCS, FIXED), gauss_points(rods)
+    strain = stations(rods, solution, arcs, FIXED).strain.reshape(len(rods), form.elements, len(weights)) @ weights
+    turn = Rotation.from_quat(found.orientation.reshape(-1, 4), scalar_first=True).as_matrix().reshape(len(rods), -1, 3, 3)
+    ends = {name: getattr(solution, name) for name in ("tip", "base_force", "base_moment")}
+    return {**ends, "strain": strain, "position": found.position, "matrix": turn}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_every_output_agrees_with_converged_differences_along_random_directions(seed: int) -> None:
+    rods, rng, h = rich_rods(), np.random.default_rng(seed), 1e-4
+    size = np.zeros(rods.form.width)
+    for name in rods.form.fields():
+        rods.form.view(size, name)[...] = SIZES.get(name, 1.0)
+    along = size * rng.normal(size=(1, 3, rods.form.width))
+    rods.form.view(along, "length")[...] -= rods.form.view(along, "length").mean(axis=-1, keepdims=True)
+    # No softness is a spring that pulls both ways, any softness one that does not: only the last may change.
+    rods.form.view(along, "spring_softness")[..., :2] = 0.0
+    # A spring's direction stays a unit vector: it turns about an axis.
+    for k in range(3):
+        rods.form.view(along[0, k], "spring_direction")[...] = np.cross(
+            rng.normal(size=(3, 3)), rods.field("spring_direction")[0]
+        )
+    found = sensitivities(rods, solve(rods, FIXED), along, FIXED, arc_lengths=ARCS, strain=True)
+    here = outputs(rods.values, rods.form)
+    for k in range(3):
+        at = {j: outputs(rods.values + j * h * along[0, k], rods.form) for j in (-2, -1, 1, 2)}
+        for name in here:
+            expected = (8 * (at[1][name] - at[-1][name]) - (at[2][name] - at[-2][name])) / (12 * h)
+            if name == "matrix":
+                value = np.cross(found.turn[:, k, :, None], np.swapaxes(here[name], -1, -2)).swapaxes(-1, -2)
+            else:
+                value = getattr(found, name)[:, k]
+            assert np.abs(value - expected).max() < 1e-6 * np.abs(expected).max(), name
+        assert found.turn[:, k, 0] == pytest.approx(found.base_rotation[:, k], abs=1e-8)
+        assert found.turn[:, k, -1] == pytest.approx(found.rotation[:, k], abs=1e-8)
+
+
+def test_a_rod_without_a_spine_knows_what_a_spine_would_do() -> None:
+    """Its inner element is stiffer and has no length."""
+    none = robots(1, 150e3, 0.0, form=FULL)
+    none.field("bend_stiffness")[:, 0] *= 3.0
+    along = direction(none, length=(1.0, -1.0))
+    found = sensitivities(none, solve(none, TIGHT), along, TIGHT).tip[0, 0]
+    start, once, twice = (solve(Rods(FULL, none.values + size * along[0]), TIGHT).tip[0] for size in (0.0, 1e-4, 2e-4))
+    expected = (4 * (once - start) - (twice - start)) / 2e-4
+    assert np.linalg.norm(found - expected) < 1e-5 * np.linalg.norm(expected)

@@ -1,14 +1,13 @@
 """The fast rod solver against reference values, against the slow converged solver, and against itself."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
+from benchmarks.rod_cases import LENGTH, wild_rods
 from model.errors import BadCondition, SolveFailed
-from model.rods import FINE, Fast, Form, Status, rods, solve
+from model.rods import FINE, Fast, Form, Status, rods, solve, stations
 from model.rotation import to_base
-from tests.model.rods.cases import LENGTH, reference_robots, robots, wild_robots
+from tests.model.rods.cases import reference_robots, robots
 from tests.model.rods.reference import REFERENCE
 
 SECOND_MODE = 2.4674
@@ -20,13 +19,8 @@ def test_reference_tips_hold_to_a_hundredth_of_a_millimetre_by_default() -> None
     assert np.linalg.norm(solve(found).trusted().tip - tips, axis=1).max() < 1e-5
 
 
-def test_reference_tips_hold_to_the_printed_digits_when_fine() -> None:
-    found, tips = reference_robots()
-    assert np.abs(solve(found, FINE).trusted().tip - tips).max() < 1e-9
-
-
 def test_random_robots_agree_with_the_slow_converged_solver() -> None:
-    found = wild_robots(96, seed=7)
+    found = wild_rods(96, seed=7)
     fast, slow = solve(found), solve(found, REFERENCE)
     both = fast.converged & slow.converged
     assert both.sum() > 90
@@ -37,7 +31,7 @@ def test_random_robots_agree_with_the_slow_converged_solver() -> None:
 
 
 def test_default_stays_within_a_hundredth_of_a_millimetre_of_fine_over_many_random_robots() -> None:
-    found = wild_robots(4000, seed=11)
+    found = wild_rods(4000, seed=11)
     coarse, fine = solve(found), solve(found, FINE)
     both = coarse.converged & fine.converged
     assert np.linalg.norm(coarse.tip - fine.tip, axis=1)[both].max() < 1e-5
@@ -52,7 +46,7 @@ def test_a_single_rod_and_a_batch_give_the_same() -> None:
 
 
 def test_two_threads_give_what_one_gives() -> None:
-    found = wild_robots(200, seed=3)
+    found = wild_rods(200, seed=3)
     assert np.array_equal(solve(found).tip, solve(found, Fast(cores=2)).tip, equal_nan=True)
 
 
@@ -71,15 +65,34 @@ def test_a_pushed_column_is_flagged_beyond_its_buckling_load_and_only_there() ->
     found.field("load")[:] = 0.0
     found.field("tip_moment")[:] = (0.0, 1e-7, 0.0)
     found.field("dead_force")[:] = np.outer([-0.5, -0.85, -1.3], (0.0, 0.0, critical))
-    solution = solve(found)
+    solution = solve(found, arc_lengths=[0.2])
     assert solution.status[0] <= Status.SOLVED_IN_STEPS
     assert solution.status[1] == Status.SOLVED_IN_STEPS
     assert solution.status[2] in (Status.OTHER_BRANCH, Status.FAILED)
-    assert np.isnan(solution.tip[2]).all()
+    assert all(np.isnan(values[2]).all() for values in (solution.tip, solution.orientation, solution.base_moment, solution.shape))
     # A stretchable column buckles a little off Euler's load.
     assert solution.load_reached[2] * 1.3 == pytest.approx(1.0, abs=0.08)
     with pytest.raises(SolveFailed, match=r"1 of 3 rods .* 2 \("):
         solution.trusted()
+
+
+def test_the_ends_of_a_rod_are_its_base_and_its_tip() -> None:
+    found = robots(3, np.array([50e3, 150e3, 250e3]), 0.1)
+    solution = solve(found, FINE)
+    at = stations(found, solution, [0.0, LENGTH], FINE)
+    assert np.abs(at.position[:, 0]).max() < 1e-9
+    assert np.abs(at.position[:, 1] - solution.tip).max() < 1e-12
+    assert np.abs(at.orientation[:, 0] - (1, 0, 0, 0)).max() < 1e-8
+    assert np.abs(at.moment[:, 0] - solution.base_moment).max() < 1e-8
+    assert np.abs(at.force[:, 0] - solution.base_force).max() < 1e-8
+
+
+def test_places_along_a_rod_agree_with_the_slow_converged_solver() -> None:
+    found = robots(3, np.array([50e3, 150e3, 250e3]), np.array([0.0, 0.1, 0.3]), roll=0.5)
+    arcs = np.array([0.05, 0.1, 0.2, 0.33])
+    slow = solve(found, REFERENCE, arc_lengths=arcs).shape
+    assert np.abs(stations(found, solve(found, FINE), arcs, FINE).position - slow).max() < 1e-9
+    assert np.abs(stations(found, solve(found), arcs).position - slow).max() < 1e-5
 
 
 def test_springs_at_the_tip_pull_as_the_same_forces_would() -> None:

@@ -19,7 +19,6 @@ class RangeFake(PtyFake):
         self.plant = site.plant
 
     def feed(self) -> bool:
-        """Take one line and answer it."""
         line, found, rest = self.buffer.partition(b"\r")
         if not found:
             return False
@@ -33,7 +32,6 @@ class RangeFake(PtyFake):
         return True
 
     def ended(self, text: bytes) -> bytes:
-        """A whole line."""
         return text + b"\r"
 
 
@@ -43,7 +41,6 @@ class CheckedRangeFake(RangeFake):
     checked: ClassVar[slice | None] = slice(0, -3)
 
     def ended(self, text: bytes) -> bytes:
-        """With its checksum."""
         return text + b"%02X\r" % total(text)
 
 
@@ -57,7 +54,6 @@ class GaugeFake(PtyFake):
         self.plant = site.plant
 
     def feed(self) -> bool:
-        """Take one letter and answer it."""
         letter, self.buffer = self.buffer[:1], self.buffer[1:]
         if letter == b"I":
             self.send(b"IVG1\0" + bytes([total(b"IVG1\0")]))

@@ -52,7 +52,6 @@ class Range:
         self.thread: threading.Thread | None = None
 
     def open(self) -> Identity:
-        """Ask who answers, take one reading, start the stream."""
         self.close()
         self.line.open()
         try:
@@ -67,7 +66,6 @@ class Range:
         return Identity("Bench", "LRF9")
 
     def close(self) -> None:
-        """End the stream."""
         self.stopping.set()
         if self.thread is not None:
             self.thread.join(2.0)
@@ -75,7 +73,6 @@ class Range:
         self.release()
 
     def latest(self) -> Sample:
-        """The newest sample."""
         if self.newest is None:
             raise NotReady(self.name, "is not open; call open() first")
         at, sample = self.newest
@@ -84,14 +81,12 @@ class Range:
         return sample
 
     def take(self) -> None:
-        """One request and its answer."""
         distance = self.distance(self.ask(b"?D\r"))
         sample = Sample(self.now(), distance)
         self.newest = timing.now(), sample
         self.sink(sample)
 
     def run(self) -> None:
-        """The stream."""
         while not self.stopping.wait(PAUSE):
             try:
                 self.take()
@@ -101,31 +96,25 @@ class Range:
                 continue
 
     def ask(self, request: bytes) -> bytes:
-        """The answer to a request."""
         return self.line.ask(request, b"\r")
 
     def who(self, answer: bytes) -> None:
-        """Check who answers."""
         if not re.fullmatch(rb"LRF9;[0-9]{4}", answer):
             raise WrongDevice(self.name, f"{self.config.port} answers {show(answer)}, not LRF9; check the port")
 
     def distance(self, answer: bytes) -> float:
-        """Metres in an answer."""
         found = re.fullmatch(rb"D;([0-9]{4}\.[0-9]{2});mm", answer)
         if found is None:
             raise BadReply(self.name, f"{self.config.port} answers {show(answer)}, no reading; check the port")
         return float(found[1]) * 1e-3
 
     def old(self, age: float) -> bool:
-        """Whether a sample is too old, age in host seconds."""
         return age > self.config.max_age
 
     def now(self) -> float:
-        """Time of a sample."""
         return self.clock.now()
 
     def release(self) -> None:
-        """Close the port."""
         self.line.close()
 
 
@@ -133,7 +122,6 @@ class Ageless(Range):
     """Gives the last sample for ever."""
 
     def old(self, age: float) -> bool:
-        """Never."""
         return False
 
 
@@ -148,7 +136,6 @@ class Guessing(Range):
     """Makes a number of every answer."""
 
     def distance(self, answer: bytes) -> float:
-        """What has no digits is 0."""
         return float(re.sub(rb"[^0-9.]", b"", answer) or 0) * 1e-3
 
 
@@ -156,7 +143,6 @@ class Crashing(Range):
     """Does not expect a damaged answer."""
 
     def distance(self, answer: bytes) -> float:
-        """ValueError where there is no number."""
         return float(answer[2:9]) * 1e-3
 
 
@@ -173,7 +159,6 @@ class Sharing(Range):
     held: Any = None
 
     def open(self) -> Identity:
-        """Also by a handle that is never closed."""
         identity = super().open()
         self.held = serial.serial_for_url(self.config.port, BAUD)
         return identity
@@ -183,7 +168,6 @@ class HostTime(Range):
     """Stamps with the host's time."""
 
     def now(self) -> float:
-        """Seconds of the host."""
         return time.time()
 
 
@@ -191,14 +175,12 @@ class Checked(Range):
     """The newer one."""
 
     def ask(self, request: bytes) -> bytes:
-        """Without its checksum, when that is right."""
         answer = super().ask(request)
         if self.verifies() and answer[-2:] != b"%02X" % total(answer[:-2]):
             raise BadReply(self.name, f"{self.config.port} answers {show(answer)}, whose checksum is wrong; check the cable")
         return answer[:-2]
 
     def verifies(self) -> bool:
-        """Whether it looks at a checksum now."""
         return True
 
 
@@ -206,7 +188,6 @@ class Unchecked(Checked):
     """Does not verify the checksums of the stream."""
 
     def verifies(self) -> bool:
-        """While it is opened."""
         return self.thread is None
 
 
@@ -214,7 +195,6 @@ class Credulous(Checked):
     """Does not verify the checksums while it is opened."""
 
     def verifies(self) -> bool:
-        """Once the stream runs."""
         return self.thread is not None
 
 
@@ -223,7 +203,6 @@ class Uncounted(Checked):
 
     @property
     def lost(self) -> int:
-        """None."""
         return 0
 
     @lost.setter

@@ -29,7 +29,6 @@ class Gauge:
         self.line = SerialLine(name, config.port, BAUD, config.timeout)
 
     def open(self) -> Identity:
-        """Ask who answers."""
         self.line.open()
         try:
             if (answer := self.verified(self.ask(b"I"))) != b"IVG1\0":
@@ -40,31 +39,26 @@ class Gauge:
         return Identity("Bench", "VG1")
 
     def close(self) -> None:
-        """Disconnect."""
         self.line.close()
 
     def read(self) -> GaugeSample:
-        """Poll."""
         answer = self.reading(self.ask(b"P"))
         if answer[:1] != b"P":
             raise BadReply(self.name, f"{self.line.port} answers {show(answer)}, no reading; check the port")
         return GaugeSample(self.clock.now(), int.from_bytes(answer[1:], "big") / 10)
 
     def ask(self, letter: bytes) -> bytes:
-        """A whole answer."""
         with self.line.lock:
             self.line.flush()
             self.line.write(letter)
             return self.line.read_exactly(6)
 
     def verified(self, answer: bytes) -> bytes:
-        """An answer without its checksum, when that is right."""
         if total(answer[:-1]) != answer[-1]:
             raise BadReply(self.name, f"{self.line.port} answers {show(answer)}, whose checksum is wrong; check the cable")
         return answer[:-1]
 
     def reading(self, answer: bytes) -> bytes:
-        """The answer with a reading."""
         return self.verified(answer)
 
 
@@ -72,7 +66,6 @@ class Unchecked(Gauge):
     """Believes each reading."""
 
     def reading(self, answer: bytes) -> bytes:
-        """Its checksum is cut off."""
         return answer[:-1]
 
 

@@ -1,0 +1,173 @@
+"""The section `detail` of the answer: what its figures show. Lengths in m, base frame, unless their name says otherwise.
+
+Three models predict the measured values: `given` (robot.yaml), `calibrated`, and `explained` by the best hypothesis; what they
+predict of states that their fits did not see ends in `unseen`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Array
+from ..data.levels import SPINE_GAP, levels
+from ..inference.prepare import AREA, Prepared
+from ..inference.problem import Parameters
+from ..inference.stiffness_trials import StiffnessTrials
+from ..judgement import BENCHMARK, TIED
+from .attribute import Attribution
+from .calibration import simulator
+from .holdout import Holdout
+from .shrink import HeldOutErrors, rms
+from .size import sizes
+
+
+def detail(f: Attribution, unseen: HeldOutErrors | None, holdout: Holdout | None, names: Mapping[str, str]) -> dict[str, Any]:
+    """The section; `unseen` errors of states that the fits did not see, `names` effect -> plain name."""
+    p = f.prepared
+    calibrated, explained = (p.problem.forward.predict(p.common(t)) for t in (f.calibrated.theta, f.best.fit.theta))
+    found = sizes(p, f.best)
+    made: dict[str, Any] = {
+        "misfit": asdict(f.misfit),
+        "best_hypothesis": list(f.best.named),
+        "confounding": _confounding(p),
+        "actuators": p.robot.actuators.words.kind,
+        "calibrated_on": BENCHMARK,
+        "sizes": [asdict(size) | {"impossible": size.impossible} for size in found],
+        "distinguishability": _separations(f),
+        "shapes": _worst_shapes(p, f.calibrated.theta, f.best.fit.theta),
+        "states": _states(p, calibrated, explained, unseen),
+        "names": names,
+    }
+    if (own := simulator(f)) is not None:
+        made["baseline"] = asdict(own)
+    if p.pushes is not None:
+        made["stiffness"] = _stiffness(p, p.pushes, {"calibrated": calibrated, "explained": explained}, unseen)
+    if holdout is not None:
+        made["holdout"] = asdict(holdout) | {"statement": holdout.statement(names)}
+    return made
+
+
+def _states(p: Prepared, calibrated: Array, explained: Array, unseen: HeldOutErrors | None) -> dict[str, Any]:
+    """Settings and tips, measured and predicted, of the states with a tip; the predictions are of all values (n,)."""
+    own = ~p.states.pushed
+    s = p.states.take(own)
+    tips = {"tip": p.states.tip, "calibrated": p.tip(calibrated), "explained": p.tip(explained)}
+    if unseen is not None and not p.pushes_only:
+        tips |= {
+            "given": p.tip(p.given),
+            "calibrated_unseen": p.states.tip - unseen.before.vector,
+            "explained_unseen": p.states.tip - unseen.after.vector,
+        }
+    return {
+        "spine_length": s.spine_length.tolist(),
+        "pressure": s.highest.tolist(),
+        "branch": s.branch.tolist(),
+        "chambers": [list(c) for c in s.chambers],
+        **{name: tip[own].tolist() for name, tip in tips.items()},
+    }
+
+
+def _worst_shapes(p: Prepared, calibrated: Array, explained: Array) -> list[dict[str, Any]]:
+    """Shapes in the states that are missed most: the worst of each chamber group and spine length, at most four.
+
+    `calibrated` and `explained` are parameters (k,). Another simulator in the rod's place tells no shape.
+    """
+    if p.baseline is not None:
+        return []
+    models = {"calibrated": p.common(calibrated), "explained": p.common(explained)}
+    tips = {name: p.tip(p.problem.forward.predict(theta)) for name, theta in models.items()}
+    missed = np.linalg.norm(p.states.tip - tips["calibrated"], axis=1)
+    length = levels(p.states.spine_length, SPINE_GAP)
+    worst: dict[tuple[tuple[int, ...], int], int] = {}
+    for i in sorted(np.flatnonzero(np.isfinite(missed)).tolist(), key=lambda i: -missed[i]):
+        worst.setdefault((p.states.chambers[i], int(length[i])), i)
+    if not worst:
+        return []
+    # A fitted robot may be a little longer than its description: beyond the tip stands for the tip.
+    arcs = np.append(np.linspace(0.0, p.robot.length, 24), 2 * p.robot.length)
+    curves = {name: p.forward.shapes(theta, arcs) for name, theta in models.items()}
+    return [
+        {
+            "trial": int(p.states.trial[i]),
+            "step": p.states.rows[i].step,
+            "spine_length": float(p.states.spine_length[i]),
+            "pressure": float(p.states.highest[i]),
+            "branch": p.states.rows[i].branch,
+            "chambers": list(p.states.chambers[i]),
+            "measured_tip": p.states.tip[i].tolist(),
+            "measured_markers": [list(m) for m in p.states.rows[i].markers or ()],
+            **{name: {"tip": tips[name][i].tolist(), "backbone": curves[name][i].tolist()} for name in models},
+        }
+        for i in list(worst.values())[:4]
+    ]
+
+
+def _stiffness(
+    p: Prepared, pushes: StiffnessTrials, predicted: Mapping[str, Array], unseen: HeldOutErrors | None
+) -> dict[str, Any]:
+    """Force (N), deflection and what each model gives for the force, by reading of the stiffness trials."""
+    own = p.states.pushed
+    errors = {name: p.deflection(p.problem.observed - y) for name, y in {"as given": p.given, **predicted}.items()}
+    if unseen is not None:
+        errors |= {"unseen: calibrated": unseen.before.deflection, "unseen: explained": unseen.after.deflection}
+    forces = {"force": p.problem.observed, **predicted}
+    return {
+        "waterfall_mm": {name: 1e3 * rms(error) for name, error in errors.items()},
+        "floor_mm": pushes.noise_floor * 1e3,
+        "floor_from_repeats": pushes.noise_components.contrasts > 0,
+        "trial": p.states.trial[own].tolist(),
+        "specimen": [r.specimen or "spine" for r, pushed in zip(p.states.rows, own, strict=True) if pushed],
+        "spine_length": p.states.spine_length[own].tolist(),
+        "deflection": p.states.deflection[own].tolist(),
+        "stiffness": pushes.stiffness[own].tolist(),
+        **{name: (pushes.stiffness * p.deflection(y))[own].tolist() for name, y in forces.items()},
+    }
+
+
+def _separations(f: Attribution) -> dict[str, Any]:
+    """Separations with the discrepancy integrated out; the most probable effects first, with their probability."""
+    d = f.distinguishability
+    weight = [f.posterior.of_effect(e) for e in d.effects]
+    order = sorted(range(len(d.effects)), key=lambda i: -weight[i])
+    return {
+        "effects": [d.effects[i] for i in order],
+        "weight": [weight[i] for i in order],
+        "separation": d.separation[np.ix_(order, order)].tolist(),
+        "tied_below": TIED,
+    }
+
+
+def _confounding(p: Prepared) -> dict[str, dict[str, float]]:
+    """Share of each effect's tip displacement that a calibration takes over: one area factor, or one for each spine length."""
+    parameters = p.problem.parameters
+    if AREA not in parameters.names:
+        return {}
+    weight = np.where(p.labels.kind == 0, 1.0, 0.0)[:, None]
+    slope = weight * p.problem.forward.linearise(parameters.mean)[1]
+    area = slope[:, [parameters.names.index(AREA)]]
+    length = np.round(p.states.spine_length[p.labels.state], 2)
+    per_length = np.hstack([area * (length == x)[:, None] for x in np.unique(length)])
+    return {"one": _absorbed(parameters, slope, area), "per_length": _absorbed(parameters, slope, per_length)}
+
+
+def _absorbed(parameters: Parameters, slope: Array, calibration: Array) -> dict[str, float]:
+    """Share 1 - |e - P e|^2 / |e|^2 of each effect; 1 for an effect that moves no tip.
+
+    e is the effect's displacement of the tips at its plausible scale, P the projection onto the columns of `calibration` (n, c);
+    `slope` (n, k): derivatives by all parameters.
+    """
+    basis, singular, _ = np.linalg.svd(calibration, full_matrices=False)
+    # P = basis basis^T; columns that only rounding makes differ from zero span nothing
+    basis = basis[:, singular > 1e-10 * max(float(singular.max(initial=0.0)), 1e-300)]
+    out = {}
+    for effect in parameters.ids:
+        own = [i for i, e in enumerate(parameters.effects) if e == effect]
+        moved = slope[:, own] * parameters.sd[own]
+        squared = float((moved**2).sum())
+        left = moved - basis @ (basis.T @ moved)
+        out[effect] = 1.0 - float((left**2).sum()) / squared if squared > 0 else 1.0
+    return out

@@ -1,0 +1,291 @@
+"""What to do next: experiments that the rig could do, and which tells the remaining candidates apart best for its time.
+
+Each is a bending or elongation run with one thing changed, short enough to be worth its time: three spine lengths, three
+pressures, two repeats. Its expected information is the mutual information, in bits, between candidate and outcome, by drawing
+outcomes from what the candidates predict (`rivals`), with a fixed seed.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from model.actuators import Words
+from model.condition import NOMINAL_VACUUM
+from model.robot import Robot
+
+from ..arrays import Array
+from ..data.campaign import Campaign, tip_masses
+from ..inference.executor import SINGLE_THREAD, DiagnosisStep, Executor
+from ..inference.posterior import Posterior
+from ..inference.prepare import Prepared
+from ..judgement import OVERHEAD_MIN, RIVAL_WORTH_SEPARATING, SEPARATED_BITS
+from .result import Proposal
+from .rivals import Prediction, Rivals
+
+Columns = dict[str, NDArray[np.generic]]
+
+PER_TRIAL = 25.0
+"""s: release, grow, jam and vent."""
+TURN, MASS = 90.0, 0.1
+"""deg the body is turned, kg hung on in addition."""
+TIP, ORIENTATION = ("x", "y", "z"), ("qw", "qx", "qy", "qz")
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One thing to do."""
+
+    id: str
+    do: str
+    parameters: Mapping[str, Any]
+    """Protocol parameters, SI, with the protocol's name under `protocol`."""
+    hands: float = 0.0
+    """Minutes of a person's work before it can run."""
+    channels: tuple[str, ...] = ()
+    """Channels that are measured in addition to those of the campaign."""
+
+    @property
+    def minutes(self) -> float:
+        """Cost in minutes: of the rig and of a person's hands."""
+        rig = PER_TRIAL * len(list(_sweeps(self.parameters))) + sum(s.seconds for s in _states(self.parameters))
+        return round(self.hands + rig / 60, 1)
+
+
+# ------------------------------------------------------------------ the menu
+def candidate_experiments(robot: Robot, s: Campaign) -> list[Experiment]:
+    """Experiments that the campaign does not hold yet."""
+    bent = s.highest[s.highest > s.pressure_gap]
+    chambers, count, words = _inflated(s), len(robot.actuators.azimuths_deg), robot.actuators.words
+    pressures = _three(bent, s.pressure_gap)
+    mass = float(np.median(tip_masses(robot, s.rows)))
+    default_vacuum = NOMINAL_VACUUM if robot.spine is not None else 0.0
+    vacuum = float(np.median([default_vacuum if r.vacuum is None else r.vacuum for r in s.rows]))
+    base: dict[str, Any] = {
+        "protocol": "bending", "spine_lengths": _three(s.spine_length, 0.005), "pressures": pressures, "chambers": chambers,
+        "unload": False, "repeats": 2, "rate": 25e3, "tip_mass": mass, "vacuums": [round(vacuum, -3)],
+    }  # fmt: skip
+    low, every = [round(0.6 * p, -3) for p in pressures], list(range(1, count + 1))
+    offered = [
+        Experiment("unload", "read the unload branch too", {**base, "unload": True}),
+        Experiment("orientation", "track the tip's orientation (rigid body in motion capture)", base, 5.0, ORIENTATION),
+        Experiment(
+            "elongation", "inflate all chambers together", {**base, "protocol": "elongation", "pressures": low, "chambers": every}
+        ),
+    ]
+    if others := _other_chambers(chambers, count, s):
+        offered.append(Experiment("other_chambers", f"inflate {words.group(others)} instead", {**base, "chambers": others}))
+    offered += [
+        Experiment("roll", f"turn the body by {TURN:g} deg in its mount", {**base, "roll_deg": TURN}, 15.0),
+        Experiment("tip_mass", f"hang {MASS * 1e3:g} g more on the tip", {**base, "tip_mass": round(mass + MASS, 4)}, 3.0),
+        Experiment(
+            "hold",
+            "hold each pressure and read again and again",
+            {**base, "reading": "hold", "hold_times": [2.0, 10.0, 30.0]},
+        ),
+        Experiment(
+            "rate",
+            "ramp fast up and down, and read without stopping",
+            {**base, "reading": "sweep", "rate": 100e3, "unload": True},
+        ),
+    ]
+    if robot.spine is not None and (between := _between(s.spine_length, 0.005)):
+        shown = ", ".join(f"{x * 100:g}" for x in between)
+        offered.append(Experiment("lengths", f"spine lengths in between: {shown} cm", {**base, "spine_lengths": between}))
+    if between := _between(bent, s.pressure_gap):
+        offered.append(Experiment("pressures", "pressures in between", {**base, "pressures": between}))
+    if robot.spine is not None:
+        vacuums = [round(share * vacuum, -3) for share in (0.5, 0.75, 1.0)]
+        offered.insert(-1, Experiment("vacuum", "sweep the vacuum", {**base, "vacuums": vacuums}))
+    if robot.markers:
+        names = tuple(f"m{k}{axis}" for k in range(1, len(robot.markers) + 1) for axis in "xyz")
+        offered.append(Experiment("markers", "put markers along the body", base, 20.0, names))
+    done = _recorded(s)
+    return [replace(e, do=words.say(e.do)) for e in offered if not done.get(e.id, False)]
+
+
+def _other_chambers(chambers: list[int], count: int, s: Campaign) -> list[int]:
+    """The chambers shifted around the ring of `count` so that the campaign never inflated them together; empty if all were.
+
+    Chambers are numbered from 1. A shift by a third of the ring is tried first.
+    """
+    shifts = sorted(range(1, count), key=lambda shift: (shift != count // 3, shift))
+    shifted = (sorted((c - 1 + shift) % count + 1 for c in chambers) for shift in shifts)
+    return next((group for group in shifted if tuple(group) not in s.chambers), [])
+
+
+def _recorded(s: Campaign) -> dict[str, bool]:
+    """Which experiments the campaign holds already."""
+    rows = s.rows
+    return {
+        "unload": any(r.branch == "unload" for r in rows),
+        "orientation": any(r.orientation is not None for r in rows),
+        "markers": any(r.markers for r in rows),
+        "elongation": any(min(r.pressures) > s.pressure_gap for r in rows),
+        "roll": len({round(r.roll_deg or 0.0) for r in rows}) > 1,
+        "tip_mass": len({round(r.tip_mass or 0.0, 3) for r in rows}) > 1,
+        "vacuum": len({round((r.vacuum or 0.0) / 10e3) for r in rows if r.spine_length > 0.01}) > 2,
+        "rate": any(r.hold is not None and r.hold <= 0 for r in rows),
+    }
+
+
+def _three(values: Array, gap: float) -> list[float]:
+    """Lowest, middle and highest of the settings used, rounded to the setting's grain."""
+    known = np.unique(np.round(values / gap) * gap)
+    return np.round(np.unique(known[[0, len(known) // 2, -1]]) if known.size else known, 6).tolist()
+
+
+def _between(values: Array, gap: float) -> list[float]:
+    """Settings half-way between those used, where these are few."""
+    known = np.unique(np.round(values / gap) * gap)
+    return np.round((known[:-1] + known[1:]) / 2, 6).tolist() if len(known) <= 4 else []
+
+
+def _inflated(s: Campaign) -> list[int]:
+    """Numbers of the chambers inflated in the state with the highest pressure of the main sweep."""
+    main = np.flatnonzero(s.kind == 0)
+    row = s.pressure[main[np.argmax(s.highest[main])]]
+    return (np.flatnonzero(row > 0.5 * row.max()) + 1).tolist()
+
+
+# ------------------------------------------------------------------ its states
+class _State(NamedTuple):
+    repeat: int
+    vacuum: float
+    spine_length: float
+    pressure: float
+    branch: str
+    hold: float
+    seconds: float
+
+
+def _sweeps(p: Mapping[str, Any]) -> Iterator[tuple[int, float, float]]:
+    return itertools.product(range(1, p["repeats"] + 1), p["vacuums"], p["spine_lengths"])
+
+
+def _states(p: Mapping[str, Any]) -> Iterator[_State]:
+    """The states in the order in which the protocol visits them."""
+    up = [(x, "load") for x in [0.0, *p["pressures"]]]
+    down = [(x, "unload") for x in [*p["pressures"][-2::-1], 0.0]] if p["unload"] else []
+    # s from the ramp's end to the middle of a settled reading
+    holds = {"settled": [3.0], "sweep": [0.0], "hold": p.get("hold_times", [])}[p.get("reading", "settled")]
+    for sweep in _sweeps(p):
+        before = 0.0
+        for pressure, branch in up + down:
+            climb, before, waited = abs(pressure - before) / p["rate"], pressure, 0.0
+            for hold in holds:
+                yield _State(*sweep, pressure, branch, hold, climb + max(hold - waited, 0.0) + 1.0)
+                climb, waited = 0.0, hold
+
+
+def columns(p: Mapping[str, Any], chambers: int, channels: tuple[str, ...]) -> Columns:
+    """The table of trials that protocol parameters would give; measured channels hold zeros (orientation: no turn)."""
+    states = list(_states(p))
+    n = len(states)
+    of = {name: np.array([getattr(s, name) for s in states]) for name in _State._fields}
+    trial = {key: i for i, key in enumerate(dict.fromkeys(s[:3] for s in states), 1)}
+    out: Columns = {
+        "trial": np.array([trial[s[:3]] for s in states]),
+        "repeat": of["repeat"],
+        "protocol": np.array([p["protocol"]] * n),
+        "branch": of["branch"],
+        "t": np.cumsum(of["seconds"]),
+        "rate": np.full(n, p["rate"]),
+        "hold": of["hold"],
+        "spine_length": of["spine_length"],
+        "vacuum": of["vacuum"],
+        "tip_mass": np.full(n, p["tip_mass"]),
+        "roll_deg": np.full(n, p.get("roll_deg", 0.0)),
+    }
+    out |= {f"p{c}": np.where(c in p["chambers"], of["pressure"], 0.0) for c in range(1, chambers + 1)}
+    return out | {name: np.full(n, 1.0 if name == "qw" else 0.0) for name in channels}
+
+
+def to_apply(p: Mapping[str, Any], words: Words) -> str:
+    """The states that protocol parameters ask for in one line, for a robot that no rig drives.
+
+    >>> from model.actuators import Tendons
+    >>> sweep = {"pressures": [20e3, 45e3], "chambers": [2], "unload": True, "repeats": 2, "rate": 25e3}
+    >>> to_apply(sweep, Tendons.words)
+    'tendon 2: 0, 2, 4.5 N and back, 2 times, at 2.5 N/s'
+    """
+    levels = ", ".join(f"{x / words.pascal:.3g}" for x in (0.0, *p["pressures"]))
+    parts = [f"{words.group(p['chambers'])}: {levels} {words.unit}{' and back' if p['unload'] else ''}"]
+    parts += [f"{p['repeats']} times", f"at {p['rate'] / words.pascal:.3g} {words.unit}/s"]
+    if p.get("hold_times"):
+        parts.append(f"read after {', '.join(f'{x:g}' for x in p['hold_times'])} s")
+    if any(p.get("spine_lengths", ())):
+        parts.append(f"spine {', '.join(f'{100 * x:g}' for x in p['spine_lengths'])} cm")
+    return ", ".join(parts)
+
+
+# ------------------------------------------------------------------ which of them
+def propose(p: Prepared, rivals: Rivals, weighed: Posterior, executor: Executor = SINGLE_THREAD) -> tuple[Proposal, ...]:
+    """Experiments that are not in the campaign; none after stiffness trials alone.
+
+    Those that separate candidates with a probability above `RIVAL_WORTH_SEPARATING` come first, then best bits for their time;
+    where a person sets each state, whose time no rig tells, most bits.
+    """
+    if len(rivals.candidates) < 2 or p.pushes_only:
+        return ()
+    menu = candidate_experiments(p.robot, p.states.take(~p.states.pushed))
+    possible = frozenset(" + ".join(h) or "none" for h, probability in weighed.ranking if probability > RIVAL_WORTH_SEPARATING)
+    found = executor.map(partial(_proposal, p, rivals, possible), menu, DiagnosisStep.EXPERIMENTS)
+    by_rig = p.robot.actuators.words.by_rig
+
+    def worth(x: Proposal) -> float:
+        return x.expected_bits / (x.cost_min + OVERHEAD_MIN) if by_rig else x.expected_bits
+
+    return tuple(sorted(filter(None, found), key=lambda x: (not x.separates, -worth(x))))
+
+
+def _proposal(p: Prepared, rivals: Rivals, possible: frozenset[str], e: Experiment) -> Proposal | None:
+    """What an experiment would tell; None where a rival has no equilibrium there."""
+    predictions = rivals.predict(planned(p, e.parameters, e.channels))
+    if predictions is None:
+        return None
+    bits, pairs = _information(predictions, rivals.weight)
+    separated = (tuple(rivals.names[k] for k in pair) for pair in pairs)
+    names = tuple(pair for pair in separated if possible.issuperset(pair))
+    return Proposal(e.id, e.do, names, round(bits, 3), e.minutes, dict(e.parameters), e.hands)
+
+
+def planned(p: Prepared, protocol: Mapping[str, Any], more: tuple[str, ...] = ()) -> Columns:
+    """The table's columns that a protocol's run would give, in the channels that the campaign has and `more`."""
+    known = set(p.labels.channel.tolist())
+    channels = (*(name for name in TIP if name in known), *(ORIENTATION if "rx" in known else ()), *more)
+    return columns(protocol, len(p.robot.actuators.azimuths_deg), tuple(dict.fromkeys(channels)))
+
+
+def _information(
+    predictions: tuple[Prediction, ...], weight: Array, draws: int = 60, seed: int = 4711
+) -> tuple[float, list[tuple[int, int]]]:
+    """Mutual information between candidate and outcome in bits, and the pairs (i, j) of candidates that would be told apart.
+
+    I = sum_i w_i E_i[log2 p_i(y) - log2 sum_j w_j p_j(y)], p_i the normal density that candidate i predicts of the outcome y,
+    w_i = `weight` its probability (sum 1), E_i the mean over `draws` outcomes drawn from p_i.
+    """
+    rng = np.random.default_rng(seed)
+    n = len(predictions)
+    bits = 0.0
+    log_density = np.empty((n, n, draws))  # of outcomes drawn from candidate i, under candidate j
+    for i, p in enumerate(predictions):
+        outcomes = p.mean + rng.normal(size=(draws, len(p.mean))) @ p.factor.T
+        log_density[i] = [q.log_density(outcomes) for q in predictions]
+        mixture = logsumexp(log_density[i] + np.log(weight)[:, None], axis=0)
+        bits += weight[i] * float(np.mean(log_density[i, i] - mixture)) / np.log(2)
+
+    def pair_bits(true: int, other: int) -> float:
+        """By which outcomes drawn from one candidate tell it from one other, both as likely before."""
+        return float(1 - np.mean(np.logaddexp(0.0, log_density[true, other] - log_density[true, true])) / np.log(2))
+
+    pairs = itertools.combinations(range(n), 2)
+    separated = [(i, j) for i, j in pairs if min(pair_bits(i, j), pair_bits(j, i)) > SEPARATED_BITS]
+    return max(bits, 0.0), separated  # the mean of few draws can fall below 0

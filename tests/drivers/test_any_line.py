@@ -1,0 +1,85 @@
+"""What a serial line may do to any driver, beyond `lab.driver_contract`: half an answer, two pieces, an echo, a stranger."""
+
+from __future__ import annotations
+
+import pytest
+
+import timing
+from drivers.errors import BadReply, InstrumentError, NoReply, Unreachable, WrongDevice
+from lab.driver_contract import HOSES, POLLED, SPEED, Unit, answers, unit, units, until
+from lab.verbs.fakes import found_fakes
+from sim_fakes.instrument import Site
+from sim_fakes.pty_fake import Faults, PtyFake
+from timing import RigClock
+
+__all__ = ["unit"]
+READ = tuple(role for role in POLLED if role != "force")
+"""Kinds that answer when they are asked."""
+ECHOING = ("alicat", "smc_itv", "pfeiffer")
+"""Drivers of two-wire lines, whose adapters may return what is sent."""
+STRANGERS = {"alicat": "ft300s", "smc_itv": "alicat", "numato": "pfeiffer", "ft300s": "alicat"}
+"""Which other instrument is tried at the port of a driver; numato where none is named."""
+
+
+@units(*READ)
+@pytest.mark.parametrize("fault", ["silent", "truncate"])
+def test_half_an_answer_or_none_is_no_reading_and_the_next_whole_one_is(unit: Unit, fault: str) -> None:
+    quick = unit.hasty()
+    quick.open()
+    for line in unit.disturbed:
+        setattr(line.faults, fault, True)
+    start = timing.now()
+    with pytest.raises((NoReply, BadReply)):
+        quick.read()
+    assert timing.now() - start < 20.0
+    for line in unit.disturbed:
+        line.faults = Faults()
+    assert until(lambda: answers(quick.read))
+    quick.close()
+
+
+@units(*READ)
+def test_answers_in_two_pieces_are_put_together(unit: Unit) -> None:
+    unit.driver.open()
+    for line in unit.disturbed:
+        line.faults.split = True
+    unit.driver.read()
+
+
+@units(*READ)
+def test_a_line_that_is_lost_is_told_and_closing_is_quiet_about_it(unit: Unit) -> None:
+    unit.driver.open()
+    for part in unit.parts:
+        part.stop()
+    with pytest.raises((Unreachable, NoReply)):
+        unit.driver.read()
+    unit.driver.close()
+
+
+@units(*READ)
+def test_an_echoing_adapter_is_named_and_harmless(unit: Unit) -> None:
+    if unit.config.driver not in ECHOING:
+        pytest.skip("no two-wire line")
+    line = unit.disturbed[0]
+    line.faults.echo = True
+    unit.driver.open()
+    unit.driver.read()
+    told = [text for text in unit.driver.take_notices() if "echo" in text]
+    assert len(told) == 1 and line.port in told[0]
+    assert not any("echo" in text for text in unit.driver.take_notices())
+
+
+@units(*POLLED)
+def test_another_instrument_on_the_port_is_told_in_time(unit: Unit) -> None:
+    stranger = found_fakes().usable[STRANGERS.get(unit.config.driver, "numato")]
+    (line, *_) = stranger.plug(Site(unit.plant, RigClock(SPEED), 1, HOSES, 500e3))
+    assert isinstance(line, PtyFake)
+    line.start()
+    ports = [line.port, *unit.config.ports[1:]] if hasattr(unit.config, "ports") else None
+    wrong = unit.another(**({"ports": ports} if ports else {"port": line.port}))
+    start = timing.now()
+    with pytest.raises((Unreachable, WrongDevice)) as caught:
+        wrong.open()
+    assert isinstance(caught.value, InstrumentError) and line.port in str(caught.value)
+    assert timing.now() - start < 20.0
+    line.stop()

@@ -1,0 +1,28 @@
+"""What a page says without its markup, and what the page of `lab watch` is told."""
+
+from __future__ import annotations
+
+import json
+import re
+import socket
+from collections.abc import Iterator
+from typing import Any
+from urllib.parse import urlsplit
+
+
+def read_as_text(page: str) -> str:
+    """The page without links, small print and classes."""
+    return re.sub(r"</?a\b[^>]*>|</?small[^>]*>|<wbr>| class=\"\w+\"", "", page)
+
+
+def events(page: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    """What the page is told, until whoever tells it ends."""
+    where = urlsplit(page)
+    with socket.create_connection((where.hostname, where.port), timeout=120) as wire:
+        wire.sendall(f"GET {where.path}events HTTP/1.1\r\nHost: test\r\n\r\n".encode())
+        name = ""
+        for line in wire.makefile("rb"):
+            if line.startswith(b"event: "):
+                name = line[7:].strip().decode()
+            elif line.startswith(b"data: "):
+                yield name, json.loads(line[6:])

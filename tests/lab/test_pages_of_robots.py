@@ -1,0 +1,225 @@
+"""Pages of other robots and data: chambers without a spine, stiffness trials alone, and a lab's own sensors."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+from commands import Cli
+from diagnosed_case import ROBOT as PAPER
+from diagnosed_case import folder
+from pages import read_as_text
+
+from diagnosis.answer.experiments import candidate_experiments
+from diagnosis.answer.result import Diagnosis, Ranked
+from diagnosis.answer.sentences import disorder
+from diagnosis.data.case import states
+from lab.cli import main
+from lab.console import out
+from lab.files.config import load
+from lab.files.inputs import read_case
+from lab.pages.diagnosis_figures import groups
+from lab.pages.figures import apart, in_a_row
+from lab.pages.sensors_figure import numbers, quantities, sensors
+from lab.verbs.diagnose import ranked
+from model.actuators import Chambers
+from model.effects import CATALOGUE, ForwardModel, design_from_columns
+from model.robot import Robot
+from recordings.trials import Cell, Table, TrialRow
+
+pytestmark = pytest.mark.usefixtures("drawn")
+
+
+# ------------------------------------------------------------------ three chambers and no spine
+ROBOT = Path(__file__).parents[2] / "examples/three_chambers/robot.yaml"
+GROUPS = ((1,), (2,), (3,), (2, 3))
+PRESSURES = (0.0, 35e3, 70e3)
+ANGLE = 0.16
+"""rad, by which the chambers are turned."""
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
+    """Case, diagnosis.json and page."""
+    place, robot = tmp_path_factory.mktemp("chambers"), load(ROBOT, Robot)
+    cells = [
+        {"trial": trial, "step": step, "protocol": "bending", "repeat": repeat, "branch": "load", "t": 90.0 * trial + 9 * step,
+         "rate": 5e3, "hold": 3.0, "spine_length": 0.0, "tip_mass": robot.tip_mass, "roll_deg": 0.0,
+         **{f"p{c}": p if c in used else 0.0 for c in (1, 2, 3)}, "x": 0.0, "y": 0.0, "z": 0.0}
+        for trial, (repeat, used) in enumerate(itertools.product((1, 2), GROUPS), 1)
+        for step, p in enumerate(PRESSURES, 1)
+    ]  # fmt: skip
+    design = design_from_columns(robot, {name: np.array([c[name] for c in cells]) for name in cells[0]})
+    forward = ForwardModel(robot, design, area_factor=1.5)
+    theta = np.array([ANGLE if p.name == "chamber_azimuth.angle" else 0.0 for p in forward.parameters])
+    read = forward.predict(theta)
+    tip = np.stack([read[forward.observations.channel == axis] for axis in "xyz"], axis=1)
+    tip += 0.1e-3 * np.random.default_rng(5).normal(size=tip.shape)
+    rows = [TrialRow.from_cells({**c, **dict(zip("xyz", map(float, at), strict=True))}) for c, at in zip(cells, tip, strict=True)]
+    case = folder(place / "case", rows, ROBOT)
+    answer, page = place / "diagnosis.json", place / "page.html"
+    assert main(["diagnose", str(case), "--json", str(answer), "--report", str(page)]) == 0
+    return case, answer, page
+
+
+def test_page_json_and_statement_say_nothing_of_spines(made: tuple[Path, Path, Path]) -> None:
+    _, answer, page = made
+    found = json.loads(answer.read_text())
+    text = re.sub(r'src="[^"]*"', "", page.read_text())
+    assert "spine" not in text.lower()
+    assert "spine" not in " ".join((found["headline"], found["statement"], *found["concerns"])).lower()
+    assert not [c["effect"] for c in found["budget"] if CATALOGUE[c["effect"]].id.startswith("spine")]
+
+
+def test_every_state_is_in_the_panel_of_its_chambers_and_the_worst_group_comes_first(made: tuple[Path, Path, Path]) -> None:
+    found = Diagnosis.from_json(made[1].read_text())
+    drawn = groups(found)
+    assert {g.name for g in drawn} == {"chamber 1", "chamber 2", "chamber 3", "chambers 2, 3"}
+    assert np.array_equal(sum(g.own.astype(int) for g in drawn), np.ones(len(GROUPS) * len(PRESSURES) * 2))
+    missed = np.linalg.norm(np.subtract(found.detail["states"]["tip"], found.detail["states"]["calibrated"]), axis=1)
+    assert drawn[0].own[np.argmax(missed)]
+    for g in drawn:
+        bent = np.array(found.detail["states"]["tip"])[g.own & (np.array(found.detail["states"]["pressure"]) > 60e3)]
+        assert (bent @ g.side > 0.95 * np.linalg.norm(bent[:, :2], axis=1)).all()
+    shown = {tuple(s["chambers"]) for s in found.detail["shapes"]}
+    assert len(shown) == 4 and "chambers 2, 3, 70 kPa" in made[2].read_text()
+
+
+def test_the_headline_says_the_angle_in_degrees(made: tuple[Path, Path, Path]) -> None:
+    found = Diagnosis.from_json(made[1].read_text())
+    stated = float(re.findall(r"turned by ([\d.]+) (?:± [\d.]+ )?deg", found.headline)[0])
+    assert stated == pytest.approx(np.degrees(ANGLE), rel=0.1)
+    assert f'<p class="lead">{found.headline}</p>' in made[2].read_text()
+
+
+def test_nothing_is_proposed_that_was_measured_and_each_step_has_its_command(made: tuple[Path, Path, Path]) -> None:
+    case, answer, page = made
+    found = json.loads(answer.read_text())
+    proposed = [p for p in found["next_experiment"] if p["id"] == "other_chambers"]
+    assert proposed == []  # each chamber was inflated alone, and a pair turned about the axis is a pair
+    assert all(f"lab run next/{p['id']}.yaml --rig rig.yaml" in page.read_text() for p in found["next_experiment"][:6])
+    read = read_case([case])
+    some = replace(read, table=replace(read.table, rows=tuple(r for r in read.table if r.pressures[2] < 1e3)))
+    menu = {e.id: e for e in candidate_experiments(read.robot, states(some)[0])}
+    assert menu["other_chambers"].parameters["chambers"] == [3]
+
+
+def test_the_page_ends_with_where_it_comes_from(made: tuple[Path, Path, Path]) -> None:
+    foot = re.findall(r"<footer[^>]*>(.*?)</footer>", made[2].read_text())[0]
+    assert "three-chamber robot" in foot and "softlab" in foot and len(re.findall(r"sha256 [0-9a-f]{16}", foot)) == 2
+
+
+def test_empty_tables_are_left_out_and_every_caption_says_in_sample_or_unseen(made: tuple[Path, Path, Path]) -> None:
+    text = made[2].read_text()
+    assert "<tbody></tbody>" not in text
+    captions = re.findall(r"<figcaption>(.*?)</figcaption>", read_as_text(text))
+    free = ("Probability of each hypothesis", "Share of each effect")
+    assert all("in-sample" in c or "unseen" in c or "did not see" in c or c.startswith(free) for c in captions)
+    assert not re.search(r"baseline model|best hypothesis|leading hypothesis", text)
+
+
+def test_probability_and_evidence_that_disagree_are_explained(made: tuple[Path, Path, Path]) -> None:
+    first, second, *_ = Diagnosis.from_json(made[1].read_text()).attribute.ranking
+    second = replace(second, probability=min(0.2, first.probability))
+    assert disorder((first, replace(second, log_evidence=first.log_evidence - 1))) == ""
+    outside = replace(second, effects=("unknown",), log_evidence=first.log_evidence + 9)
+    assert disorder((first, outside)) == "" and "-123.0" not in shown(first, replace(outside, log_evidence=-123.0))
+    carried = replace(second, effects=("contact",), log_evidence=first.log_evidence + 9)
+    assert "over the fits of all hypotheses" in disorder((first, carried))
+    assert "over the fits of all hypotheses" in shown(first, carried)
+    assert "smaller prior" in disorder((first, replace(carried, effects=("contact", "payload"))))
+
+
+def shown(*ranking: Ranked) -> str:
+    """What the command prints of a ranking."""
+    with out.capture() as printed:
+        out.print(ranked(ranking, Chambers.words))
+        out.print(disorder(ranking))
+    return " ".join(printed.get().split())
+
+
+# ------------------------------------------------------------------ stiffness trials alone, which have no tip to show
+SPINES, STEPS, REPEATS = (0.05, 0.15, 0.3), 4, 3
+BIAS, NOISE = 0.15, 0.01
+"""N."""
+OF_PUSHES = [
+    "The answer in full",
+    "The gap, step by step", "What to do next", "Evidence: which cause", "What speaks against the answer",
+    "How large the cause is", "The gap by spine length, pressure, branch and time", "Stiffness trials",
+    "Stages and misfit diagnostics", "Terms",
+]  # fmt: skip
+
+
+def pushed() -> list[TrialRow]:
+    """Deflections up to 2 % of the length of three bare spines, of which the sensor reads too much."""
+    cells: list[dict[str, Cell]] = [
+        {
+            "trial": 1 + len(SPINES) * repeat + i, "step": step, "protocol": "stiffness", "repeat": repeat + 1,
+            "branch": "load", "t": 100.0 * (len(SPINES) * repeat + i) + step, "rate": 0.0, "hold": 1.0,
+            "spine_length": length, "vacuum": 80e3, "specimen": "spine", "force": 0.0,
+            "deflection": 0.02 * length * step / STEPS, **{f"p{c}": 0.0 for c in range(1, 10)},
+        }
+        for repeat in range(REPEATS)
+        for i, length in enumerate(SPINES)
+        for step in range(1, STEPS + 1)
+    ]  # fmt: skip
+    forward = ForwardModel(PAPER, design_from_columns(PAPER, {k: np.array([c[k] for c in cells]) for k in cells[0]}))
+    force = forward.predict(np.zeros(len(forward.parameters)))
+    read = force + BIAS + NOISE * np.random.default_rng(1).normal(size=len(force))
+    return [TrialRow.from_cells({**c, "force": float(f)}) for c, f in zip(cells, read, strict=True)]
+
+
+def test_stiffness_trials_alone_make_a_page_of_what_they_can_show(tmp_path: Path, cli: Cli) -> None:
+    case, page, answer = folder(tmp_path / "case", pushed()), tmp_path / "page.html", tmp_path / "answer.json"
+    cli("diagnose", case, "--report", page, "--json", answer)
+    text, told = page.read_text(), json.loads(answer.read_text())
+    assert told["locate"]["of"] == "deflection" and told["attribute"]["effects"] == ["force_bias"]
+    assert re.findall(r"<h2>([^<]+)</h2>", text) == OF_PUSHES
+    assert text.count("<figure>") == 4
+    assert "Error of the deflection, mm rms" in text and "Tip error" not in text
+
+
+# ------------------------------------------------------------------ what a lab's own sensors measured, with name and unit
+def table() -> Table:
+    """Six states of a thermometer that feels the pressure; one was read without it."""
+    rows = [
+        TrialRow(
+            trial=1 + i // 3, step=1 + i % 3, protocol="bending", repeat=1, branch="load", t=30.0 * i,
+            spine_length=0.1 * (i // 3), pressures=(20e3 * i,) * 3,
+            sensors={} if i == 4 else {"sensor_skin_temperature": 296.0 + 0.1 * i, "sensor_skin_humidity": 0.38},
+            sd={} if i == 4 else {"sensor_skin_temperature": 0.03, "sensor_skin_humidity": 0.01},
+        )
+        for i in range(6)
+    ]  # fmt: skip
+    return Table(tuple(rows), sensor_units={"sensor_skin_temperature": "K", "sensor_skin_humidity": "1"})
+
+
+def test_names_and_units_are_those_that_were_recorded() -> None:
+    assert quantities(table()) == ("sensor_skin_humidity", "sensor_skin_temperature")
+    _, (humidity, temperature) = numbers(table())
+    assert humidity[0] == "skin_humidity" and temperature[0] == "skin_temperature, K"
+    assert temperature[1:] == ("5", "296", "296.22", "296.5", "0.03")
+
+
+def test_a_table_without_units_has_names_alone() -> None:
+    _, rows = numbers(Table(table().rows))
+    assert [row[0] for row in rows] == ["skin_humidity", "skin_temperature"]
+
+
+def test_every_quantity_is_drawn(tmp_path: Path) -> None:
+    picture = matplotlib.image.imread(in_a_row(sensors(table(), Chambers.words), tmp_path / "sensors.png"))
+    dark = picture[..., :3].min(axis=2) < 0.5
+    assert all(np.mean(part) > 0.001 for part in np.array_split(dark, 4))
+
+
+def test_a_page_has_a_panel_for_each_quantity_and_axis(tmp_path: Path) -> None:
+    panels = [matplotlib.image.imread(path) for path in apart(sensors(table(), Chambers.words), tmp_path / "sensors.png")]
+    assert len(panels) == 4
+    assert all(panel.shape[1] < 700 for panel in panels)  # at 150 dots an inch: no wider than a phone
+    assert all((panel[..., :3].min(axis=2) < 0.5).mean() > 0.001 for panel in panels)

@@ -1,0 +1,370 @@
+"""rig.yaml, robot.yaml and any file of settings: one message tells all that is wrong, and what is written reads back."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import pytest
+import yaml
+from commands import Cli
+from diagnosed_case import campaign, folder
+from pydantic import BaseModel, ConfigDict, Field
+
+from lab.files.config import ConfigError, check, load, parse_yaml
+from lab.files.example import paper_robot
+from lab.files.rig_file import RigFile
+from lab.files.robot_file import robot_yaml
+from lab.files.units import KINDS, UnitError, to_si, written
+from lab.rig.checked import digest
+from lab.verbs.fakes import PATIENT, rig_yaml
+from model.plain_yaml import MOST_PROBLEMS
+from model.robot import Robot, robot_from_dict
+from sim_fakes.instrument import Regulators
+from sim_fakes.rig import FakeRig
+
+
+# ------------------------------------------------------------------ settings
+class Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Alpha(Table):
+    driver: Literal["alpha"]
+    max_pressure: float = Field(3e5, gt=0, le=1e6, json_schema_extra={"unit": "Pa"})
+
+
+class Beta(Table):
+    driver: Literal["beta"]
+    ports: list[str]
+
+
+class File(Table):
+    name: str
+    length: float = Field(gt=0, le=2, json_schema_extra={"unit": "m"})
+    levels: list[Annotated[float, Field(ge=1e3, le=3e5)]] = Field([5e4], json_schema_extra={"unit": "Pa"})
+    table: dict[float, float] = Field({}, json_schema_extra={"unit": "Pa"})
+    device: Annotated[Alpha | Beta, Field(discriminator="driver")] | None = None
+
+
+def read(tmp_path: Path, text: str) -> File:
+    path = tmp_path / "file.yaml"
+    path.write_text(text)
+    return load(path, File)
+
+
+def problems(tmp_path: Path, text: str) -> list[str]:
+    with pytest.raises(ConfigError) as caught:
+        read(tmp_path, text)
+    return str(caught.value).splitlines()
+
+
+def test_quantities_with_units_become_si(tmp_path: Path) -> None:
+    text = "name: a\nlength: 40 cm\nlevels: [50 kPa, 0.1 MPa, 2e5]\ndevice: {driver: alpha, max_pressure: 2 bar}\n"
+    file = read(tmp_path, f"{text}table: {{0.05: 318 kPa}}\n")
+    assert file.table == {0.05: 318e3}
+    assert file.length == pytest.approx(0.4)
+    assert file.levels == pytest.approx([5e4, 1e5, 2e5])
+    assert isinstance(file.device, Alpha) and file.device.max_pressure == pytest.approx(2e5)
+
+
+def test_all_problems_of_a_file_come_at_once_with_their_lines(tmp_path: Path) -> None:
+    found = problems(tmp_path, "name: a\nlenght: 0.4\nlevels: [50e3, 250]\ndevice:\n  driver: alpha\n  max_pressure: 2e6\n")
+    assert len(found) == 4
+    assert "file.yaml:2: lenght: unknown key; did you mean 'length'?" in found[0]
+    assert "file.yaml:3: levels[1] = 250 Pa: must be at least 1 kPa; did you mean 250 kPa?" in found[1]
+    assert "file.yaml:6: device.max_pressure = 2 MPa: must be at most 1 MPa" in found[2]
+    assert "length: is missing; give it in m" in found[3]
+
+
+@pytest.mark.parametrize("value", [".nan", ".inf", "-0.1", "0", "abc", "[1]", "{}", "null"])
+def test_a_number_that_is_none_is_refused_by_name(tmp_path: Path, value: str) -> None:
+    (line,) = problems(tmp_path, f"name: a\nlength: {value}\n")
+    assert "file.yaml:2: length" in line
+
+
+@pytest.mark.parametrize("text", ["", "[]", "just text", "name: [unclosed", "a: &x 1\nb: *x\n", "\x00"])
+def test_what_is_no_table_is_one_clear_error(tmp_path: Path, text: str) -> None:
+    assert len(problems(tmp_path, text)) == 1
+
+
+def test_a_quantity_of_a_million_characters_is_refused_at_once() -> None:
+    # matching them would take a time that grows with the square of their number
+    for text in ("1" * 10**6 + "\nx", "1 a" + " " * 10**6 + "b"):
+        with pytest.raises(UnitError, match="not a number with a unit"):
+            to_si(text, "Pa")
+
+
+def test_of_very_many_problems_the_first_are_spelled_out_and_the_rest_is_counted() -> None:
+    text = "\n".join(f"key{i}: 1" for i in range(500))
+    with pytest.raises(ConfigError, match=r"and \d+ more problems") as caught:
+        check(parse_yaml(text, "rig.yaml"), File)
+    assert len(str(caught.value).splitlines()) == MOST_PROBLEMS + 1
+
+
+def test_a_number_may_say_how_well_it_is_known(tmp_path: Path) -> None:
+    text = paper_robot().read_text()
+    (tmp_path / "robot.yaml").write_text(
+        re.sub(r"(?m)^length: .*$", "length: 40 cm +- 2 mm", re.sub(r"(?m)^density: .*$", "density: 1300 ± 3 %", text))
+        + "uncertainty: {tilt: 1 deg}\n"
+    )
+    robot = load(tmp_path / "robot.yaml", Robot)
+    assert robot.length == pytest.approx(0.4) and robot.density == 1300.0
+    assert robot.uncertainty.stated == pytest.approx({"length": 2e-3, "density": 0.03, "tilt": math.pi / 180})
+    again = check(parse_yaml(robot_yaml(robot), "again"), Robot)
+    assert again == robot
+    (tmp_path / "robot.yaml").write_text(re.sub(r"(?m)^length: .*$", "length: 40 cm +- 2 kPa", text))
+    with pytest.raises(ConfigError, match="length: '2 kPa' has the unit 'kPa'.*505 kPa \\+- 30 %"):
+        load(tmp_path / "robot.yaml", Robot)
+
+
+def test_a_bending_stiffness_may_say_how_well_it_is_known(tmp_path: Path) -> None:
+    """In place of a modulus, whose uncertainty counts for the material that it replaces."""
+    text = re.sub(r"(?m)^youngs_modulus: .*$", "youngs_modulus: 200 GPa +- 30 %", paper_robot().read_text())
+    (tmp_path / "robot.yaml").write_text(f"bending_stiffness: 0.115 N m^2 +- 15 %\n{text}".replace("# shear", "#"))
+    assert load(tmp_path / "robot.yaml", Robot).uncertainty.stated == pytest.approx({"youngs_modulus": 0.15})
+
+
+# ------------------------------------------------------------------ rig.yaml as `lab fakes` writes it
+AWKWARD = {
+    "limits": {"max_total_pressure": 1e6 / 3, "max_age_in_motion": 0.03, "max_force": 59.999, "max_vacuum": 94_999.999},
+    "stand": {"standoff": 0.0073, "tool_rotation": [0.1, 1.5707963267948966, 1 / 3]},
+}
+
+
+def merged(table: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    both = {k: merged(table[k], v) for k, v in changes.items() if isinstance(v, dict) and k in table}
+    return {**table, **changes, **both}
+
+
+@pytest.mark.parametrize("changes", [{}, PATIENT, AWKWARD])
+@pytest.mark.parametrize(
+    "how",
+    [
+        {"regulators": Regulators("alicat", 206.8e3, unit="psi"), "speed": 20.0},
+        {"regulators": "smc_itv", "spine": "tmcl", "channels": 9},
+        {"spine": ""},
+    ],
+)
+def test_the_rig_that_is_read_is_the_one_that_was_written(how: dict[str, Any], changes: dict[str, Any]) -> None:
+    fakes = FakeRig(**how)
+    if not fakes.rig_file()["instruments"].get("spine"):
+        changes = {key: values for key, values in changes.items() if key != "instruments"}
+    read = check(parse_yaml(rig_yaml(fakes, "robot.yaml", changes), "rig.yaml"), RigFile)
+    asked = RigFile.model_validate(merged(fakes.rig_file(), changes))
+    assert read == asked and digest(read) == digest(asked)
+
+
+def test_every_number_whose_unit_is_known_has_it() -> None:
+    text = rig_yaml(FakeRig(), "robot.yaml", AWKWARD)
+    told = yaml.safe_load(text)
+    assert told["instruments"]["pressure"]["full_scale"] == "400 kPa"
+    assert told["stand"]["origin"] == ["0.5 m", "0 m", "0.7 m"] and told["stand"]["standoff"] == "7.3 mm"
+    assert told["stand"]["tool_rotation"] == ["0.1 rad", "1.5707963267948966 rad", "0.3333333333333333 rad"]
+    assert told["limits"]["max_age_in_motion"] == "0.03 s" and told["limits"]["max_force"] == "59.999 N"
+    bare = [line for line in text.splitlines() if re.search(r": -?[\d.]+$", line) and line.count(".") < 2]
+    assert [line.split(":")[0].strip() for line in bare] == ["speed"]
+
+
+@pytest.mark.parametrize("unit", KINDS)
+def test_what_is_written_reads_back_to_the_last_bit(unit: str) -> None:
+    values = [0.0, 1 / 3, 0.07, 0.29, 1e-3 / 7, 123456.789, 2.5e5, 1e-12, -0.35, 6.02e23]
+    for value in values:
+        assert [to_si(text, unit) for text in written([value], unit)] == [value]
+    assert [to_si(text, unit) for text in written(values, unit)] == values
+    assert len({text.partition(" ")[2] for text in written(values, unit)}) == 1
+
+
+# ------------------------------------------------------------------ robot.yaml, written from a given one
+ARM = """\
+# Arm 7, cast in March; z points down
+---
+name:   "arm 7"            # engraved on the base
+length: 31.5 cm +- 2 mm    # tape, three readings
+outer_radius:     4.0e-2
+inner_radius: 20 mm
+density: &rho 1_080        # data sheet
+
+youngs_modulus: 350e3      # pulled at 20 %
+shear_modulus: '117 kPa'
+tip_mass: 20 g
+gravity:
+    - 0
+    - 0.0                  # hangs
+    - 9.81
+# --- actuation
+chambers:
+    radius: 4 mm
+    path_radius: 3 cm
+    azimuths_deg: [0, 120,
+                   240]    # counted from the connector
+tendons:
+area_factor:               # from the cut, by spine length
+    # Monday
+    0.0: 120 %             # ink
+    0.2: 1.45              # calliper
+
+spine: {radius: 19 mm, modulus: {0.1: 800 kPa, 0.2: 1.9e6}}   # the old granules
+markers: [10 cm, 0.2]
+# Ask Noor before changing anything above
+"""
+EFFECTS = {"chamber_azimuth": {"angle": {"value": 0.071, "sd": 0.004, "unit": "rad"}}}
+POSTERIOR = {"parameters": ["area_factor", "chamber_azimuth.angle"], "area_factor_sd": 0.01, "correlation": [[1.0], [0.25, 1.0]]}
+
+
+def robot_of(text: str) -> Robot:
+    return check(parse_yaml(text, "robot.yaml"), Robot)
+
+
+def changed(robot: Robot, **values: Any) -> Robot:
+    return robot_from_dict({**robot.model_dump(), **values})
+
+
+def close(a: Any, b: Any, rel: float = 1e-12) -> bool:
+    """Whether all numbers of two dumps agree."""
+    if isinstance(a, dict):
+        return len(a) == len(b) and all(close(*pair, rel) for pair in zip(sorted(a.items()), sorted(b.items()), strict=True))
+    if isinstance(a, (list, tuple)):
+        return len(a) == len(b) and all(close(x, y, rel) for x, y in zip(a, b, strict=True))
+    return math.isclose(a, b, rel_tol=rel) if isinstance(a, float) else bool(a == b)
+
+
+def lines(before: str, after: str) -> tuple[list[str], list[str]]:
+    """The lines that only one of two texts has."""
+    old, new = before.splitlines(), after.splitlines()
+    return [x for x in old if x not in new], [x for x in new if x not in old]
+
+
+def test_a_robot_that_did_not_change_is_written_as_it_was_given() -> None:
+    for text in (ARM, ARM.replace("\n", "\r\n"), ARM.rstrip("\n"), "\ufeff" + ARM):
+        assert robot_yaml(robot_of(text), text) == text
+
+
+CHANGES: dict[str, tuple[dict[str, Any], list[str]]] = {
+    "a number keeps its unit and what stands beside it": (
+        {"length": 0.322, "tip_mass": 0.0123456789, "shear_modulus": 118500.0, "density": 1081.5, "inner_radius": 0.0205,
+         "gravity": (0.0, 0.1, 9.81), "markers": (0.11, 0.2)},
+        ["length: 32.2 cm +- 2 mm    # tape, three readings", "inner_radius: 20.5 mm", "density: &rho 1081.5        # data sheet",
+         "shear_modulus: '118.5 kPa'", "tip_mass: 12.3456789 g", "    - 0.1                  # hangs", "markers: [11 cm, 0.2]"],
+    ),
+    "a table takes new lengths in its own order and unit": (
+        {"area_factor": {0.0: 1.25, 0.1: 1.3, 0.2: 1.45}, "spine": {"radius": 0.019, "modulus": {0.05: 5e5, 0.1: 8e5, 0.2: 2e6}}},
+        ["    0.0: 125 %             # ink", "    0.1: 130 %",
+         "spine: {radius: 19 mm, modulus: {0.05: 500 kPa, 0.1: 800 kPa, 0.2: 2000000.0}}   # the old granules"],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", CHANGES)
+def test_what_changed_is_edited_where_it_stands(kind: str) -> None:
+    values, written = CHANGES[kind]
+    robot = changed(robot_of(ARM), **values)
+    text = robot_yaml(robot, ARM)
+    assert lines(ARM, text)[1] == written
+    assert close(robot_of(text).model_dump(), robot.model_dump())
+
+
+def test_si_numbers_read_back_to_the_last_bit() -> None:
+    given = ARM.replace("radius: 4 mm", "radius: 0.004").replace("3 cm", "3e-2")
+    chambers = robot_of(given).model_dump()["chambers"] | {"radius": 0.01 / 3, "path_radius": 0.1 / 3}
+    robot = changed(robot_of(given), outer_radius=0.13 / 3, youngs_modulus=1e6 / 3, chambers=chambers)
+    text = robot_yaml(robot, given)
+    assert robot_of(text) == robot
+    assert f"path_radius: {0.1 / 3}" in text and "# counted from the connector" in text
+
+
+def test_a_table_that_becomes_a_number_stays_as_a_comment() -> None:
+    robot = changed(robot_of(ARM), area_factor=1.31)
+    text = robot_yaml(robot, ARM)
+    assert lines(ARM, text)[1] == [
+        "area_factor: 1.31",
+        "# area_factor:               # from the cut, by spine length",
+        "#     # Monday",
+        "#     0.0: 120 %             # ink",
+        "#     0.2: 1.45              # calliper",
+    ]
+    assert robot_of(text) == robot
+    back = robot_yaml(robot_of(ARM), text)
+    assert lines(text, back) == (["area_factor: 1.31"], ["area_factor: {0.0: 1.2, 0.2: 1.45}"])
+
+
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+@pytest.mark.parametrize("end", ["", "last"])
+def test_effects_come_and_go_and_the_rest_stays(newline: str, end: str) -> None:
+    given = (ARM if end else ARM.rstrip("\n")).replace("\n", newline)
+    robot = changed(robot_of(given), area_factor=1.31, effects=EFFECTS, posterior=POSTERIOR)
+    known = robot_yaml(robot, given)
+    assert robot_of(known) == robot and "null" not in known
+    assert known.count("\n") == known.count(newline) and known.endswith(newline) == bool(end)
+    assert f"    angle: {{value: 0.071, sd: 0.004, unit: rad}}{newline}posterior:{newline}" in known
+    more = {**EFFECTS, "base_tilt": {"x": {"value": 0.01, "sd": 0.002, "unit": "rad"}}}
+    wider = POSTERIOR | {
+        "parameters": ["area_factor", "chamber_azimuth.angle", "base_tilt.x"],
+        "correlation": [[1.0], [0.2, 1.0], [0.0, 0.1, 1.0]],
+    }
+    again = changed(robot, effects=more, posterior=wider)
+    second = robot_yaml(again, known)
+    assert robot_of(second) == again and f"  - [0.0, 0.1, 1.0]{newline}" in second
+    plain = robot_yaml(again.plain, second)
+    assert robot_of(plain) == again.plain
+    for text in (known, second, plain):
+        assert [comment for comment in ARM.split("#")[1:] if comment.splitlines()[0].strip() not in text] == []
+    assert plain.splitlines() == robot_yaml(changed(robot_of(given), area_factor=1.31), given).splitlines()
+
+
+def test_an_entry_with_a_comment_is_commented_out_and_one_without_is_removed() -> None:
+    given = ARM + "uncertainty: {tilt: 1 deg}   # spirit level\nmax_pressure: 90 kPa\n"
+    robot = changed(robot_of(given), uncertainty={"length": 2e-3, "frame_shift": 1e-3}, max_pressure=None)
+    text = robot_yaml(robot, given)
+    assert lines(given, text)[1] == ["uncertainty: {frame_shift: 0.001}   # spirit level"] and "max_pressure" not in text
+    given = given.replace(" +- 2 mm ", "")
+    bare = robot_yaml(changed(robot_of(given), uncertainty={}), given)
+    assert "# uncertainty: {tilt: 1 deg}   # spirit level\nmax_pressure: 90 kPa\n" in bare
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        "",
+        "no: [robot",
+        ARM.replace("name:   ", "? name\n: ").replace("area_factor:  ", "? area_factor\n:  "),
+        json.dumps({"name": "arm", "sections": []}),
+    ],
+)
+def test_a_text_that_cannot_be_edited_gives_way_to_a_new_one(given: str) -> None:
+    robot = changed(robot_of(ARM), area_factor=1.31, effects=EFFECTS)
+    text = robot_yaml(robot, given)
+    assert robot_of(text) == robot and "null" not in text and "#" not in text
+    assert "    angle: {value: 0.071, sd: 0.004, unit: rad}\n" in text
+
+
+def test_parts_of_a_body_are_edited_where_they_stand() -> None:
+    part = "sections:   # drawn 12 May\n- length: 20 cm      # stiff half\n  outer_radius: [4 cm, 35 mm]\n- {length: 0.115}\n"
+    given = ARM + part
+    sections = robot_of(given).model_dump()["sections"]
+    robot = changed(robot_of(given), sections=[{**sections[0], "outer_radius": (0.04, 0.036)}, sections[1]])
+    assert lines(given, robot_yaml(robot, given))[1] == ["  outer_radius: [4 cm, 36 mm]"]
+    shorter = changed(robot_of(given), sections=[{**sections[0], "outer_radius": None}, sections[1]])
+    assert robot_of(robot_yaml(shorter, given)) == shorter and "# tape, three readings" in robot_yaml(shorter, given)
+
+
+def test_lab_fit_keeps_the_file_of_the_case_and_so_does_a_second_fit(tmp_path: Path, cli: Cli) -> None:
+    case = folder(tmp_path / "case", campaign({}, repeats=1, lengths=(0.0, 0.15)))
+    given = (case / "robot.yaml").read_text().replace("length: 0.40  ", "length: 40 cm")
+    (case / "robot.yaml").write_text(given)
+    comments = [line.partition("#")[2] for line in given.splitlines() if "#" in line]
+    for out, more in (("plain", []), ("known", ["--with", "base_tilt", "--samples", "2"])):
+        cli("fit", case, "--out", tmp_path / out, *more)
+        text = (tmp_path / out / "robot.yaml").read_text()
+        assert [c for c in comments if c not in text] == [] and "length: 40 cm" in text and "null" not in text
+        assert [x for x in lines(given, text)[0] if not x.startswith("area_factor:")] == []
+    sample = (tmp_path / "known" / "samples" / "robot-0001.yaml").read_text()
+    assert [c for c in comments if c not in sample] == [] and "posterior" not in sample
+    cli("fit", case, "--robot", tmp_path / "known" / "robot.yaml", "--out", tmp_path / "again")
+    plain, refitted = (load(tmp_path / out / "robot.yaml", Robot).model_dump() for out in ("plain", "again"))
+    assert close(plain, refitted, rel=1e-3)
+    again = (tmp_path / "again" / "robot.yaml").read_text()
+    assert [c for c in comments if c not in again] == [] and "effects" not in again
