@@ -1,5 +1,5 @@
 """Answer a sealed set with other methods, then open the seal and compare: `python -m benchmarks.rivals SET [--methods M ..]
-[--first N] [--workers N] [--out FOLDER]`. Run the set first (`lab blind run SET`); the seal is opened at the end, for all alike.
+[--first N] [--workers N] [--keep-sealed] [--out FOLDER]`. Run the set first (`lab blind run SET`); the seal is opened at the end, for all alike.
 
 Each method writes OUT/METHOD/CASE.json, in the form that `lab blind score SET --answers OUT/METHOD` reads.
 """
@@ -60,7 +60,7 @@ def answer(root: Path, out: Path, methods: Sequence[str], name: str) -> str:
 
 
 def main() -> None:
-    """Answer; with --report open the seal too."""
+    """Answer, then open the seal unless it is to be kept."""
     a = argparse.ArgumentParser(description=(__doc__ or "").partition("\n\n")[0])
     a.add_argument("set", type=Path)
     a.add_argument("--methods", nargs="+", choices=tuple(METHODS), default=tuple(METHODS))

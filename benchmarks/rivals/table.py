@@ -135,7 +135,7 @@ def _panel(axis: Axes, rows: Sequence[Row], column: str, title: str) -> None:
         axis.plot([found.value], [y], "o", color=ink, ms=8, clip_on=False)
         axis.text(1.04, y, f"{sum(r.cases[column])} of {found.n}", va="center", color=ink)
     axis.set_yticks(range(len(rows)), [NAMES[r.method] for r in rows])
-    axis.tick_params(axis="y", length=0)
+    axis.tick_params(axis="y", length=0, pad=9)
     axis.set_ylim(len(rows) - 0.4, -0.6)
     axis.set_xlim(0, 1.28)
     axis.spines["left"].set_visible(False)
