@@ -1,5 +1,6 @@
 """Answer a sealed set with other methods, then open the seal and compare: `python -m benchmarks.rivals SET [--methods M ..]
-[--first N] [--workers N] [--keep-sealed] [--out FOLDER]`. Run the set first (`lab blind run SET`); the seal is opened at the end, for all alike.
+[--first N] [--workers N] [--keep-sealed] [--out FOLDER]`. Run the set first (`lab blind run SET`); the seal is opened at the
+end, for all alike.
 
 Each method writes OUT/METHOD/CASE.json, in the form that `lab blind score SET --answers OUT/METHOD` reads.
 """
