@@ -24,6 +24,7 @@ from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.ensemble import RandomForestClassifier, RandomForestRegressor
 
 from diagnosis.inference.fit import Fit
+from diagnosis.inference.posterior import Posterior
 from diagnosis.inference.problem import Problem
 from diagnosis.inference.starts import Starts
 from diagnosis.judgement import PRIOR_OF_NUMBER
@@ -77,12 +78,7 @@ def _stated(shares: dict[Hypothesis, float], chosen: Hypothesis, probability: fl
     rest = sum(v for h, v in shares.items() if h != chosen)
     stated = {h: v * (1 - probability) / rest if rest > 0 else 0.0 for h, v in shares.items()} | {chosen: probability}
     ranked = sorted(stated.items(), key=lambda item: -item[1])
-    total, credible = 0.0, []
-    for h, p in ranked:
-        credible.append(list(h))
-        total += p
-        if total >= 0.95:
-            break
+    credible = [list(h) for h in Posterior(tuple(ranked), {}).credible_set]
     return {
         "attribute": {
             "verdict": "effect" if chosen else "none", "effects": list(chosen), "probability": probability,

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,12 +69,17 @@ class Budget:
         """Probability that no effect carries `OUTSTANDING_FLOORS`."""
         return float(self.weight[(self.floors < OUTSTANDING_FLOORS).all(axis=1)].sum())
 
+    @cached_property
+    def names(self) -> NDArray[np.bool_]:
+        """(d, e) which effects each draw names."""
+        return np.array([[e in own for e in self.effects] for own in self.named])
+
     def second(self, answer: Hypothesis) -> dict[str, float]:
         """Effects that draws name together with an answer, and how probable each is given that: where it is probable that one of
         them acts, but of none by itself. Most probable first."""
-        named = np.array([[e in own for e in self.effects] for own in self.named])
-        held = self.weight * np.array([set(answer) <= set(own) for own in self.named])
-        named[:, [self.effects.index(e) for e in answer]] = False
+        answered = np.isin(self.effects, answer)
+        held = self.weight * self.names[:, answered].all(axis=1)
+        named = self.names & ~answered
         any_other, each = float(held @ named.any(axis=1)), held @ named
         if any_other <= TOGETHER * held.sum():
             return {}
@@ -196,7 +202,7 @@ def by_what_is_carried(b: Budget, known: Posterior) -> Posterior:
 
 def _answer(b: Budget) -> Hypothesis:
     """The effect named in most draws, and those named together with it; none where that is more probable."""
-    named = np.array([[e in own for e in b.effects] for own in b.named])
+    named = b.names
     share = b.weight @ named
     first = int(share.argmax())
     if float(b.weight @ ~named.any(axis=1)) >= share[first]:
