@@ -55,7 +55,7 @@ def closed(p: Prepared, start: Array, part: Ints) -> tuple[float, float, float |
         missed = p.tip(problem.observed - problem.forward.predict(p.common(theta)))
         after[~seen] = (missed - predicted(x, missed, seen))[~seen]
     own = np.isfinite(before).all(axis=1)
-    left = [rms(np.linalg.norm(errors[own], axis=1)) for errors in (before, after)]
+    left = [rms(errors[own]) for errors in (before, after)]
     return left[0], left[1], share_closed(left[0], left[1], p.noise_floor)
 
 

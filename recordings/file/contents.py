@@ -11,7 +11,6 @@ import stat
 import struct
 import zlib
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Header, Metadata, Schema
@@ -26,16 +25,26 @@ _INDEX = struct.Struct("<HI")
 _U32, _U64 = struct.Struct("<I"), struct.Struct("<Q")
 
 
-def mapped(path: str | os.PathLike[str]) -> memoryview:
-    """A regular file's bytes; raises `NotARecording` when it cannot be read."""
+def opened(path: str | os.PathLike[str]) -> int:
+    """A regular file, open for reading; raises `NotARecording` for any other: nobody waits for a named pipe."""
     try:
-        if not Path(path).is_dir() and not stat.S_ISREG(os.stat(path).st_mode):  # a named pipe would be waited for without end
-            raise NotARecording(f"{path} is not a file")
-        with open(Path(path), "rb") as file:
-            size = os.fstat(file.fileno()).st_size
-            return memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) if size else b"")
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError as error:
         raise NotARecording(f"{path} cannot be read: {error.strerror}") from error
+    if not stat.S_ISREG(os.fstat(handle).st_mode):
+        os.close(handle)
+        raise NotARecording(f"{path} is not a file")
+    return handle
+
+
+def mapped(path: str | os.PathLike[str]) -> memoryview:
+    """A regular file's bytes; raises `NotARecording` when it cannot be read."""
+    with open(opened(path), "rb") as file:
+        try:
+            size = os.fstat(file.fileno()).st_size
+            return memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) if size else b"")
+        except OSError as error:
+            raise NotARecording(f"{path} cannot be read: {error.strerror}") from error
 
 
 def attachment_crc(record: Record) -> tuple[int, int]:

@@ -7,7 +7,6 @@ first message (`writer.FLUSH_PERIOD`). A file that is finished is read the same 
 from __future__ import annotations
 
 import os
-import stat
 from collections import defaultdict
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,11 +17,11 @@ from mcap.records import Channel
 from numpy.typing import NDArray
 
 from .. import events
-from ..errors import Damaged, NotARecording, Oversized
+from ..errors import Damaged, Oversized
 from ..messages import MessageType, is_stream
 from .budget import OPTION, Cost, largest_chunk
 from .chunks import HEAD, Messages
-from .contents import Contents
+from .contents import Contents, opened
 from .records import MAGIC, Hole, records
 from .samples import check_version, decode, message_of, ours, parse
 
@@ -60,13 +59,7 @@ class Tail:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
-        try:
-            self._fd = os.open(self.path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-        except OSError as error:
-            raise NotARecording(f"{self.path} cannot be read: {error.strerror}") from error
-        if not stat.S_ISREG(os.fstat(self._fd).st_mode):
-            self.close()
-            raise NotARecording(f"{self.path} is not a file")
+        self._fd = opened(self.path)
         self.contents = Contents(str(self.path), 0)
         """Channels, schemas, attachments and metadata so far; `end`: how far it was read; `finished`: its end mark was."""
         self._more = False
