@@ -18,15 +18,15 @@ unexport PYTHONDONTWRITEBYTECODE
 # The command, with the rod's kernels compiled ahead, half a minute: else the first fit and the first diagnosis wait for them.
 install: $(READY)
 	$(BIN)/python -m model.warm_up derivatives & beside=$$!; \
-	$(BIN)/python -m model.warm_up full && $(BIN)/python -m model.warm_up plain && wait $$beside
+	$(BIN)/python -m model.warm_up rods && wait $$beside
 
 demo: $(READY)
 	$(BIN)/lab demo --out demo
 
-# One thread of linear algebra a process. What several processes would compile at once is compiled before: the plain rod, the
-# virtual robot and, in a new checkout, the tests; the full rod is first needed by one process.
+# One thread of linear algebra a process. What several processes would compile at once is compiled before: the rod, the
+# virtual robot and, in a new checkout, the tests; the rod's derivatives are first needed by one process.
 test: room $(READY_DEV)
-	$(if $(ROOM),,$(BIN)/python -m model.warm_up plain & beside=$$!; $(BIN)/python -c 'from sim_fakes.rig import FakeRig; FakeRig()' && \
+	$(if $(ROOM),,$(BIN)/python -m model.warm_up rods & beside=$$!; $(BIN)/python -c 'from sim_fakes.rig import FakeRig; FakeRig()' && \
 	{ $(if $(wildcard tests/__pycache__),,$(BIN)/python -m pytest -n 0 --collect-only > /dev/null;) wait $$beside; })
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(if $(filter 1,$(shell nproc)),1,3) $(if $(LONG),,-m "not long") $(if $(ROOM),tests/$(ROOM))
 

@@ -20,9 +20,9 @@ from rich.table import Table
 
 from benchmarks.figures import write
 from benchmarks.rod_cases import directions, paper_rods, split, tips_of
-from model.rods import FAST, FINE, Fast, Form, Rods, sensitivities, solve
+from model.rods import FAST, FINE, Fast, Rods, sensitivities, solve
 from model.rods.fast import direct
-from model.rods.fast.batches import full_of, steps_of
+from model.rods.fast.batches import steps_of
 from model.rods.solution import RESULT
 
 Array = NDArray[np.float64]
@@ -53,11 +53,10 @@ def error_of(rods: Rods) -> float:
 def kernel_seconds(rods: Rods, rounds: int) -> tuple[float, float]:
     """The kernel alone, called for one rod."""
     out, memory = np.empty((len(rods), RESULT)), np.zeros((0, direct.MEMORY))
-    layout, settings, steps = rods.form.columns, (FAST.divisions, FAST.close, False), steps_of(rods, None)
-    full = full_of(rods.form)
+    settings, steps = (FAST.divisions, FAST.close, False), steps_of(rods, None)
 
     def call() -> None:
-        direct.solve_direct(rods.values, layout, full, settings, steps, memory, out)
+        direct.solve_direct(rods.values, rods.form.springs, settings, steps, memory, out)
 
     return measure(call, rounds, time.perf_counter)
 
@@ -79,7 +78,7 @@ def figures(quick: bool) -> list[dict[str, object]]:
     along, solved = directions(part), solve(part)
     both = measure(lambda: (solve(part), sensitivities(part, solved, along)), rounds)
     lines.append(row("batch with 8 sensitivities", both, len(part), "<= 3x plain"))
-    soft = paper_rods(n // 4, seed=1, form=Form(elements=2, full=True))
+    soft = paper_rods(n // 4, seed=1)
     soft.field("series")[:, 1] = (0.02, 0.0, 1.0)
     lines.append(row("hyperelastic section", measure(lambda: solve(soft), rounds), n // 4, "<= 10x plain", error_of(soft)))
     for size in (100, 1_000, 10_000) if quick else (100, 1_000, 10_000, 100_000, 1_000_000):

@@ -37,7 +37,7 @@ def rods_like_it(
     )
 
 
-def paper_rods(n: int, seed: int, form: Form | None = None) -> Rods:
+def paper_rods(n: int, seed: int) -> Rods:
     """n rods: 7 spine lengths by 5 pressures, each with E, spine E, area, weights within 10 % and any roll."""
     r = np.random.default_rng(seed)
     condition = np.arange(n) * 35 // max(n, 1)
@@ -49,7 +49,7 @@ def paper_rods(n: int, seed: int, form: Form | None = None) -> Rods:
     push = pressure * CHAMBER * r.uniform(0.9, 1.1, n)
     weight = 1300.0 * AREA * GRAVITY * r.uniform(0.9, 1.1, n)
     dead = (np.zeros(n), np.zeros(n), 0.053 * GRAVITY * r.uniform(0.5, 1.5, n))
-    return rods_like_it(spine, (mixed, body), push, roll, dead, weight, form)
+    return rods_like_it(spine, (mixed, body), push, roll, dead, weight)
 
 
 def directions(found: Rods) -> Array:

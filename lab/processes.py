@@ -105,7 +105,7 @@ def for_case(rows: int, cores: int) -> Iterator[Processes | None]:
         yield None
         return
     with processes(cores - 1, ("derivatives",)) as others:
-        if warm_up(("full",)):
+        if warm_up(("rods",)):
             others.begun()
         yield others
 

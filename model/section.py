@@ -57,9 +57,8 @@ def combined_modulus(robot: Robot, spine_length: ArrayLike) -> Array:
     return np.where(length > 0, mixed, robot.youngs_modulus)
 
 
-def rods_of(robot: Robot, states: States, full: bool = False) -> Rods:
-    """The rods of all states without any effect, after checking that the states fit the robot; raises `BadCondition`. `full`: in
-    the form whose kernels a diagnosis compiles in any case.
+def rods_of(robot: Robot, states: States) -> Rods:
+    """The rods of all states without any effect, after checking that the states fit the robot; raises `BadCondition`.
 
     Elements are those of `model.effects.layout`, their sections, loads and actuation those of `model.effects.compose`.
     """
@@ -75,4 +74,4 @@ def rods_of(robot: Robot, states: States, full: bool = False) -> Rods:
     body = body_of(robot)
     layout = layout_of(body, robot.spine is not None)
     q = baseline(robot, body, layout, states, robot.area_factor_at(states.spine_length), np.array([1.0, 0.0]))
-    return plain_rods(layout, rod_columns(q, ShearSpine(1.0, 1.0, 1.0)).rows(len(states)), full).check()
+    return plain_rods(layout, rod_columns(q, ShearSpine(1.0, 1.0, 1.0)).rows(len(states))).check()

@@ -1,6 +1,6 @@
-"""Have the kernels of the rod compiled ahead, at low priority: `python -m model.warm_up [plain|full|derivatives]`.
+"""Have the kernels of the rod compiled ahead, at low priority: `python -m model.warm_up [rods|derivatives]`.
 
-The first solve of each kind of rod compiles for a while, once a machine. What keeps a processor idle meanwhile (a rig, a
+The first solve compiles for a while, once a machine. What keeps a processor idle meanwhile (a rig, a
 person) can have that done in processes beside it, one a part; a kernel that is ready is on disk and ready for every process.
 """
 
@@ -13,8 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from model.effects import history, layout, solver
-from model.rods import FINE, PAPER, Form, Rods, rods, sensitivities, solve, stations
+from model import rods as rod
+from model.effects import history
 from model.rods.fast.compiler import compiled_here
 from model.rods.solution import AT_ORIENTATION, RESULT, Solution, no_shape
 
@@ -22,20 +22,11 @@ BUCKLING = 2.0
 """A margin that no rod has: every rod is loaded in steps."""
 
 
-def plain() -> None:
-    """The rod of fits and comparisons, in every way they use it."""
-    one = _one(Form(elements=2))
-    stations(one, solve(one, FINE), np.array([[0.1]]), FINE)
-    solve(one, replace(FINE, least_margin=BUCKLING))
-
-
-def full() -> None:
-    """The rod of diagnoses, with all that an effect may change."""
-    uniform = layout.UNIFORM
-    one = _one(uniform.form)
-    rows, arcs = one.values.copy(), np.array([0.1])
-    solver.solve(uniform, rows, arcs, solver.integration_steps(uniform, rows))
-    solve(one, replace(solver.METHOD, least_margin=BUCKLING))
+def rods() -> None:
+    """What every solve needs: solving directly, following the load, stations."""
+    one = _one()
+    rod.stations(one, rod.solve(one), np.array([[0.1]]))
+    rod.solve(one, replace(rod.FAST, least_margin=BUCKLING))
 
 
 def derivatives() -> None:
@@ -50,28 +41,27 @@ def derivatives() -> None:
     path.sliding(np.zeros((1, 1, 2)), np.ones((1, 1)))
     path.held(np.zeros((1, 1, 1)), np.zeros((1, 1, 2, 2)))
     path.extremes(drive, np.zeros((1, 1, history.CELLS)), at_once, at_once)
-    one = _one(layout.UNIFORM.form)
-    solve(one, PAPER)
+    one = _one()
+    rod.solve(one, rod.PAPER)
     values = np.zeros((1, RESULT))
     values[0, AT_ORIENTATION] = 1.0
     straight = Solution(values, np.zeros(1, np.int8), no_shape(1))
-    sensitivities(one, straight, np.zeros((1, 1, one.form.width)), solver.METHOD, strain=True)
+    rod.sensitivities(one, straight, np.zeros((1, 1, one.form.width)), strain=True)
 
 
-PARTS: Mapping[str, Callable[[], None]] = {"plain": plain, "full": full, "derivatives": derivatives}
+PARTS: Mapping[str, Callable[[], None]] = {"rods": rods, "derivatives": derivatives}
 
 
 def warm_up(parts: Sequence[str] = tuple(PARTS)) -> bool:
-    """Solve one rod of each form that fits, comparisons and diagnoses use, in every way they do; whether anything had to be
-    compiled for that."""
+    """Solve one rod in every way that fits, comparisons and diagnoses do; whether anything had to be compiled for that."""
     before = compiled_here()
     for part in parts:
         PARTS[part]()
     return compiled_here() > before
 
 
-def _one(form: Form) -> Rods:
-    return rods(form, 1, length=0.1, bend_stiffness=0.1, stretch_stiffness=100.0, tip_force=[0.1, 0.0, 0.0])
+def _one() -> rod.Rods:
+    return rod.rods(rod.Form(elements=2), 1, length=0.1, bend_stiffness=0.1, stretch_stiffness=100.0, tip_force=[0.1, 0.0, 0.0])
 
 
 if __name__ == "__main__":

@@ -149,7 +149,7 @@ def numerical_error(robot: Robot, states: Campaign) -> float:
         return float("nan")
     _, first = np.unique(states.condition, return_index=True)
     try:
-        rods = rods_of(robot, settings(robot, [states.rows[i] for i in first]), full=True)
+        rods = rods_of(robot, settings(robot, [states.rows[i] for i in first]))
         converged, stepped = solve(rods, FINE), solve(rods, PAPER)
     except ModelError:
         return float("nan")

@@ -280,7 +280,7 @@ class _Misfit:
 def _missed(robot: Robot, states: Campaign, theta: Array, asked: States) -> Array:
     """(n, 3) m, tip predicted minus measured; a robot length in each axis where the rod has no equilibrium. `asked`: settings of
     the states."""
-    found = solve(rods_of(_with(robot, theta), asked, full=True), DIRECT)
+    found = solve(rods_of(_with(robot, theta), asked), DIRECT)
     tip = states.tip - theta[ORIGIN:] * robot.length
     return np.where(found.converged[:, None], np.nan_to_num(found.tip - tip), robot.length)
 

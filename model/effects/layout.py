@@ -17,7 +17,7 @@ from model.rods import columns as col
 
 SPRING_COUNT = 4
 SPRINGS, SPRING_WIDTH = col.HEAD, col.SPRING
-ELEMENTS, ELEMENT_WIDTH = col.HEAD + col.SPRING * SPRING_COUNT, Form(1, full=True).block
+ELEMENTS, ELEMENT_WIDTH = col.HEAD + col.SPRING * SPRING_COUNT, col.BLOCK
 
 TIP, ORIENTATION, JOINT, BASE, STRAIN, MARKERS = 0, 3, 7, 11, 15, 17
 """Columns of a result: tip (m), quaternions of the tip, of the spine's end and of the base, mean axial strain of the
@@ -42,7 +42,7 @@ class Layout:
     @cached_property
     def form(self) -> Form:
         """That of the rods."""
-        return Form(elements=len(self.pieces), springs=SPRING_COUNT, full=True)
+        return Form(elements=len(self.pieces), springs=SPRING_COUNT)
 
     @property
     def width(self) -> int:

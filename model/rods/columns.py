@@ -36,7 +36,7 @@ REST_CURVATURE, REST_STRAIN = 7, 10
 LOAD = 13
 """N/m of unstretched length, mount frame."""
 SERIES = 16
-"""Hyperelastic terms: curvature a (m^2), coupling b (1), strain c (1); see `equations.strains`."""
+"""Hyperelastic terms: curvature a (m^2), coupling b (1), strain c (1); see `equations.strains`. Zero: linear."""
 RISE = 19
 """u*(z) = u* + z rise1 + z^2 rise2 + z^3 rise3 over z = 0 (element's base end) .. 1, three vectors, 1/m."""
 BLOCK = 28

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -44,8 +43,9 @@ _PER_ELEMENT = {
     "rest_curvature": (columns.REST_CURVATURE, 3),
     "rest_strain": (columns.REST_STRAIN, 3),
     "load": (columns.LOAD, 3),
+    "series": (columns.SERIES, 3),
+    "curvature_rise": (columns.RISE, 9),
 }
-_FURTHER = {"series": (columns.SERIES, 3), "curvature_rise": (columns.RISE, 9)}
 MOST_SPRINGS = 4
 BASIC = ("rest_curvature", "load", "tip_force", "tip_moment", "dead_force", "dead_moment")
 """Fields that every method knows, besides lengths and stiffnesses."""
@@ -57,9 +57,6 @@ class Form:
 
     elements: int
     springs: int = 0
-    full: bool = False
-    """Sections have the hyperelastic terms a, b, c of `equations.strains`, and u* varies along elements:
-    u*(z) = u* + z rise1 + z^2 rise2 + z^3 rise3, z = 0..1 from the element's base end."""
 
     def __post_init__(self) -> None:
         if self.elements < 1:
@@ -73,30 +70,17 @@ class Form:
         return columns.HEAD + columns.SPRING * self.springs
 
     @property
-    def block(self) -> int:
-        """Columns of one element."""
-        return columns.BLOCK if self.full else columns.SERIES
-
-    @property
     def width(self) -> int:
         """Columns of a row."""
-        return self.head + self.block * self.elements
-
-    @cached_property
-    def columns(self) -> tuple[int, int, int]:
-        """Head, block and springs, as the kernels take them."""
-        return self.head, self.block, self.springs
+        return self.head + columns.BLOCK * self.elements
 
     def fields(self) -> dict[str, tuple[int, int]]:
         """Name -> (offset in the rod, spring or element block it belongs to, columns) of every field."""
-        tables = (_PER_ROD, self._spring_fields(), self._element_fields())
+        tables = (_PER_ROD, self._spring_fields(), _PER_ELEMENT)
         return {name: at for table in tables for name, at in table.items()}
 
     def _spring_fields(self) -> dict[str, tuple[int, int]]:
         return _PER_SPRING if self.springs else {}
-
-    def _element_fields(self) -> dict[str, tuple[int, int]]:
-        return _PER_ELEMENT | _FURTHER if self.full else _PER_ELEMENT
 
     def view(self, values: Array, name: str) -> Array:
         """The field `name` of rows (..., width) as a view: (...[, k]), (..., springs[, k]) or (..., elements[, k])."""
@@ -106,9 +90,9 @@ class Form:
         if name in self._spring_fields():
             first, count, each = columns.HEAD, self.springs, columns.SPRING
             at, size = _PER_SPRING[name]
-        elif name in self._element_fields():
-            first, count, each = self.head, self.elements, self.block
-            at, size = self._element_fields()[name]
+        elif name in _PER_ELEMENT:
+            first, count, each = self.head, self.elements, columns.BLOCK
+            at, size = _PER_ELEMENT[name]
         else:
             raise BadCondition(f"{name}: no such field in rods of {self}; there are {', '.join(self.fields())}")
         blocks = values[..., first : first + count * each].reshape(*values.shape[:-1], count, each)

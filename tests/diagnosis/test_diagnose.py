@@ -109,7 +109,7 @@ from tests.diagnosis.small_campaigns import FEW, measured
 
 if __name__ == "__main__":
     campaign = measured(3, 2, FEW)
-    warm_up(("full", "derivatives"))
+    warm_up()
 
     def known():
         ours = (d for d in gc.get_objects() if isinstance(d, Dispatcher) and d.__module__.startswith("model."))

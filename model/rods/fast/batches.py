@@ -1,4 +1,4 @@
-"""How a batch of rods is handed to the kernels: fixed steps, form, threads."""
+"""How a batch of rods is handed to the kernels: fixed steps, threads."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.errors import BadCondition
-from model.rods.description import Form, Rods
-from model.rods.fast.group import Full
+from model.rods.description import Rods
 from model.rods.fast.lanes import LANES
 
 Steps = NDArray[np.int64]
@@ -24,11 +23,6 @@ def steps_of(rods: Rods, steps: Steps | None) -> Steps:
     if steps.shape != (len(rods), rods.form.elements) or steps.dtype != np.int64 or (steps < 1).any():
         raise BadCondition(f"steps: shape {steps.shape} of {steps.dtype}, must be positive int64 for each element")
     return np.ascontiguousarray(steps)
-
-
-def full_of(form: Form) -> Full:
-    """What tells kernels whether rods are in full form."""
-    return 1 if form.full else None
 
 
 def share_out(part: Callable[[slice], None], n: int, cores: int) -> None:

@@ -12,10 +12,8 @@ from model.rods.fast.compiler import inline, kernel, routine
 from model.rods.fast.group import (
     ROD,
     Counts,
-    Full,
     Group,
     Rod,
-    RowLayout,
     Six,
     cut,
     each_rod,
@@ -114,8 +112,7 @@ def write_result(rod: Rod, springs: int, out: Array, row: int) -> None:
 @kernel
 def solve_direct(
     rods: Array,
-    layout: tuple[int, int, int],
-    full: Full,
+    springs: int,
     settings: tuple[float, float, bool],
     steps: Counts,
     memory: Array,
@@ -123,21 +120,20 @@ def solve_direct(
 ) -> None:
     """Solve every row of `rods` (see `columns`) and write a row of `out` (see `solution`).
 
-    `layout` is that of `RowLayout` (a plain tuple comes in ten times faster), `settings` are divisions, close and whether
-    to start from `memory` (n or 0 rows), which is always written. `steps` (n or 0 rows) fixes the fine steps. Rows that did
-    not converge have an AT_RESIDUAL that is not below `close`.
+    `settings` are divisions, close and whether to start from `memory` (n or 0 rows), which is always written. `steps` (n or 0
+    rows) fixes the fine steps. Rows that did not converge have an AT_RESIDUAL that is not below `close`.
     """
-    n, at = rods.shape[0], RowLayout(layout[0], layout[1], layout[2])
+    n = rods.shape[0]
     divisions, close, warm = settings
-    room = new_group(rods, at, full, ROD)
+    room = new_group(rods, springs, ROD)
     for first in range(0, n, LANES):
         own = min(LANES, n - first)
         # Side by side many are quicker than one by one: lanes without a rod then hold the last one.
-        group = Group(room.work, room.elements, full, room.parts, at.springs, own if own <= FEW else LANES)
-        gather(rods, at, group, first)
+        group = Group(room.work, room.elements, room.parts, springs, own if own <= FEW else LANES)
+        gather(rods, group, first)
         if warm:
             for l in range(group.active):
-                exchange(Rod(group.work, l), at.springs, memory, min(first + l, n - 1), False)
+                exchange(Rod(group.work, l), springs, memory, min(first + l, n - 1), False)
         else:
             cut(group, COARSE_DIVISIONS)
             first_guess(group)
@@ -155,9 +151,9 @@ def solve_direct(
             improve(group, close, ROUNDS)
         correct(group)
         for l in range(own):
-            write_result(Rod(group.work, l), at.springs, out, first + l)
+            write_result(Rod(group.work, l), springs, out, first + l)
             if memory.shape[0] > 0:
-                exchange(Rod(group.work, l), at.springs, memory, first + l, True)
+                exchange(Rod(group.work, l), springs, memory, first + l, True)
 
 
 @each_rod

@@ -36,7 +36,7 @@ from model.rods.fast.lanes import Record, record
 
 @record
 class Terms(Record):
-    """What sections of rods in full form have besides, in the order of `columns`."""
+    """What makes a section hyperelastic or its rest curvature graded, in the order of `columns`."""
 
     law: Vector
     """a (m^2), b, c."""
@@ -63,7 +63,6 @@ class Section(Record):
     load: Vector
     """f, N/m."""
     terms: Terms
-    """Nothing unless rods are in full form."""
     u_rest_norm: float
     """|u*|, 1/m."""
     parts: float
@@ -115,15 +114,12 @@ def turning(q: Quaternion, u: Vector) -> Quaternion:
 
 
 @inline
-def strains(m: Vector, n: Vector, section: Section, terms: Terms | None, z: float, near: Soft | None) -> Strains:
+def strains(m: Vector, n: Vector, section: Section, z: float, near: Soft | None) -> Strains:
     """u, v and softness of a section that carries m and n, at the share z of its element; `near` is how soft it is close by."""
-    u, v = times(section.inv_bend, m), times(section.inv_stretch, n)
-    soft = Soft(1.0, v[2])
-    rest = section.u_rest
-    if terms is not None:
-        soft = softened(law_of(m, n, section, terms), near)
-        u, v = (u[0] / soft.d, u[1] / soft.d, u[2]), (v[0], v[1], soft.e)
-        rest = along(along(along(rest, z, terms.rise1), z * z, terms.rise2), z * z * z, terms.rise3)
+    u, v, terms = times(section.inv_bend, m), times(section.inv_stretch, n), section.terms
+    soft = softened(law_of(m, n, section), near)
+    u, v = (u[0] / soft.d, u[1] / soft.d, u[2]), (v[0], v[1], soft.e)
+    rest = along(along(along(section.u_rest, z, terms.rise1), z * z, terms.rise2), z * z * z, terms.rise3)
     return Strains(add(u, rest), add(v, section.v_rest), soft)
 
 
@@ -141,9 +137,9 @@ class Law(NamedTuple):
 
 
 @inline
-def law_of(m: Vector, n: Vector, section: Section, terms: Terms) -> Law:
+def law_of(m: Vector, n: Vector, section: Section) -> Law:
     """The law of a section that carries m and n."""
-    a, b, c = terms.law
+    a, b, c = section.terms.law
     ix, iy, _ = section.inv_bend
     axial = section.inv_stretch[2]
     energy = m[0] * (ix * m[0]) + m[1] * (iy * m[1])

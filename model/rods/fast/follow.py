@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from model.rods.fast.compiler import inline, kernel
 from model.rods.fast.direct import exchange, write_result
-from model.rods.fast.group import ROD, Full, Group, Rod, RowLayout, cut, gather, new_group
+from model.rods.fast.group import ROD, Group, Rod, cut, gather, new_group
 from model.rods.fast.lanes import LANES, copy, new_numbers
 from model.rods.fast.newton import (
     buckling_margin,
@@ -45,8 +45,7 @@ FOLLOWED, LOST = 1, 0
 @kernel
 def follow_load(
     rods: Array,
-    layout: tuple[int, int, int],
-    full: Full,
+    springs: int,
     settings: tuple[float, float, float],
     rows: Rows,
     memory: Array,
@@ -59,14 +58,13 @@ def follow_load(
     `settings` are divisions, close and the least margin to buckling. A rod that is lost holds its last equilibrium and the
     share of load it belongs to.
     """
-    at = RowLayout(layout[0], layout[1], layout[2])
     divisions, close, least_margin = settings
-    room = new_group(rods, at, full, ROD)
-    group = Group(room.work, room.elements, full, room.parts, at.springs, 1)
+    room = new_group(rods, springs, ROD)
+    group = Group(room.work, room.elements, room.parts, springs, 1)
     kept = new_numbers(ROD * LANES)
     for i in range(rows.shape[0]):
         row = rows[i]
-        gather(rods, at, group, row)
+        gather(rods, group, row)
         rod, saved = Rod(room.work, 0), Rod(kept, 0)
         rod.largest_moment = out[row, AT_LARGEST]
         cut(group, divisions)

@@ -18,8 +18,6 @@ from model.rods.fast.lanes import LANES, Record, new_numbers, record
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
-Full = int | None
-"""1 for rods in full form; None, pruned at compile time where it is an argument, for all others."""
 More = ParamSpec("More")
 
 
@@ -133,16 +131,7 @@ class Rod(Record):
 # Numba takes sizes as constants of a module.
 ROD, SECTION, TERMS, SPRING = Rod.size, Section.size, Terms.size, Spring.size
 POSE, SIX, FOUND = Pose.size, Six.size, Found.size
-
-
-class RowLayout(NamedTuple):
-    """Where things are in a row of `Rods.values`, see `columns`."""
-
-    head: int
-    """Columns before the first element."""
-    block: int
-    """Columns of an element."""
-    springs: int
+BLOCK = columns.BLOCK
 
 
 class Group(NamedTuple):
@@ -152,7 +141,6 @@ class Group(NamedTuple):
     """Of `Rod`."""
     elements: Array
     """(count) of `Section`, tip first."""
-    full: Full
     parts: Counts
     """(count,) steps of each element."""
     springs: int
@@ -178,17 +166,9 @@ def section_of(group: Group, e: int, l: int) -> Section:
 
 
 @inline
-def terms_of(full: Full, section: Section) -> Terms | None:
-    """The terms of a section, where rods have them."""
-    if full is None:
-        return None
-    return section.terms
-
-
-@inline
-def elements_of(rods: Array, at: RowLayout) -> int:
+def elements_of(rods: Array, springs: int) -> int:
     """Elements of a row."""
-    return (rods.shape[1] - at.head) // at.block
+    return (rods.shape[1] - columns.HEAD - SPRING * springs) // BLOCK
 
 
 @inline
@@ -198,15 +178,15 @@ def three(rods: Array, row: int, column: int) -> Vector:
 
 
 @routine
-def gather_rod(rods: Array, row: int, at: RowLayout, group: Group, l: int) -> None:
+def gather_rod(rods: Array, row: int, group: Group, l: int) -> None:
     """Copy rod `row` into lane l: its ends, and its elements tip first."""
     rod = Rod(group.work, l)
     gather_ends(rods, row, rod)
-    for j in range(at.springs):
+    for j in range(group.springs):
         for k in range(SPRING):
             rod.springs[j][k] = rods[row, columns.HEAD + SPRING * j + k]
     whole, thrust = 0.0, math.sqrt(dot(rod.tip_force, rod.tip_force)) + math.sqrt(dot(rod.dead_force, rod.dead_force))
-    for o in range(at.head, rods.shape[1], at.block):
+    for o in range(columns.HEAD + SPRING * group.springs, rods.shape[1], BLOCK):
         length, load = rods[row, o + columns.LENGTH], three(rods, row, o + columns.LOAD)
         whole += length
         thrust += 0.5 * length * math.sqrt(load[0] * load[0] + load[1] * load[1] + load[2] * load[2])
@@ -215,10 +195,8 @@ def gather_rod(rods: Array, row: int, at: RowLayout, group: Group, l: int) -> No
     arm = 0.125 * whole
     moment = math.sqrt(dot(rod.tip_moment, rod.tip_moment))
     rod.largest_moment = max(moment, arm * math.sqrt(dot(rod.tip_force, rod.tip_force)))
-    for e in range(elements_of(rods, at)):
-        o, section = rods.shape[1] - (e + 1) * at.block, section_of(group, e, l)
-        gather_section(rods, row, o, section)
-        gather_terms(terms_of(group.full, section), rods, row, o)
+    for e in range(group.parts.size):
+        gather_section(rods, row, rods.shape[1] - (e + 1) * BLOCK, section_of(group, e, l))
 
 
 @inline
@@ -251,29 +229,23 @@ def gather_section(rods: Array, row: int, o: int, section: Section) -> None:
     )
     section.load = three(rods, row, o + columns.LOAD)
     section.u_rest_norm = math.sqrt(dot(section.u_rest, section.u_rest))
-
-
-@inline
-def gather_terms(terms: Terms | None, rods: Array, row: int, o: int) -> None:
-    """Copy the hyperelastic and graded terms, where rods have them."""
-    if terms is not None:
-        for k in range(TERMS):
-            terms[k] = rods[row, o + columns.SERIES + k]
+    for k in range(TERMS):
+        section.terms[k] = rods[row, o + columns.SERIES + k]
 
 
 @allocating
-def new_group(rods: Array, at: RowLayout, full: Full, size: int) -> Group:
+def new_group(rods: Array, springs: int, size: int) -> Group:
     """Room for a group of such rods, `size` quantities for each besides its elements; all lanes in use."""
-    count = elements_of(rods, at)
+    count = elements_of(rods, springs)
     parts = np.empty(count, np.int64)
-    return Group(new_numbers(size * LANES), new_numbers(count * SECTION * LANES), full, parts, at.springs, LANES)
+    return Group(new_numbers(size * LANES), new_numbers(count * SECTION * LANES), parts, springs, LANES)
 
 
 @inline
-def gather(rods: Array, at: RowLayout, group: Group, first: int) -> None:
+def gather(rods: Array, group: Group, first: int) -> None:
     """The rods from row `first` on into the lanes in use; those without a rod hold the last one."""
     for l in range(group.active):
-        gather_rod(rods, min(first + l, len(rods) - 1), at, group, l)
+        gather_rod(rods, min(first + l, len(rods) - 1), group, l)
 
 
 @routine

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from model.errors import BadCondition
 from model.rods.description import Rods
 from model.rods.fast import direct
-from model.rods.fast.batches import Steps, full_of, share_out, steps_of
+from model.rods.fast.batches import Steps, share_out, steps_of
 from model.rods.fast.follow import FOLLOWED, follow_load
 from model.rods.fast.walk import AT_PLACE, states_at
 from model.rods.solution import AT_MARGIN, AT_RESIDUAL, RESULT, Solution, Status, no_shape
@@ -95,8 +95,7 @@ class Fast:
         def part(rows: slice) -> None:
             direct.solve_direct(
                 rods.values[rows],
-                form.columns,
-                full_of(form),
+                form.springs,
                 settings,
                 fixed[rows] if len(fixed) else fixed,
                 memory[rows] if len(memory) else memory,
@@ -108,14 +107,13 @@ class Fast:
 
     def _follow(self, rods: Rods, doubtful: NDArray[np.intp], memory: Array, values: Array, status: NDArray[np.int8]) -> None:
         """Settle the rods that the direct solve left open."""
-        form = rods.form
         found = values[doubtful, AT_RESIDUAL] < self.close
         reached = np.zeros(len(doubtful), np.int8)
         # Near buckling small errors grow. Rounding lets a rod reach 1e-11 in any case; with a margin below 1e-3 it snaps.
         settings = (2.0 * self.divisions, max(0.01 * self.close, 1e-11), 1e-3)
 
         def part(rows: slice) -> None:
-            follow_load(rods.values, form.columns, full_of(form), settings, doubtful[rows], memory, values, reached[rows])
+            follow_load(rods.values, rods.form.springs, settings, doubtful[rows], memory, values, reached[rows])
 
         share_out(part, len(doubtful), self.cores)
         followed = reached == FOLLOWED

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from model.rods.fast.algebra import Vector
 from model.rods.fast.compiler import inline
-from model.rods.fast.equations import Section, State, Strains, Terms, balance, law_of
+from model.rods.fast.equations import Section, State, Strains, balance, law_of
 from model.rods.fast.lanes import Record, record
 
 
@@ -47,7 +47,6 @@ class Stage(Record):
     pull: Vector
     """R^T dN of the change that follows."""
     softening: Softening
-    """Of rods in full form."""
 
 
 @inline
@@ -59,7 +58,7 @@ def stage_of(stages: list[Stage] | None, i: int) -> Stage | None:
 
 
 @inline
-def keep_stage(stage: Stage | None, y: State, n: Vector, s: Strains, section: Section, terms: Terms | None) -> None:
+def keep_stage(stage: Stage | None, y: State, n: Vector, s: Strains, section: Section) -> None:
     """Keep what goes on, where there is room for it."""
     if stage is not None:
         w, a, b, c = y.q
@@ -67,30 +66,29 @@ def keep_stage(stage: Stage | None, y: State, n: Vector, s: Strains, section: Se
         stage.rows[1] = (2.0 * (a * b + w * c), 1.0 - 2.0 * (a * a + c * c), 2.0 * (b * c - w * a))
         stage.rows[2] = (2.0 * (a * c - w * b), 2.0 * (b * c + w * a), 1.0 - 2.0 * (a * a + b * b))
         stage.m, stage.n, stage.u, stage.v = y.m, n, s.u, s.v
-        keep_softening(stage.softening, y.m, n, s, section, terms)
+        keep_softening(stage.softening, y.m, n, s, section)
 
 
 @inline
-def keep_softening(to: Softening, m: Vector, n: Vector, s: Strains, section: Section, terms: Terms | None) -> None:
+def keep_softening(to: Softening, m: Vector, n: Vector, s: Strains, section: Section) -> None:
     """Keep how D and e of a hyperelastic section answer at its solution F1 = F2 = 0: d(D, e) = -J^-1 d(F1, F2) with
     J = d(F1, F2) / d(D, e), and the derivatives of F1 and F2 by the numbers of the section at the same D and e."""
-    if terms is not None:
-        law = law_of(m, n, section, terms)
-        f = balance(law, s.soft)
-        d, e = s.soft
-        ix, iy, _ = section.inv_bend
-        total = ix * m[0] * m[0] + iy * m[1] * m[1]
-        scale = -1.0 / (f.f1_by_d * f.f2_by_e - f.f1_by_e * f.f2_by_d)
-        to.k = (ix * m[0] / d, iy * m[1] / d, 1.0 / d)
-        to.d_by_f1, to.d_by_f2 = scale * f.f2_by_e, -scale * f.f1_by_e
-        to.e_by_f1, to.e_by_f2 = -scale * f.f2_by_d, scale * f.f1_by_d
-        root, w = (ix * iy) ** 0.5, 1.0 / (d * d)
-        half = 0.5 * w * law.b * f.rise
-        to.f1_by_total = -f.steep * w * terms.law[0] * root
-        to.f2_by_total = half * section.inv_stretch[2]
-        to.f1_by_root = -0.5 * f.steep * f.x
-        to.f1_by_a = -f.steep * w * root * total
-        to.f1_by_b = -f.rise * e
-        to.f2_by_b = law.coupled * w * (f.rise + law.b * e * f.curl)
-        to.f2_by_c = f.relief * f.relief * e * e
-        to.f2_by_axial = half * total - n[2]
+    law = law_of(m, n, section)
+    f = balance(law, s.soft)
+    d, e = s.soft
+    ix, iy, _ = section.inv_bend
+    total = ix * m[0] * m[0] + iy * m[1] * m[1]
+    scale = -1.0 / (f.f1_by_d * f.f2_by_e - f.f1_by_e * f.f2_by_d)
+    to.k = (ix * m[0] / d, iy * m[1] / d, 1.0 / d)
+    to.d_by_f1, to.d_by_f2 = scale * f.f2_by_e, -scale * f.f1_by_e
+    to.e_by_f1, to.e_by_f2 = -scale * f.f2_by_d, scale * f.f1_by_d
+    root, w = (ix * iy) ** 0.5, 1.0 / (d * d)
+    half = 0.5 * w * law.b * f.rise
+    to.f1_by_total = -f.steep * w * section.terms.law[0] * root
+    to.f2_by_total = half * section.inv_stretch[2]
+    to.f1_by_root = -0.5 * f.steep * f.x
+    to.f1_by_a = -f.steep * w * root * total
+    to.f1_by_b = -f.rise * e
+    to.f2_by_b = law.coupled * w * (f.rise + law.b * e * f.curl)
+    to.f2_by_c = f.relief * f.relief * e * e
+    to.f2_by_axial = half * total - n[2]

@@ -7,23 +7,19 @@ from numpy.typing import NDArray
 
 from model.rods.description import Rods
 from model.rods.fast.algebra import add, scaled, turned, turned_back
-from model.rods.fast.batches import full_of
 from model.rods.fast.compiler import kernel, routine
 from model.rods.fast.direct import put_three
 from model.rods.fast.equations import Section, strains
 from model.rods.fast.group import (
     ROD,
     Counts,
-    Full,
     Group,
     Rod,
-    RowLayout,
     cut,
     fixed_cut,
     gather,
     new_group,
     section_of,
-    terms_of,
 )  # fmt: skip
 from model.rods.fast.lanes import LANES
 from model.rods.fast.passes import WHOLE, advance, advance_group, orientation, start_at_tip
@@ -39,13 +35,13 @@ WIDTH = 14
 def states_at(rods: Rods, solution: Solution, arcs: Array, divisions: float, steps: Counts) -> Array:
     """(n, k, WIDTH) at arcs (n, k) m; NaN for rods that did not converge. `steps` as of `batches.steps_of`."""
     out = np.full((*arcs.shape, WIDTH), np.nan)
-    walk(rods.values, rods.form.columns, full_of(rods.form), (float(divisions), steps), solution.values, arcs, out)
+    walk(rods.values, rods.form.springs, (float(divisions), steps), solution.values, arcs, out)
     out[~solution.converged] = np.nan
     return out
 
 
 @routine
-def write_station(rod: Rod, section: Section, full: Full, solved: Array, row: int, out: Array, s: int) -> None:
+def write_station(rod: Rod, section: Section, solved: Array, row: int, out: Array, s: int) -> None:
     """The state beside a rod as its station s."""
     there = rod.beside
     q = orientation(there)
@@ -55,15 +51,14 @@ def write_station(rod: Rod, section: Section, full: Full, solved: Array, row: in
     found[s, AT_TURN], found[s, AT_TURN + 1], found[s, AT_TURN + 2], found[s, AT_TURN + 3] = q
     put_three(found, s, AT_FORCE, there.force)
     put_three(found, s, AT_MOMENT, turned(q, there.m))
-    v = strains(there.m, turned_back(q, there.force), section, terms_of(full, section), 0.0, None).v
+    v = strains(there.m, turned_back(q, there.force), section, 0.0, None).v
     found[s, AT_STRAIN] = v[2] - 1.0
 
 
 @kernel
 def walk(
     rods: Array,
-    layout: tuple[int, int, int],
-    full: Full,
+    springs: int,
     grid: tuple[float, Counts],
     solved: Array,
     arcs: Array,
@@ -74,11 +69,10 @@ def walk(
     From the tip to the base, element by element, z from 1 at the tip's end of each to 0. `grid` are divisions and fixed steps (n
     rows, or none), which replace those that follow from the divisions.
     """
-    at = RowLayout(layout[0], layout[1], layout[2])
-    group = new_group(rods, at, full, ROD)
+    group = new_group(rods, springs, ROD)
     for first in range(0, rods.shape[0], LANES):
-        stand_at_tip(rods, at, group, solved, grid, first)
-        start_at_tip(group, group.springs, WHOLE)
+        stand_at_tip(rods, group, solved, grid, first)
+        start_at_tip(group, springs, WHOLE)
         for e in range(group.parts.size):
             pieces = max(group.parts[e], 1)
             for j in range(pieces):
@@ -88,9 +82,9 @@ def walk(
 
 
 @routine
-def stand_at_tip(rods: Array, at: RowLayout, group: Group, solved: Array, grid: tuple[float, Counts], first: int) -> None:
+def stand_at_tip(rods: Array, group: Group, solved: Array, grid: tuple[float, Counts], first: int) -> None:
     """Gather the solved rods from row `first` on and cut them as their solve was cut."""
-    gather(rods, at, group, first)
+    gather(rods, group, first)
     for l in range(LANES):
         rod, row = Rod(group.work, l), min(first + l, rods.shape[0] - 1)
         rod.largest_moment = solved[row, AT_LARGEST]
@@ -114,11 +108,11 @@ def visit_station(group: Group, step: tuple[int, int, int], arcs: Array, first: 
         return
     for l in range(LANES):
         rod = Rod(group.work, l)
-        advance(rod, section_of(group, e, l), group.full, z, dz * rod.share, WHOLE, None, rod.beside)
+        advance(rod, section_of(group, e, l), z, dz * rod.share, WHOLE, None, rod.beside)
     for l in range(min(LANES, last + 1 - first)):
         rod = Rod(group.work, l)
         if rod.share >= 0.0:
-            write_station(rod, section_of(group, e, l), group.full, solved, first + l, out, s)
+            write_station(rod, section_of(group, e, l), solved, first + l, out, s)
 
 
 @routine

@@ -15,7 +15,6 @@ Array = np.ndarray
 TIGHT = Fast(divisions=16.0, close=1e-13)
 FIXED = replace(TIGHT, steps=np.full((2, 2), 12))
 """Fixed, so that differences are of one smooth function."""
-FULL = Form(elements=2, full=True)
 """With room for all that an effect may change, as the diagnosis differentiates rods."""
 ARCS = np.array([0.0, 0.07, 0.16, 0.33, LENGTH])
 
@@ -48,10 +47,8 @@ def differences(rods: Rods, along: Array, size: float) -> Array:
     return np.stack(found, axis=1)
 
 
-# The plain form is compiled by itself, for half a minute.
-@pytest.mark.parametrize("form", [FULL, pytest.param(Form(elements=2), marks=pytest.mark.long)])
-def test_eight_parameters_agree_with_converged_differences(form: Form) -> None:
-    rods = robots(5, np.linspace(60e3, 250e3, 5), 0.15, roll=0.3, form=form)
+def test_eight_parameters_agree_with_converged_differences() -> None:
+    rods = robots(5, np.linspace(60e3, 250e3, 5), 0.15, roll=0.3)
     along = eight_directions(rods)
     expected = differences(rods, along, 2e-4)
     for method, within in ((TIGHT, 1e-6), (Fast(), 1e-4)):
@@ -60,7 +57,7 @@ def test_eight_parameters_agree_with_converged_differences(form: Form) -> None:
 
 
 def test_each_rod_may_have_directions_of_its_own() -> None:
-    rods = robots(20, np.linspace(60e3, 250e3, 20), 0.1, form=FULL)
+    rods = robots(20, np.linspace(60e3, 250e3, 20), 0.1)
     own = np.zeros((20, 1, rods.form.width))
     rods.form.view(own, "tip_force")[:, 0] = rods.field("tip_force")
     solution = solve(rods, FINE)
@@ -70,14 +67,14 @@ def test_each_rod_may_have_directions_of_its_own() -> None:
 
 
 def test_directions_of_the_wrong_shape_are_refused() -> None:
-    rods = robots(3, 100e3, 0.1, form=FULL)
+    rods = robots(3, 100e3, 0.1)
     with pytest.raises(BadCondition, match=r"directions: shape \(3, 1, 7\)"):
         sensitivities(rods, solve(rods), np.zeros((3, 1, 7)))
 
 
 def rich_rods() -> Rods:
     """Two rods with everything there is: three springs, softening, graded curvature, a base that gives and is tilted."""
-    rods = robots(2, np.array([120e3, 200e3]), 0.15, roll=0.4, form=Form(2, springs=3, full=True))
+    rods = robots(2, np.array([120e3, 200e3]), 0.15, roll=0.4, form=Form(2, springs=3))
     rods.field("spring_direction")[:] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.6, 0.8]]
     rods.field("spring_stiffness")[:] = [20.0, 30.0, 60.0]
     rods.field("spring_origin")[:] = [0.01, 0.0, 0.3]
@@ -144,10 +141,10 @@ def test_every_output_agrees_with_converged_differences_along_random_directions(
 
 def test_a_rod_without_a_spine_knows_what_a_spine_would_do() -> None:
     """Its inner element is stiffer and has no length."""
-    none = robots(1, 150e3, 0.0, form=FULL)
+    none = robots(1, 150e3, 0.0)
     none.field("bend_stiffness")[:, 0] *= 3.0
     along = direction(none, length=(1.0, -1.0))
     found = sensitivities(none, solve(none, TIGHT), along, TIGHT).tip[0, 0]
-    start, once, twice = (solve(Rods(FULL, none.values + size * along[0]), TIGHT).tip[0] for size in (0.0, 1e-4, 2e-4))
+    start, once, twice = (solve(Rods(none.form, none.values + size * along[0]), TIGHT).tip[0] for size in (0.0, 1e-4, 2e-4))
     expected = (4 * (once - start) - (twice - start)) / 2e-4
     assert np.linalg.norm(found - expected) < 1e-5 * np.linalg.norm(expected)

@@ -119,7 +119,7 @@ def test_springs_at_the_tip_pull_as_the_same_forces_would() -> None:
 
 
 def test_a_curvature_that_grows_along_an_element_equals_many_elements() -> None:
-    graded = robots(1, 150e3, 0.1, form=Form(elements=2, full=True))
+    graded = robots(1, 150e3, 0.1, form=Form(elements=2))
     rest = np.array([[0.3, 0.1, 0.2], [0.5, -0.2, 0.0]])
     rise = np.array([[0.4, 0.0, 0.1, -0.3, 0.2, 0.0, 0.1, 0.0, 0.3], [0.1, 0.5, 0.0, 0.2, 0.2, 0.2, -0.6, 0.1, 0.1]])
     graded.field("rest_curvature")[0], graded.field("curvature_rise")[0] = rest, rise

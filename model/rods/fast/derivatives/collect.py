@@ -12,7 +12,6 @@ from typing import TypeVar
 from model.rods.fast.algebra import Vector, add, along, dot, plus_times, scaled, times
 from model.rods.fast.compiler import fused, inline
 from model.rods.fast.derivatives.tangent import NOTHING, Walk, step_of
-from model.rods.fast.group import Full
 from model.rods.fast.lanes import LANES, Array
 from model.rods.fast.runge_kutta import B1, B3, B4, B5, B6, B7, C3, C4, C5, C6
 
@@ -29,47 +28,42 @@ def over_stages(more: Callable[[Sums, Walk, int, float, float], Sums], sums: Sum
 
 @inline
 def more_moments(
-    sums: tuple[float, Vector, Vector], walk: Walk, i: int, weight: float, share: float
-) -> tuple[float, Vector, Vector]:
-    """dm . u, dm, dm m."""
+    sums: tuple[float, Vector, float], walk: Walk, i: int, weight: float, share: float
+) -> tuple[float, Vector, float]:
+    """dm . u, dm, dm3 m3."""
     dm, stage = walk.answers[i].dm, walk.stages[i]
-    return sums[0] + dot(dm, stage.u), add(sums[1], dm), plus_times(sums[2], dm, stage.m)
+    return sums[0] + dot(dm, stage.u), add(sums[1], dm), fused(dm[2], stage.m[2], sums[2])
 
 
 @inline
-def collect_moments(full: Full, walk: Walk, z: float, dz: float) -> None:
-    """T by dm: on length, rest curvature, and bending stiffness less what `collect_terms` adds."""
+def collect_moments(walk: Walk, z: float, dz: float) -> None:
+    """T by dm: on length, rest curvature, and torsional stiffness."""
     (share, h), work, inverse = step_of(walk, dz), walk.column.work, walk.section.inv_bend
-    along_it, dm, bend = over_stages(more_moments, (0.0, NOTHING, NOTHING), walk)
+    along_it, dm, twist = over_stages(more_moments, (0.0, NOTHING, 0.0), walk)
     work.length += share * along_it
     work.rest_curvature = along(work.rest_curvature, h, dm)
-    if full is not None:
-        bend = (0.0, 0.0, bend[2])
-    work.bend = along(work.bend, -h, times(times(inverse, inverse), bend))
+    work.bend = along(work.bend, -h, (0.0, 0.0, inverse[2] * inverse[2] * twist))
 
 
 @inline
 def more_forces(
     sums: tuple[float, float, Vector, Vector], walk: Walk, i: int, weight: float, share: float
 ) -> tuple[float, float, Vector, Vector]:
-    """dv3, dn . v, dn, dn n; to the last a forced column adds its force."""
+    """dv3, dn . v, dn, dn n."""
     answer, stage = walk.answers[i], walk.stages[i]
-    x, y, z = plus_times(sums[3], answer.dn, stage.n)
-    pulled = (x, y, fused(weight * walk.added, stage.n[2], z))
-    return sums[0] + answer.strain, sums[1] + dot(answer.dn, stage.v), add(sums[2], answer.dn), pulled
+    sheared = plus_times(sums[3], answer.dn, stage.n)
+    return sums[0] + answer.strain, sums[1] + dot(answer.dn, stage.v), add(sums[2], answer.dn), sheared
 
 
 @inline
-def collect_forces(full: Full, walk: Walk, z: float, dz: float) -> None:
-    """Mean strain, and T by dn: on length, rest strain, and stretching stiffness less what `collect_terms` adds."""
+def collect_forces(walk: Walk, z: float, dz: float) -> None:
+    """Mean strain, and T by dn: on length, rest strain, and shear stiffness."""
     (share, h), work, inverse = step_of(walk, dz), walk.column.work, walk.section.inv_stretch
-    strain, along_it, dn, stretch = over_stages(more_forces, (0.0, 0.0, NOTHING, NOTHING), walk)
+    strain, along_it, dn, sheared = over_stages(more_forces, (0.0, 0.0, NOTHING, NOTHING), walk)
     walk.column.mean_strain += share * strain
     # A mean strain is no longer for the element's length, but sees directly what stretches it.
     work.length += share * along_it
-    if full is not None:
-        stretch = (stretch[0], stretch[1], 0.0)
-    work.stretch = along(work.stretch, -h, times(times(inverse, inverse), stretch))
+    work.stretch = along(work.stretch, -h, times(times(inverse, inverse), (sheared[0], sheared[1], 0.0)))
     work.rest_strain = along(work.rest_strain, h, (dn[0], dn[1], dn[2] + walk.added))
 
 
@@ -82,7 +76,7 @@ def more_shift(sums: tuple[Vector, Vector], walk: Walk, i: int, weight: float, s
 
 
 @inline
-def collect_shift(full: Full, walk: Walk, z: float, dz: float) -> None:
+def collect_shift(walk: Walk, z: float, dz: float) -> None:
     """p, and T by it: on the load, and with it on length."""
     (share, h), column, load = step_of(walk, dz), walk.column, walk.section.load
     slopes, slopes_left = over_stages(more_shift, (NOTHING, NOTHING), walk)
@@ -104,7 +98,7 @@ def more_rises(
 
 
 @inline
-def collect_rises(full: Full, walk: Walk, z: float, dz: float) -> None:
+def collect_rises(walk: Walk, z: float, dz: float) -> None:
     """T on what a rest curvature rises by."""
     (share, h), work = step_of(walk, dz), walk.column.work
     _, _, first, second, third = over_stages(more_rises, (z, share, NOTHING, NOTHING, NOTHING), walk)
@@ -137,8 +131,8 @@ def more_terms(sums: tuple[Vector, Vector], walk: Walk, i: int, weight: float, s
 
 
 @inline
-def collect_terms(full: Full, walk: Walk, z: float, dz: float) -> None:
-    """T on the hyperelastic terms, and on the stiffnesses that they have part in."""
+def collect_terms(walk: Walk, z: float, dz: float) -> None:
+    """T on the hyperelastic terms, and on the stiffnesses that they change: bending and axial."""
     h, work, (x, y, _), axial = (
         step_of(walk, dz)[1],
         walk.column.work,
@@ -152,18 +146,17 @@ def collect_terms(full: Full, walk: Walk, z: float, dz: float) -> None:
 
 
 @inline
-def each(one: Callable[[Full, Walk, float, float], None], full: Full, work: Array, z: float, dz: float) -> None:
+def each(one: Callable[[Walk, float, float], None], work: Array, z: float, dz: float) -> None:
     """For each lane."""
     for l in range(LANES):
-        one(full, Walk(work, l), z, dz)
+        one(Walk(work, l), z, dz)
 
 
 @inline
-def collect(full: Full, work: Array, z: float, dz: float) -> None:
+def collect(work: Array, z: float, dz: float) -> None:
     """Add what all lanes collect in the step from z by dz (shares of the element) to their columns."""
-    each(collect_moments, full, work, z, dz)
-    each(collect_forces, full, work, z, dz)
-    each(collect_shift, full, work, z, dz)
-    if full is not None:
-        each(collect_rises, full, work, z, dz)
-        each(collect_terms, full, work, z, dz)
+    each(collect_moments, work, z, dz)
+    each(collect_forces, work, z, dz)
+    each(collect_shift, work, z, dz)
+    each(collect_rises, work, z, dz)
+    each(collect_terms, work, z, dz)

@@ -21,17 +21,15 @@ from model.rods.fast.derivatives.tangent import (
     MOMENTS,
     NOTHING,
     PLACED,
-    PLAIN_WORK,
     TIP_COLUMNS,
     TURNS,
-    WORK,
     Column,
     Walk,
     load_column,
     step_column,
 )  # fmt: skip
 from model.rods.fast.equations import strains
-from model.rods.fast.group import SECTION, Full, Group, Point, Rod, each_rod, section_of, terms_of
+from model.rods.fast.group import BLOCK, SECTION, Group, Point, Rod, each_rod, section_of
 from model.rods.fast.lanes import LANES, Record, copy, copy_lanes, record
 from model.rods.fast.passes import WHOLE, advance, orientation, read_base, start_at_tip
 from model.rods.fast.walk import passes
@@ -175,17 +173,16 @@ def step_all(group: Group, start: Array, into: Array, e: int, j: int, pieces: in
 
     Rods go from `here` to `beside`, columns from `start` to `into`.
     """
-    work, full, z, dz = group.work, group.full, 1.0 - j / pieces, -1.0 / pieces
-    used = COLUMN - WORK + (WORK if full is not None else PLAIN_WORK)
+    work, z, dz = group.work, 1.0 - j / pieces, -1.0 / pieces
     for l in range(LANES):
         walk = Walk(work, l)
-        advance(walk.rod, walk.section, full, z, dz * walk.rod.share, 1.0, walk.stages, walk.rod.beside)
+        advance(walk.rod, walk.section, z, dz * walk.rod.share, 1.0, walk.stages, walk.rod.beside)
     for c in range(into.size // (COLUMN * LANES)):
-        load_column(work, start, c, used if j > 0 else PLACED, used, e)
+        load_column(work, start, c, COLUMN if j > 0 else PLACED, e)
         for l in range(LANES):
-            step_column(full, Walk(work, l), dz)
-        collect(full, work, z, dz)
-        copy_lanes(Walk(work, 0).column, Column(into, 0, c * COLUMN), used)
+            step_column(Walk(work, l), dz)
+        collect(work, z, dz)
+        copy_lanes(Walk(work, 0).column, Column(into, 0, c * COLUMN), COLUMN)
 
 
 @routine
@@ -197,7 +194,7 @@ def see_station(group: Group, columns: Columns, s: int, e: int, z: float, pieces
         rod, share = walk.rod, walk.rod.share / pieces
         if rod.share < 0.0:
             continue
-        see_slopes(rod.beside, walk, group.full, z - share, Station(columns.stations[s], l))
+        see_slopes(rod.beside, walk, z - share, Station(columns.stations[s], l))
         see_section(rod.beside, beside, columns.stations[s], l)
         for i in range(len(x)):
             walked[i, l] = 1.0 if i < e else 1.0 - z + share if i == e else 0.0
@@ -207,10 +204,10 @@ def see_station(group: Group, columns: Columns, s: int, e: int, z: float, pieces
 
 
 @inline
-def see_slopes(at: Point, walk: Walk, full: Full, z: float, station: Station) -> None:
+def see_slopes(at: Point, walk: Walk, z: float, station: Station) -> None:
     """R v and R u at the place z of the element."""
     q, section = orientation(at), walk.section
-    found = strains(at.m, turned_back(q, at.force), section, terms_of(full, section), z, None)
+    found = strains(at.m, turned_back(q, at.force), section, z, None)
     station.place_slope, station.turn_slope = turned(q, found.v), turned(q, found.u)
 
 
@@ -274,13 +271,13 @@ def work_of(x: Array, j: int, c: int, l: int) -> float:
 
 
 @routine
-def collect_work(x: Array, walked: Array, group: Group, to: Direction, block: int) -> None:
+def collect_work(x: Array, walked: Array, group: Group, to: Direction) -> None:
     """What a direction does within the rod; `x` are the columns and `walked` (elements, LANES) the share of each element that
     lies behind."""
     to.done[:], to.forced[:] = 0.0, 0.0
     for e in range(len(x)):
-        o = to.some.size - (e + 1) * block
-        for c in range(block):
+        o = to.some.size - (e + 1) * BLOCK
+        for c in range(BLOCK):
             if not to.some[o + c]:
                 continue
             by, own = to.d[o + c], x[e]

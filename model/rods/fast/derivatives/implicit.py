@@ -47,7 +47,7 @@ from model.rods.fast.derivatives.ends import (
 )  # fmt: skip
 from model.rods.fast.derivatives.tangent import COLUMN, NOTHING, TIP_COLUMNS, WALK, Column
 from model.rods.fast.direct import put_three
-from model.rods.fast.group import SIX, Counts, Full, Group, Rod, RowLayout, Six, elements_of, new_group, three
+from model.rods.fast.group import BLOCK, SIX, Counts, Group, Rod, Six, elements_of, new_group, three
 from model.rods.fast.lanes import LANES, Record, copy_lanes, new_numbers, record
 from model.rods.fast.newton import newton_step, set_column
 from model.rods.fast.walk import stand_at_tip
@@ -107,8 +107,7 @@ class Room(NamedTuple):
 @kernel
 def differentiate(
     rods: Array,
-    layout: tuple[int, int, int],
-    full: Full,
+    springs: int,
     grid: tuple[float, Counts],
     asked: Asked,
     solved: Array,
@@ -116,11 +115,10 @@ def differentiate(
 ) -> None:
     """d outputs / d parameter (n, k, outputs) for the directions of `asked`, at the solutions `solved`; `grid` are divisions
     and fixed steps (n or 0 rows)."""
-    at = RowLayout(layout[0], layout[1], layout[2])
     directions, arcs, _, strained = asked
     n, width = rods.shape
-    stations, size = arcs.shape[1], elements_of(rods, at)
-    whole = new_group(rods, at, full, WALK)
+    stations, size = arcs.shape[1], elements_of(rods, springs)
+    whole = new_group(rods, springs, WALK)
     columns = new_columns(size, size if strained else 0, stations)
     room = Room(
         np.zeros(ENDS * LANES),
@@ -137,7 +135,7 @@ def differentiate(
         np.zeros((size if strained else 0, LANES)),
     )
     for first in range(0, n, LANES):
-        stand_at_tip(rods, at, whole, solved, grid, first)
+        stand_at_tip(rods, whole, solved, grid, first)
         walk_columns(whole, columns, arcs, first)
         for l in range(LANES):
             tilt = three(rods, min(first + l, n - 1), BASE_TURN)
@@ -151,12 +149,12 @@ def differentiate(
             if not direction.some.any():
                 own[:, k] = 0.0
                 continue
-            collect_work(columns.x, columns.walked[stations], whole, direction, at.block)
+            collect_work(columns.x, columns.walked[stations], whole, direction)
             differentiate_direction(whole, room, direction)
             write_ends(room.change, own, k)
             if strained:
                 write_strains(columns.x, direction, room.change, own, k)
-            write_stations(whole, columns, direction, room.change, asked, at.block, own, k)
+            write_stations(whole, columns, direction, room.change, asked, own, k)
 
 
 @allocating
@@ -283,21 +281,21 @@ def write_strains(x: Array, direction: Direction, changes: Array, out: Array, k:
 
 @routine
 def write_stations(
-    group: Group, columns: Columns, direction: Direction, changes: Array, asked: Asked, block: int, out: Array, k: int
+    group: Group, columns: Columns, direction: Direction, changes: Array, asked: Asked, out: Array, k: int
 ) -> None:
-    """What comes out at the stations; `block` is that of a row."""
+    """What comes out at the stations."""
     _, arcs, attached, strained = asked
     size, d = len(columns.x), direction.d
     at = OUTPUTS + (size if strained else 0)
     for s in range(arcs.shape[1]):
-        collect_work(columns.passed[s], columns.walked[s], group, direction, block)
+        collect_work(columns.passed[s], columns.walked[s], group, direction)
         for l in range(len(out)):
             change, own, station = Change(changes, l), out[l], Station(columns.stations[s], l)
             see_change(station, change, Done(direction.done, l), change.station)
             # What was followed is a share of an element; the station stays at its arc length.
             slid = 0.0
             for e in range(size if s >= attached else 0):
-                slid += (1.0 - columns.walked[s, e, l]) * d[len(d) - (e + 1) * block + LENGTH, l]
+                slid += (1.0 - columns.walked[s, e, l]) * d[len(d) - (e + 1) * BLOCK + LENGTH, l]
             shift = minus(change.station.shift, change.base.shift)
             put_three(own, k, at + OF_STATION * s, along(shift, -slid, station.place_slope))
             put_three(own, k, at + OF_STATION * s + 3, along(change.station.turn, -slid, station.turn_slope))

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from model.errors import BadCondition
 from model.rods.description import Rods
-from model.rods.fast.batches import full_of, share_out, steps_of
+from model.rods.fast.batches import share_out, steps_of
 from model.rods.fast.derivatives import implicit
 from model.rods.fast.method import FAST, Fast
 from model.rods.solution import Solution
@@ -118,8 +118,7 @@ def sensitivities(
     def part(rows: slice) -> None:
         implicit.differentiate(
             rods.values[rows],
-            form.columns,
-            full_of(form),
+            form.springs,
             (float(method.divisions), fixed[rows] if len(fixed) else fixed),
             (given[rows if len(given) > 1 else slice(0, 1)], arcs[rows], attached, strain),
             solution.values[rows],

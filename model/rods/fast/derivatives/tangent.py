@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from model.rods.fast.algebra import Vector, along, cross, plus_cross, scaled, times
 from model.rods.fast.compiler import inline
 from model.rods.fast.equations import Section
-from model.rods.fast.group import Full, Rod
+from model.rods.fast.group import Rod
 from model.rods.fast.lanes import LANES, Record, copy_lanes, record
 from model.rods.fast.runge_kutta import STAGES, step
 from model.rods.fast.stages import Softening, Stage
@@ -96,8 +96,6 @@ class Walk(Record):
 
 
 WALK, COLUMN = Walk.size, Column.size
-WORK, PLAIN_WORK = Work.size, Work.size - 12
-"""Quantities of T; of rods that are not in full form."""
 PLACED = 9
 """Quantities of a column that go on from one element to the next: theta, dm and p."""
 TURNS, MOMENTS, FORCES, TIP_COLUMNS = 0, 3, 6, 9
@@ -117,7 +115,6 @@ class Here(NamedTuple):
     """The step of a rod that a change follows."""
 
     walk: Walk
-    full: Full
     inv_bend: Vector
     inv_stretch: Vector
     added: float
@@ -130,16 +127,14 @@ def change_along(y: Change, h: float, k: Change) -> Change:
 
 
 @inline
-def compliance(full: Full, dm: Vector, dn: Vector, m: Vector, here: Here, s: Softening) -> tuple[Vector, Vector]:
-    """(du, dv) = C (dm, dn) of a section that carries m. (`full` is an argument so that a None is pruned.)"""
+def compliance(dm: Vector, dn: Vector, m: Vector, here: Here, s: Softening) -> tuple[Vector, Vector]:
+    """(du, dv) = C (dm, dn) of a section that carries m."""
     du, dv = times(here.inv_bend, dm), times(here.inv_stretch, dn)
-    if full is not None:
-        total = 2.0 * (here.inv_bend[0] * m[0] * dm[0] + here.inv_bend[1] * m[1] * dm[1])
-        f1, f2 = s.f1_by_total * total, s.f2_by_total * total - dv[2]
-        d, e = s.d_by_f1 * f1 + s.d_by_f2 * f2, s.e_by_f1 * f1 + s.e_by_f2 * f2
-        k1, k2, inverse = s.k
-        du, dv = ((du[0] - k1 * d) * inverse, (du[1] - k2 * d) * inverse, du[2]), (dv[0], dv[1], e)
-    return du, dv
+    total = 2.0 * (here.inv_bend[0] * m[0] * dm[0] + here.inv_bend[1] * m[1] * dm[1])
+    f1, f2 = s.f1_by_total * total, s.f2_by_total * total - dv[2]
+    d, e = s.d_by_f1 * f1 + s.d_by_f2 * f2, s.e_by_f1 * f1 + s.e_by_f2 * f2
+    k1, k2, inverse = s.k
+    return ((du[0] - k1 * d) * inverse, (du[1] - k2 * d) * inverse, du[2]), (dv[0], dv[1], e)
 
 
 @inline
@@ -149,7 +144,7 @@ def change_slope(y: Change, i: int, share: float, weight: float, here: Here, nea
     u, v, n = stage.u, stage.v, stage.n
     dn = plus_cross(stage.pull, n, y.theta)
     pulled = (dn[0], dn[1], dn[2] + here.added)
-    du, dv = compliance(here.full, y.dm, pulled, stage.m, here, stage.softening)
+    du, dv = compliance(y.dm, pulled, stage.m, here, stage.softening)
     if weight != 0.0:
         answer.dm, answer.dn, answer.strain = scaled(weight, y.dm), scaled(weight, dn), weight * dv[2]
         answer.moved = scaled(weight, plus_cross(dv, y.theta, v))
@@ -158,10 +153,10 @@ def change_slope(y: Change, i: int, share: float, weight: float, here: Here, nea
 
 
 @inline
-def step_column(full: Full, walk: Walk, dz: float) -> None:
+def step_column(walk: Walk, dz: float) -> None:
     """Take the column of a rod along the step that its stages tell of."""
     column, section = walk.column, walk.section
-    here = Here(walk, full, section.inv_bend, section.inv_stretch, walk.added)
+    here = Here(walk, section.inv_bend, section.inv_stretch, walk.added)
     y = step(change_slope, change_along, Change(column.theta, column.dm), step_of(walk, dz)[1], here)
     column.theta, column.dm = y.theta, y.dm
 
@@ -174,14 +169,14 @@ def step_of(walk: Walk, dz: float) -> tuple[float, float]:
 
 
 @inline
-def load_column(work: Array, x: Array, c: int, carried: int, used: int, e: int) -> None:
+def load_column(work: Array, x: Array, c: int, carried: int, e: int) -> None:
     """Copy column c of `x` to where the walk takes it, with R^T dN of all stages and the axial force that it adds to element e;
-    of the `used` quantities the first are copied, the others begin with nothing.
+    the first `carried` quantities are copied, the others begin with nothing.
 
     R^T dN is a row of R for columns that begin with a force. Forced column TIP_COLUMNS + k belongs to element k.
     """
     copy_lanes(Column(x, 0, c * COLUMN), Walk(work, 0).column, carried)
-    for k in range(carried, used):
+    for k in range(carried, COLUMN):
         for l in range(LANES):
             Walk(work, l).column[k] = 0.0
     own = 1.0 if c - TIP_COLUMNS == e else 0.0
