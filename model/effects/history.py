@@ -307,7 +307,8 @@ def _hold(pulls: Array, give: Array, before: Order, after: Order, first: NDArray
     for v in range(pulls.shape[0]):
         for k in range(before.size):
             if first[k]:
-                kept[:] = pulls[v, before[k]]
+                for i in range(count):  # numba compiles checks for two seconds where shapes may differ
+                    kept[:, :, i] = pulls[v, before[k], i]
             row = after[k]
             for part in range(parts):
                 for i in range(count):

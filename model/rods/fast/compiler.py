@@ -16,7 +16,8 @@ from typing import Any, TypeVar, cast
 import numba
 from llvmlite import binding
 from numba.core import config, types
-from numba.core.codegen import get_host_cpu_features
+from numba.core.codegen import JITCodeLibrary, get_host_cpu_features
+from numba.core.compiler import Compiler
 from numba.extending import intrinsic
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -45,13 +46,43 @@ def _compiled(**options: Any) -> Callable[[Any], Any]:
     return made
 
 
+class _PieceCode(JITCodeLibrary):  # type: ignore[misc]
+    """The code of a piece, which LLVM optimises and turns into machine code only as part of the kernels that call it."""
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        self._finalized = True
+
+    def get_pointer_to_function(self, name: str) -> int:
+        self._ensure_finalized()
+        return 0
+
+    @property
+    def codegen(self) -> _PieceCode:
+        return self
+
+    def set_env(self, name: str, env: object) -> None:
+        """Nothing: there is no machine code to be told of its environment."""
+
+
+class _PieceCompiler(Compiler):  # type: ignore[misc]
+    """Compiles a piece."""
+
+    def __init__(self, *args: Any) -> None:
+        super().__init__(*args)
+        self.state.library = _PieceCode(self.state.targetctx.codegen(), "piece")
+
+
 def _piece(function: Function, **options: bool) -> Function:
     """A piece of a kernel, not to be called from Python, so that nothing is compiled for that. It makes no array.
 
     Pieces work on arrays that their kernel keeps: counting references to these whenever a group of arrays is handed on would
     take a tenth of the time and more.
     """
-    piece = _compiled(no_cpython_wrapper=True, no_cfunc_wrapper=True, _nrt=False, **options)(function)
+    options |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "_nrt": False}
+    piece = _compiled(pipeline_class=_PieceCompiler, **options)(function)
     # Numba compiles a piece anew for each constant it is called with (stage 0, stage 1, ..): a third of all compiling.
     for_types = piece.get_call_template
     piece.get_call_template = lambda args, kws: for_types(
@@ -67,7 +98,7 @@ def inline(function: Function) -> Function:
 
 def routine(function: Function) -> Function:
     """A piece that is compiled once and called: for what would be large when copied into its callers."""
-    return _piece(function)
+    return _piece(function, forceinline=False)  # said, since numba takes over what it does not hear from the caller
 
 
 def allocating(function: Function) -> Function:
