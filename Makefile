@@ -15,7 +15,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: install demo test room lint bench docs faults clean
 
-# The command, with the rod's kernels compiled ahead, half a minute: else the first fit and the first diagnosis wait for them.
+# The command, with the rod's kernels compiled ahead, 15 s: else the first fit and the first diagnosis wait for them.
 install: $(READY)
 	$(BIN)/python -m model.warm_up derivatives & beside=$$!; \
 	$(BIN)/python -m model.warm_up rods && wait $$beside

@@ -53,11 +53,10 @@ PARTS: Mapping[str, Callable[[], None]] = {"rods": rods, "derivatives": derivati
 
 
 def warm_up(parts: Sequence[str] = tuple(PARTS)) -> bool:
-    """Solve one rod in every way that fits, comparisons and diagnoses do; whether anything had to be compiled for that."""
-    before = compiled_here()
+    """Solve one rod in every way that fits, comparisons and diagnoses do; whether this process has compiled anything so far."""
     for part in parts:
         PARTS[part]()
-    return compiled_here() > before
+    return compiled_here() > 0
 
 
 def _one() -> rod.Rods:

@@ -141,7 +141,7 @@ def _model_warming_up() -> Iterator[Callable[[], None]]:
 
     def ready() -> None:
         if any(process.poll() is None for process in beside):
-            out.print("\nThe model is still being compiled for this computer; this happens once and takes about a minute.")
+            out.print("\nThe model is still being compiled for this computer; this happens once and takes half a minute.")
         for process in beside:
             process.wait()
 

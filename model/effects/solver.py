@@ -89,7 +89,7 @@ def solve(
 
     With `start`, a `trial` gives up rods whose load would have to be followed from zero, `whole` all that remain once one has no
     equilibrium; `followed` are rows whose load was followed, from which others may be reached. `plain`: no other solve starts
-    from these, so that springs that none of them has are left out, which cost half of the time.
+    from these, so that springs that none of them has are left out: they cost half of the time.
     """
     rods = plain_rods(layout, rows) if plain else sprung_rods(layout, rows)
     method = replace(METHOD, steps=steps, remember=not plain)

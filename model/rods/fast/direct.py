@@ -129,7 +129,7 @@ def solve_direct(
     for first in range(0, n, LANES):
         own = min(LANES, n - first)
         # Side by side many are quicker than one by one: lanes without a rod then hold the last one.
-        group = Group(room.work, room.elements, room.parts, springs, own if own <= FEW else LANES)
+        group = Group(room.work, room.elements, room.parts, springs, room.linear, own if own <= FEW else LANES)
         gather(rods, group, first)
         if warm:
             for l in range(group.active):

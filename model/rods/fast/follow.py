@@ -60,7 +60,7 @@ def follow_load(
     """
     divisions, close, least_margin = settings
     room = new_group(rods, springs, ROD)
-    group = Group(room.work, room.elements, room.parts, springs, 1)
+    group = Group(room.work, room.elements, room.parts, springs, room.linear, 1)
     kept = new_numbers(ROD * LANES)
     for i in range(rows.shape[0]):
         row = rows[i]

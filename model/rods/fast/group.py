@@ -144,6 +144,8 @@ class Group(NamedTuple):
     parts: Counts
     """(count,) steps of each element."""
     springs: int
+    linear: bool
+    """Whether no section of any rod is hyperelastic."""
     active: int
     """Lanes in use."""
 
@@ -238,7 +240,10 @@ def new_group(rods: Array, springs: int, size: int) -> Group:
     """Room for a group of such rods, `size` quantities for each besides its elements; all lanes in use."""
     count = elements_of(rods, springs)
     parts = np.empty(count, np.int64)
-    return Group(new_numbers(size * LANES), new_numbers(count * SECTION * LANES), parts, springs, LANES)
+    linear = True
+    for o in range(rods.shape[1] - count * BLOCK + columns.SERIES, rods.shape[1], BLOCK):
+        linear = linear and not rods[:, o : o + 3].any()
+    return Group(new_numbers(size * LANES), new_numbers(count * SECTION * LANES), parts, springs, linear, LANES)
 
 
 @inline

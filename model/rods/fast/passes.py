@@ -92,6 +92,7 @@ class Way(NamedTuple):
     """A step of a rod along an element."""
 
     section: Section
+    linear: bool
     h: float
     """m along the rod."""
     z: float
@@ -110,17 +111,19 @@ class Way(NamedTuple):
 def rod_slope(y: State, i: int, share: float, weight: float, way: Way, near: Soft | None) -> tuple[State, Soft]:
     """dy/dt of the rod at stage i, and how soft it is there."""
     n = turned_back(y.q, along(way.force, share * way.h, way.load))
-    s = strains(y.m, n, way.section, way.z + share * way.dz, near)
+    s = strains(y.m, n, way.section, way.z + share * way.dz, near, way.linear)
     keep_stage(stage_of(way.stages, i), y, n, s, way.section)
     return slope(y, n, s), s.soft
 
 
 @inline
-def advance(rod: Rod, section: Section, z: float, dz: float, dead: float, stages: list[Stage] | None, to: Point) -> None:
+def advance(
+    rod: Rod, section: Section, linear: bool, z: float, dz: float, dead: float, stages: list[Stage] | None, to: Point
+) -> None:
     """One step of a rod within an element, from the place z by dz (a negative share of the element), and where it leads."""
     here, h = rod.here, -dz * section.length
     load = scaled(dead * rod.load_share, section.load)
-    way = Way(section, h, z, dz, here.force, load, stages)
+    way = Way(section, linear, h, z, dz, here.force, load, stages)
     y = step(rod_slope, state_along, State(here.q, here.m, here.r), h, way)
     to.force, to.peak = along(here.force, h, load), max(here.peak, y.m[0] * y.m[0] + y.m[1] * y.m[1] + y.m[2] * y.m[2])
     to.q, to.m, to.r = y.q, y.m, y.r
@@ -132,7 +135,7 @@ def advance_group(group: Group, e: int, z: float, dz: float, dead: float) -> Non
     if group.active == LANES:
         for l in range(LANES):
             rod = Rod(group.work, l)
-            advance(rod, section_of(group, e, l), z, dz, dead, None, rod.here)
+            advance(rod, section_of(group, e, l), group.linear, z, dz, dead, None, rod.here)
     else:
         for l in range(group.active):
             advance_alone(group, e, z, dz, l, dead)
@@ -142,7 +145,7 @@ def advance_group(group: Group, e: int, z: float, dz: float, dead: float) -> Non
 def advance_alone(group: Group, e: int, z: float, dz: float, l: int, dead: float) -> None:
     """`advance` compiled once by itself, for where lanes are not side by side."""
     rod = Rod(group.work, l)
-    advance(rod, section_of(group, e, l), z, dz, dead, None, rod.here)
+    advance(rod, section_of(group, e, l), group.linear, z, dz, dead, None, rod.here)
 
 
 @inline

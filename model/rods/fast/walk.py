@@ -51,7 +51,7 @@ def write_station(rod: Rod, section: Section, solved: Array, row: int, out: Arra
     found[s, AT_TURN], found[s, AT_TURN + 1], found[s, AT_TURN + 2], found[s, AT_TURN + 3] = q
     put_three(found, s, AT_FORCE, there.force)
     put_three(found, s, AT_MOMENT, turned(q, there.m))
-    v = strains(there.m, turned_back(q, there.force), section, 0.0, None).v
+    v = strains(there.m, turned_back(q, there.force), section, 0.0, None, False).v
     found[s, AT_STRAIN] = v[2] - 1.0
 
 
@@ -108,7 +108,7 @@ def visit_station(group: Group, step: tuple[int, int, int], arcs: Array, first: 
         return
     for l in range(LANES):
         rod = Rod(group.work, l)
-        advance(rod, section_of(group, e, l), z, dz * rod.share, WHOLE, None, rod.beside)
+        advance(rod, section_of(group, e, l), group.linear, z, dz * rod.share, WHOLE, None, rod.beside)
     for l in range(min(LANES, last + 1 - first)):
         rod = Rod(group.work, l)
         if rod.share >= 0.0:

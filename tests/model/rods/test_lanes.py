@@ -86,7 +86,7 @@ def test_records_are_copied_in_one_lane_or_in_all() -> None:
 def first_pass(rods: Array, springs: int, work: Array, elements: Array) -> None:
     """The first pass of one group whose arrays are these."""
     parts = np.empty(elements.size // (SECTION * LANES), np.int64)
-    group = Group(work, elements, parts, springs, LANES)
+    group = Group(work, elements, parts, springs, True, LANES)
     gather(rods, group, 0)
     cut(group, COARSE_DIVISIONS)
     first_guess(group)

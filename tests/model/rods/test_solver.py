@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.rod_cases import LENGTH, wild_rods
 from model.errors import BadCondition, SolveFailed
-from model.rods import FINE, Fast, Form, Status, rods, solve, stations
+from model.rods import FINE, Fast, Form, Rods, Status, rods, solve, stations
 from model.rotation import to_base
 from tests.model.rods.cases import reference_robots, robots
 from tests.model.rods.reference import REFERENCE
@@ -43,6 +43,14 @@ def test_a_single_rod_and_a_batch_give_the_same() -> None:
     batch = solve(found, FINE).tip
     singles = np.concatenate([solve(found[i : i + 1], FINE).tip for i in range(len(found))])
     assert np.abs(batch - singles).max() < 1e-10
+
+
+def test_a_linear_rod_has_the_same_bits_among_hyperelastic_ones() -> None:
+    rods = robots(8, np.linspace(50e3, 250e3, 8), 0.1)
+    mixed = Rods(rods.form, rods.values.copy())
+    mixed.field("series")[1] = (0.02, -2.0, -1.0)
+    alone, among = solve(rods, FINE).values, solve(mixed, FINE).values
+    assert np.array_equal(np.delete(alone, 1, axis=0), np.delete(among, 1, axis=0)) and not np.array_equal(alone[1], among[1])
 
 
 def test_two_threads_give_what_one_gives() -> None:

@@ -176,7 +176,7 @@ def step_all(group: Group, start: Array, into: Array, e: int, j: int, pieces: in
     work, z, dz = group.work, 1.0 - j / pieces, -1.0 / pieces
     for l in range(LANES):
         walk = Walk(work, l)
-        advance(walk.rod, walk.section, z, dz * walk.rod.share, 1.0, walk.stages, walk.rod.beside)
+        advance(walk.rod, walk.section, group.linear, z, dz * walk.rod.share, 1.0, walk.stages, walk.rod.beside)
     for c in range(into.size // (COLUMN * LANES)):
         load_column(work, start, c, COLUMN if j > 0 else PLACED, e)
         for l in range(LANES):
@@ -207,7 +207,7 @@ def see_station(group: Group, columns: Columns, s: int, e: int, z: float, pieces
 def see_slopes(at: Point, walk: Walk, z: float, station: Station) -> None:
     """R v and R u at the place z of the element."""
     q, section = orientation(at), walk.section
-    found = strains(at.m, turned_back(q, at.force), section, z, None)
+    found = strains(at.m, turned_back(q, at.force), section, z, None, False)
     station.place_slope, station.turn_slope = turned(q, found.v), turned(q, found.u)
 
 
