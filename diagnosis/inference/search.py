@@ -133,15 +133,18 @@ class Search:
 
     def _first(self) -> list[Candidate]:
         """Every single effect around none without and with tolerances; those that are not linear, at each of their starts, with
-        or without tolerances as none is more probable."""
+        or without tolerances as none is more probable. One that is never tolerated is tried both ways: tolerances of the others
+        can take its place in none, not where it acts in full."""
         out, at_starts = [], []
+        p = self.problem.parameters
         better = max(self._none, key=lambda w: self._none[w].log_evidence)
         for c in (c for w in self._none for c in self._singles(w)):
             needs_own = self._starts.needs_own(c.named)
             # within its tolerance none may have moved to where it acts, and promises more then
             if not needs_own or c.log_evidence > self._none[c.with_tolerances].log_evidence + UNCONVERGED:
                 out.append(c)
-            if needs_own and c.with_tolerances == better:
+            both = not p.tolerable[p.mask(c.named)].any()
+            if needs_own and (both or c.with_tolerances == better):
                 at_starts.append(c)
         for found in self._map(self._at_starts, at_starts, DiagnosisStep.FIRST_LOOK):
             out += found

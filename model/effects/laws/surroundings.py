@@ -131,7 +131,7 @@ SPECS = (
         equation="F_tip = (1 - w) P A e3(L), v*_3 = w (1 - b) P A / EA: w = 0 thrust follows the tip (paper, eq. 4), w = 1 the "
         "side walls balance it along the arc, b of it without stretch; the chambers' moment times 1 + w g (2 s / L - 1)",
         parameters=(
-            Parameter("share", "1", 1.0, 0.0, 1.0, sign="blend", starts=(1.0,)),
+            Parameter("share", "1", 1.0, 0.0, 1.0, sign="blend", starts=(0.5, 1.0)),
             Parameter("borne", "1", 0.5, -1.0, 1.0, role="shape"),
             Parameter("growth", "1", 0.5, -2.0, 2.0, role="shape"),
         ),
