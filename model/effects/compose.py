@@ -205,10 +205,14 @@ def _actuation(q: Quantities, out: RodColumns) -> None:
         own = moment if same[piece] else _wrench(push, around, q.body.chamber_area[piece], q.body.path_radius[piece])[1]
         # exp(i (a0 + a1 x + a2 x^2)) about a0, times b0 + b1 x, to third order in x; less what the tip carries.
         turned = np.exp(1j * a0) * own / out[element + col.BEND]
-        series = (1.0, 1j * a1, 1j * a2 - a1**2 / 2, -a1 * a2 - 1j * a1**3 / 6)
+        c1, c2, c3 = 1j * a1, 1j * a2 - a1**2 / 2, -a1 * a2 - 1j * a1**3 / 6
         b0, b1 = 1 + uneven * (2 * bottom / q.length - 1), uneven * 2 * long / q.length
-        powers = [turned * (b0 * term + b1 * before) for term, before in zip(series, (0.0, *series), strict=False)]
-        powers[0] = powers[0] - moment / out[element + col.BEND]
+        powers = (
+            turned * b0 - moment / out[element + col.BEND],
+            turned * (b0 * c1 + b1),
+            turned * (b0 * c2 + b1 * c1),
+            turned * (b0 * c3 + b1 * c2),
+        )
         for power, rise in enumerate(powers):
             column = element + (col.REST_CURVATURE if power == 0 else col.RISE + 3 * (power - 1))
             out.add(column, rise.real)

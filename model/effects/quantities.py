@@ -49,9 +49,9 @@ class Quantities:
     thrust_on_walls: Array = constant(0.0)
     """Share 0..1 of the chambers' thrust that their side walls balance along the arc; the rest follows the tip."""
     thrust_borne: Array = constant(0.0)
-    """Share of what the walls balance that does not stretch the body."""
+    """Share of that without stretch."""
     thrust_growth: Array = constant(0.0)
-    """Moment of that thrust at the tip over that at mid-length, less one; it is linear along the arc."""
+    """Its moment at the tip over that at mid-length, less one."""
     twist: Array = constant(0.0)
     """rad/m, the chambers wind about the axis."""
     twist_growth: Array = constant(0.0)

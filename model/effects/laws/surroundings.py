@@ -128,16 +128,16 @@ SPECS = (
         label="thrust on the side walls",
         says="the side walls carry {} of the chambers' thrust",
         stage="load",
-        equation="F_tip = (1 - w) P A e3(L), v*_3 = w (1 - b) P A / EA: w = 0 thrust follows the tip (paper, eq. 4), w = 1 the "
-        "side walls balance it along the arc, b of it without stretch; the chambers' moment times 1 + w g (2 s / L - 1)",
+        equation="F_tip = (1 - w) P A e3(L), v*_3 = w (1 - b) P A / EA, moment times 1 + w g (2 s / L - 1); w = 0: paper, eq. 4; "
+        "w = 1: the side walls balance the thrust",
         parameters=(
             Parameter("share", "1", 1.0, 0.0, 1.0, sign="blend", starts=(0.5, 1.0)),
             Parameter("borne", "1", 0.5, -1.0, 1.0, role="shape"),
             Parameter("growth", "1", 0.5, -2.0, 2.0, role="shape"),
         ),
         law=Law(before=_chamber_thrust),
-        citation="pressurised curved tubes: Haringx, Philips Res. Rep. 3 (1948); paper, eq. 4; how it enters: Cox, Br. J. Appl. "
-        "Phys. 3 (1952), shear lag; Horgan and Knowles, Adv. Appl. Mech. 23 (1983), Saint-Venant's principle",
+        citation="pressurised curved tubes: Haringx, Philips Res. Rep. 3 (1948); shear lag: Cox, Br. J. Appl. "
+        "Phys. 3 (1952); Horgan and Knowles, Adv. Appl. Mech. 23 (1983)",
         shown=by_chambers,
         seen_best_in="pressure curve at all lengths",
         tolerated=False,
