@@ -51,7 +51,7 @@ class Quantities:
     thrust_borne: Array = constant(0.0)
     """Share of that without stretch."""
     thrust_growth: Array = constant(0.0)
-    """Its moment at the tip over that at mid-length, less one."""
+    """g: moment times 1 + g (3 s^2/L^2 - 1)."""
     twist: Array = constant(0.0)
     """rad/m, the chambers wind about the axis."""
     twist_growth: Array = constant(0.0)

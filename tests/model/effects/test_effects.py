@@ -159,7 +159,7 @@ def test_thrust_that_the_side_walls_balance_bends_the_body_to_an_arc(paper_robot
 
 
 def test_thrust_that_stretches_nothing_and_grows_along_the_arc_bends_the_body_so(paper_robot: Robot) -> None:
-    """Without weight the curvature is M / EI (1 + g (2 s / L - 1)), and the body as long as at rest."""
+    """Without weight the curvature is M / EI (1 + g (3 (s / L)^2 - 1)), and the body as long as at rest."""
     robot = paper_robot.model_copy(update={"gravity": (0.0, 0.0, 0.0)})
     moved = Moved(robot, campaign(lengths=(0.0,), levels=(150e3, 250e3)))
     even = moved.by(chamber_thrust__share=1.0, chamber_thrust__borne=1.0) + moved.still
@@ -170,7 +170,7 @@ def test_thrust_that_stretches_nothing_and_grows_along_the_arc_bends_the_body_so
         azimuth = np.deg2rad(robot.chambers.azimuths_deg)
         moment = robot.chambers.path_radius * np.array([(push * np.sin(azimuth)).sum(), -(push * np.cos(azimuth)).sum()])
         bend = float(np.hypot(*moment)) / (robot.youngs_modulus * body_second_moment(robot)) * robot.length
-        for found, turned in ((arc, bend * s), (tip, bend * (s - 0.5 * (s**2 - s)))):
+        for found, turned in ((arc, bend * s), (tip, bend * (s - 0.5 * (s**3 - s)))):
             assert np.hypot(*found[:2]) == pytest.approx(robot.length * np.sin(turned).mean(), abs=2e-5)
             assert abs(found[2]) == pytest.approx(robot.length * np.cos(turned).mean(), abs=2e-5)
 
