@@ -14,7 +14,7 @@ more than a margin, is left; the search ends when none remains.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -64,6 +64,8 @@ class Standing(NamedTuple):
     best: float = -np.inf
     """Log evidence, with that of the prior, of the best hypothesis reached."""
     searched: frozenset[Key] = frozenset()
+    alone: Mapping[int, float] = {}
+    """By number of effects: log evidence of the best hypothesis reached without tolerances."""
 
 
 def _evidence(c: Candidate) -> float:
@@ -133,15 +135,18 @@ class Search:
 
     def _first(self) -> list[Candidate]:
         """Every single effect around none without and with tolerances; those that are not linear, at each of their starts, with
-        or without tolerances as none is more probable."""
+        or without tolerances as none is more probable. One that is never tolerated is tried both ways: tolerances of the others
+        can take its place in none, not where it acts in full."""
         out, at_starts = [], []
+        p = self.problem.parameters
         better = max(self._none, key=lambda w: self._none[w].log_evidence)
         for c in (c for w in self._none for c in self._singles(w)):
             needs_own = self._starts.needs_own(c.named)
             # within its tolerance none may have moved to where it acts, and promises more then
             if not needs_own or c.log_evidence > self._none[c.with_tolerances].log_evidence + UNCONVERGED:
                 out.append(c)
-            if needs_own and c.with_tolerances == better:
+            both = not p.tolerable[p.mask(c.named)].any()
+            if needs_own and (both or c.with_tolerances == better):
                 at_starts.append(c)
         for found in self._map(self._at_starts, at_starts, DiagnosisStep.FIRST_LOOK):
             out += found
@@ -197,7 +202,11 @@ class Search:
         """
         searched = {key: c for key, c in self._tried.items() if c.turns}
         best = max(c.log_evidence + self._log_prior(c.named) for c in searched.values())
-        self._standing = Standing(best, frozenset(searched))
+        alone: dict[int, float] = {}
+        for c in searched.values():
+            if not c.with_tolerances:
+                alone[len(c.named)] = max(alone.get(len(c.named), -np.inf), c.log_evidence)
+        self._standing = Standing(best, frozenset(searched), alone)
 
         def promise(c: Candidate) -> float:
             return c.laplace_log_evidence + self._log_prior(c.named)
@@ -205,7 +214,7 @@ class Search:
         def worth_it(c: Candidate) -> bool:
             known = searched.get((c.named, c.with_tolerances))
             gains = known is None or known is c or c.laplace_log_evidence > known.log_evidence + UNCONVERGED
-            return gains and promise(c) > best - self._margin(c)
+            return gains and (promise(c) > best - self._margin(c) or self._first_alone(c, c.laplace_log_evidence))
 
         self._queue = sorted(filter(worth_it, self._queue), key=promise, reverse=True)
         best_of_each = {(c.named, c.with_tolerances): c for c in reversed(self._queue)}
@@ -229,8 +238,10 @@ class Search:
         What leads is searched without and with tolerances, whatever the one promises where the other was found.
         """
         found = self._turn(c)
-        if not found.ended or not self._leads(found):
+        if not found.ended:
             return [found]
+        if not self._leads(found):
+            return [found, *self._one_more(found)] if self._first_alone(found, found.log_evidence) else [found]
         own, switched, *others = self._next_to(found)
         if (c.named, switched.with_tolerances) in self._standing.searched:
             return [own, switched, *others]
@@ -239,6 +250,10 @@ class Search:
             none = self._none[switched.with_tolerances].fit
             points += self._at_starts(*self._around(none, [c.named], switched.with_tolerances))
         return [own, *map(self._turn, points), *others]
+
+    def _first_alone(self, c: Candidate, log_evidence: float) -> bool:
+        """Whether this would be the best that was reached without tolerances by as many effects."""
+        return not c.with_tolerances and log_evidence >= self._standing.alone.get(len(c.named), -np.inf)
 
     def _leads(self, c: Candidate) -> bool:
         """Whether a searched hypothesis lies within the margin of those that are searched on."""
@@ -274,17 +289,24 @@ class Search:
         here = self._as_reference(c.fit.with_all_derivatives(self.problem).with_form_error(self.problem, c.named))
         (own,) = self._around(here, [c.named], c.with_tolerances)
         out = [replace(own, turns=c.turns, ended=True), *self._around(here, [c.named], not c.with_tolerances)]
-        others = [e for e in ids if e not in c.named]
-
-        def with_one_more(kept: Hypothesis) -> list[Hypothesis]:
-            return [tuple(sorted((*kept, e), key=ids.index)) for e in others]
-
-        if len(c.named) + 1 in PRIOR_OF_NUMBER:
-            out += self._around(here, with_one_more(c.named), c.with_tolerances)
+        out += self._one_more(c, here)
         for taken in c.named:
             kept = tuple(e for e in c.named if e != taken)
-            out += self._around(here.without_law(taken), [kept, *with_one_more(kept)], c.with_tolerances)
+            exchanged = [h for h in self._with_one_more(kept) if h != c.named]
+            out += self._around(here.without_law(taken), [kept, *exchanged], c.with_tolerances)
         return out
+
+    def _one_more(self, c: Candidate, here: Fit | None = None) -> list[Candidate]:
+        """The hypotheses with one effect more, weighed where a candidate was fitted."""
+        if len(c.named) + 1 not in PRIOR_OF_NUMBER:
+            return []
+        if here is None:
+            here = self._as_reference(c.fit.with_all_derivatives(self.problem).with_form_error(self.problem, c.named))
+        return self._around(here, self._with_one_more(c.named), c.with_tolerances)
+
+    def _with_one_more(self, named: Hypothesis) -> list[Hypothesis]:
+        ids = self.problem.parameters.ids
+        return [tuple(sorted((*named, e), key=ids.index)) for e in ids if e not in named]
 
     def fitted(self, named: Hypothesis) -> Candidate:
         """One hypothesis by itself, all other effects absent, searched from each of its starting points to the end."""

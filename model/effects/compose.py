@@ -176,7 +176,8 @@ def _actuation(q: Quantities, out: RodColumns) -> None:
 
     Gas in a bent chamber also presses on its longer outer wall, with P A kappa a length, away from the centre of the bend.
     Where the body takes that up (share w), what is left of the gas on any part of it is P A e3(s) at its ends: each section
-    is stretched by P A along its own tangent, as by a rest strain w P A / EA, and no thrust at the tip bends it.
+    is stretched by P A along its own tangent, as by a rest strain w P A / EA, and no thrust at the tip bends it. Of that, share b
+    stretches nothing, and the moment is times 1 + w g (3 (s / L)^2 - 1).
     """
     push = q.pressure * q.area_factor
     azimuth = q.azimuth + (q.twist * q.length * (1 + q.twist_growth))[..., None]
@@ -190,9 +191,10 @@ def _actuation(q: Quantities, out: RodColumns) -> None:
     if q.thrust_on_walls.any() or not all(same):
         for element, piece in zip(q.layout.elements, q.layout.pieces, strict=True):
             own = force if same[piece] else (push * q.body.chamber_area[piece]).sum(axis=-1)
-            taken = own - (1 - q.thrust_on_walls) * force
+            taken = own - (1 - q.thrust_on_walls) * force - q.thrust_on_walls * q.thrust_borne * own
             out.add(element + col.REST_STRAIN + 2, taken / out[element + col.STRETCH + 2])
-    if not q.twist.any() and all(same):
+    uneven = q.thrust_on_walls * q.thrust_growth
+    if not q.twist.any() and not uneven.any() and all(same):
         return
     bottom = np.zeros((1, 1))
     for element, piece in zip(q.layout.elements, q.layout.pieces, strict=True):
@@ -201,13 +203,16 @@ def _actuation(q: Quantities, out: RodColumns) -> None:
         a0 = q.twist * (bottom * (1 + growth * bottom) - q.length * (1 + q.twist_growth))
         a1, a2 = q.twist * long * (1 + 2 * growth * bottom), q.twist * growth * long**2
         own = moment if same[piece] else _wrench(push, around, q.body.chamber_area[piece], q.body.path_radius[piece])[1]
-        # exp(i (a0 + a1 x + a2 x^2)) about a0 to third order in x; less what the tip carries.
+        # exp(i (a0 + a1 x + a2 x^2)) about a0, times b0 + b1 x + b2 x^2, to third order in x; less what the tip carries.
         turned = np.exp(1j * a0) * own / out[element + col.BEND]
+        c1, c2, c3 = 1j * a1, 1j * a2 - a1**2 / 2, -a1 * a2 - 1j * a1**3 / 6
+        b0, b1, b2 = (1 + uneven * (3 * (bottom / q.length) ** 2 - 1), uneven * 6 * bottom * long / q.length**2,
+                      uneven * 3 * (long / q.length) ** 2)  # fmt: skip
         powers = (
-            turned - moment / out[element + col.BEND],
-            turned * (1j * a1),
-            turned * (1j * a2 - a1**2 / 2),
-            turned * (-a1 * a2 - 1j * a1**3 / 6),
+            turned * b0 - moment / out[element + col.BEND],
+            turned * (b0 * c1 + b1),
+            turned * (b0 * c2 + b1 * c1 + b2),
+            turned * (b0 * c3 + b1 * c2 + b2 * c1),
         )
         for power, rise in enumerate(powers):
             column = element + (col.REST_CURVATURE if power == 0 else col.RISE + 3 * (power - 1))

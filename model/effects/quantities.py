@@ -48,6 +48,10 @@ class Quantities:
     """(v, n, chambers) rad at the base, roll included."""
     thrust_on_walls: Array = constant(0.0)
     """Share 0..1 of the chambers' thrust that their side walls balance along the arc; the rest follows the tip."""
+    thrust_borne: Array = constant(0.0)
+    """Share of that without stretch."""
+    thrust_growth: Array = constant(0.0)
+    """g: moment times 1 + g (3 s^2/L^2 - 1)."""
     twist: Array = constant(0.0)
     """rad/m, the chambers wind about the axis."""
     twist_growth: Array = constant(0.0)

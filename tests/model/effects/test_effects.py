@@ -158,6 +158,23 @@ def test_thrust_that_the_side_walls_balance_bends_the_body_to_an_arc(paper_robot
         assert abs(tip[2]) == pytest.approx(long * np.sinc(bend / np.pi), abs=1e-5)
 
 
+def test_thrust_that_stretches_nothing_and_grows_along_the_arc_bends_the_body_so(paper_robot: Robot) -> None:
+    """Without weight the curvature is M / EI (1 + g (3 (s / L)^2 - 1)), and the body as long as at rest."""
+    robot = paper_robot.model_copy(update={"gravity": (0.0, 0.0, 0.0)})
+    moved = Moved(robot, campaign(lengths=(0.0,), levels=(150e3, 250e3)))
+    even = moved.by(chamber_thrust__share=1.0, chamber_thrust__borne=1.0) + moved.still
+    growing = moved.by(chamber_thrust__share=1.0, chamber_thrust__borne=1.0, chamber_thrust__growth=-0.5) + moved.still
+    s = (np.arange(400) + 0.5) / 400
+    for pressure, arc, tip in zip(moved.forward.design.pressure, even, growing, strict=True):
+        push = pressure * moved.forward.area_factor[0] * robot.chambers.area
+        azimuth = np.deg2rad(robot.chambers.azimuths_deg)
+        moment = robot.chambers.path_radius * np.array([(push * np.sin(azimuth)).sum(), -(push * np.cos(azimuth)).sum()])
+        bend = float(np.hypot(*moment)) / (robot.youngs_modulus * body_second_moment(robot)) * robot.length
+        for found, turned in ((arc, bend * s), (tip, bend * (s - 0.5 * (s**3 - s)))):
+            assert np.hypot(*found[:2]) == pytest.approx(robot.length * np.sin(turned).mean(), abs=2e-5)
+            assert abs(found[2]) == pytest.approx(robot.length * np.cos(turned).mean(), abs=2e-5)
+
+
 def test_contact_kinks_the_sweep_where_the_plane_stands(sweep: Moved) -> None:
     moved = sweep.by(contact__stiffness=500.0, contact__distance=-0.01)
     reach = -sweep.still[:, 0]
