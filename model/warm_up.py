@@ -1,7 +1,7 @@
 """Have the kernels of the rod compiled ahead, at low priority: `python -m model.warm_up [rods|derivatives]`.
 
-The first solve compiles for a while, once a machine. What keeps a processor idle meanwhile (a rig, a
-person) can have that done in processes beside it, one a part; a kernel that is ready is on disk and ready for every process.
+The first solve compiles for a while, once a machine. What keeps a processor idle meanwhile (a rig, a person) can have that done
+in processes beside it, one a part; a kernel that is ready is on disk and ready for every process.
 """
 
 from __future__ import annotations
