@@ -285,7 +285,6 @@ class Search:
     def _next_to(self, c: Candidate) -> list[Candidate]:
         """A candidate and the hypotheses with one effect more, one less and one exchanged, and the same with tolerances on or
         off, weighed where it was fitted."""
-        ids = self.problem.parameters.ids
         here = self._as_reference(c.fit.with_all_derivatives(self.problem).with_form_error(self.problem, c.named))
         (own,) = self._around(here, [c.named], c.with_tolerances)
         out = [replace(own, turns=c.turns, ended=True), *self._around(here, [c.named], not c.with_tolerances)]
