@@ -71,18 +71,14 @@ def test_where_one_of_several_acts_with_the_answer_all_are_told(
 
 def test_quantiles_are_weighted() -> None:
     metres, named = np.array([[1.0], [100.0], [1e4]]), np.zeros((3, 1), bool)
-    b = Budget(
-        ("a",), metres, metres, np.array([0.1, 0.1, 0.8]), np.zeros(3), np.zeros(3, bool), {"a": 1.0}, np.zeros((3, 1), bool)
-    )
+    b = Budget(("a",), metres, metres, np.array([0.1, 0.1, 0.8]), np.zeros(3), np.zeros(3, bool), {"a": 1.0}, named)
     assert b.interval("a", 0.05, 0.15, 0.6) == pytest.approx((1.0, 100.0, 1e4))
 
 
 def test_an_interval_counts_on_a_law_that_is_wrong_by_as_much_as_laws_are() -> None:
     known, named = np.ones((1, 1)), np.zeros((1, 1), bool)
     for form_error in (0.03, 0.3):
-        b = Budget(
-            ("a",), known, known, np.ones(1), np.array([form_error]), np.zeros(1, bool), {"a": 1.0}, np.zeros((1, 1), bool)
-        )
+        b = Budget(("a",), known, known, np.ones(1), np.array([form_error]), np.zeros(1, bool), {"a": 1.0}, named)
         low, middle, high = b.interval("a", 0.025, 0.5, 0.975)
         assert middle == pytest.approx(1.0)
         assert np.log(high) == pytest.approx(-np.log(low)) and 1.7 < np.log(high) / form_error < 2.0
