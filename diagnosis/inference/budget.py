@@ -9,7 +9,7 @@ so what a calibration takes up anyway is not an effect's merit. All effects are 
 a tolerance that carries more than any named effect is the cause. c_e is drawn from the posterior over hypotheses and sizes,
 d_e linear about each hypothesis' fit; at the fit it is that of the model itself where the effect carries a noise floor. In
 each draw the largest carrier is named, if it carries at least one noise floor where the hypothesis names it, else two; with
-it what carries as many and a third as much, if the hypothesis names it or it has the least size of a named effect. (With two
+it what carries as many and 0.4 as much, if the hypothesis names it or it has the least size of a named effect. (With two
 effects of one size a hypothesis of one of them takes the other for a tolerance, as the prior of a pair is small.) Else none is
 named. The answer is the effect that is named in most draws, with those that are named together with it in two thirds of all;
 each draw that names all of the answer counts for it, whatever else it names.
