@@ -15,7 +15,7 @@ from ..criticism.outside import alike, odds_outside, related
 from ..criticism.stage_errors import Dependence, StageError, smooth_functions, stage_errors, total_gain
 from ..data.case import lacking
 from ..data.levels import SPINE_GAP
-from ..inference.budget import Budget, Part, budget, by_what_is_carried, parts, standard_normal
+from ..inference.budget import Budget, Part, budget, by_what_is_carried, parts
 from ..inference.candidate import Candidate
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, Executor
@@ -93,10 +93,9 @@ class Weighed:
 
 def weighed(problem: Problem, where: Sequence[Part], executor: Executor) -> Weighed:
     """Search the hypotheses of a problem and rank them; `where` effects carry the gap."""
-    draws = executor.ahead(standard_normal, [len(problem.parameters.scale)])
     search = Search(problem, executor=executor)
     whole = posterior(search.run(), len(problem.parameters.ids), TEMPERATURE)
-    carried = budget(problem, where, search.tried, TEMPERATURE, *draws())
+    carried = budget(problem, where, search.tried, TEMPERATURE)
     known = by_what_is_carried(carried, whole)
     leading, best = search.leading_and_answer(*(k.candidates[k.ranking[0][0]] for k in (whole, known)))
     return Weighed(search, whole, known, carried, leading, best)

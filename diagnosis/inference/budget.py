@@ -9,7 +9,7 @@ so what a calibration takes up anyway is not an effect's merit. All effects are 
 a tolerance that carries more than any named effect is the cause. c_e is drawn from the posterior over hypotheses and sizes,
 d_e linear about each hypothesis' fit; at the fit it is that of the model itself where the effect carries a noise floor. In
 each draw the largest carrier is named, if it carries at least one noise floor where the hypothesis names it, else two; with
-it what carries as many and a third as much, if the hypothesis names it or it has the least size of a named effect. (With two
+it what carries as many and 0.4 as much, if the hypothesis names it or it has the least size of a named effect. (With two
 effects of one size a hypothesis of one of them takes the other for a tolerance, as the prior of a pair is small.) Else none is
 named. The answer is the effect that is named in most draws, with those that are named together with it in two thirds of all;
 each draw that names all of the answer counts for it, whatever else it names.
@@ -19,7 +19,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,18 +60,13 @@ class Budget:
     """(d,) other effects are free within their tolerances there, and may hide what is wrong with any law."""
     law_error: dict[str, float]
     """By effect, the part of that share that its law has where nothing hides it."""
-    named: tuple[Hypothesis, ...]
-    """(d,) what is named in each draw."""
+    names: NDArray[np.bool_]
+    """(d, e) which effects each draw names."""
 
     @property
     def nothing_stands_out(self) -> float:
         """Probability that no effect carries `OUTSTANDING_FLOORS`."""
         return float(self.weight[(self.floors < OUTSTANDING_FLOORS).all(axis=1)].sum())
-
-    @cached_property
-    def names(self) -> NDArray[np.bool_]:
-        """(d, e) which effects each draw names."""
-        return np.array([[e in own for e in self.effects] for own in self.named])
 
     def second(self, answer: Hypothesis) -> dict[str, float]:
         """Effects that draws name together with an answer, and how probable each is given that: where it is probable that one of
@@ -136,15 +130,14 @@ def budget(
     where: Sequence[Part],
     candidates: Sequence[Candidate],
     temperature: float,
-    standard: Array | None = None,
 ) -> Budget:
-    """Draw from candidates of the catalogue (without and with tolerances each by itself); `temperature` divides log evidence,
-    `standard` are the `standard_normal` of as many dimensions as the effects have parameters, where they are known already."""
+    """Draw from candidates of the catalogue (without and with tolerances each by itself); `temperature` divides log evidence."""
     p = problem.parameters
-    standard = standard_normal(len(p.scale)) if standard is None else standard
+    half = np.random.default_rng(SEED).standard_normal((DRAWS // 2, len(p.scale)))
+    standard = np.vstack([half, -half])  # in pairs, so that their mean is exact
     weights = shares(candidates, len(p.ids), temperature).tolist()
     carry = _Carrying(problem, where)
-    metres, floors, weight, form_error, tolerant, named = [], [], [], [], [], []
+    metres, floors, weight, form_error, tolerant, names = [], [], [], [], [], []
     for c, w in zip(candidates, weights, strict=True):
         if w < 1e-3:
             continue
@@ -157,20 +150,13 @@ def budget(
         free = c.grid_point.spike > 0.0
         form_error += [float(KNOWN.form_errors.max()) if free else c.grid_point.form_error] * DRAWS
         tolerant += [free] * DRAWS
-        named += [_named(*both, p.ids, c.named) for both in zip(f, size, strict=True)]
+        names.append(_names(f, size, np.isin(p.ids, c.named)))
     total = np.array(weight)
     share = total / total.sum()
     return Budget(
         p.ids, np.vstack(metres), np.vstack(floors), share, np.array(form_error), np.array(tolerant), p.law_error,
-        tuple(named),
+        np.vstack(names),
     )  # fmt: skip
-
-
-def standard_normal(dimensions: int) -> Array:
-    """(DRAWS, dimensions) from a standard normal, from a scrambled Sobol sequence."""
-    from scipy.stats import qmc  # takes as long as a hundred predictions, and a first look does not wait for it
-
-    return np.asarray(ndtri(qmc.Sobol(dimensions, seed=SEED).random(DRAWS)))
 
 
 def _drawn(weighed: Weighed, standard: Array) -> Array:
@@ -188,7 +174,8 @@ def by_what_is_carried(b: Budget, known: Posterior) -> Posterior:
     """Probabilities of what is named; `known` over the hypotheses, whose candidates also stand for the answers."""
     answer = _answer(b)
     total: dict[Hypothesis, float] = {}
-    for named, w in zip(b.named, b.weight.tolist(), strict=True):
+    for which, w in zip(*_distinct(b), strict=True):
+        named = tuple(e for e, chosen in zip(b.effects, which, strict=True) if chosen)
         counted = answer if answer and set(answer) <= set(named) else named
         total[counted] = total.get(counted, 0.0) + w
     total.setdefault(NONE, 0.0)
@@ -218,17 +205,21 @@ def _answer(b: Budget) -> Hypothesis:
         held = held & named[:, more]
 
 
-def _named(floors: Array, size: Array, effects: Sequence[str], hypothesis: Hypothesis) -> Hypothesis:
-    """The effects that a draw names, by the rule above, of what they carry (e,) in noise floors, their sizes (e,) in plausible
-    ones and its hypothesis."""
-    own = np.array([e in hypothesis for e in effects])
-    least = np.where(own, LEAST_NAMED_FLOORS, OUTSTANDING_FLOORS)
-    largest = int(floors.argmax())
-    if floors[largest] < least[largest]:
-        return NONE
-    named = (floors >= np.maximum(least, COMPARABLE * floors[largest])) & (own | (size >= LEAST_NAMED_SIZE))
-    named[largest] = True
-    return tuple(effects[int(i)] for i in np.flatnonzero(named))
+def _distinct(b: Budget) -> tuple[list[list[bool]], list[float]]:
+    """Which effects draws name together, and the probability of each such set."""
+    sets, member = np.unique(b.names, axis=0, return_inverse=True)
+    return sets.tolist(), np.bincount(member.ravel(), b.weight).tolist()
+
+
+def _names(floors: Array, size: Array, own: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(d, e) which effects draws name, by the rule above, of what they carry (d, e) in noise floors, their sizes (d, e) in
+    plausible ones and which are their hypothesis' own (e,)."""
+    least, draws, largest = np.where(own, LEAST_NAMED_FLOORS, OUTSTANDING_FLOORS), np.arange(len(floors)), floors.argmax(axis=1)
+    most = floors[draws, largest]
+    named = (floors >= np.maximum(least, COMPARABLE * most[:, None])) & (own | (size >= LEAST_NAMED_SIZE))
+    named[draws, largest] = True
+    named[most < least[largest]] = False
+    return np.asarray(named)
 
 
 class _Carrying:

@@ -9,7 +9,9 @@ evidence of its linear problem plus, in the same units, the logarithm of the pri
 none, or at their starts where they are not linear there. Then the most promising points are searched on, some of them in
 parallel, and where a leading search has ended, the hypotheses next to it (one effect more, one less, one exchanged, tolerances on
 or off) are weighed in its linear problem and join the queue. A point that promises less than the best hypothesis has reached, by
-more than a margin, is left; the search ends when none remains.
+more than a margin, is left; the search ends when none remains. Without tolerances effects are also added one by one, each time
+the one that makes the data most probable (forward selection), whatever the margin: with tolerances these take the place of a
+second effect, and alone neither of two effects promises anything.
 """
 
 from __future__ import annotations
@@ -285,7 +287,6 @@ class Search:
     def _next_to(self, c: Candidate) -> list[Candidate]:
         """A candidate and the hypotheses with one effect more, one less and one exchanged, and the same with tolerances on or
         off, weighed where it was fitted."""
-        ids = self.problem.parameters.ids
         here = self._as_reference(c.fit.with_all_derivatives(self.problem).with_form_error(self.problem, c.named))
         (own,) = self._around(here, [c.named], c.with_tolerances)
         out = [replace(own, turns=c.turns, ended=True), *self._around(here, [c.named], not c.with_tolerances)]
