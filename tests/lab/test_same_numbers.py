@@ -59,7 +59,7 @@ def in_json(text: str) -> Numbers:
         said["with cause"] = f"{shrink['after_mm']:.2f}"
         if (share := shrink["share_closed"]) is not None and share >= 0:
             said["closed"] = f"{100 * min(share, 1.0):.0f}"
-    if (c := d["calibration"]) is not None and abs(c["given"] / c["area_factor"] - 1) >= 0.01:
+    if (c := d["calibration"]) is not None and max(abs(c["given"] / c["area_factor"] - 1), abs(c["modulus"] - 1)) >= 0.01:
         said |= {"area factor": f"{c['area_factor']:.2f}", "area factor given": f"{c['given']:.2f}"}
     for x in d["budget"]:
         if x["role"] != "unseen":
@@ -94,7 +94,7 @@ def in_statement(text: str) -> Numbers:
             "with cause": r"With it, ([\d.]+) mm remain|unseen states ([\d.]+) mm remain; |without it, ([\d.]+) mm with it\.",
             "closed": r"remain on unseen states: (\d+) % of the reducible gap",
             "area factor": r"\(([\d.]+) instead of",
-            "area factor given": r"instead of ([\d.]+);",
+            "area factor given": r"instead of ([\d.]+)[;,)]",
         },
         text,
     )
