@@ -94,7 +94,7 @@ def in_statement(text: str) -> Numbers:
             "with cause": r"With it, ([\d.]+) mm remain|unseen states ([\d.]+) mm remain; |without it, ([\d.]+) mm with it\.",
             "closed": r"remain on unseen states: (\d+) % of the reducible gap",
             "area factor": r"\(([\d.]+) instead of",
-            "area factor given": r"instead of ([\d.]+)[;,)]",
+            "area factor given": r"instead of ([\d.]+)[;,]",
         },
         text,
     )
