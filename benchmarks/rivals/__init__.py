@@ -3,5 +3,6 @@
 textbook   each effect alone, stepwise selection, sparse regression
 forest     simulation-based inference: a random forest trained on simulations of the case
 learned    a Gaussian process from the inputs of a state to what the calibrated model misses; names nothing
+answers    runs them on a case
 table      figures of all methods, as a table, as JSON and as a picture
 """
