@@ -1,8 +1,8 @@
-"""Answer a sealed set with other methods, then open the seal and compare: `python -m benchmarks.rivals SET [--methods M ..]
-[--first N] [--workers N] [--keep-sealed] [--out FOLDER]`. Run the set first (`lab blind run SET`); the seal is opened at the
+"""Answer sealed sets with other methods, then open the seals and compare: `python -m benchmarks.rivals SET .. [--methods M ..]
+[--first N] [--workers N] [--keep-sealed] [--out FOLDER]`. Run the sets first (`lab blind run SET`); the seals are opened at the
 end, for all alike.
 
-Each method writes OUT/METHOD/CASE.json, in the form that `lab blind score SET --answers OUT/METHOD` reads.
+Each method writes OUT/SET/METHOD/CASE.json, in the form that `lab blind score SET --answers OUT/SET/METHOD` reads.
 """
 
 from __future__ import annotations
@@ -21,19 +21,20 @@ from .table import report
 def main() -> None:
     """Answer, then open the seal unless it is to be kept."""
     a = argparse.ArgumentParser(description=(__doc__ or "").partition("\n\n")[0])
-    a.add_argument("set", type=Path)
+    a.add_argument("sets", metavar="SET", type=Path, nargs="+")
     a.add_argument("--methods", nargs="+", choices=tuple(METHODS), default=tuple(METHODS))
-    a.add_argument("--first", type=int, help="answer the first N cases only")
+    a.add_argument("--first", type=int, help="answer the first N cases of each set only")
     a.add_argument("--keep-sealed", action="store_true", help="answer, and leave the seal closed")
     a.add_argument("--workers", type=int, default=2)
     a.add_argument("--out", type=Path, default=Path("out/rivals"))
     asked = a.parse_args()
-    names = SetFolder(asked.set).names()[: asked.first]
-    do = partial(answer, asked.set.resolve(), asked.out.resolve(), tuple(asked.methods))
-    for _ in spread(do, names, Crew(asked.workers, None), "cases"):
-        pass
+    sets = [place.resolve() for place in asked.sets]
+    for place in sets:
+        do = partial(answer, place, asked.out.resolve() / place.name, tuple(asked.methods))
+        for _ in spread(do, SetFolder(place).names()[: asked.first], Crew(asked.workers, None), place.name):
+            pass
     if not asked.keep_sealed:
-        report(asked.set, asked.out, [m for m in METHODS if (asked.out / m).is_dir()])
+        report(sets, asked.out, list(METHODS))
 
 
 if __name__ == "__main__":

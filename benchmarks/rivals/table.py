@@ -1,11 +1,12 @@
-"""Figures of all methods on one set: a table, the same as JSON, and a picture."""
+"""Figures of all methods on some sets: a table, the same as JSON, and a picture."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -72,26 +73,31 @@ def row(method: str, judged: Sequence[Weighed], seconds: Sequence[float]) -> Row
     return Row(method, cases, float(np.median(seconds)), float(np.median(closed)) if closed else np.nan, len(closed))
 
 
-def report(root: Path, out: Path, methods: Sequence[str]) -> list[Row]:
-    """Open the seal, print the table, write OUT/figures.json and OUT/figures.svg; methods that answered all cases are scored."""
-    folder = SetFolder(root)
-    names = folder.names()
-    write(score(root), root)
-    truth = open_seal(folder)
+def report(roots: Sequence[Path], out: Path, methods: Sequence[str]) -> list[Row]:
+    """Open the seals, print the table, write OUT/figures.json and OUT/figures.svg over all sets; methods that answered all cases
+    of a set are scored on it."""
+    found: dict[str, tuple[list[Weighed], list[float]]] = {}
 
-    def made(method: str, answers: Sequence[Answer], seconds: Sequence[float]) -> Row:
-        judged = (weighed(truth[a.case], a) for a in answers)
-        return row(method, [w for w in judged if w is not None], seconds)
+    def count(method: str, truth: Mapping[str, Any], answers: Sequence[Answer], seconds: Sequence[float]) -> None:
+        judged, spent = found.setdefault(method, ([], []))
+        judged += [w for a in answers if (w := weighed(truth[a.case], a)) is not None]
+        spent += seconds
 
-    own = [read_answer(folder.answers(n) / "rounds.json", n) for n in names]
-    rows = [made("diagnosis", own, [a.seconds for a in own])]
-    for method in methods:
-        at = {n: place for n in names if (place := out / method / f"{n}.json").exists()}
-        answers = [read_foreign(place, n) for n, place in at.items()]
-        rows.append(made(method, answers, [float(read_table(place, "")["seconds"]) for place in at.values()]))
-        if len(at) == len(names):
-            write(score(root, out / method), root, out / method)
-    rows.sort(key=lambda r: list(NAMES).index(r.method))
+    for root in roots:
+        folder = SetFolder(root)
+        names = folder.names()
+        write(score(root), root)
+        truth = open_seal(folder)
+        own = [read_answer(folder.answers(n) / "rounds.json", n) for n in names]
+        count("diagnosis", truth, own, [a.seconds for a in own])
+        for method in methods:
+            place = out / root.name / method
+            at = {n: file for n in names if (file := place / f"{n}.json").exists()}
+            answers = [read_foreign(file, n) for n, file in at.items()]
+            count(method, truth, answers, [float(read_table(file, "")["seconds"]) for file in at.values()])
+            if len(at) == len(names):
+                write(score(root, place), root, place)
+    rows = [row(method, *found[method]) for method in NAMES if method in found and found[method][0]]
     Console(width=170).print(table(rows))
     (out / "figures.json").write_text(json.dumps([asdict(r) for r in rows], indent=1))
     draw(rows, out / "figures.svg")
