@@ -94,20 +94,28 @@ def _here(do: Callable[[A], B], item: A) -> Future[B]:
     return done
 
 
+FEW_ROWS = 25
+"""Fewer are not worth sending anything elsewhere."""
+
+
 @contextmanager
-def for_case(rows: int, cores: int) -> Iterator[Processes | None]:
-    """Processes for a case of so many rows, with this one as many as there are cores; None where one process is as quick.
+def for_case(cores: int) -> Iterator[Callable[[int], Processes | None]]:
+    """Processes for a case that is still to be read, with this one as many as there are cores. They start at once; what it yields
+    is called with the number of rows, and gives them, or None where one process is as quick.
 
     What the rod's kernels are not compiled for yet on this machine is compiled here and there side by side.
     """
-    # fewer rows are not worth the start of processes
-    if cores == 1 or rows < 25:
-        yield None
+    if cores == 1:
+        yield lambda rows: None
         return
     with processes(cores - 1, ("derivatives",)) as others:
-        if warm_up(("rods",)):
-            others.begun()
-        yield others
+
+        def of(rows: int) -> Processes | None:
+            if warm_up(("rods",)):
+                others.begun()
+            return others if rows >= FEW_ROWS else None
+
+        yield of
 
 
 @contextmanager

@@ -133,10 +133,11 @@ def run(w: Wanted, as_json: bool) -> int:
     found: Investigation | None = None
     cores = w.workers if w.workers is not None else len(os.sched_getaffinity(0))
     try:
-        with for_case(len(case.table), cores) as others, page_where(w.watched, say) as at.page:
+        with for_case(cores) as beside, page_where(w.watched, say) as at.page:
             if at.page is not None:
                 say(f"watch it at {at.page.address}")
-            fits = Executor(progress=weighing.step, remote_map=None if others is None else others.in_order)
+            there = beside(len(case.table))
+            fits = Executor(progress=weighing.step, remote_map=None if there is None else there.in_order)
             found = investigate(case, at, Options(catalogue=weighed, executor=fits), w.limits, diagnosed)
     except (DiagnosisError, ModelError) as e:
         raise ConfigError(str(e)) from e

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -84,15 +85,17 @@ def diagnose(
     cores = workers if workers is not None else len(os.sched_getaffinity(0))
     if cores < 1:
         raise ConfigError(f"--workers {cores}: must be at least 1")
-    case = read_case(inputs, robot)
-    if comparisons.baseline is not None or comparisons.simulator is not None:
-        case = _of_robot(case)
-    note(case.table.warnings)
-    note(marked_notes(case.table))
-    if case.robot.residual is not None:
-        note(["the residual in robot.yaml is left out: what was learnt has no cause, and would hide one"])
-    with cluster(scheduler) if scheduler is not None else for_case(len(case.table), cores) as others:
-        executor = Executor(remote_map=None if others is None else others.in_order)
+    with ExitStack() as open_while_diagnosed:
+        beside = open_while_diagnosed.enter_context(for_case(1 if scheduler is not None else cores))
+        case = read_case(inputs, robot)
+        if comparisons.baseline is not None or comparisons.simulator is not None:
+            case = _of_robot(case)
+        note(case.table.warnings)
+        note(marked_notes(case.table))
+        if case.robot.residual is not None:
+            note(["the residual in robot.yaml is left out: what was learnt has no cause, and would hide one"])
+        there = open_while_diagnosed.enter_context(cluster(scheduler)) if scheduler is not None else beside(len(case.table))
+        executor = Executor(remote_map=None if there is None else there.in_order)
         answer = worth_doing(_answer(case, robot, comparisons, executor))
     if guesses := unconfirmed_guesses(inputs):
         answer = replace(answer, concerns=(*guesses, *answer.concerns))
