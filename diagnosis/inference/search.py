@@ -243,7 +243,8 @@ class Search:
         if not found.ended:
             return [found]
         if not self._leads(found):
-            return [found, *self._one_more(found)] if self._first_alone(found, found.log_evidence) else [found]
+            more = self._with_one_more(found.named) if self._first_alone(found, found.log_evidence) else []
+            return [found, *self._around(self._whole(found), more, found.with_tolerances)] if more else [found]
         own, switched, *others = self._next_to(found)
         if (c.named, switched.with_tolerances) in self._standing.searched:
             return [own, switched, *others]
@@ -287,26 +288,25 @@ class Search:
     def _next_to(self, c: Candidate) -> list[Candidate]:
         """A candidate and the hypotheses with one effect more, one less and one exchanged, and the same with tolerances on or
         off, weighed where it was fitted."""
-        here = self._as_reference(c.fit.with_all_derivatives(self.problem).with_form_error(self.problem, c.named))
+        here = self._whole(c)
         (own,) = self._around(here, [c.named], c.with_tolerances)
         out = [replace(own, turns=c.turns, ended=True), *self._around(here, [c.named], not c.with_tolerances)]
-        out += self._one_more(c, here)
+        out += self._around(here, self._with_one_more(c.named), c.with_tolerances)
         for taken in c.named:
             kept = tuple(e for e in c.named if e != taken)
             exchanged = [h for h in self._with_one_more(kept) if h != c.named]
             out += self._around(here.without_law(taken), [kept, *exchanged], c.with_tolerances)
         return out
 
-    def _one_more(self, c: Candidate, here: Fit | None = None) -> list[Candidate]:
-        """The hypotheses with one effect more, weighed where a candidate was fitted."""
-        if len(c.named) + 1 not in PRIOR_OF_NUMBER:
-            return []
-        if here is None:
-            here = self._as_reference(c.fit.with_all_derivatives(self.problem).with_form_error(self.problem, c.named))
-        return self._around(here, self._with_one_more(c.named), c.with_tolerances)
+    def _whole(self, c: Candidate) -> Fit:
+        """The fit of a candidate with all derivatives, around which others are weighed."""
+        return self._as_reference(c.fit.with_all_derivatives(self.problem).with_form_error(self.problem, c.named))
 
     def _with_one_more(self, named: Hypothesis) -> list[Hypothesis]:
+        """Hypotheses that name one effect more; none where the prior knows no such number."""
         ids = self.problem.parameters.ids
+        if len(named) + 1 not in PRIOR_OF_NUMBER:
+            return []
         return [tuple(sorted((*named, e), key=ids.index)) for e in ids if e not in named]
 
     def fitted(self, named: Hypothesis) -> Candidate:
