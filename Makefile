@@ -28,7 +28,7 @@ demo: $(READY)
 test: room $(READY_DEV)
 	$(if $(ROOM),,$(BIN)/python -m model.warm_up rods & beside=$$!; $(BIN)/python -c 'from sim_fakes.rig import FakeRig; FakeRig()' && \
 	{ $(if $(wildcard tests/__pycache__),,$(BIN)/python -m pytest -n 0 --collect-only > /dev/null;) wait $$beside; })
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(if $(filter 1,$(shell nproc)),1,3) $(if $(LONG),,-m "not long") $(if $(ROOM),tests/$(ROOM))
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(if $(filter 1,$(shell nproc)),2,3) $(if $(LONG),,-m "not long") $(if $(ROOM),tests/$(ROOM))
 
 room:
 	@$(if $(filter-out $(ROOMS),$(ROOM)),echo "ROOM=$(ROOM): no such room; one of: $(ROOMS)" >&2; exit 2)
