@@ -41,19 +41,24 @@ def implausible_values(robot: Robot, rows: Iterable[TrialRow]) -> tuple[str, ...
     every = list(rows)
     tips = [r for r in every if r.protocol != "stiffness" and r.tip is not None]
     tips = [r for r in tips if np.isfinite((*r.tip, r.spine_length, *r.pressures)).all()]  # type: ignore[misc]
-    found = [*_spines(robot, every), *_masses(robot, every)]
-    if tips:
-        chambers = list(_chambers(robot, tips))
-        found += chambers
-        factor, notes = _distances(robot, tips)
-        found += notes
-        if factor and not chambers:
-            found += _robot_states(robot, [replace(r, tip=_scaled(r, factor)) for r in tips])
-    return (*found, *implausible_pushes(robot, every))
+    of_tips = _of_tips(robot, tips) if tips else ()
+    return (*_spines(robot, every), *_masses(robot, every), *of_tips, *implausible_pushes(robot, every))
 
 
-def _robot_states(robot: Robot, rows: list[TrialRow]) -> Iterator[str]:
-    """Messages about implausible pressures, roll, frame and orientation; `rows`: no stiffness trials, tips in m."""
+def _of_tips(robot: Robot, rows: list[TrialRow]) -> Iterator[str]:
+    """Messages about rows with a tip, of no stiffness trial."""
+    there, expected = {len(r.pressures) for r in rows}, len(robot.actuators.azimuths_deg)
+    if there != {expected}:
+        yield (
+            f"rows with {', '.join(map(str, sorted(there)))} pressures for a robot with {expected} chambers: tables of "
+            "different robots cannot be used together; write one column p1.. for each of robot.yaml's azimuths_deg"
+        )
+    factor, note = _distances(robot, rows)
+    if note:
+        yield note
+    if not factor or there != {expected}:
+        return
+    rows = [replace(r, tip=tuple((np.array(r.tip) / factor).tolist())) for r in rows]
     pressures = Pressures.of(robot, rows)
     yield from implausible_pressures(robot, pressures)
     yield from implausible_roll(robot, pressures)
@@ -63,34 +68,20 @@ def _robot_states(robot: Robot, rows: list[TrialRow]) -> Iterator[str]:
     yield from _orientation(rows, resting)
 
 
-def _scaled(row: TrialRow, factor: float) -> tuple[float, float, float]:
-    x, y, z = row.tip or (np.nan,) * 3
-    return (x / factor, y / factor, z / factor)
-
-
 def where(row: TrialRow) -> str:
     """The name of a row in messages."""
     return f"trial {row.trial} step {row.step}"
 
 
-def _chambers(robot: Robot, rows: list[TrialRow]) -> Iterator[str]:
-    there, expected = {len(r.pressures) for r in rows}, len(robot.actuators.azimuths_deg)
-    if there != {expected}:
-        yield (
-            f"rows with {', '.join(map(str, sorted(there)))} pressures for a robot with {expected} chambers: tables of "
-            "different robots cannot be used together; write one column p1.. for each of robot.yaml's azimuths_deg"
-        )
-
-
 # ------------------------------------------------------------------ lengths
-def _distances(robot: Robot, rows: list[TrialRow]) -> tuple[float, tuple[str, ...]]:
-    """The tips' unit in m (0: unknown), and messages about it."""
+def _distances(robot: Robot, rows: list[TrialRow]) -> tuple[float, str]:
+    """How many of the tips' unit make one m (0: unknown), and a message about it; empty where there is nothing to say."""
     distance = np.linalg.norm([r.tip for r in rows], axis=1)  # type: ignore[arg-type]
     worst = int(np.argmax(distance))
     # no tip of a rod that stretches by less than half is further from its base
     farthest = 1.5 * robot.length + tracked_beyond(robot)
     if distance[worst] <= farthest:
-        return 1.0, ()
+        return 1.0, ""
     far = int((distance > farthest).sum())
     head = (
         f"{where(rows[worst])}, columns x, y, z: the tip lies {distance[worst]:.3g} m from the base of a robot that is "
@@ -98,8 +89,8 @@ def _distances(robot: Robot, rows: list[TrialRow]) -> tuple[float, tuple[str, ..
     )
     unit = nearest(float(np.median(distance)) / robot.length, LENGTH_UNITS, within=1.6)
     if unit is None:
-        return 0.0, (f"{head}: check the unit (m) and the frame (base of the robot)",)
-    return unit.per_si, (f"{head}: looks like {unit.name}; positions are in m: {unit.remedy}",)
+        return 0.0, f"{head}: check the unit (m) and the frame (base of the robot)"
+    return unit.per_si, f"{head}: looks like {unit.name}; positions are in m: {unit.remedy}"
 
 
 def tracked_beyond(robot: Robot) -> float:

@@ -40,8 +40,6 @@ class Pressures:
     """(n, chambers) as the table has them."""
     displacement: Array
     """(n, 3) m: of the tip from the lowest state of its own setting (spine, mass, roll, vacuum)."""
-    expected: Array
-    """(n,) m: displacement of a beam, taking the pressures for Pa."""
     unit: float
     """Pa per unit of the table as far as the displacement of the tip tells it; 1 where it does not."""
     ratio: float
@@ -53,15 +51,15 @@ class Pressures:
     def of(cls, robot: Robot, rows: list[TrialRow]) -> Pressures:
         """Of rows with a tip in m and a pressure for each chamber."""
         pressure = np.array([r.pressures for r in rows])
-        low = lowest_of_each(setting_of_each(rows), np.abs(pressure).max(axis=1))
-        tip = np.array([r.tip for r in rows])
+        setting, tip = setting_of_each(rows), np.array([r.tip for r in rows])
+        rising = np.lexsort((np.abs(pressure).max(axis=1), setting))
+        low = rising[np.unique(setting[rising], return_index=True)[1]][setting]
         displacement = tip - tip[low]
-        expected = expected_displacement(robot, rows, pressure - pressure[low])
-        ratio = _ratio(robot, displacement, expected)
+        ratio = _ratio(robot, displacement, expected_displacement(robot, rows, pressure - pressure[low]))
         # no modulus, area factor or effect causes such a ratio; in mbar or a larger unit, no soft robot has such large numbers
         implausible = ratio > 30.0 and np.abs(pressure).max() < 20e3
         unit = 1 / units_near(1 / ratio, _units(robot), 1.0)[0].per_si if implausible else 1.0
-        return cls(tuple(rows), pressure, displacement, expected, unit, ratio, _resting(pressure * unit))
+        return cls(tuple(rows), pressure, displacement, unit, ratio, _resting(pressure * unit))
 
 
 def _units(robot: Robot) -> tuple[Unit, ...]:
@@ -78,15 +76,6 @@ def setting_of_each(rows: list[TrialRow]) -> Ints:
     return distinct(*(levels(column, gap) for column, gap in zip(states.T, gaps, strict=True)))
 
 
-def lowest_of_each(group: Ints, level: Array) -> Ints:
-    """Index of the row with the lowest level in the group of each row."""
-    out = np.zeros(len(group), np.int64)
-    for one in np.unique(group):
-        own = np.flatnonzero(group == one)
-        out[own] = own[np.argmin(level[own])]
-    return out
-
-
 def expected_displacement(robot: Robot, rows: list[TrialRow], pressure: Array) -> Array:
     """(n,) m: tip's displacement of a straight beam of two parts (with spine, without) under pressures (n, chambers) Pa."""
     body, spine = body_of(robot), np.clip([r.spine_length for r in rows], 0.0, robot.length)
@@ -97,17 +86,14 @@ def expected_displacement(robot: Robot, rows: list[TrialRow], pressure: Array) -
     rest = robot.length - spine
     aside = moment / body.mean_second * (spine * (robot.length - spine / 2) / inner + rest**2 / (2 * outer))
     along = push @ body.mean_chamber_area / body.mean_area * (spine / inner + rest / outer)
-    displacement: Array = np.hypot(aside, along)
-    return displacement
+    return np.asarray(np.hypot(aside, along))
 
 
 def _ratio(robot: Robot, displacement: Array, expected: Array) -> float:
     """Measured to expected displacement in the states that move most; 1 where it does not follow the pressure."""
     moved = np.linalg.norm(displacement, axis=1)
-    if len(moved) < 4 or moved.max() < LEAST_DISPLACEMENT * robot.length or not expected.max() > 0:
-        return 1.0
-    # the ratio means nothing
-    if np.ptp(expected) == 0 or np.corrcoef(moved, expected)[0, 1] < 0.9:
+    still = len(moved) < 4 or moved.max() < LEAST_DISPLACEMENT * robot.length or not expected.max() > 0
+    if still or np.ptp(expected) == 0 or np.corrcoef(moved, expected)[0, 1] < 0.9:
         return 1.0
     most = expected >= 0.5 * expected.max()
     return float(np.median(moved[most] / expected[most]))
@@ -115,12 +101,12 @@ def _ratio(robot: Robot, displacement: Array, expected: Array) -> float:
 
 def _resting(pressure: Array) -> Mask:
     """(n,) states in which no chamber holds pressure (n, chambers) Pa, or all hold what looks like ambient pressure."""
-    level = np.abs(pressure).max(axis=1)
-    out: Mask = level <= max(SHARE_AT_REST * level.max(), AT_REST)
-    if not out.any() and _like_ambient(pressure.min(axis=0)):
-        above = (pressure - pressure.min(axis=0)).max(axis=1)
-        out = above <= max(SHARE_AT_REST * above.max(), AT_REST)
-    return out
+
+    def low(level: Array) -> Mask:
+        return np.asarray(level <= max(SHARE_AT_REST * level.max(), AT_REST))
+
+    least, out = pressure.min(axis=0), low(np.abs(pressure).max(axis=1))
+    return low((pressure - least).max(axis=1)) if not out.any() and _like_ambient(least) else out
 
 
 def _like_ambient(least: Array) -> bool:
