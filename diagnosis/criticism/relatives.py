@@ -14,7 +14,6 @@ from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.effects.catalogue import CATALOGUE
 from model.effects.quantities import Quantities
@@ -22,7 +21,7 @@ from model.effects.readings import Readings
 from model.effects.shows import by_chambers, with_spine
 from model.effects.spec import EffectSpec, Law, Parameter, Stage, Values
 
-Array = NDArray[np.float64]
+from ..arrays import Array
 
 FULL, ASIDE = 250e3, 0.2
 """Pa and m aside at which sizes that grow with pressure or away from the axis are counted."""

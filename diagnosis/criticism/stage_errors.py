@@ -25,17 +25,15 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from model.effects.spec import Stage
 
+from ..arrays import Array
 from ..inference.discrepancy import eigenfunctions
 from ..inference.problem import Parameters
 from ..judgement import BRANCH_DISTANCE, CORRELATION_LENGTH, CORRELATION_PRESSURE, CORRELATION_TIME, STAGE_ERROR_SIZES
 from .gaussian import Gaussian
-
-Array = NDArray[np.float64]
 
 Dependence = Literal["pressure", "spine length", "time", "pressure and spine length", "experiment", "nothing"]
 
