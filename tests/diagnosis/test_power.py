@@ -24,7 +24,7 @@ PLAN = {
 
 @pytest.fixture(scope="module")
 def plan() -> Case:
-    return foreseen(ROBOT, columns(PLAN, 9, ("x", "y", "z", "qw", "qx", "qy", "qz")), EFFECTS)
+    return foreseen(ROBOT, columns(PLAN, 9, ("x", "y", "z", "qw", "qx", "qy", "qz")))
 
 
 @pytest.fixture(scope="module")
