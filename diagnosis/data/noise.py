@@ -115,9 +115,8 @@ class Noise:
         """With the noise of other values after these, of other states."""
         responses = self.pressure_response, other.pressure_response
         wide = max(r.shape[1] for r in responses)
-        lasting = None
-        if self.lasting is not None or other.lasting is not None:
-            lasting = (self.lasting or Lasting.none(len(self.sd))).then(other.lasting or Lasting.none(len(other.sd)))
+        first, second = (noise.lasting or Lasting.none(len(noise.sd)) for noise in (self, other))
+        lasting = first.then(second) if self.lasting or other.lasting else None
         return Noise(
             np.concatenate([self.state, other.state + self.state.max() + 1]),
             np.concatenate([self.sd, other.sd]),
