@@ -104,9 +104,7 @@ ANGLE = math.radians(1.5)
 
 def _relative(id: str, stage: Stage, label: str, told_by: str, law: Law, *parameters: Parameter) -> EffectSpec:
     shown = {"structure": with_spine, "actuation": by_chambers}.get(stage)
-    return EffectSpec(
-        id, stage, "", parameters, law, "mechanics", told_by, label, tolerated=False, shown=shown
-    )  # fmt: skip
+    return EffectSpec(id, stage, "", parameters, law, "mechanics", told_by, label, tolerated=False, shown=shown)
 
 
 AGAIN = "repeat the first trial at the end of the campaign"

@@ -71,22 +71,14 @@ class Loss:
         g, count = len(self._kinds), len(self._kinds) + 2 + len(self._names)
         self.sds = count
         trial = [default.trial[k] for k in self._names]
-        self.centre = np.concatenate(
-            [
-                np.log([*default.channel.values(), default.pressure, default.rest, *trial]),
-                np.full(g + 1, np.log(LASTING_SHARE / (1 - LASTING_SHARE))),
-                [np.log(default.memory)],
-            ]
-        )
-        self._prior_sd = np.concatenate([np.full(count, COMPONENT_LOG_SD), np.full(g + 1, LASTING_LOGIT_SD), [MEMORY_LOG_SD]])
-        lasts = bool((data.block >= 0).any())
-        self._lasts = float(lasts)
-        most = float(np.log(LONGEST_MEMORY_S / default.memory))
-        bounds = [
-            *[(np.log(LEAST_COMPONENT_SHARE), 3.0)] * count, *[(-6.0, 6.0) if lasts else (0.0, 0.0)] * (g + 1),
-            (-3.0, most) if lasts else (0.0, 0.0),
-        ]  # fmt: skip
-        self.low, self.high = np.array(bounds).T
+        sds = np.log([*default.channel.values(), default.pressure, default.rest, *trial])
+        logit = np.log(LASTING_SHARE / (1 - LASTING_SHARE))
+        self.centre = np.array([*sds, *[logit] * (g + 1), np.log(default.memory)])
+        self._prior_sd = np.repeat([COMPONENT_LOG_SD, LASTING_LOGIT_SD, MEMORY_LOG_SD], [count, g + 1, 1])
+        self._lasts = float((data.block >= 0).any())
+        longest = np.log(LONGEST_MEMORY_S / default.memory)
+        self.low = np.repeat([np.log(LEAST_COMPONENT_SHARE), -6.0 * self._lasts, -3.0 * self._lasts], [count, g + 1, 1])
+        self.high = np.repeat([3.0, 6.0 * self._lasts, longest * self._lasts], [count, g + 1, 1])
         k, c = len(contrast), data.residual.shape[1]
         self._count = k
         self._member = np.array([self._kinds.index(kind) for kind in data.group])
