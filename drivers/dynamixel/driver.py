@@ -8,7 +8,7 @@ the spine first: jammed granules hold the motor, too.
 Faults, each latched until the call that answers it:
 - stall (the motor pushes and does not move): the driver holds; answered by `move_to`, `stop`, `home`.
 - bus watchdog (the host was silent): the servo stopped; answered by `stop` or `home`.
-- hardware error or restart of the servo: torque is off, the zero is lost; answered by `home`, which restarts the servo.
+- hardware error or restart of the servo: it holds or torque is off, the zero is lost; answered by `home`, which restarts it.
 """
 
 from __future__ import annotations
@@ -346,8 +346,13 @@ class DynamixelSpine:
         if watchdog not in (self._watchdog_raw, table.WATCHDOG_TRIPPED):
             watchdog = self._servo.read(table.WATCHDOG)  # one odd answer is no proof of anything
         if alert and (bits := self._servo.read(table.HARDWARE_ERROR)):
-            why = table.hardware_errors(bits)
-            self._lose_zero(f"hardware error: {why}; torque is off. Remove the cause (un-jam the spine), then home()")
+            holds = self._servo.read(table.TORQUE) != 0
+            if holds and not self._lost:  # its shutdown setting does not name this error
+                self._hold()
+            self._lose_zero(
+                f"hardware error: {table.hardware_errors(bits)}; {'it was stopped and holds' if holds else 'torque is off'}. "
+                "Remove the cause (un-jam the spine, check the supply), then home()"
+            )
         elif watchdog == table.WATCHDOG_TRIPPED:
             self._fault = (
                 f"stopped by its bus watchdog: the host was silent for {self._config.watchdog} s. "
