@@ -212,9 +212,10 @@ class Axis:
         give_up = timing.now() + CATCH_UP_WAITS * self._timeout
         while timing.now() < give_up:
             reply, _ = self._reply(line, request)
-            if reply is not None and (reply.module_address, reply.command) == (self._address, request.command):
-                if reply.value in values:
-                    return True
+            if reply is None or (reply.module_address, reply.command) != (self._address, request.command):
+                continue
+            if reply.value in values:
+                return True
         return False
 
     @contextlib.contextmanager
