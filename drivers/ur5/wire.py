@@ -173,6 +173,12 @@ def in_remote_control(name: str, host: str, timeout: float, seen: Snapshot) -> b
         return ask("is in remote control").lower() in ("true", "")
 
 
+def stop_program(name: str, host: str, timeout: float, seen: Snapshot) -> str:
+    """End the program on the controller, also one that is paused; returns the dashboard's answer."""
+    with _dashboard(name, host, timeout, seen) as ask:
+        return ask("stop")
+
+
 @contextmanager
 def _dashboard(name: str, host: str, timeout: float, seen: Snapshot) -> Iterator[Callable[[str], str]]:
     """How to ask the dashboard server one question; the answer is empty where it does not understand."""

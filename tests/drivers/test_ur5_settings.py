@@ -188,3 +188,17 @@ def test_an_arm_too_old_to_tell_its_payload_is_opened() -> None:
     with a_rig(version="3.10.0.1") as old, an_arm(old, model="") as arm:
         old.process.backdoor("set", payload=2.0)
         arm.confirm_settings()
+
+
+@pytest.mark.parametrize("halt", ["safeguard_stop", "pause"])
+def test_a_motion_that_was_halted_does_not_go_on_by_itself(rig: Rig, halt: str) -> None:
+    with an_arm(rig) as arm:
+        arm.move_to(raised(tuple(rig.process.backdoor()["pose"]), 0.05), 0.02, 0.5)
+        timing.sleep(0.3)
+        rig.process.backdoor(halt)
+        with pytest.raises(DeviceFault, match="safeguard stop|paused at the pendant"):
+            watch(arm)
+        halted = rig.process.backdoor()["pose"]
+        rig.process.backdoor("clear")
+        timing.sleep(0.3)
+        assert rig.process.backdoor()["pose"] == pytest.approx(halted, abs=1e-9)
