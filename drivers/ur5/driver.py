@@ -83,6 +83,7 @@ class UR5:
         identity = ur5_wire.identify(self.name, config.host, config.timeout, seen)
         self._check_identity(identity)
         self._check_ready(seen)
+        ur5_wire.connect(self.name, config.host, ur5_wire.SCRIPT_PORT, config.timeout).close()  # the library names no port
         self._seen = seen
         try:
             self._state.open()

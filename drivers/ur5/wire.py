@@ -62,7 +62,8 @@ def connect(name: str, host: str, port: int, timeout: float) -> socket.socket:
     except OSError as error:
         raise Unreachable(
             name,
-            f"nothing listens at {host}:{port} ({error}); is the arm on, its cable plugged in, and the address right?",
+            f"nothing listens at {host}:{port} ({error}); is the arm on, its cable plugged in, the address right, and this "
+            "port's service enabled at the pendant (Settings, Security)?",
         ) from error
 
 
@@ -109,6 +110,8 @@ class _Rtde:
 
     def __init__(self, name: str, where: str, line: socket.socket) -> None:
         self.name, self.where, self.line = name, where, line
+        self._said = ""
+        """The last text message of the controller."""
 
     def ask(self, kind: int, body: bytes, length: int | None = None) -> bytes:
         """Send a request and return the body of its answer, of `length` bytes if given."""
@@ -125,7 +128,7 @@ class _Rtde:
         return answer[1:].decode("ascii", "replace").split(",")
 
     def receive(self, kind: int) -> bytes:
-        """The next packet of a kind; text messages in between are skipped."""
+        """The next packet of a kind; of text messages in between the last one is kept for errors."""
         while True:
             size, got = _HEADER.unpack(self._exactly(_HEADER.size))
             if size < _HEADER.size or got not in (kind, _TEXT):
@@ -133,6 +136,7 @@ class _Rtde:
             body = self._exactly(size - _HEADER.size)
             if got == kind:
                 return body
+            self._said = " ".join("".join(chr(byte) if 32 <= byte < 127 else " " for byte in body).split())
 
     def _exactly(self, count: int) -> bytes:
         data = b""
@@ -140,17 +144,21 @@ class _Rtde:
             try:
                 piece = timing.recv(self.line, count - len(data))
             except TimeoutError as error:
-                raise Unreachable(
-                    self.name,
-                    f"{self.where} accepts the connection but sends nothing within {self.line.gettimeout():g} s; "
-                    "is it the arm's controller, and has it finished starting?",
-                ) from error
+                raise self._ceased(f"sends nothing within {self.line.gettimeout():g} s") from error
             except OSError as error:
-                raise self._wrong(f"an error ({error})") from error
+                raise self._ceased(f"then breaks it ({error})") from error
             if not piece:
-                raise self._wrong("an end of the connection")
+                raise self._ceased("then ends it")
             data += piece
         return data
+
+    def _ceased(self, how: str) -> Unreachable:
+        said = f", and says {self._said!r}" if self._said else ""
+        return Unreachable(
+            self.name,
+            f"{self.where} accepts the connection but {how}{said}; is it the arm's controller, has it finished starting, and is "
+            "its safety setup confirmed at the pendant?",
+        )
 
     def _wrong(self, instead: str) -> WrongDevice:
         return WrongDevice(self.name, f"{self.where} is not an RTDE server: it sent {instead}; check the address")

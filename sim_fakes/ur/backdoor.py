@@ -7,7 +7,7 @@ Requests, `do` and its other keys:
 - protective_stop; emergency_stop; clear; power (on)
 - pause (at the pendant; clear lets the program go on); safeguard_stop (somebody opens the cell, the same)
 - safety (name: any state, as the dashboard calls it); serial (text)
-- remote (on: the pendant is in remote control)
+- starting (text: what it says in place of data, "" ends it); remote (on: the pendant is in remote control)
 - drop (cuts all connections); freeze (seconds, 0 ends it); dashboard (silent); halt (on: no cycle passes)
 - stuck (variables: names whose values stay, or a table of names and values)
 - lag (seconds); mangle (how: half, split, garbage, flip, replay or ""); skew (factor of the controller's own time)
@@ -88,6 +88,8 @@ def act(hub: Hub, request: dict[str, Any]) -> None:
             controller.safety_stop(str(request["name"]))
         case "remote":
             controller.remote = bool(request["on"])
+        case "starting":
+            controller.starting = str(request["text"])
         case "serial":
             controller.serial = str(request["text"])
         case "halt":

@@ -107,6 +107,8 @@ class Controller:
     """m"""
     operational_mode: str = "NONE"
     user_role: str = "programmer"
+    starting: str = ""
+    """What it says to RTDE clients in place of data: it has not started yet, or nobody has confirmed its safety setup."""
     remote: bool = True
     """The pendant is in remote control; a CB3 has no such switch."""
     safety: int = Safety.NORMAL

@@ -15,6 +15,7 @@ from drivers.ur5.driver import UR5, Config
 from drivers.ur5.safety import stop_text
 from drivers.ur5.state import Config as StateConfig
 from drivers.ur5.state import UR5State
+from sim_fakes.ur import upload
 from tests.simulated.clock import SimulatedClock
 from timing import RigClock
 
@@ -33,6 +34,7 @@ def as_delivered(rig: Rig) -> Iterator[None]:
     rig.process.backdoor("safety", name="NORMAL")
     rig.process.backdoor("clear")
     rig.process.backdoor("remote", on=True)
+    rig.process.backdoor("starting", text="")
     rig.process.backdoor("stuck", variables={})
     rig.process.backdoor("set", slider=1.0, payload=0.8, payload_centre=[0, 0, 0.05], tcp=[0] * 6)
 
@@ -202,3 +204,16 @@ def test_a_motion_that_was_halted_does_not_go_on_by_itself(rig: Rig, halt: str) 
         rig.process.backdoor("clear")
         timing.sleep(0.3)
         assert rig.process.backdoor()["pose"] == pytest.approx(halted, abs=1e-9)
+
+
+def test_what_a_controller_says_in_place_of_data_is_passed_on(rig: Rig) -> None:
+    rig.process.backdoor("starting", text="no data before the safety setup is confirmed")
+    with pytest.raises(Unreachable, match="says 'no data before .*confirmed at the pendant"), an_arm(rig, timeout=0.5):
+        pass
+
+
+def test_a_service_that_is_switched_off_at_the_pendant_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(upload, "PORTS", (30001, 30002))
+    found = "nothing listens at .*:30003 .*enabled at the pendant"
+    with a_rig(version=E_SERIES) as bare, pytest.raises(Unreachable, match=found), an_arm(bare):
+        pass
