@@ -28,6 +28,8 @@ _PAYLOAD = ("payload", "payload_cog")
 """Offered since PolyScope 3.11 and 5.5.1."""
 LONGEST_LINE = 1024
 """Bytes of an answer of the dashboard that are read."""
+E_SERIES, IN_BOTH_SERIES = 5, ("UR3", "UR5", "UR10")
+"""First major version of the e-Series, and the models whose name the dashboard gives without the e."""
 POLYSCOPE_X = 10
 """First major version without a dashboard server."""
 
@@ -172,6 +174,8 @@ def identify(name: str, host: str, timeout: float, seen: Snapshot) -> Identity:
     with _dashboard(name, host, timeout, seen) as ask:
         version = re.search(r"\d+\.\d+\.\d+(\.\d+)?", ask("PolyscopeVersion"))
         model, serial = ask("get robot model"), ask("get serial number")
+    if seen.version[0] >= E_SERIES and model in IN_BOTH_SERIES:
+        model += "e"
     return Identity("Universal Robots", model, serial, version[0] if version else "")
 
 

@@ -41,7 +41,7 @@ def as_delivered(rig: Rig) -> Iterator[None]:
 
 @contextmanager
 def an_arm(rig: Rig, **changes: Any) -> Iterator[UR5]:
-    arm = UR5("arm", Config(**{"host": rig.host, "timeout": 10.0} | changes), rig.clock)
+    arm = UR5("arm", Config(**{"host": rig.host, "model": "UR5e", "timeout": 10.0} | changes), rig.clock)
     arm.open()
     try:
         yield arm
@@ -204,6 +204,11 @@ def test_a_motion_that_was_halted_does_not_go_on_by_itself(rig: Rig, halt: str) 
         rig.process.backdoor("clear")
         timing.sleep(0.3)
         assert rig.process.backdoor()["pose"] == pytest.approx(halted, abs=1e-9)
+
+
+def test_an_arm_of_the_other_series_is_told_although_its_dashboard_gives_the_same_name(rig: Rig) -> None:
+    with pytest.raises(WrongDevice, match="model .* is 'UR5e', not 'UR5'"), an_arm(rig, model="UR5"):
+        pass
 
 
 def test_what_a_controller_says_in_place_of_data_is_passed_on(rig: Rig) -> None:
