@@ -201,6 +201,17 @@ def test_a_supply_that_sags_ends_the_motion_although_the_torque_stays_on(make: M
     assert stopped < 0.2 and plant.spine_drive == stopped and servo.motor.get(TORQUE) == 1
 
 
+def test_one_reading_that_is_wrong_by_a_turn_is_neither_told_nor_held(make: Make, plant: Plant) -> None:
+    spine, servo = make()
+    homed(spine)
+    servo.faults.extra["glitch"] = 1
+    assert spine.read().length == pytest.approx(0.0, abs=1e-3)
+    servo.faults.extra["glitch"] = 1
+    spine.stop()
+    timing.sleep(0.5)
+    assert plant.spine_drive == pytest.approx(0.0, abs=1e-3) and servo.motor.get(116) == pytest.approx(servo.motor.counts, abs=3)
+
+
 def test_a_silent_host_trips_the_watchdog_and_stop_acknowledges_it(make: Make, plant: Plant) -> None:
     spine, servo = make(watchdog=0.3)
     homed(spine)
