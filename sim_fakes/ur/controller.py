@@ -70,7 +70,9 @@ SAFETY_MODE: dict[int, tuple[int, str]] = {
     Safety.THREE_POSITION_STOP: (13, "SYSTEM_THREE_POSITION_ENABLING_STOP"),
 }
 """safety_status_bits -> safety_mode and the dashboard's name for it."""
-PAUSING = (Safety.SAFEGUARD_STOP, Safety.THREE_POSITION_STOP)
+PAUSING = (
+    Safety.SAFEGUARD_STOP, Safety.THREE_POSITION_STOP, Safety.SYSTEM_EMERGENCY_STOP, Safety.EMERGENCY_STOP
+)  # fmt: skip
 """What halts a program and lets it go on with its motion once it is cleared."""
 WITHOUT_POWER = (Safety.SYSTEM_EMERGENCY_STOP, Safety.EMERGENCY_STOP, Safety.VIOLATION, Safety.FAULT)
 

@@ -192,13 +192,13 @@ def test_an_arm_too_old_to_tell_its_payload_is_opened() -> None:
         arm.confirm_settings()
 
 
-@pytest.mark.parametrize("halt", ["safeguard_stop", "pause"])
+@pytest.mark.parametrize("halt", ["safeguard_stop", "emergency_stop", "pause"])
 def test_a_motion_that_was_halted_does_not_go_on_by_itself(rig: Rig, halt: str) -> None:
     with an_arm(rig) as arm:
         arm.move_to(raised(tuple(rig.process.backdoor()["pose"]), 0.05), 0.02, 0.5)
         timing.sleep(0.3)
         rig.process.backdoor(halt)
-        with pytest.raises(DeviceFault, match="safeguard stop|paused at the pendant"):
+        with pytest.raises(DeviceFault, match="safeguard stop|emergency stop|paused at the pendant"):
             watch(arm)
         halted = rig.process.backdoor()["pose"]
         rig.process.backdoor("clear")
