@@ -109,6 +109,8 @@ class UR5:
         control = self._opened()
         seen = ur5_wire.snapshot(self.name, self.config.host, self.config.timeout)
         self._check_ready(seen)
+        if paused := self._paused():  # it would answer nothing
+            raise DeviceFault(self.name, paused)
         if not ur5_wire.in_remote_control(self.name, self.config.host, self.config.timeout, seen):
             raise NotReady(self.name, "the pendant is in local mode, needed: remote control; switch it there")
         if seen.speed_slider < LEAST_SLIDER:
@@ -254,6 +256,11 @@ class UR5:
         """The stop that the newest state shows, and its remedy; empty when there is none."""
         return stop_text(bits, self._state.safety_mode)
 
+    def _paused(self) -> str:
+        """That the program is paused, and its remedy; empty when it is not."""
+        paused = self._state.runtime not in (*ENDED, PLAYING)
+        return "the program on the controller was paused at the pendant; close and open the arm again" if paused else ""
+
     def _check_ready(self, seen: ur5_wire.Snapshot) -> None:
         """Raises DeviceFault for a stop, NotReady for an arm without power or with its brakes on."""
         if stop := stop_text(seen.safety_bits, seen.safety_mode):
@@ -273,10 +280,7 @@ class UR5:
     def _healthy(self, control: ControlThread) -> ArmSample:
         """The newest state, of an arm that can go on moving."""
         sample = self._fresh(control)
-        stop = self._stopped(sample.safety_bits)
-        if not stop and self._state.runtime not in (*ENDED, PLAYING):
-            stop = "the program on the controller was paused at the pendant; close and open the arm again"
-        if stop:
+        if stop := self._stopped(sample.safety_bits) or self._paused():
             self._move = None
             left = self._end_program()
             raise DeviceFault(self.name, f"{stop}; {left}" if left else stop)

@@ -192,6 +192,14 @@ def test_an_arm_too_old_to_tell_its_payload_is_opened() -> None:
         arm.confirm_settings()
 
 
+def test_a_program_that_is_paused_while_nothing_moves_is_named(rig: Rig) -> None:
+    with an_arm(rig, timeout=0.5) as arm:
+        rig.process.backdoor("pause")
+        wait_until(lambda: arm._state.runtime == 4)
+        with pytest.raises(DeviceFault, match="paused at the pendant"):
+            arm.confirm_settings()
+
+
 @pytest.mark.parametrize("halt", ["safeguard_stop", "emergency_stop", "pause"])
 def test_a_motion_that_was_halted_does_not_go_on_by_itself(rig: Rig, halt: str) -> None:
     with an_arm(rig) as arm:
