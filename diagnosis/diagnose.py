@@ -17,7 +17,7 @@ from model.effects.catalogue import CATALOGUE
 from model.effects.spec import EffectSpec
 
 from .answer import assemble
-from .answer.attribute import attribute
+from .answer.attribute import attribute, lead
 from .answer.calibration import calibration, simulator
 from .answer.detail import detail
 from .answer.experiments import propose
@@ -111,9 +111,11 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         prepared = replace(prepared, described=(case.robot, own))
         other = None if other is None else first.moved(other)
     stages = {e: spec.stage for e, spec in wanted.catalogue.items()}
-    found = attribute(prepared, stages, wanted.executor)
-    # Other processes predict what was held out while this one does the rest.
-    predicting = unseen(found, wanted.executor) if wanted.quantify else Unseen
+    led = lead(prepared, wanted.executor)
+    # Another process fits relatives of what leads, and later predicts what was held out, while this one does the rest.
+    held_out_by = unseen(led, prepared, wanted.executor) if wanted.quantify else lambda found: Unseen
+    found = attribute(prepared, stages, led)
+    predicting = held_out_by(found)
     rivals = Rivals.of(prepared, found.posterior, found.distinguishability)
     proposals = propose(prepared, rivals, found.posterior, wanted.executor) if wanted.experiments else ()
     tested = evaluate_holdout(found, other) if other is not None else None

@@ -30,7 +30,7 @@ from ..inference.fit import fit
 from ..inference.posterior import UNKNOWN
 from ..inference.prepare import Prepared, prepare
 from ..judgement import RIVAL_PROBABILITY, SMOOTH_SIZES, UNCONVERGED
-from .attribute import Attribution, calibrated
+from .attribute import Attribution, Led, calibrated
 from .result import Absorbed, Level, Shrink, Step, StepName, Waterfall
 from .shrink import HeldOut, HeldOutErrors, baseline_model, candidate_model, resampled, rms, shrink
 
@@ -46,28 +46,33 @@ class Unseen:
     waterfall: Waterfall | None = None
 
 
-def unseen(f: Attribution, executor: Executor) -> Callable[[], Unseen]:
-    """Start all refits; the function that is returned waits for them."""
-    p, held_out = f.prepared, HeldOut.of(f.prepared, executor)
+def unseen(led: Led, p: Prepared, executor: Executor) -> Callable[[Attribution], Callable[[], Unseen]]:
+    """Errors of the baseline and of what leads, on states held out; the function that is returned takes the answer and starts all
+    other refits, and what that returns waits for them."""
+    held_out = HeldOut.of(p, executor)
     if held_out is None:
-        return Unseen
-    leading = [h for h, share in f.posterior.ranking[:4] if h != UNKNOWN and share > RIVAL_PROBABILITY]
-    others = [h for h in leading if h not in (NONE, f.best.named)]
-    both = held_out.errors([baseline_model(p, f.calibrated), candidate_model(p, f.best)], DiagnosisStep.HELD_OUT_STATES)
-    rest = held_out.errors([candidate_model(p, f.posterior.candidates[h]) for h in others], DiagnosisStep.HELD_OUT_STATES)
-    step_by_step = waterfall(f, held_out)
+        return lambda f: Unseen
+    models = [baseline_model(p, led.calibrated), candidate_model(p, led.weighed.best)]
+    errors = HeldOutErrors(*held_out.errors(models, DiagnosisStep.HELD_OUT_STATES)())
 
-    def found() -> Unseen:
-        errors = HeldOutErrors(*both())
-        known = {NONE: errors.before, f.best.named: errors.after, **dict(zip(others, rest(), strict=True))}
-        rms_mm = {h: 1e3 * rms(known[h].distance) for h in leading}
-        return Unseen(shrink(p, held_out.how, errors), errors, rms_mm, step_by_step(errors))
+    def rest(f: Attribution) -> Callable[[], Unseen]:
+        leading = [h for h, share in f.posterior.ranking[:4] if h != UNKNOWN and share > RIVAL_PROBABILITY]
+        others = [h for h in leading if h not in (NONE, f.best.named)]
+        more = held_out.errors([candidate_model(p, f.posterior.candidates[h]) for h in others], DiagnosisStep.HELD_OUT_STATES)
+        step_by_step = waterfall(f, held_out, errors)
 
-    return found
+        def found() -> Unseen:
+            known = {NONE: errors.before, f.best.named: errors.after, **dict(zip(others, more(), strict=True))}
+            rms_mm = {h: 1e3 * rms(known[h].distance) for h in leading}
+            return Unseen(shrink(p, held_out.how, errors), errors, rms_mm, step_by_step())
+
+        return found
+
+    return rest
 
 
-def waterfall(f: Attribution, held_out: HeldOut) -> Callable[[HeldOutErrors], Waterfall]:
-    """Start the refits; the function that is returned takes the errors that are known and waits for the others.
+def waterfall(f: Attribution, held_out: HeldOut, errors: HeldOutErrors) -> Callable[[], Waterfall]:
+    """Start the refits beside the `errors` that are known; the function that is returned waits for them.
 
     Refitted are the model with tolerances, unless its errors are known, that model with a smooth discrepancy of each of
     `SMOOTH_SIZES`, and a model of each subset of the named causes without tolerances.
@@ -79,7 +84,7 @@ def waterfall(f: Attribution, held_out: HeldOut) -> Callable[[HeldOutErrors], Wa
     models = [*([] if known else [with_tolerances]), *smooth, *(_only(f, s) for s in subsets)]
     refits, absorbed = held_out.errors(models, DiagnosisStep.GAP_STEP_BY_STEP), _absorbed(f, held_out.executor)
 
-    def made(errors: HeldOutErrors) -> Waterfall:
+    def made() -> Waterfall:
         in_order = (missed.distance for missed in refits())
         tolerant = errors.after.distance if known else next(in_order)
         # the size that predicts best; none where a smooth function predicts worse than no function

@@ -65,12 +65,12 @@ class Related:
     log_evidence: float
 
 
-def related(p: Prepared, candidates: Sequence[Candidate], known: Mapping[Hypothesis, Candidate]) -> tuple[Related, ...]:
+def related(p: Prepared, candidates: Sequence[Candidate], reached: Mapping[Hypothesis, float]) -> tuple[Related, ...]:
     """Relatives in the place of each effect of some candidates, and alone where they name none; the most probable first.
 
-    `candidates` have the log evidence of their hypotheses and all derivatives. `known` are all hypotheses: what a linear problem
-    or a fit gives one of them beyond what its search has reached is no merit of a relative. What is promised is fitted, the
-    most promising first, until the leading one is.
+    `candidates` have the log evidence of their hypotheses and all derivatives. `reached` is the log evidence of all hypotheses:
+    what a linear problem or a fit gives one of them beyond what its search has reached is no merit of a relative. What is
+    promised is fitted, the most promising first, until the leading one is.
     """
     effects = len(p.problem.parameters.ids)
     others = {id: spec for id, spec in RELATIVES.items() if id not in p.forward.catalogue}
@@ -78,7 +78,7 @@ def related(p: Prepared, candidates: Sequence[Candidate], known: Mapping[Hypothe
     promised: dict[tuple[str, Hypothesis], tuple[float, Candidate]] = {}
 
     def above(beside: Hypothesis, log_evidence: float) -> float:
-        return max(log_evidence - known[beside].log_evidence, 0.0) if beside in known else 0.0
+        return max(log_evidence - reached.get(beside, math.inf), 0.0)
 
     for c in candidates:
         relatives = _relatives(p, forward, c)
