@@ -58,7 +58,7 @@ def unseen(led: Led, p: Prepared, executor: Executor) -> Callable[[Attribution],
     def rest(f: Attribution) -> Callable[[], Unseen]:
         leading = [h for h, share in f.posterior.ranking[:4] if h != UNKNOWN and share > RIVAL_PROBABILITY]
         others = [h for h in leading if h not in (NONE, f.best.named)]
-        more = held_out.errors([candidate_model(p, f.posterior.candidates[h]) for h in others], DiagnosisStep.HELD_OUT_STATES)
+        more = held_out.errors([candidate_model(p, f.posterior.candidates[h]) for h in others], DiagnosisStep.GAP_STEP_BY_STEP)
         step_by_step = waterfall(f, held_out, errors)
 
         def found() -> Unseen:
