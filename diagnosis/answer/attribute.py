@@ -134,7 +134,7 @@ def attribute(p: Prepared, stages: Mapping[str, Stage], led: Led) -> Attribution
     of_stages = min((_stage_errors(p, c, stages) for c in {leading.named: leading, best.named: best}.values()), key=total_gain)
     (among,) = led.relatives()
     odds = odds_outside(w.search.tried, among, total_gain(of_stages), misfit.excess_scatter, len(p.problem.parameters.ids))
-    ranked = with_unknown(w.known, found[NONE], odds / (1 + odds))
+    ranked = with_unknown(w.known, found[NONE], odds)
     decision = decide(ranked, not lacking(p.states), w.budget.nothing_stands_out)
     answered = best if decision.verdict == "effect" else leading
     decision = replace(

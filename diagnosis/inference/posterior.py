@@ -83,8 +83,9 @@ def posterior(candidates: Sequence[Candidate], effects: int, temperature: float)
     )
 
 
-def with_unknown(known: Posterior, unknown: Candidate, probability: float) -> Posterior:
-    """The same with a cause outside the catalogue of some probability beside it."""
+def with_unknown(known: Posterior, unknown: Candidate, odds: float) -> Posterior:
+    """The same with a cause outside the catalogue beside it, with its odds against all that are known."""
+    probability = odds / (1 + odds)
     ranking = [(named, p * (1 - probability)) for named, p in known.ranking]
     ranking.append((UNKNOWN, probability))
     return Posterior(
