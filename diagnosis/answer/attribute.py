@@ -103,7 +103,7 @@ def weighed(problem: Problem, where: Sequence[Part], executor: Executor) -> Weig
 
 
 @dataclass(frozen=True)
-class Led:
+class Begun:
     """What leads in one campaign, while relatives of it are fitted beside this process."""
 
     weighed: Weighed
@@ -113,7 +113,7 @@ class Led:
     """Waits for them; to be called once."""
 
 
-def lead(p: Prepared, executor: Executor = SINGLE_THREAD) -> Led:
+def begin(p: Prepared, executor: Executor = SINGLE_THREAD) -> Begun:
     """Search and rank the hypotheses of a campaign, and start to fit what stands beside the catalogue."""
     w = weighed(p.problem, parts(p), executor)
     found = w.whole.candidates
@@ -122,17 +122,17 @@ def lead(p: Prepared, executor: Executor = SINGLE_THREAD) -> Led:
         asked[NONE] = w.search.with_all_derivatives(found[NONE])
     reached = {h: c.log_evidence for h, c in found.items()}
     relatives = executor.ahead(partial(related, p, reached=reached), [tuple(replace(c, made=None) for c in asked.values())])
-    return Led(w, calibrated(p), relatives)
+    return Begun(w, calibrated(p), relatives)
 
 
-def attribute(p: Prepared, stages: Mapping[str, Stage], led: Led) -> Attribution:
+def attribute(p: Prepared, stages: Mapping[str, Stage], begun: Begun) -> Attribution:
     """Log evidence of the catalogue's hypotheses, their probabilities, and the decision; `stages` effect -> stage."""
-    w = led.weighed
+    w = begun.weighed
     leading, best, found = w.leading, w.best, w.whole.candidates
     misfit = misfit_diagnostics(p.problem, leading, p.labels.trial, p.noise_components.excess_scatter, best)
     # Where a tolerance of the leading hypothesis is the cause that is named, an error of its stage is that cause.
     of_stages = min((_stage_errors(p, c, stages) for c in {leading.named: leading, best.named: best}.values()), key=total_gain)
-    (among,) = led.relatives()
+    (among,) = begun.relatives()
     odds = odds_outside(w.search.tried, among, total_gain(of_stages), misfit.excess_scatter, len(p.problem.parameters.ids))
     ranked = with_unknown(w.known, found[NONE], odds)
     decision = decide(ranked, not lacking(p.states), w.budget.nothing_stands_out)
@@ -147,7 +147,7 @@ def attribute(p: Prepared, stages: Mapping[str, Stage], led: Led) -> Attribution
         posterior=ranked,
         none=found[NONE],
         best=replace(best, made=None),
-        calibrated=led.calibrated,
+        calibrated=begun.calibrated,
         misfit=misfit,
         decision=decision,
         distinguishability=_distinguishability(p, found, ranked, best),

@@ -30,7 +30,7 @@ from ..inference.fit import fit
 from ..inference.posterior import UNKNOWN
 from ..inference.prepare import Prepared, prepare
 from ..judgement import RIVAL_PROBABILITY, SMOOTH_SIZES, UNCONVERGED
-from .attribute import Attribution, Led, calibrated
+from .attribute import Attribution, Begun, calibrated
 from .result import Absorbed, Level, Shrink, Step, StepName, Waterfall
 from .shrink import HeldOut, HeldOutErrors, baseline_model, candidate_model, resampled, rms, shrink
 
@@ -46,17 +46,21 @@ class Unseen:
     waterfall: Waterfall | None = None
 
 
-def unseen(led: Led, p: Prepared, executor: Executor) -> Callable[[Attribution], Callable[[], Unseen]]:
-    """Errors of the baseline and of what leads, on states held out; the function that is returned takes the answer and starts all
-    other refits, and what that returns waits for them."""
-    held_out = HeldOut.of(p, executor)
-    if held_out is None:
-        return lambda f: Unseen
-    models = [baseline_model(p, led.calibrated), candidate_model(p, led.weighed.best)]
-    errors = HeldOutErrors(*held_out.errors(models, DiagnosisStep.HELD_OUT_STATES)())
+class UnseenStates:
+    """Held-out states, as the baseline and what leads predict them; refits of all else once the answer is known."""
 
-    def rest(f: Attribution) -> Callable[[], Unseen]:
-        leading = [h for h, share in f.posterior.ranking[:4] if h != UNKNOWN and share > RIVAL_PROBABILITY]
+    def __init__(self, p: Prepared, begun: Begun, executor: Executor) -> None:
+        self._p, self._held_out = p, HeldOut.of(p, executor)
+        if self._held_out is not None:
+            models = [baseline_model(p, begun.calibrated), candidate_model(p, begun.weighed.best)]
+            self._errors = HeldOutErrors(*self._held_out.errors(models, DiagnosisStep.HELD_OUT_STATES)())
+
+    def of(self, f: Attribution) -> Callable[[], Unseen]:
+        """Start all other refits; the function that is returned waits for them."""
+        p, held_out = self._p, self._held_out
+        if held_out is None:
+            return Unseen
+        errors, leading = self._errors, [h for h, q in f.posterior.ranking[:4] if h != UNKNOWN and q > RIVAL_PROBABILITY]
         others = [h for h in leading if h not in (NONE, f.best.named)]
         more = held_out.errors([candidate_model(p, f.posterior.candidates[h]) for h in others], DiagnosisStep.GAP_STEP_BY_STEP)
         step_by_step = waterfall(f, held_out, errors)
@@ -67,8 +71,6 @@ def unseen(led: Led, p: Prepared, executor: Executor) -> Callable[[Attribution],
             return Unseen(shrink(p, held_out.how, errors), errors, rms_mm, step_by_step())
 
         return found
-
-    return rest
 
 
 def waterfall(f: Attribution, held_out: HeldOut, errors: HeldOutErrors) -> Callable[[], Waterfall]:
