@@ -25,7 +25,7 @@ from ..inference.posterior import Posterior, posterior, with_unknown
 from ..inference.prepare import Prepared
 from ..inference.problem import Problem
 from ..inference.search import Search
-from ..judgement import COMPARED_DISCREPANCY, REDUCIBLE_RATIO, RIVAL_PROBABILITY, STAGE_GAIN, TEMPERATURE
+from ..judgement import COMPARED_DISCREPANCY, REDUCIBLE_RATIO, RIVAL_PROBABILITY, STAGE_GAIN
 from .distinguishability import Distinguishability, distinguishability
 from .shrink import rms
 from .verdict import Decision, decide
@@ -95,8 +95,8 @@ class Weighed:
 def weighed(problem: Problem, where: Sequence[Part], executor: Executor) -> Weighed:
     """Search the hypotheses of a problem and rank them; `where` effects carry the gap."""
     search = Search(problem, executor=executor)
-    whole = posterior(search.run(), len(problem.parameters.ids), TEMPERATURE)
-    carried = budget(problem, where, search.tried, TEMPERATURE)
+    whole = posterior(search.run(), len(problem.parameters.ids))
+    carried = budget(problem, where, search.tried)
     known = by_what_is_carried(carried, whole)
     leading, best = search.leading_and_answer(*(k.candidates[k.ranking[0][0]] for k in (whole, known)))
     return Weighed(search, whole, known, carried, leading, best)
