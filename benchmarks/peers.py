@@ -215,7 +215,7 @@ def reached(rows: list[Row], level: float) -> dict[str, Row]:
 
 
 def wait(row: Row, solves: int) -> float:
-    """Seconds for so many solves one after another in a fresh process, without its imports."""
+    """Seconds for this many solves one after another in a fresh process, without its imports."""
     return row.once_s + solves * row.solve_s
 
 
@@ -245,7 +245,7 @@ def all_rows(rows: list[Row]) -> Table:
 
 def at_equal_error(rows: list[Row]) -> Table:
     """What a person waits at each level."""
-    table = Table(title="At equal error: the quickest setting within so many mm, or the most exact", title_justify="left")
+    table = Table(title="At equal error: the quickest setting within this many mm, or the most exact", title_justify="left")
     for column in (
         "within, mm",
         "way",

@@ -58,7 +58,7 @@ class Equations:
 
 
 def paper_peer(rods: Rods, steps: int = EULER_STEPS) -> Peer:
-    """NumPy Euler with so many steps and fsolve from zeros."""
+    """NumPy Euler with this many steps and fsolve from zeros."""
 
     def integrate(rod: Equations, guess: Array) -> Array:
         y = np.concatenate([np.zeros(3), np.eye(3).ravel(), guess])

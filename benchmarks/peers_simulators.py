@@ -44,7 +44,7 @@ def soromox_constant(rods: Rods, segments: int) -> Solver:
 
 
 def soromox_polynomial(rods: Rods, order: int, points: int) -> Solver:
-    """Strain a polynomial of that order in each element, integrated at so many Gauss points; two segments a rod."""
+    """Strain a polynomial of that order in each element, integrated at this many Gauss points; two segments a rod."""
     import jax.numpy as jnp
 
     from model.simulators.soromox import AT_REST, ORDER, equilibrium

@@ -70,7 +70,7 @@ def compare_campaigns(
     excess_scatter = max(p.noise_components.excess_scatter for p in (before, after))
     misfit = misfit_diagnostics(w.search.problem, w.leading, trials, excess_scatter, w.best)
     odds = odds_outside(w.search.tried, (), misfit.law_error_gain, excess_scatter, len(after.problem.parameters.ids))
-    found = with_unknown(w.known, w.whole.candidates[NONE], odds / (1 + odds))
+    found = with_unknown(w.known, w.whole.candidates[NONE], odds)
     named, parameters = found.ranking[0][0], w.search.problem.parameters
     theta = found.candidates[named].fit.theta
     own = [i for i, effect in enumerate(parameters.effects) if effect in named and named != UNKNOWN]

@@ -17,7 +17,7 @@ from model.effects.catalogue import CATALOGUE
 from model.effects.spec import EffectSpec
 
 from .answer import assemble
-from .answer.attribute import attribute
+from .answer.attribute import attribute, begin
 from .answer.calibration import calibration, simulator
 from .answer.detail import detail
 from .answer.experiments import propose
@@ -36,7 +36,7 @@ from .answer.sentences import (
     statement,
     stiffness_sentence,
 )
-from .answer.waterfall import Unseen, unseen
+from .answer.waterfall import Unseen, UnseenStates
 from .data.baseline import Baseline
 from .data.case import CaseLike, lacking, states
 from .data.chamber_sides import ORDER
@@ -111,9 +111,11 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         prepared = replace(prepared, described=(case.robot, own))
         other = None if other is None else first.moved(other)
     stages = {e: spec.stage for e, spec in wanted.catalogue.items()}
-    found = attribute(prepared, stages, wanted.executor)
-    # Other processes predict what was held out while this one does the rest.
-    predicting = unseen(found, wanted.executor) if wanted.quantify else Unseen
+    begun = begin(prepared, wanted.executor)
+    # Another process fits relatives of what leads, and later predicts what was held out, while this one does the rest.
+    unseen_by = UnseenStates(prepared, begun, wanted.executor).of if wanted.quantify else lambda f: Unseen
+    found = attribute(prepared, stages, begun)
+    predicting = unseen_by(found)
     rivals = Rivals.of(prepared, found.posterior, found.distinguishability)
     proposals = propose(prepared, rivals, found.posterior, wanted.executor) if wanted.experiments else ()
     tested = evaluate_holdout(found, other) if other is not None else None

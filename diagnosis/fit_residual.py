@@ -113,7 +113,7 @@ def _left_out(own: Residual, u: Array, length: Array, trial: Ints, missed: Array
 
 
 def _some(trial: Ints, most: int) -> Mask:
-    """States of so many whole trials, evenly, that about `most` remain, and no more."""
+    """States of this many whole trials, evenly, that about `most` remain, and no more."""
     step = int(np.ceil(len(trial) / most))
     chosen = np.isin(trial, np.unique(trial)[::step])
     return chosen & (np.cumsum(chosen) <= most)

@@ -21,8 +21,8 @@ import timing
 from .errors import BadReply, InstrumentError, NoReply, NotReady, Unreachable, WrongDevice
 from .stop_first import SLICE, StopFirst
 
-PADDING = b"\0 \t\r\n"
-"""What breakout boxes and terminal servers put between two lines."""
+PADDING = b"\0\xff \t\r\n"
+"""What breakout boxes, terminal servers and an RS-485 line that is turned round put between two lines."""
 LONGEST_ANSWER = 4096
 """Bytes after which an answer without its terminator is given up: nothing here answers at such length."""
 WRITE_WITHIN = 1.0
@@ -111,7 +111,7 @@ class SerialLine:
         self._serial: serial.Serial | None = None
         self._buffer = bytearray()
         self._sent = b""
-        """The request whose answer is awaited."""
+        """The request whose echo may come before the answer that is awaited."""
         self.echoes = False
         """The adapter has returned a request as it was sent."""
         self._silent = False
@@ -173,10 +173,13 @@ class SerialLine:
             port.reset_input_buffer()
             self._buffer.clear()
 
-    def write(self, data: bytes) -> None:
-        """Send bytes; `NoReply` when the line does not take them in time."""
+    def write(self, data: bytes, repeated: bool = False) -> None:
+        """Send bytes; `NoReply` when the line does not take them in time.
+
+        `repeated`: the answer repeats them, so only an adapter that is known to echo returns them before that.
+        """
         with self._guarded() as port:
-            self._sent = data
+            self._sent = b"" if repeated and not self.echoes else data
             port.write(data)
 
     def read_some(self) -> bytes:
@@ -203,8 +206,8 @@ class SerialLine:
                 while (end := self._buffer.find(until)) < 0:
                     self._wait_for_more(port, deadline, f"up to {until!r}")
                 whole = self._take(end + len(until)).lstrip(PADDING)
-                if self._skip_echo and whole == self._sent:
-                    self.echoes = True
+                if self._skip_echo and whole and whole == self._sent:
+                    self.echoes, self._sent = True, b""
                 elif whole:
                     return whole[: -len(until)]
 
@@ -244,7 +247,7 @@ class SerialLine:
         if (late and not come) or len(self._buffer) > LONGEST_ANSWER:
             got = self._take(len(self._buffer))
             if got:
-                raise BadReply(self.name, f"expected an answer {wanted} on {self.port}, got only {show(got)}")
+                raise BadReply(self.name, f"expected an answer {wanted} on {self.port}, got only {show(got)}; check the cable")
             self._silent = True
             raise NoReply(self.name, f"no answer on {self.port} in time; check its power, cable, address and baud rate")
 

@@ -217,7 +217,7 @@ class Robot(BaseModel):
         return self.model_copy(update={name: self.actuators.model_copy(update={"azimuths_deg": azimuths_deg})})
 
     def with_modulus(self, factor: float) -> Robot:
-        """The same robot so many times as stiff, whether by its material or as given, unchecked."""
+        """The same robot this many times as stiff, whether by its material or as given, unchecked."""
         names = ("youngs_modulus", "shear_modulus", "bending_stiffness", "axial_stiffness", "torsional_stiffness")
 
         def scaled(one: Robot | Section) -> dict[str, Any]:

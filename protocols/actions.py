@@ -21,7 +21,7 @@ CLIPPED = 1e3
 VACUUM_NOISE = 3e3
 """Pa by which one reading of a gauge may be off: six times a noise of 0.5 % of the reading, at ambient pressure."""
 REST_READINGS = 6
-"""A gauge is judged to rest from at least so many readings."""
+"""A gauge is judged to rest from at least this many readings."""
 
 
 def vent(bench: Bench, within: float = 20.0) -> None:

@@ -274,7 +274,7 @@ STREAMS: dict[str, MessageType] = {m.topic: m for m in (PRESSURE, SPINE, VALVE, 
 
 
 def streams(chambers: int = 9, markers: int = 0, sensors: Sequence[MessageType] = ()) -> dict[str, MessageType]:
-    """The streams of a recording, by topic, for a robot with so many chambers and tracked body markers, and with sensors of
+    """The streams of a recording, by topic, for a robot with this many chambers and tracked body markers, and with sensors of
     the lab's own (see `sensor`)."""
     own = {
         "/pressure": PRESSURE.sized(setpoint=(chambers,), measured=(chambers,)),

@@ -8,6 +8,7 @@ Faults by name in `faults.extra`:
 - "stuck" (bool): the shaft does not turn and draws no current, as with a broken gear.
 - "nak" (int): every write is refused with this error number.
 - "wrong_id" (bool): answers carry the next id.
+- "glitch" (int): this many readings of the position are a turn too low, as of old firmware at a turn's last count.
 - "hardware_error" (int): these bits are set in register 70 at the next step, and torque drops.
 - "restart" (bool): the supply fails for an instant: torque off, watchdog off, turns forgotten.
 """
@@ -73,6 +74,8 @@ class Refusal(IntEnum):
 
 ALERT = 0x80
 COUNTS = 4096
+POSITION = 132
+"""Register of the present position."""
 RPM = 0.229
 
 
@@ -467,6 +470,9 @@ class DynamixelFake(PtyFake):
             self._status(0, self._held(address, size))
 
     def _held(self, address: int, size: int) -> bytes:
+        if address <= POSITION < address + size and (glitch := self._number("glitch")):
+            self.faults.extra["glitch"] = glitch - 1
+            self.motor.put(POSITION, self.motor.counts - COUNTS)  # until the next step
         return bytes(self.motor.table[self._meant(at)] for at in range(address, address + size))
 
     def _tell_fast(self, asked: list[tuple[int, int, int]]) -> None:

@@ -1,4 +1,5 @@
-"""Fake Numato USB relay module: text commands ended by CR, each echoed, answered with LF CR lines and a `>` prompt.
+"""Fake Numato USB relay module: text commands ended by CR, each echoed, answered with lines and a `>` prompt. Lines end in LF
+CR, or in CR alone as newer modules have it, whose version is no number either.
 
 Stricter than the device: lower case and single blanks only; anything else gets the prompt and does nothing.
 
@@ -20,7 +21,6 @@ from timing import RigClock
 from .plant import Plant
 from .pty_fake import PtyFake
 
-LINE_END = b"\n\r"
 NAMES = "0123456789ABCDEFGHIJKLMNOPQRSTUV"
 
 
@@ -40,6 +40,7 @@ class NumatoFake(PtyFake):
         self.coils = [False] * relays
         self.valve = valve
         self.identity = "SOFTLAB1"
+        self.version, self.line_end = "00000008", b"\n\r"
 
     def process(self, dt: float) -> None:
         if not self.faults.extra.get("welded"):
@@ -60,17 +61,17 @@ class NumatoFake(PtyFake):
         if re.fullmatch(r"relay read .", command):
             value = str(self.faults.extra.get("garbled", value))
         if foreign := self.faults.extra.get("foreign"):
-            self.send(str(foreign).encode() + LINE_END + b">")
+            self.send(str(foreign).encode() + self.line_end + b">")
             return True
         if not self.faults.freeze:
             self.process(0.0)
-        self.send(line + LINE_END + (value.encode() + LINE_END if value else b"") + b">")
+        self.send(line + self.line_end + (value.encode() + self.line_end if value else b"") + b">")
         return True
 
     def _execute(self, command: str) -> str:
         """Do it; returns the line to answer, empty for none."""
         if command == "ver":
-            return "00000008"
+            return self.version
         if command == "id get":
             return self.identity
         digits = max(2, len(self.coils) // 4)

@@ -46,7 +46,7 @@ SAME_PRESSURE, SAME_LENGTH = 10e3, 2e-3
 
 @dataclass(frozen=True)
 class Trouble:
-    """Something that happens once a run has so many states on the disk: `kill`, or an instrument and its fault."""
+    """Something that happens once a run has this many states on the disk: `kill`, or an instrument and its fault."""
 
     run: int
     """0: the warm-up."""

@@ -22,7 +22,7 @@ HOLD = 20.0
 
 
 def schedule(seconds: float, factor: float = 1.0) -> Iterator[tuple[float, str, int]]:
-    """(t, topic, number) of every message of so many seconds, in order, at `factor` times the rig's rates."""
+    """(t, topic, number) of every message of this many seconds, in order, at `factor` times the rig's rates."""
     parts = []
     for place, rate in enumerate(RATES.values()):
         count = int(seconds * rate * factor)
@@ -71,7 +71,7 @@ def state(number: int, t: float) -> State:
 
 
 def record(path: Path, seconds: float) -> int:
-    """Record so many seconds as fast as the writer takes them; returns how many messages of the rig there are."""
+    """Record this many seconds as fast as the writer takes them; returns how many messages of the rig there are."""
     values, count, states = Values(), 0, 0
     with Recorder(path, start_wall_ns=START_NS, keep=60.0) as recorder:
         for t, topic, k in schedule(seconds):

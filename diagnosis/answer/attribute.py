@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from model.effects.spec import Stage
 
 from ..criticism.gaussian import Gaussian
 from ..criticism.misfit import MisfitDiagnostics, misfit_diagnostics
-from ..criticism.outside import alike, odds_outside, related
+from ..criticism.outside import Related, alike, odds_outside, related
 from ..criticism.stage_errors import Dependence, StageError, smooth_functions, stage_errors, total_gain
 from ..data.case import lacking
 from ..data.levels import SPINE_GAP
@@ -24,7 +25,7 @@ from ..inference.posterior import Posterior, posterior, with_unknown
 from ..inference.prepare import Prepared
 from ..inference.problem import Problem
 from ..inference.search import Search
-from ..judgement import COMPARED_DISCREPANCY, REDUCIBLE_RATIO, RIVAL_PROBABILITY, STAGE_GAIN, TEMPERATURE
+from ..judgement import COMPARED_DISCREPANCY, REDUCIBLE_RATIO, RIVAL_PROBABILITY, STAGE_GAIN
 from .distinguishability import Distinguishability, distinguishability
 from .shrink import rms
 from .verdict import Decision, decide
@@ -94,26 +95,46 @@ class Weighed:
 def weighed(problem: Problem, where: Sequence[Part], executor: Executor) -> Weighed:
     """Search the hypotheses of a problem and rank them; `where` effects carry the gap."""
     search = Search(problem, executor=executor)
-    whole = posterior(search.run(), len(problem.parameters.ids), TEMPERATURE)
-    carried = budget(problem, where, search.tried, TEMPERATURE)
+    whole = posterior(search.run(), len(problem.parameters.ids))
+    carried = budget(problem, where, search.tried)
     known = by_what_is_carried(carried, whole)
     leading, best = search.leading_and_answer(*(k.candidates[k.ranking[0][0]] for k in (whole, known)))
     return Weighed(search, whole, known, carried, leading, best)
 
 
-def attribute(p: Prepared, stages: Mapping[str, Stage], executor: Executor = SINGLE_THREAD) -> Attribution:
-    """Log evidence of the catalogue's hypotheses, their probabilities, and the decision; `stages` effect -> stage."""
+@dataclass(frozen=True)
+class Begun:
+    """What leads in one campaign, while relatives of it are fitted beside this process."""
+
+    weighed: Weighed
+    calibrated: Fit
+    """The baseline: area factor and tolerances fitted, no effect."""
+    relatives: Callable[[], list[tuple[Related, ...]]]
+    """Waits for them; to be called once."""
+
+
+def begin(p: Prepared, executor: Executor = SINGLE_THREAD) -> Begun:
+    """Search and rank the hypotheses of a campaign, and start to fit what stands beside the catalogue."""
     w = weighed(p.problem, parts(p), executor)
+    found = w.whole.candidates
+    asked = {c.named: c for c in (w.leading, w.best)}
+    if NONE not in asked:
+        asked[NONE] = w.search.with_all_derivatives(found[NONE])
+    reached = {h: c.log_evidence for h, c in found.items()}
+    relatives = executor.ahead(partial(related, p, reached=reached), [tuple(replace(c, made=None) for c in asked.values())])
+    return Begun(w, calibrated(p), relatives)
+
+
+def attribute(p: Prepared, stages: Mapping[str, Stage], begun: Begun) -> Attribution:
+    """Log evidence of the catalogue's hypotheses, their probabilities, and the decision; `stages` effect -> stage."""
+    w = begun.weighed
     leading, best, found = w.leading, w.best, w.whole.candidates
     misfit = misfit_diagnostics(p.problem, leading, p.labels.trial, p.noise_components.excess_scatter, best)
     # Where a tolerance of the leading hypothesis is the cause that is named, an error of its stage is that cause.
     of_stages = min((_stage_errors(p, c, stages) for c in {leading.named: leading, best.named: best}.values()), key=total_gain)
-    asked = {c.named: c for c in (leading, best)}
-    if NONE not in asked:
-        asked[NONE] = w.search.with_all_derivatives(found[NONE])
-    among = related(p, tuple(asked.values()), found)
+    (among,) = begun.relatives()
     odds = odds_outside(w.search.tried, among, total_gain(of_stages), misfit.excess_scatter, len(p.problem.parameters.ids))
-    ranked = with_unknown(w.known, found[NONE], odds / (1 + odds))
+    ranked = with_unknown(w.known, found[NONE], odds)
     decision = decide(ranked, not lacking(p.states), w.budget.nothing_stands_out)
     answered = best if decision.verdict == "effect" else leading
     decision = replace(
@@ -126,7 +147,7 @@ def attribute(p: Prepared, stages: Mapping[str, Stage], executor: Executor = SIN
         posterior=ranked,
         none=found[NONE],
         best=replace(best, made=None),
-        calibrated=calibrated(p),
+        calibrated=begun.calibrated,
         misfit=misfit,
         decision=decision,
         distinguishability=_distinguishability(p, found, ranked, best),

@@ -62,8 +62,8 @@ class Prediction:
         return -0.5 * (white**2).sum(axis=0) - float(np.log(np.diag(self.factor)).sum())
 
     def p_value(self, observed: Array, contrasts: int) -> float:
-        """Probability of values (n,) at least so far off: F, as the noise is known from so many contrasts alone. Values that are
-        not finite are left out."""
+        """Probability of values (n,) at least so far off: F, as the noise is known from this many contrasts alone. Values
+        that are not finite are left out."""
         known = np.isfinite(observed)
         covariance = (self.factor @ self.factor.T)[np.ix_(known, known)]
         white = solve_triangular(np.linalg.cholesky(covariance), (observed - self.mean)[known], lower=True)

@@ -30,7 +30,7 @@ from ..inference.fit import fit
 from ..inference.posterior import UNKNOWN
 from ..inference.prepare import Prepared, prepare
 from ..judgement import RIVAL_PROBABILITY, SMOOTH_SIZES, UNCONVERGED
-from .attribute import Attribution, calibrated
+from .attribute import Attribution, Begun, calibrated
 from .result import Absorbed, Level, Shrink, Step, StepName, Waterfall
 from .shrink import HeldOut, HeldOutErrors, baseline_model, candidate_model, resampled, rms, shrink
 
@@ -46,28 +46,35 @@ class Unseen:
     waterfall: Waterfall | None = None
 
 
-def unseen(f: Attribution, executor: Executor) -> Callable[[], Unseen]:
-    """Start all refits; the function that is returned waits for them."""
-    p, held_out = f.prepared, HeldOut.of(f.prepared, executor)
-    if held_out is None:
-        return Unseen
-    leading = [h for h, share in f.posterior.ranking[:4] if h != UNKNOWN and share > RIVAL_PROBABILITY]
-    others = [h for h in leading if h not in (NONE, f.best.named)]
-    both = held_out.errors([baseline_model(p, f.calibrated), candidate_model(p, f.best)], DiagnosisStep.HELD_OUT_STATES)
-    rest = held_out.errors([candidate_model(p, f.posterior.candidates[h]) for h in others], DiagnosisStep.HELD_OUT_STATES)
-    step_by_step = waterfall(f, held_out)
+class UnseenStates:
+    """Held-out states, as the baseline and what leads predict them; refits of all else once the answer is known."""
 
-    def found() -> Unseen:
-        errors = HeldOutErrors(*both())
-        known = {NONE: errors.before, f.best.named: errors.after, **dict(zip(others, rest(), strict=True))}
-        rms_mm = {h: 1e3 * rms(known[h].distance) for h in leading}
-        return Unseen(shrink(p, held_out.how, errors), errors, rms_mm, step_by_step(errors))
+    def __init__(self, p: Prepared, begun: Begun, executor: Executor) -> None:
+        self._p, self._held_out = p, HeldOut.of(p, executor)
+        if self._held_out is not None:
+            models = [baseline_model(p, begun.calibrated), candidate_model(p, begun.weighed.best)]
+            self._errors = HeldOutErrors(*self._held_out.errors(models, DiagnosisStep.HELD_OUT_STATES)())
 
-    return found
+    def of(self, f: Attribution) -> Callable[[], Unseen]:
+        """Start all other refits; the function that is returned waits for them."""
+        p, held_out = self._p, self._held_out
+        if held_out is None:
+            return Unseen
+        errors, leading = self._errors, [h for h, q in f.posterior.ranking[:4] if h != UNKNOWN and q > RIVAL_PROBABILITY]
+        others = [h for h in leading if h not in (NONE, f.best.named)]
+        more = held_out.errors([candidate_model(p, f.posterior.candidates[h]) for h in others], DiagnosisStep.GAP_STEP_BY_STEP)
+        step_by_step = waterfall(f, held_out, errors)
+
+        def found() -> Unseen:
+            known = {NONE: errors.before, f.best.named: errors.after, **dict(zip(others, more(), strict=True))}
+            rms_mm = {h: 1e3 * rms(known[h].distance) for h in leading}
+            return Unseen(shrink(p, held_out.how, errors), errors, rms_mm, step_by_step())
+
+        return found
 
 
-def waterfall(f: Attribution, held_out: HeldOut) -> Callable[[HeldOutErrors], Waterfall]:
-    """Start the refits; the function that is returned takes the errors that are known and waits for the others.
+def waterfall(f: Attribution, held_out: HeldOut, errors: HeldOutErrors) -> Callable[[], Waterfall]:
+    """Start the refits beside the `errors` that are known; the function that is returned waits for them.
 
     Refitted are the model with tolerances, unless its errors are known, that model with a smooth discrepancy of each of
     `SMOOTH_SIZES`, and a model of each subset of the named causes without tolerances.
@@ -79,7 +86,7 @@ def waterfall(f: Attribution, held_out: HeldOut) -> Callable[[HeldOutErrors], Wa
     models = [*([] if known else [with_tolerances]), *smooth, *(_only(f, s) for s in subsets)]
     refits, absorbed = held_out.errors(models, DiagnosisStep.GAP_STEP_BY_STEP), _absorbed(f, held_out.executor)
 
-    def made(errors: HeldOutErrors) -> Waterfall:
+    def made() -> Waterfall:
         in_order = (missed.distance for missed in refits())
         tolerant = errors.after.distance if known else next(in_order)
         # the size that predicts best; none where a smooth function predicts worse than no function

@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,7 @@ from ..inference.candidate import Candidate
 from ..inference.evidence import KNOWN, Hypothesis, weigh
 from ..inference.fit import fit
 from ..inference.linear import Linear
-from ..inference.posterior import hypothesis_prior
+from ..inference.posterior import log_weight
 from ..inference.prepare import Prepared, least_sizes, observable_effects, parameters
 from ..inference.problem import MaskedForward, Parameters, linearise
 from ..judgement import (
@@ -40,6 +41,7 @@ from ..judgement import (
     LARGEST_EXCESS,
     LARGEST_ODDS,
     LEAST_NAMED_SIZE,
+    PRIOR_OF_NUMBER,
     RELATIVE_ODDS,
     SAME_ODDS,
     SEPARATED_EVIDENCE,
@@ -50,8 +52,6 @@ from .relatives import RELATIVES
 
 Array = NDArray[np.float64]
 
-TINY = 1e-300
-"""Prior of more effects than any hypothesis names."""
 LEAST_SHARE, MOST_FITTED, ROUNDS = 0.1, 3, 8
 """Share of the best hypothesis' weight that a relative must promise to be fitted; most relatives and rounds."""
 
@@ -65,12 +65,12 @@ class Related:
     log_evidence: float
 
 
-def related(p: Prepared, candidates: Sequence[Candidate], known: Mapping[Hypothesis, Candidate]) -> tuple[Related, ...]:
+def related(p: Prepared, candidates: Sequence[Candidate], reached: Mapping[Hypothesis, float]) -> tuple[Related, ...]:
     """Relatives in the place of each effect of some candidates, and alone where they name none; the most probable first.
 
-    `candidates` have the log evidence of their hypotheses and all derivatives. `known` are all hypotheses: what a linear problem
-    or a fit gives one of them beyond what its search has reached is no merit of a relative. What is promised is fitted, the
-    most promising first, until the leading one is.
+    `candidates` have the log evidence of their hypotheses and all derivatives. `reached` is the log evidence of all hypotheses:
+    what a linear problem or a fit gives one of them beyond what its search has reached is no merit of a relative. What is
+    promised is fitted, the most promising first, until the leading one is.
     """
     effects = len(p.problem.parameters.ids)
     others = {id: spec for id, spec in RELATIVES.items() if id not in p.forward.catalogue}
@@ -78,7 +78,7 @@ def related(p: Prepared, candidates: Sequence[Candidate], known: Mapping[Hypothe
     promised: dict[tuple[str, Hypothesis], tuple[float, Candidate]] = {}
 
     def above(beside: Hypothesis, log_evidence: float) -> float:
-        return max(log_evidence - known[beside].log_evidence, 0.0) if beside in known else 0.0
+        return max(log_evidence - reached.get(beside, math.inf), 0.0)
 
     for c in candidates:
         relatives = _relatives(p, forward, c)
@@ -94,11 +94,9 @@ def related(p: Prepared, candidates: Sequence[Candidate], known: Mapping[Hypothe
                 if z > promised.get((r, beside), (-math.inf, c))[0]:
                     promised[r, beside] = z, c
 
-    def weight(r: Related) -> float:
-        return r.log_evidence / TEMPERATURE + _log_prior((*r.beside, r.relative), effects)
-
+    weight = partial(_log_weight, effects=effects)
     found = sorted((Related(*k, z) for k, (z, _) in promised.items()), key=weight, reverse=True)
-    best = max(c.log_evidence / TEMPERATURE + math.log(hypothesis_prior(c.named, effects)) for c in candidates)
+    best = max(log_weight(c.named, c.log_evidence, effects) for c in candidates)
     least = best + math.log(LEAST_SHARE)
     fitted: list[Related] = []
     while found and p.baseline is None and len(fitted) < MOST_FITTED and weight(found[0]) > least:
@@ -110,9 +108,10 @@ def related(p: Prepared, candidates: Sequence[Candidate], known: Mapping[Hypothe
     return tuple(sorted((*fitted, *found), key=weight, reverse=True))
 
 
-def _log_prior(named: Hypothesis, effects: int) -> float:
-    """Of a hypothesis that names a relative: a catalogue of few effects makes none more probable."""
-    return math.log(max(hypothesis_prior(named, max(effects, len(CATALOGUE))), TINY))
+def _log_weight(r: Related, effects: int) -> float:
+    """As `log_weight`: a catalogue of few effects makes no relative more probable."""
+    named, of = (*r.beside, r.relative), max(effects, len(CATALOGUE))
+    return log_weight(named, r.log_evidence, of) if len(named) in PRIOR_OF_NUMBER else -math.inf
 
 
 def alike(among: Sequence[Related], named: Hypothesis, log_evidence: float) -> tuple[str, ...]:
@@ -215,6 +214,6 @@ def odds_outside(
     odds = unnamed * max(min(excess_scatter, LARGEST_EXCESS) / USUAL_EXCESS, 1.0)
     if not among:
         return odds
-    total = logsumexp([c.log_evidence / TEMPERATURE + math.log(hypothesis_prior(c.named, effects)) for c in tried])
-    relatives = logsumexp([r.log_evidence / TEMPERATURE + _log_prior((*r.beside, r.relative), effects) for r in among])
+    total = logsumexp([log_weight(c.named, c.log_evidence, effects) for c in tried])
+    relatives = logsumexp([_log_weight(r, effects) for r in among])
     return odds + RELATIVE_ODDS * math.exp(min(relatives - total, LARGEST_ODDS))

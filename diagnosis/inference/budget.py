@@ -125,17 +125,12 @@ def after_calibration(problem: Problem, where: Sequence[Part], slope: Array, col
     ]
 
 
-def budget(
-    problem: Problem,
-    where: Sequence[Part],
-    candidates: Sequence[Candidate],
-    temperature: float,
-) -> Budget:
-    """Draw from candidates of the catalogue (without and with tolerances each by itself); `temperature` divides log evidence."""
+def budget(problem: Problem, where: Sequence[Part], candidates: Sequence[Candidate]) -> Budget:
+    """Draw from candidates of the catalogue, without and with tolerances each by itself."""
     p = problem.parameters
     half = np.random.default_rng(SEED).standard_normal((DRAWS // 2, len(p.scale)))
     standard = np.vstack([half, -half])  # in pairs, so that their mean is exact
-    weights = shares(candidates, len(p.ids), temperature).tolist()
+    weights = shares(candidates, len(p.ids)).tolist()
     carry = _Carrying(problem, where)
     metres, floors, weight, form_error, tolerant, names = [], [], [], [], [], []
     for c, w in zip(candidates, weights, strict=True):

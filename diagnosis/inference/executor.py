@@ -46,8 +46,8 @@ class DiagnosisStep(IntEnum):
 
     FIRST_LOOK = 1
     HYPOTHESES = 2
-    EXPERIMENTS = 3
-    HELD_OUT_STATES = 4
+    HELD_OUT_STATES = 3
+    EXPERIMENTS = 4
     GAP_STEP_BY_STEP = 5
 
     def __str__(self) -> str:

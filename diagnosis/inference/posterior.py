@@ -10,12 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import comb
+from math import comb, log
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..judgement import CREDIBLE_SHARE, PRIOR_OF_NUMBER
+from ..judgement import CREDIBLE_SHARE, PRIOR_OF_NUMBER, TEMPERATURE
 from .candidate import Candidate
 from .evidence import Hypothesis
 
@@ -66,16 +66,21 @@ def hypothesis_prior(named: Hypothesis, effects: int) -> float:
     return PRIOR_OF_NUMBER.get(len(named), 0.0) / comb(effects, len(named))
 
 
-def shares(candidates: Sequence[Candidate], effects: int, temperature: float) -> Array:
-    """Probabilities of candidates that exclude each other, within a catalogue of `effects` effects; see `posterior`."""
-    score = np.array([c.log_evidence / temperature + np.log(hypothesis_prior(c.named, effects)) for c in candidates])
-    share = np.exp(score - score.max())
+def log_weight(named: Hypothesis, log_evidence: float, effects: int) -> float:
+    """log(prior p^(1/T)) of a hypothesis of a catalogue of that many effects, from its log evidence log p; T: `TEMPERATURE`."""
+    return log_evidence / TEMPERATURE + log(hypothesis_prior(named, effects))
+
+
+def shares(candidates: Sequence[Candidate], effects: int) -> Array:
+    """Probabilities of candidates that exclude each other, within a catalogue of `effects` effects."""
+    weight = np.array([log_weight(c.named, c.log_evidence, effects) for c in candidates])
+    share = np.exp(weight - weight.max())
     return np.asarray(share / share.sum())
 
 
-def posterior(candidates: Sequence[Candidate], effects: int, temperature: float) -> Posterior:
-    """Probabilities within a catalogue of `effects` effects; `temperature` divides log evidence."""
-    share = shares(candidates, effects, temperature)
+def posterior(candidates: Sequence[Candidate], effects: int) -> Posterior:
+    """Probabilities within a catalogue of `effects` effects."""
+    share = shares(candidates, effects)
     order = np.argsort(-share, kind="stable")
     return Posterior(
         ranking=tuple((candidates[i].named, float(share[i])) for i in order),
@@ -83,8 +88,9 @@ def posterior(candidates: Sequence[Candidate], effects: int, temperature: float)
     )
 
 
-def with_unknown(known: Posterior, unknown: Candidate, probability: float) -> Posterior:
-    """The same with a cause outside the catalogue of some probability beside it."""
+def with_unknown(known: Posterior, unknown: Candidate, odds: float) -> Posterior:
+    """The same with a cause outside the catalogue beside it, with its odds against all that are known."""
+    probability = odds / (1 + odds)
     ranking = [(named, p * (1 - probability)) for named, p in known.ranking]
     ranking.append((UNKNOWN, probability))
     return Posterior(

@@ -34,7 +34,7 @@ class Variable(IntEnum):
 
 
 COUNTS = 64000
-"""A set-point can be sent as so many parts of the full scale, too; then it is the same pressure whatever the unit."""
+"""A set-point can be sent as this many parts of the full scale, too; then it is the same pressure whatever the unit."""
 FRAME = re.compile(r"[A-Z]((?:\s+[+-]?\d+(?:\.\d+)?){2,})((?:\s+[A-Z0-9]{3})*)\s*")
 """Firmware before 8v00 gives the set-point without its sign."""
 LOCKED = "LCK"

@@ -8,7 +8,7 @@ the spine first: jammed granules hold the motor, too.
 Faults, each latched until the call that answers it:
 - stall (the motor pushes and does not move): the driver holds; answered by `move_to`, `stop`, `home`.
 - bus watchdog (the host was silent): the servo stopped; answered by `stop` or `home`.
-- hardware error or restart of the servo: torque is off, the zero is lost; answered by `home`, which restarts the servo.
+- hardware error or restart of the servo: it holds or torque is off, the zero is lost; answered by `home`, which restarts it.
 """
 
 from __future__ import annotations
@@ -101,6 +101,8 @@ class DynamixelSpine:
         """Where the last reference run met the stop, as long as the servo kept counting."""
         self._homing: int | None = None
         """Counts at which the reference run under way gives up."""
+        self._place: tuple[float, int] | None = None
+        """When the position was read last (s), and what it was (counts)."""
         self._goal = 0.0
         self._stall = self._watch(config.current_limit)
         self._fault = ""
@@ -150,7 +152,7 @@ class DynamixelSpine:
             self._zero = None
             self._fault = ""
             self._arm_watchdog()
-            start = self._servo.read(table.PRESENT_POSITION)
+            start = self._position()
             self._set_goal(start, self._config.homing_speed)  # before torque: the old goal may be far away
             self._limit_current(self._config.homing_current)
             self._servo.write(table.TORQUE, 1)
@@ -201,7 +203,7 @@ class DynamixelSpine:
 
     def _hold(self) -> None:
         self._arm_watchdog()
-        counts = self._servo.read(table.PRESENT_POSITION)
+        counts = self._position()
         self._set_goal(counts, self._config.max_speed)
         self._goal = self._length(counts)
 
@@ -258,7 +260,7 @@ class DynamixelSpine:
         """Hold, or let go in a mode in which the servo cannot hold."""
         if self._servo.read(table.TORQUE):
             if self._servo.read(table.OPERATING_MODE) == table.CURRENT_BASED_POSITION:
-                self._set_goal(self._servo.read(table.PRESENT_POSITION), self._config.max_speed)
+                self._set_goal(self._position(), self._config.max_speed)
             else:
                 self._servo.write(table.TORQUE, 0)
 
@@ -297,13 +299,27 @@ class DynamixelSpine:
                 f"{table.PROFILE_AND_GOAL.unpack(echo)}; check that no other host writes to it",
             )
 
+    def _position(self) -> int:
+        """Where the motor stands, counts."""
+        return self._placed(self._servo.read(table.PRESENT_POSITION))
+
+    def _placed(self, counts: int) -> int:
+        """A reading of the position; what no motion explains is read once more: old firmware may be a turn off, now and then."""
+        now = self._clock.now()
+        at, before = self._place or (now, counts)
+        fastest = 2 * max(self._config.max_speed, self._config.homing_speed)
+        if abs(counts - before) > table.COUNTS_PER_TURN / 2 + abs(self._counts(fastest)) * (now - at):
+            counts = self._servo.read(table.PRESENT_POSITION)
+        self._place = now, counts
+        return counts
+
     def _relax(self) -> int:
         """Hold where the motor stands and return that (counts).
 
         While it was held, the servo's trajectory ran on; it starts from the present position only when torque comes on.
         """
         self._servo.write(table.TORQUE, 0)
-        counts = self._servo.read(table.PRESENT_POSITION)
+        counts = self._position()
         self._set_goal(counts, self._config.max_speed)
         try:
             self._servo.write(table.TORQUE, 1)
@@ -346,8 +362,13 @@ class DynamixelSpine:
         if watchdog not in (self._watchdog_raw, table.WATCHDOG_TRIPPED):
             watchdog = self._servo.read(table.WATCHDOG)  # one odd answer is no proof of anything
         if alert and (bits := self._servo.read(table.HARDWARE_ERROR)):
-            why = table.hardware_errors(bits)
-            self._lose_zero(f"hardware error: {why}; torque is off. Remove the cause (un-jam the spine), then home()")
+            holds = self._servo.read(table.TORQUE) != 0
+            if holds and not self._lost:  # its shutdown setting does not name this error
+                self._hold()
+            self._lose_zero(
+                f"hardware error: {table.hardware_errors(bits)}; {'it was stopped and holds' if holds else 'torque is off'}. "
+                "Remove the cause (un-jam the spine, check the supply), then home()"
+            )
         elif watchdog == table.WATCHDOG_TRIPPED:
             self._fault = (
                 f"stopped by its bus watchdog: the host was silent for {self._config.watchdog} s. "
@@ -360,6 +381,7 @@ class DynamixelSpine:
                 f"its bus watchdog was set to {watchdog * table.WATCHDOG_UNIT:g} s by another host, it should be "
                 f"{self._config.watchdog:g} s; disconnect that host, then call stop() to reset it"
             )
+        counts = self._placed(counts)
         velocity_counts = velocity * table.RPM / 60 * table.COUNTS_PER_TURN
         return _State(self._clock.now(), counts, velocity_counts, current * self._ampere)
 

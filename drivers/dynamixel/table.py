@@ -55,7 +55,7 @@ MODELS = {
     1230: ("XC330-M181", 1e-3), 1240: ("XC330-M288", 1e-3),
 }  # fmt: skip
 """Model number -> name and unit of current (A): the X servos with a current-based position mode."""
-HARDWARE_ERRORS = {0: "supply voltage", 2: "overheated", 3: "encoder", 4: "electrical shock", 5: "overload"}
+HARDWARE_ERRORS = {0: "supply voltage", 1: "hall sensor", 2: "overheated", 3: "encoder", 4: "electrical shock", 5: "overload"}
 
 
 def hardware_errors(bits: int) -> str:

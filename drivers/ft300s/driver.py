@@ -189,7 +189,7 @@ class FT300S:
         """Stop a stream, if there is one; raises `WrongDevice` when the line does not fall silent."""
         heard = self._line.listen(SILENT_AFTER)
         for _ in range(STOP_ROUNDS):
-            if not heard:
+            if not heard.strip(STOP):  # an adapter may return them
                 return
             self._line.write(STOP)
             self._line.flush()

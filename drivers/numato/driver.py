@@ -59,7 +59,7 @@ class NumatoValve:
             self._line.open()
             with meeting(self.name, self._line.close, f"{self._config.port} is not a Numato relay module"):
                 self._line.ask(b"\r", PROMPT)  # ends what an earlier program may have left half typed
-                firmware = self._value("ver", r"[0-9A-Fa-f]{8}")
+                firmware = self._value("ver", r"[\w.]{8}")
                 serial = self._value("id get", r"\S{8}")
                 self._state()
             return Identity("Numato", "USB relay module", serial, firmware)

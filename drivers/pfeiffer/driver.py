@@ -24,6 +24,8 @@ from ..spec import Driver
 SUITABLE = ("CPT 100", "RPT 100")
 HEALTH_EVERY = 20
 """Readings between two checks of the gauge's error code and correction factor."""
+END, CONTROL = b"\r", b"10"
+"""The end of a telegram, and the mark after the address of one that sets a parameter: its acknowledgment is the same again."""
 LACKS = b"NO_DEF"
 """Answer of a gauge that has no such parameter."""
 T = TypeVar("T")
@@ -50,34 +52,25 @@ class Config(GaugeConfig):
 
 
 class _Wire:
-    """The serial line as the library wants it: one byte at a time, nothing on silence. Keeps what it heard."""
+    """The serial line as the library wants it: one byte at a time. Keeps the telegram that it heard."""
 
     def __init__(self, line: SerialLine) -> None:
         self._line = line
-        self._sent = self.heard = b""
+        self.heard = b""
+        self._given = 0
 
     def write(self, data: bytes) -> None:
         """Send one request; an answer that came too late for the last one is dropped."""
+        self.heard, self._given = b"", 0
         self._line.flush()
-        self._sent, self.heard = data, b""
-        self._line.write(data)
-        if self._line.echoes:
-            self.read(len(data))
-            self.heard = b""
-
-    def recognise_echo(self) -> None:
-        """Note that the adapter returns what is sent, when what was heard begins with that; it is skipped from then on."""
-        if self._sent and self.heard.startswith(self._sent):
-            self._line.echoes = True
+        self._line.write(data, repeated=data[3:5] == CONTROL)
 
     def read(self, count: int) -> bytes:
-        """`count` bytes, or none when the line stays silent."""
-        try:
-            data = self._line.read_exactly(count)
-        except (NoReply, BadReply):
-            return b""
-        self.heard += data
-        return data
+        """`count` bytes of the answer. Raises NoReply, BadReply when no whole one comes."""
+        if not self.heard:
+            self.heard = self._line.read_until(END) + END
+        self._given += count
+        return self.heard[self._given - count : self._given]
 
 
 class PfeifferGauge:
@@ -87,7 +80,7 @@ class PfeifferGauge:
         self.name = name
         self._config = config
         self._clock = clock
-        self._line = SerialLine(name, config.port, config.baud, config.timeout)
+        self._line = SerialLine(name, config.port, config.baud, config.timeout, skip_echo=True)
         self._wire = _Wire(self._line)
         self._retries = Retries(self._line)
         self._lock = timing.RLock()
@@ -167,20 +160,18 @@ class PfeifferGauge:
         return self._retries.twice(lambda: self._ask(what, query))
 
     def _ask(self, what: str, query: Query[T]) -> T:
+        address = self._config.address
         try:
-            return query(self._wire, self._config.address)
+            return query(self._wire, address)
+        except (NoReply, BadReply) as e:
+            raise type(e)(self.name, f"address {address}, asked for its {what}: {e.message}") from e
         except (ValueError, protocol.InvalidCharError) as e:
             if isinstance(e, InstrumentError):
                 raise
-            self._wire.recognise_echo()
-            where = f"address {self._config.address} on {self._config.port}"
-            if not self._wire.heard:
-                raise NoReply(
-                    self.name, f"no answer from {where} to a request for its {what}; check power, cable and address"
-                ) from e
             raise BadReply(
                 self.name,
-                f"{where} answered {show(self._wire.heard)} to a request for its {what} ({e}); check the cable",
+                f"address {address} on {self._config.port} answered {show(self._wire.heard)} to a request for its {what} ({e}); "
+                "check the cable",
             ) from e
 
 

@@ -1,7 +1,8 @@
-"""One motor of a Trinamic module as parameters that are read and written, by pytrinamic.
+"""One motor of a Trinamic module as parameters that are read and written, in the frames of pytrinamic.
 
-A TMCL frame is nine bytes with no mark at its start, so after any error the line is left alone for one time-out and
-flushed: both ends then agree again on where a frame begins. All commands used here are absolute and may be repeated.
+A TMCL frame is nine bytes with no mark at its start: the first nine that carry the host's address and add up are the
+answer. What comes before it is thrown away: noise of an RS-485 line that is turned round, and the echo of an adapter. All
+commands used here are absolute and may be repeated.
 
 An answer tells its command but not its parameter, and one that was not in time may still come. A module answers in order,
 so after a failure the line is caught up first: the module's tick timer is set to a new value and asked for, and what
@@ -12,14 +13,12 @@ from __future__ import annotations
 
 import contextlib
 import random
-import struct
 import termios
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import serial
 from pytrinamic.helpers import to_signed_32
-from pytrinamic.tmcl import TMCLCommand, TMCLReplyChecksumError, TMCLReplyStatusError, TMCLStatus
+from pytrinamic.tmcl import TMCLCommand, TMCLReply, TMCLRequest, TMCLStatus
 
 import timing
 
@@ -27,11 +26,10 @@ from ..errors import BadReply, InstrumentError, NoReply, Unreachable
 from ..serial_line import WRITE_WITHIN, PortWatch
 from .parameters import Global
 
-if TYPE_CHECKING:
-    from pytrinamic.connections.serial_tmcl_interface import SerialTmclInterface
-
 ATTEMPTS = 2
-FRAME = struct.Struct(">BBBBi")
+FRAME_BYTES = 9
+DONE = 100
+"""Least status of a command that was done."""
 FIRST_TICK, LAST_TICK = 1_000_000, 2**30
 """The timer is set to something between: a module just started shows less for a quarter of an hour."""
 NEAR = 60_000
@@ -50,7 +48,6 @@ class Axis:
         self._address, self._host, self._motor = address, host, motor
         self._timeout = timeout
         self._serial: serial.Serial | None = None
-        self._tmcl: SerialTmclInterface | None = None
         self._lock = timing.RLock()
         self._behind = False
         """Whether answers to earlier questions may still come."""
@@ -61,13 +58,10 @@ class Axis:
     @property
     def is_open(self) -> bool:
         """True between `open` and `close`, unless the port was lost."""
-        return self._tmcl is not None
+        return self._serial is not None
 
     def open(self) -> None:
         """Open the serial port. Raises `Unreachable`."""
-        # here, since it brings every CAN interface that there is, and each process that reads a rig.yaml imports this module
-        from pytrinamic.connections.serial_tmcl_interface import SerialTmclInterface
-
         try:
             self._serial = serial.serial_for_url(
                 self._path,
@@ -82,16 +76,15 @@ class Axis:
                 f"cannot open {self._path} at {self._baud} Bd ({e}); check the adapter, the port in rig.yaml, and that "
                 "no other program has it open",
             ) from e
-        self._tmcl = SerialTmclInterface(self._serial, host_id=self._host, module_id=self._address)
         self._watch.lost = ""
 
     def close(self) -> None:
         """Close the serial port; never raises, may be called twice."""
         self._watch.lost = ""
-        tmcl, self._tmcl = self._tmcl, None
-        if tmcl is not None:
+        line, self._serial = self._serial, None
+        if line is not None:
             with contextlib.suppress(OSError, termios.error):
-                tmcl.close()
+                line.close()
 
     def version(self) -> tuple[int, str]:
         """Number of the module and version of its firmware."""
@@ -155,63 +148,81 @@ class Axis:
         failure: InstrumentError = NoReply(
             self.name, f"no answer from {where} before {what}; check its power, address and baud rate"
         )
-        with self._guarded() as (tmcl, line):
+        request = TMCLRequest(self._address, command, kind, self._motor if bank is None else bank, value)
+        with self._guarded() as line:
             for _ in range(ATTEMPTS):
-                if self._behind and not self._catch_up(tmcl, line):
+                if self._behind and not self._catch_up(line):
                     break
-                try:
-                    reply = tmcl.send(command, kind, self._motor if bank is None else bank, value)
-                    if reply.module_address == self._address and reply.command == command:
-                        return int(to_signed_32(reply.value))
+                line.write(request.to_buffer())
+                reply, heard = self._reply(line, request)
+                if reply is None and heard:
+                    failure = BadReply(self.name, f"damaged answer from {where} to {what}; check cable and baud rate")
+                elif reply is None:
+                    failure = NoReply(self.name, f"no answer from {where} to {what}; check its power, address and baud rate")
+                elif reply.module_address != self._address or reply.command != command:
                     failure = BadReply(
                         self.name,
                         f"{where} was sent {what}, but module {reply.module_address} answered command {reply.command}; "
                         "check the addresses on the bus",
                     )
-                except TMCLReplyStatusError as e:
-                    reason = TMCLStatus.get_name(e.status_code)
-                    failure = BadReply(self.name, f"{where} refuses {what}: status {e.status_code}, {reason}")
-                    if e.status_code != TMCLStatus.WRONG_CHECKSUM:
+                elif reply.status < DONE:
+                    reason = TMCLStatus.get_name(reply.status)
+                    failure = BadReply(self.name, f"{where} refuses {what}: status {reply.status}, {reason}")
+                    if reply.status != TMCLStatus.WRONG_CHECKSUM:
                         break
-                except TMCLReplyChecksumError:
-                    failure = BadReply(self.name, f"damaged answer from {where} to {what}; check cable and baud rate")
-                except RuntimeError:  # how pytrinamic tells a time-out
-                    failure = NoReply(self.name, f"no answer from {where} to {what}; check its power, address and baud rate")
+                else:
+                    return int(to_signed_32(reply.value))
                 self._behind = True
                 timing.sleep(self._timeout)
                 line.reset_input_buffer()
             raise failure
 
-    def _catch_up(self, tmcl: SerialTmclInterface, line: serial.Serial) -> bool:
+    def _reply(self, line: serial.Serial, request: TMCLRequest) -> tuple[TMCLReply | None, bool]:
+        """The next answer, None on silence; and whether anything but the echo of the request came."""
+        heard, window, echo = False, b"", request.to_buffer()
+        give_up = timing.now() + self._timeout
+        while timing.now() <= give_up and (come := line.read(FRAME_BYTES - len(window))):
+            window += come
+            if window == echo:
+                window = b""
+            elif len(window) == FRAME_BYTES:
+                heard = True
+                reply = TMCLReply.from_buffer(window)
+                if reply.reply_address == self._host and reply.is_checksum_correct():
+                    return reply, True
+                window = window[1:]
+        return None, heard or bool(window)
+
+    def _catch_up(self, line: serial.Serial) -> bool:
         """Throw away what comes late; True once the answer to the question asked last has come."""
         for _ in range(ATTEMPTS):
             tick = random.randrange(FIRST_TICK, LAST_TICK)
             line.reset_input_buffer()
-            tmcl.send(TMCLCommand.SGP, Global.TICK_TIMER, 0, tick, no_reply=True)
-            if self._await(line, TMCLCommand.SGP, range(-(2**31), 2**31)):
+            if self._await(line, TMCLRequest(self._address, TMCLCommand.SGP, Global.TICK_TIMER, 0, tick), range(2**32)):
                 self._tick = tick
-                tmcl.send(TMCLCommand.GGP, Global.TICK_TIMER, 0, 0, no_reply=True)
-                if self._await(line, TMCLCommand.GGP, range(tick, tick + NEAR)):
+                ask = TMCLRequest(self._address, TMCLCommand.GGP, Global.TICK_TIMER, 0, 0)
+                if self._await(line, ask, range(tick, tick + NEAR)):
                     self._behind = False
                     return True
         return False
 
-    def _await(self, line: serial.Serial, command: int, values: range) -> bool:
-        """Read answers until one to this command has one of these values; False when they cease before."""
+    def _await(self, line: serial.Serial, request: TMCLRequest, values: range) -> bool:
+        """Send a request and read answers until one to its command has one of these values; False when they cease before."""
+        line.write(request.to_buffer())
         give_up = timing.now() + CATCH_UP_WAITS * self._timeout
         while timing.now() < give_up:
-            frame = line.read(9)
-            if len(frame) == 9 and sum(frame[:8]) & 0xFF == frame[8]:
-                _, module, _, answered, value = FRAME.unpack(frame[:8])
-                if module == self._address and answered == command and value in values:
-                    return True
+            reply, _ = self._reply(line, request)
+            if reply is None or (reply.module_address, reply.command) != (self._address, request.command):
+                continue
+            if reply.value in values:
+                return True
         return False
 
     @contextlib.contextmanager
-    def _guarded(self) -> Iterator[tuple[SerialTmclInterface, serial.Serial]]:
+    def _guarded(self) -> Iterator[serial.Serial]:
         """The open line under the lock, with its failures as the drivers' errors."""
         with self._lock:
-            if self._tmcl is None or self._serial is None:
+            if self._serial is None:
                 raise self._watch.not_open()
             with self._watch.using():
-                yield self._tmcl, self._serial
+                yield self._serial

@@ -14,7 +14,7 @@ class Config(ArmConfig):
     host: str
     """Address of the controller (ports 29999, 30003, 30004)."""
     model: str = "UR5"
-    """Model that the dashboard must report."""
+    """`UR5`, or `UR5e` (e-Series)."""
     serial: str = ""
     """Serial number of the controller; any when empty."""
     max_step: float = Field(0.3, gt=0, le=1.7, json_schema_extra={"unit": "m"})

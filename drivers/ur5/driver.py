@@ -24,8 +24,8 @@ from .config import Config
 from .control import ControlThread
 from .motion import Deadline
 from .safety import stop_text
+from .state import ENDED, PLAYING, UR5State
 from .state import Config as StateConfig
-from .state import UR5State
 from .tool import Tool, millimetres, same_pose
 
 STILL_SPEED, STILL_TURNING = 2e-3, 1e-2
@@ -64,6 +64,8 @@ class UR5:
         state = StateConfig(host=config.host, poll_interval=0.002, max_age=max_age, timeout=config.timeout)
         self._state = UR5State(name, state, clock, lambda sample: None)
         self._control: ControlThread | None = None
+        self._seen: ur5_wire.Snapshot | None = None
+        """What the controller said of itself at `open`."""
         self._move: _Move | None = None
         self._tool: Tool | None = None
         """What the controller took to be at the flange at `open`."""
@@ -81,6 +83,8 @@ class UR5:
         identity = ur5_wire.identify(self.name, config.host, config.timeout, seen)
         self._check_identity(identity)
         self._check_ready(seen)
+        ur5_wire.connect(self.name, config.host, ur5_wire.SCRIPT_PORT, config.timeout).close()  # the library names no port
+        self._seen = seen
         try:
             self._state.open()
             self._control = ControlThread(self.name, config.host, config.timeout)
@@ -105,6 +109,8 @@ class UR5:
         control = self._opened()
         seen = ur5_wire.snapshot(self.name, self.config.host, self.config.timeout)
         self._check_ready(seen)
+        if paused := self._paused():  # it would answer nothing
+            raise DeviceFault(self.name, paused)
         if not ur5_wire.in_remote_control(self.name, self.config.host, self.config.timeout, seen):
             raise NotReady(self.name, "the pendant is in local mode, needed: remote control; switch it there")
         if seen.speed_slider < LEAST_SLIDER:
@@ -186,14 +192,17 @@ class UR5:
         return True
 
     def stop(self) -> None:
-        """Decelerate now; returns when the state shows the arm standing.
+        """Decelerate now, or end a program that was only halted; returns when the state shows the arm standing.
 
-        Raises DeviceFault when it does not stop, NoReply when that cannot be known.
+        Raises DeviceFault when it does not stop or end, NoReply when that cannot be known.
         """
         control = self._opened()
         sample = self._fresh(control)
         self._move = None
-        if sample.program_running and not self._stopped(sample.safety_bits):
+        if self._stopped(sample.safety_bits) or self._state.runtime != PLAYING:
+            if left := self._end_program():
+                raise DeviceFault(self.name, left)
+        elif sample.program_running:
             # Asynchronous, because only then does the program decelerate along the straight line.
             control.call(lambda library: library.stopL(self.config.stop_deceleration, True))
         travel = self.config.max_speed / self.config.stop_deceleration + STOP_ALLOWANCE
@@ -247,6 +256,11 @@ class UR5:
         """The stop that the newest state shows, and its remedy; empty when there is none."""
         return stop_text(bits, self._state.safety_mode)
 
+    def _paused(self) -> str:
+        """That the program is paused, and its remedy; empty when it is not."""
+        paused = self._state.runtime not in (*ENDED, PLAYING)
+        return "the program on the controller was paused at the pendant; close and open the arm again" if paused else ""
+
     def _check_ready(self, seen: ur5_wire.Snapshot) -> None:
         """Raises DeviceFault for a stop, NotReady for an arm without power or with its brakes on."""
         if stop := stop_text(seen.safety_bits, seen.safety_mode):
@@ -266,9 +280,10 @@ class UR5:
     def _healthy(self, control: ControlThread) -> ArmSample:
         """The newest state, of an arm that can go on moving."""
         sample = self._fresh(control)
-        if stop := self._stopped(sample.safety_bits):
+        if stop := self._stopped(sample.safety_bits) or self._paused():
             self._move = None
-            raise DeviceFault(self.name, stop)
+            left = self._end_program()
+            raise DeviceFault(self.name, f"{stop}; {left}" if left else stop)
         if not sample.program_running:
             self._move = None
             raise DeviceFault(
@@ -277,6 +292,22 @@ class UR5:
                 "see the log there, then close and open the arm again",
             )
         return sample
+
+    def _end_program(self) -> str:
+        """End a program that the safety system or a person has halted: once that is cleared, it would go on with its motion by
+        itself. Returns what is to be done where it does not end."""
+        if self._seen is None or self._state.runtime in ENDED:
+            return ""
+        try:
+            answer = ur5_wire.stop_program(self.name, self.config.host, self.config.timeout, self._seen)
+            give_up = timing.now() + STATE_LAG
+            while self._state.runtime not in ENDED and timing.now() < give_up:
+                timing.sleep(LOOK_INTERVAL)
+            why = f"the dashboard says {answer!r}"
+        except InstrumentError as error:
+            why = error.message
+        ended = self._state.runtime in ENDED
+        return "" if ended else f"its program is only halted and would go on ({why}): stop it at the pendant first"
 
     def _raise_cause(self, control: ControlThread) -> None:
         """Raise what the state shows to be wrong; it may come some cycles after the command's refusal."""

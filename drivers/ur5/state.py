@@ -29,7 +29,10 @@ VARIABLES = [
     "safety_mode",
     "robot_status_bits",
     "target_speed_fraction",
+    "runtime_state",
 ]
+ENDED, PLAYING = (0, 1), 2
+"""runtime_state of a program that is there no more, and of one that runs; any other is halted and may go on."""
 RETRY_INTERVAL = 0.5
 """s of host time between attempts to get a lost stream back."""
 FARTHEST, LARGEST_ANGLE = 3.0, 7.0
@@ -102,6 +105,8 @@ class UR5State:
         """As RTDE defines it, of the newest sample; some stops show here only."""
         self.speed_slider = 1.0
         """0..1, of the newest sample."""
+        self.runtime = PLAYING
+        """runtime_state as RTDE defines it, of the newest sample."""
         self._receive: Any = None
         self._thread: threading.Thread | None = None
         self._stopping = timing.Event()
@@ -181,7 +186,7 @@ class UR5State:
             stamp: float = receive.getTimestamp()
             joints, pose, speed = receive.getActualQ(), receive.getActualTCPPose(), receive.getActualTCPSpeed()
             safety, status = receive.getSafetyStatusBits(), receive.getRobotStatus()
-            mode, slider = receive.getSafetyMode(), receive.getTargetSpeedFraction()
+            mode, slider, runtime = receive.getSafetyMode(), receive.getTargetSpeedFraction(), receive.getRuntimeState()
             if receive.getTimestamp() == stamp:
                 break  # otherwise the next package came in between
         sample = ArmSample(
@@ -194,7 +199,7 @@ class UR5State:
             program_running=bool(status & (1 << 1)),
         )
         self.lost += self._counter.add(stamp)
-        self.safety_mode, self.speed_slider = int(mode), float(slider)
+        self.safety_mode, self.speed_slider, self.runtime = int(mode), float(slider), int(runtime)
         self._newest = timing.now(), sample
         self._first.set()
         self._sink(sample)

@@ -28,6 +28,8 @@ _PAYLOAD = ("payload", "payload_cog")
 """Offered since PolyScope 3.11 and 5.5.1."""
 LONGEST_LINE = 1024
 """Bytes of an answer of the dashboard that are read."""
+E_SERIES, IN_BOTH_SERIES = 5, ("UR3", "UR5", "UR10")
+"""First major version of the e-Series, and the models whose name the dashboard gives without the e."""
 POLYSCOPE_X = 10
 """First major version without a dashboard server."""
 
@@ -62,7 +64,8 @@ def connect(name: str, host: str, port: int, timeout: float) -> socket.socket:
     except OSError as error:
         raise Unreachable(
             name,
-            f"nothing listens at {host}:{port} ({error}); is the arm on, its cable plugged in, and the address right?",
+            f"nothing listens at {host}:{port} ({error}); is the arm on, its cable plugged in, the address right, and this "
+            "port's service enabled at the pendant (Settings, Security)?",
         ) from error
 
 
@@ -109,6 +112,8 @@ class _Rtde:
 
     def __init__(self, name: str, where: str, line: socket.socket) -> None:
         self.name, self.where, self.line = name, where, line
+        self._said = ""
+        """The last text message of the controller."""
 
     def ask(self, kind: int, body: bytes, length: int | None = None) -> bytes:
         """Send a request and return the body of its answer, of `length` bytes if given."""
@@ -125,7 +130,7 @@ class _Rtde:
         return answer[1:].decode("ascii", "replace").split(",")
 
     def receive(self, kind: int) -> bytes:
-        """The next packet of a kind; text messages in between are skipped."""
+        """The next packet of a kind; of text messages in between the last one is kept for errors."""
         while True:
             size, got = _HEADER.unpack(self._exactly(_HEADER.size))
             if size < _HEADER.size or got not in (kind, _TEXT):
@@ -133,6 +138,7 @@ class _Rtde:
             body = self._exactly(size - _HEADER.size)
             if got == kind:
                 return body
+            self._said = " ".join("".join(chr(byte) if 32 <= byte < 127 else " " for byte in body).split())
 
     def _exactly(self, count: int) -> bytes:
         data = b""
@@ -140,17 +146,21 @@ class _Rtde:
             try:
                 piece = timing.recv(self.line, count - len(data))
             except TimeoutError as error:
-                raise Unreachable(
-                    self.name,
-                    f"{self.where} accepts the connection but sends nothing within {self.line.gettimeout():g} s; "
-                    "is it the arm's controller, and has it finished starting?",
-                ) from error
+                raise self._ceased(f"sends nothing within {self.line.gettimeout():g} s") from error
             except OSError as error:
-                raise self._wrong(f"an error ({error})") from error
+                raise self._ceased(f"then breaks it ({error})") from error
             if not piece:
-                raise self._wrong("an end of the connection")
+                raise self._ceased("then ends it")
             data += piece
         return data
+
+    def _ceased(self, how: str) -> Unreachable:
+        said = f", and says {self._said!r}" if self._said else ""
+        return Unreachable(
+            self.name,
+            f"{self.where} accepts the connection but {how}{said}; is it the arm's controller, has it finished starting, and is "
+            "its safety setup confirmed at the pendant?",
+        )
 
     def _wrong(self, instead: str) -> WrongDevice:
         return WrongDevice(self.name, f"{self.where} is not an RTDE server: it sent {instead}; check the address")
@@ -164,6 +174,8 @@ def identify(name: str, host: str, timeout: float, seen: Snapshot) -> Identity:
     with _dashboard(name, host, timeout, seen) as ask:
         version = re.search(r"\d+\.\d+\.\d+(\.\d+)?", ask("PolyscopeVersion"))
         model, serial = ask("get robot model"), ask("get serial number")
+    if seen.version[0] >= E_SERIES and model in IN_BOTH_SERIES:
+        model += "e"
     return Identity("Universal Robots", model, serial, version[0] if version else "")
 
 
@@ -171,6 +183,12 @@ def in_remote_control(name: str, host: str, timeout: float, seen: Snapshot) -> b
     """Whether the pendant lets other computers command the arm; also True where it has no such switch (CB3)."""
     with _dashboard(name, host, timeout, seen) as ask:
         return ask("is in remote control").lower() in ("true", "")
+
+
+def stop_program(name: str, host: str, timeout: float, seen: Snapshot) -> str:
+    """End the program on the controller, also one that is paused; returns the dashboard's answer."""
+    with _dashboard(name, host, timeout, seen) as ask:
+        return ask("stop")
 
 
 @contextmanager

@@ -211,15 +211,25 @@ def _continuous(columns: dict[str, Array]) -> dict[str, Array]:
 
 
 def _at(at: Array, times: Array, values: Array) -> Array:
-    """Values at other times; NaN where the nearest reading is older than half a second."""
+    """Values at other times, on the line between two readings; NaN where the nearest reading is older than half a second.
+
+    A count or a switch, whole numbers that mostly stand still, keeps its last reading. Where two readings are further apart than
+    half of all that the column ever passes through (an angle that has turned past 180 deg), the nearer one counts.
+    """
     seen = np.isfinite(values)
     if not seen.any():
         return np.full(len(at), np.nan)
     times, values = times[seen], values[seen]
     after = np.clip(np.searchsorted(times, at), 0, len(times) - 1)
     before = np.clip(after - 1, 0, None)
-    far = np.minimum(np.abs(times[after] - at), np.abs(times[before] - at)) > 0.5
-    return np.where(far, np.nan, np.interp(at, times, values))
+    nearest = np.where(np.abs(times[after] - at) < np.abs(times[before] - at), after, before)
+    far = np.abs(times[nearest] - at) > 0.5
+    steps = np.diff(values)
+    if np.all(values == np.round(values)) and 2 * np.count_nonzero(steps) < steps.size:
+        last = np.clip(np.searchsorted(times, at, side="right") - 1, 0, None)
+        return np.where(far, np.nan, values[last])
+    leaps = np.abs(values[after] - values[before]) > 0.5 * np.ptp(values)
+    return np.where(far, np.nan, np.where(leaps, values[nearest], np.interp(at, times, values)))
 
 
 # ------------------------------------------------------------------ messages

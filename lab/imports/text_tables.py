@@ -41,6 +41,10 @@ MOST_NOTED = 5
 """Lines left out that are named."""
 DECIMAL_COMMA = r"\s*[-+]?(?:0?|\d{4,}),\d+\s*|\s*[-+]?\d+,(?:\d{1,2}|\d{4,})\s*"
 """A number whose comma stands between no thousands."""
+WESTERN, OTHER_PAGES = "cp1252", ("cp932", "gb18030", "cp949", "cp1251")
+"""Code pages of Windows: of western languages; of Japanese, Chinese, Korean and Russian, which one it is shows in a text's first
+`ENOUGH` bytes."""
+ENOUGH = 20_000
 END_OF_HEADER = "***End_of_Header***"
 """Line of LabVIEW's measurement files (.lvm)."""
 
@@ -67,6 +71,8 @@ def read_text(path: Path, source: Source) -> Series:
     separator, width = _form(path, records, source.separator or (said[1] if said else None), source.missing)
     frame, records, too_long = _split(path, records, separator, width)
     data, first = _data_rows(path, frame, records, source, separator)
+    if data[-1] and not text.endswith("\n") and _is_cut_off(_cells(records[-1].text, separator), frame[data][:-1]):
+        data[-1] = False
     head = head_of(
         path, [(r.line, frame.iloc[i].tolist(), r.text) for i, r in enumerate(records[:first])], frame.shape[1], source
     )
@@ -89,7 +95,7 @@ def read_text(path: Path, source: Source) -> Series:
 
 # ------------------------------------------------------------------ characters and lines
 def _decoded(path: Path, data: bytes) -> str:
-    """Text in UTF-8, UTF-16, UTF-32 or Windows' western code page, with one kind of line break."""
+    """Text in UTF-8, UTF-16, UTF-32 or a code page of Windows, with one kind of line break."""
     half = max(1, len(data.rstrip(b"\0")) // 2)
     if data.startswith((b"\xff\xfe\0\0", b"\0\0\xfe\xff")):
         encoding = "utf-32"
@@ -105,12 +111,22 @@ def _decoded(path: Path, data: bytes) -> str:
     try:
         text = data.decode(encoding)
     except UnicodeDecodeError:
-        text = data.decode("cp1252", "replace") if encoding == "utf-8-sig" else data.decode(encoding, "replace")
+        text = data.decode(_code_page(data) if encoding == "utf-8-sig" else encoding, "replace")
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     begin = text[:10_000]
     if sum(c < " " and c not in "\t\n\0\f\x1a" for c in begin) + begin.count("\ufffd") > 0.1 * len(begin):
         raise ConfigError(f"{path}: is not a text table; export the data as CSV")
     return text.replace("\0", "")
+
+
+def _code_page(data: bytes) -> str:
+    """Of text that is no Unicode: Windows' western one, unless letters beyond ASCII stand together as in no western word."""
+    if not re.search(rb"[\x80-\xff]{3}", data):
+        return WESTERN
+    from charset_normalizer import from_bytes
+
+    found = from_bytes(data[:ENOUGH], cp_isolation=list(OTHER_PAGES)).best()
+    return found.encoding if found is not None else WESTERN
 
 
 def _records(text: str) -> Iterator[Record]:
@@ -269,6 +285,23 @@ def _data_rows(
     behind = np.arange(len(odd)) > (clean[-1] if len(clean) else len(odd))
     data = np.asarray(data & ~(behind & (words & single)[:, of_numbers].any(axis=1)))  # without sums, means and the like
     return data, int(np.argmax(data))
+
+
+def _is_cut_off(last: Sequence[str], above: pd.DataFrame) -> bool:
+    """Whether a last line ends before its last number does: it has fewer cells than the rows above it, or fewer decimals in its
+    last cell than all of them."""
+    if len(above) < 2 or len(last) > above.shape[1]:
+        return False
+    if len(last) < above.shape[1]:
+        return bool(above.iloc[:, len(last) :].ne("").any(axis=1).all())
+    known = above.iloc[:, -1].map(_decimals)
+    return bool(known.min() == known.max() > _decimals(last[-1]))
+
+
+def _decimals(cell: str) -> int:
+    """Digits behind a decimal mark at the end of a cell."""
+    found = re.search(r"[.,](\d+)\s*$", cell)
+    return len(found[1]) if found else 0
 
 
 def _counted_headings(frame: pd.DataFrame, number: NDArray[np.bool_], source: Source) -> bool:

@@ -69,12 +69,17 @@ def _gravity(robot: Robot, seen: Pressures) -> Iterator[str]:
         asked = settings(robot, resting, vented=True)
     except BadCondition:  # the states do not fit this robot, which is said elsewhere
         return
-    found = {turn: solve(rods_of(_turned(robot, turn), asked), FINE) for turn in TURNS}
-    stands = np.all([f.converged for f in found.values()], axis=0)
+    tips = np.array([r.tip for r in resting])
+    away: dict[tuple[int, int], Array] = {}
+    for turn in TURNS:
+        found = solve(rods_of(_turned(robot, turn), asked), FINE)
+        away[turn] = np.where(found.converged, np.linalg.norm(found.tip - tips, axis=1), np.nan)
+        if np.nanmax(away[TURNS[0]], initial=0.0) <= ASIDE * robot.length:  # the others need not be computed
+            return
+    stands = np.isfinite(list(away.values())).all(axis=0)
     if not stands.any():
         return
-    tips = np.array([r.tip for r in resting])[stands]
-    missed = {turn: float(np.sqrt(((f.tip[stands] - tips) ** 2).sum(axis=1).mean())) for turn, f in found.items()}
+    missed = {turn: float(np.sqrt((d[stands] ** 2).mean())) for turn, d in away.items()}
     given = missed[TURNS[0]]
     if other := _other(robot, missed):
         yield (

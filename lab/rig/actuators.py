@@ -35,7 +35,7 @@ START_WITHIN = 30.0
 ANSWER_WITHIN = 50.0
 """Host seconds after which a guard that lives and beats but does not answer is given up."""
 BEATS_MISSED = 2.0
-"""The guard counts as frozen after so many times the rig's `safe.heartbeat` without a sign of life."""
+"""The guard counts as frozen after this many times the rig's `safe.heartbeat` without a sign of life."""
 SLICE = 0.05
 LIVING_ON: list[subprocess.Popen[bytes]] = []
 """Guards that go on landing their rigs without this program."""

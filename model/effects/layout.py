@@ -36,7 +36,7 @@ class Layout:
     parts: tuple[int, ...]
     """INNER or OUTER."""
     tied: Mapping[int, Mapping[int, float]]
-    """Column -> columns that are always so many times as large: sections are round, and silicone without spine is the same
+    """Column -> columns that are always this many times as large: sections are round, and silicone without spine is the same
     all along the body."""
 
     @cached_property

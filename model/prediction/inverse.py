@@ -32,7 +32,7 @@ REACHED = 0.1e-3
 TRIED, SEED = 4096, 7
 """States among which starts are looked for, and their seed."""
 BANDS, NEAREST = 4, 12
-"""Bands of spine length in each of which a start is taken: the state of least pressure of so many nearest to the target."""
+"""Bands of spine length in each of which a start is taken: the state of least pressure of this many nearest to the target."""
 ROUNDS, STEP_TOLERANCE, COST_TOLERANCE = 40, 1e-6, 1e-5
 FIRST_RADIUS, LEAST_RADIUS = 0.3, 1e-7
 """Trust region, as a share of the ranges."""

@@ -7,8 +7,8 @@ the pressures before (hysteresis, creep), so one that was broken off is done aga
     {"journal": 1, "campaign": "...", "protocol": "bending"}
     {"recording": "bending-20250101-120000.mcap", "first_trial": 1}
     {"trial": 1, "step": 1}
-    {"trial": 1, "done": 5}                             so many states were read
-    {"trial": 2, "skipped": 3}                          a person left it out; so many had been read
+    {"trial": 1, "done": 5}                             this many states were read
+    {"trial": 2, "skipped": 3}                          a person left it out; this many had been read
 """
 
 from __future__ import annotations
@@ -92,11 +92,11 @@ class Journal:
         self._append({"trial": trial, "step": step})
 
     def done(self, trial: int, states: int) -> None:
-        """A trial is finished; so many states were read in it."""
+        """A trial is finished; this many states were read in it."""
         self._append({"trial": trial, "done": states})
 
     def skipped(self, trial: int, states: int) -> None:
-        """A person left a trial out, in which so many states had been read."""
+        """A person left a trial out, in which this many states had been read."""
         self._append({"trial": trial, "skipped": states})
 
     def _append(self, line: dict[str, object]) -> None:

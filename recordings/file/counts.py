@@ -153,7 +153,7 @@ class Tally:
             self.device_stamps.append(struct.unpack_from("<d", payload, self.stamp_at)[0])
 
     def counts(self, generated: int) -> StreamCounts:
-        """The counts so far, of so many generated with those that wait in the queue; what is still on its way to the disk counts
-        as dropped until it is there."""
+        """The counts so far, of this many generated with those that wait in the queue; what is still on its way to the disk
+        counts as dropped until it is there."""
         at = timing(np.sort(np.array(self.stamps[: self.written], dtype=np.int64)) / 1e9)
         return StreamCounts.of(generated, self.written, self.lost, at)

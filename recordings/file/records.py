@@ -35,7 +35,7 @@ LAYOUT: dict[int, tuple[int, ...]] = {
     Opcode.ATTACHMENT: (16, -4, -4, -8, 4), Opcode.ATTACHMENT_INDEX: (40, -4, -4), Opcode.STATISTICS: (42, -4),
     Opcode.METADATA: (-4, -4), Opcode.METADATA_INDEX: (16, -4), Opcode.SUMMARY_OFFSET: (17,), Opcode.DATA_END: (4,),
 }  # fmt: skip
-"""Fields of each kind: bytes of fixed fields, or -4 and -8 for bytes counted by a number of so many bytes in front of them."""
+"""Fields of each kind: bytes of fixed fields, or -4 and -8 for bytes counted by a number of this many bytes in front of them."""
 PLAUSIBLE = 2**32
 """Bytes that a record may claim beyond the end of a file that was cut off."""
 UNPACKERS = min(4, os.cpu_count() or 1)

@@ -219,7 +219,7 @@ class Recorder:
         return take
 
     def note_lost(self, topic: str, count: int) -> None:
-        """A driver knows that so many samples of its stream never arrived; raises `BadMessage` for fewer than none."""
+        """A driver knows that this many samples of its stream never arrived; raises `BadMessage` for fewer than none."""
         if count < 0:
             raise BadMessage(f"{topic}: {count} lost samples, must not be below 0; give the number since the recording began")
         entry = self._topics[topic]

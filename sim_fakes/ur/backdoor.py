@@ -5,8 +5,9 @@ Requests, `do` and its other keys:
 - state; set (q [rad], pose [m, rotation vector], wrench [N, N m], slider 0..1, payload [kg], payload_centre [m],
   tcp [m, rotation vector]); forget (empties the logs)
 - protective_stop; emergency_stop; clear; power (on)
-- safeguard_stop (somebody opens the cell); safety (name: any state, as the dashboard calls it); serial (text)
-- remote (on: the pendant is in remote control)
+- pause (at the pendant; clear lets the program go on); safeguard_stop (somebody opens the cell, the same)
+- safety (name: any state, as the dashboard calls it); serial (text)
+- starting (text: what it says in place of data, "" ends it); remote (on: the pendant is in remote control)
 - drop (cuts all connections); freeze (seconds, 0 ends it); dashboard (silent); halt (on: no cycle passes)
 - stuck (variables: names whose values stay, or a table of names and values)
 - lag (seconds); mangle (how: half, split, garbage, flip, replay or ""); skew (factor of the controller's own time)
@@ -79,12 +80,16 @@ def act(hub: Hub, request: dict[str, Any]) -> None:
             controller.protective_stop("back door")
         case "emergency_stop":
             controller.emergency_stop()
+        case "pause":
+            controller.pause()
         case "safeguard_stop":
             controller.safeguard_stop()
         case "safety":
             controller.safety_stop(str(request["name"]))
         case "remote":
             controller.remote = bool(request["on"])
+        case "starting":
+            controller.starting = str(request["text"])
         case "serial":
             controller.serial = str(request["text"])
         case "halt":

@@ -24,6 +24,7 @@ class Runtime(IntEnum):
 
     STOPPED = 1
     PLAYING = 2
+    PAUSED = 4
 
 
 class RobotMode(IntEnum):
@@ -69,6 +70,10 @@ SAFETY_MODE: dict[int, tuple[int, str]] = {
     Safety.THREE_POSITION_STOP: (13, "SYSTEM_THREE_POSITION_ENABLING_STOP"),
 }
 """safety_status_bits -> safety_mode and the dashboard's name for it."""
+PAUSING = (
+    Safety.SAFEGUARD_STOP, Safety.THREE_POSITION_STOP, Safety.SYSTEM_EMERGENCY_STOP, Safety.EMERGENCY_STOP
+)  # fmt: skip
+"""What halts a program and lets it go on with its motion once it is cleared."""
 WITHOUT_POWER = (Safety.SYSTEM_EMERGENCY_STOP, Safety.EMERGENCY_STOP, Safety.VIOLATION, Safety.FAULT)
 
 UPTIME = 1000.0
@@ -104,11 +109,13 @@ class Controller:
     """m"""
     operational_mode: str = "NONE"
     user_role: str = "programmer"
+    starting: str = ""
+    """What it says to RTDE clients in place of data: it has not started yet, or nobody has confirmed its safety setup."""
     remote: bool = True
     """The pendant is in remote control; a CB3 has no such switch."""
     safety: int = Safety.NORMAL
     robot_mode: int = RobotMode.RUNNING
-    runtime: int = Runtime.STOPPED
+    runtime: Runtime = Runtime.STOPPED
     commands: list[Command] = field(default_factory=list)
     ended: list[str] = field(default_factory=list)
     """Why each program ended, oldest first."""
@@ -149,7 +156,7 @@ class Controller:
         while self._steps and self._steps[0][0] <= self.t:
             self.robot_mode = self._steps.pop(0)[1]
         try:
-            if self._program is not None and not self._program.cycle(dt * self.slider):
+            if self._program is not None and self.runtime == Runtime.PLAYING and not self._program.cycle(dt * self.slider):
                 self.end_program("stopped by the client")
         except ProgramError as error:
             self.end_program(str(error))
@@ -161,7 +168,7 @@ class Controller:
     def _watch(self, lasted: float) -> None:
         """The watchdog counts the controller's own cycles, so a late host does not trip it; nor do cycles that the host makes
         up faster than they should come, in which a client has less time than it knows."""
-        if self._watchdog is None:
+        if self._watchdog is None or self.runtime == Runtime.PAUSED:
             return
         self._starving += lasted
         if self._starving > 1.0 / self._watchdog:
@@ -188,8 +195,7 @@ class Controller:
 
     def safeguard_stop(self) -> None:
         """Somebody opened the cell: the arm halts as after a protective stop, with its brakes released."""
-        self.safety = Safety.SAFEGUARD_STOP
-        self.end_program("safeguard stop")
+        self.safety_stop("SAFEGUARD_STOP")
 
     def emergency_stop(self) -> None:
         """Somebody pressed the button: power is cut."""
@@ -201,7 +207,9 @@ class Controller:
         if self.safety in WITHOUT_POWER:
             self._steps.clear()
             self.robot_mode = RobotMode.POWER_OFF
-        if self.safety not in (Safety.NORMAL, Safety.REDUCED):
+        if self.safety in PAUSING:
+            self.pause()
+        elif self.safety not in (Safety.NORMAL, Safety.REDUCED):
             self.end_program(name.lower().replace("_", " "))
 
     def power(self, on: bool, release: bool = False) -> bool:
@@ -231,9 +239,17 @@ class Controller:
         return True
 
     def clear(self) -> None:
-        """Somebody at the pendant has cleared the stop, powered on and released the brakes."""
+        """Somebody at the pendant has cleared the stop, powered on and released the brakes; a paused program goes on."""
         self._steps.clear()
         self.safety, self.robot_mode = Safety.NORMAL, RobotMode.RUNNING
+        if self.runtime == Runtime.PAUSED:
+            self.runtime = Runtime.PLAYING
+
+    def pause(self) -> None:
+        """The program halts where it is, until `clear`."""
+        self.arm.halt()
+        if self._program is not None:
+            self.runtime = Runtime.PAUSED
 
     def load(self, text: str) -> None:
         """A program arrives; a running one is replaced."""
@@ -321,7 +337,7 @@ class Controller:
             "safety_status": SAFETY_MODE[self.safety][0],
             "payload": self.payload,
             "safety_status_bits": self.safety,
-            "robot_status_bits": (self.robot_mode != RobotMode.POWER_OFF) | (self.runtime == Runtime.PLAYING) << 1,
+            "robot_status_bits": (self.robot_mode != RobotMode.POWER_OFF) | (self.runtime != Runtime.STOPPED) << 1,
             "speed_scaling": self.slider,
             "target_speed_fraction": self.slider,
         }

@@ -70,7 +70,7 @@ def answer(controller: Controller, request: str) -> str:
         "safetymode": f"Safetymode: {SAFETY_MODE[controller.safety][1]}",
         "safetystatus": f"Safetystatus: {SAFETY_MODE[controller.safety][1]}",
         "running": f"Program running: {'true' if running else 'false'}",
-        "programstate": "PLAYING rtde_control" if running else "STOPPED null",
+        "programstate": f"{controller.runtime.name} {'null' if controller.runtime == Runtime.STOPPED else 'rtde_control'}",
         "get loaded program": "No program loaded",
         "get serial number": controller.serial,
         "get robot model": controller.model,
@@ -89,7 +89,7 @@ def _act(controller: Controller, request: str, key: str) -> str:
     verb, _, rest = request.partition(" ")
     match key:
         case "stop":
-            if controller.runtime != Runtime.PLAYING:
+            if controller.runtime == Runtime.STOPPED:
                 return "Failed to execute: stop"
             controller.end_program("stopped at the dashboard")
             return "Stopped"

@@ -14,7 +14,7 @@ from . import variables
 from .wire import Connection, Hub
 
 PORT = 30004
-VERSION, CONTROLLER_VERSION, OUTPUTS, INPUTS, START, PAUSE, DATA = b"VvOISPU"
+VERSION, CONTROLLER_VERSION, OUTPUTS, INPUTS, START, PAUSE, DATA, TEXT = b"VvOISPUM"
 LONGEST_NAMES = 2048
 """Bytes of a list of names; a longer one is refused."""
 SLOWEST = 1.0
@@ -105,6 +105,8 @@ class RtdeConnection(Connection):
         if kind == VERSION and len(body) == 2:
             asked = struct.unpack(">H", body)[0]
             self.version = asked if asked in (V1, V2) else self.version
+            if said := self.hub.controller.starting:
+                self._send(TEXT, b"\0" + said.encode())
             self._send(kind, bytes([asked in (V1, V2)]))
         elif kind == CONTROLLER_VERSION and not body:
             self._send(kind, struct.pack(">4I", *self.hub.controller.version))
@@ -183,7 +185,7 @@ class RtdeConnection(Connection):
     def publish(self, values: dict[str, list[float]]) -> None:
         """Send this cycle's package when it is due; `values` is shared by all clients of the cycle."""
         want = self.subscription
-        if want is None or not self.started:
+        if want is None or not self.started or self.hub.controller.starting:
             return
         want.cycle += 1
         # packages are skipped while a client leaves too much unread

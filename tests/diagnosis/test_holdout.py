@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.answer.attribute import Attribution, attribute
+from diagnosis.answer.attribute import Attribution, attribute, begin
 from diagnosis.answer.holdout import evaluate_holdout, unseen_states
 from diagnosis.answer.shrink import closed_with_interval
 from diagnosis.answer.verdict import Decision
@@ -26,7 +26,8 @@ def diagnosed() -> Measured:
 
 @pytest.fixture(scope="module")
 def found(diagnosed: Measured) -> Attribution:
-    return attribute(prepare(ROBOT, states(diagnosed)[0], catalogue=SOME), {effect: spec.stage for effect, spec in SOME.items()})
+    prepared = prepare(ROBOT, states(diagnosed)[0], catalogue=SOME)
+    return attribute(prepared, {effect: spec.stage for effect, spec in SOME.items()}, begin(prepared))
 
 
 def test_an_effect_that_is_at_work_in_both_is_confirmed(found: Attribution, diagnosed: Measured) -> None:

@@ -19,7 +19,7 @@ from tests.diagnosis.toy import IDS, Grid, ToyForward, parameter, parameters, to
 
 
 def most_probable(problem: Problem) -> Hypothesis:
-    return posterior(Search(problem).run(), len(IDS), 1.0).ranking[0][0]
+    return posterior(Search(problem).run(), len(IDS)).ranking[0][0]
 
 
 @pytest.mark.parametrize("effect", ["stiffer", "ballooning", "play", "turned", "bent"])

@@ -188,6 +188,30 @@ def test_every_bit_of_a_hardware_error_is_named(make: Make) -> None:
     fault_of(spine, "supply voltage, overheated, overload")
 
 
+def test_a_supply_that_sags_ends_the_motion_although_the_torque_stays_on(make: Make, plant: Plant) -> None:
+    spine, servo = make()
+    homed(spine)
+    spine.move_to(0.3, 0.02)
+    watch(spine, lambda s: s.length > 0.02)
+    servo.faults.extra["hardware_error"] = 1
+    assert "stopped and holds" in fault_of(spine, "supply voltage")
+    timing.sleep(0.5)
+    stopped = plant.spine_drive
+    timing.sleep(0.5)
+    assert stopped < 0.2 and plant.spine_drive == stopped and servo.motor.get(TORQUE) == 1
+
+
+def test_one_reading_that_is_wrong_by_a_turn_is_neither_told_nor_held(make: Make, plant: Plant) -> None:
+    spine, servo = make()
+    homed(spine)
+    servo.faults.extra["glitch"] = 1
+    assert spine.read().length == pytest.approx(0.0, abs=1e-3)
+    servo.faults.extra["glitch"] = 1
+    spine.stop()
+    timing.sleep(0.5)
+    assert plant.spine_drive == pytest.approx(0.0, abs=1e-3) and servo.motor.get(116) == pytest.approx(servo.motor.counts, abs=3)
+
+
 def test_a_silent_host_trips_the_watchdog_and_stop_acknowledges_it(make: Make, plant: Plant) -> None:
     spine, servo = make(watchdog=0.3)
     homed(spine)

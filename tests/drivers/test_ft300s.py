@@ -72,6 +72,12 @@ def test_force_is_turned_into_the_sensor_frame_with_its_moment(sensor: FT300S, f
     assert np.allclose(raw[3:], np.cross([0.0, 0.02, 0.1], [5.0, -3.0, -12.0]), atol=0.005)
 
 
+def test_a_stream_left_running_behind_an_echoing_adapter_is_stopped(sensor: FT300S, fake: Ft300sFake) -> None:
+    fake.device.streaming, fake.faults.echo = True, True
+    sensor.open()
+    sensor.latest()
+
+
 def test_identity_comes_from_the_registers(sensor: FT300S, fake: Ft300sFake) -> None:
     fake.device.number, fake.device.version, fake.device.year = 70_001, (3, 1, 4), 2024
     identity = sensor.open()

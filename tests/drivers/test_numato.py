@@ -83,3 +83,9 @@ def test_damaged_answers_are_never_taken_for_a_state(opened: Opened, fake: Numat
     setattr(fake.faults, fault, True)
     with pytest.raises((BadReply, NoReply)):
         valve.read()
+
+
+def test_a_module_of_newer_firmware_is_one_too(opened: Opened, fake: NumatoFake) -> None:
+    fake.version, fake.line_end = "A0M09.01", b"\r"
+    valve = opened()
+    assert valve.set(True) is True

@@ -141,10 +141,10 @@ def test_a_refusal_tells_the_modules_reason(make: Make) -> None:
 def test_after_damaged_answers_both_ends_agree_again_on_frames(make: Make) -> None:
     spine, module = make()
     homed(spine)
-    module.faults.garbage = b"\x01\x02"
+    module.faults.truncate = True
     with pytest.raises(BadReply):
         spine.read()
-    module.faults.garbage = b""
+    module.faults.truncate = False
     assert spine.read().length == 0.0
 
 

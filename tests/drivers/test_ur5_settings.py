@@ -15,6 +15,7 @@ from drivers.ur5.driver import UR5, Config
 from drivers.ur5.safety import stop_text
 from drivers.ur5.state import Config as StateConfig
 from drivers.ur5.state import UR5State
+from sim_fakes.ur import upload
 from tests.simulated.clock import SimulatedClock
 from timing import RigClock
 
@@ -33,13 +34,14 @@ def as_delivered(rig: Rig) -> Iterator[None]:
     rig.process.backdoor("safety", name="NORMAL")
     rig.process.backdoor("clear")
     rig.process.backdoor("remote", on=True)
+    rig.process.backdoor("starting", text="")
     rig.process.backdoor("stuck", variables={})
     rig.process.backdoor("set", slider=1.0, payload=0.8, payload_centre=[0, 0, 0.05], tcp=[0] * 6)
 
 
 @contextmanager
 def an_arm(rig: Rig, **changes: Any) -> Iterator[UR5]:
-    arm = UR5("arm", Config(**{"host": rig.host, "timeout": 10.0} | changes), rig.clock)
+    arm = UR5("arm", Config(**{"host": rig.host, "model": "UR5e", "timeout": 10.0} | changes), rig.clock)
     arm.open()
     try:
         yield arm
@@ -188,3 +190,43 @@ def test_an_arm_too_old_to_tell_its_payload_is_opened() -> None:
     with a_rig(version="3.10.0.1") as old, an_arm(old, model="") as arm:
         old.process.backdoor("set", payload=2.0)
         arm.confirm_settings()
+
+
+def test_a_program_that_is_paused_while_nothing_moves_is_named(rig: Rig) -> None:
+    with an_arm(rig, timeout=0.5) as arm:
+        rig.process.backdoor("pause")
+        wait_until(lambda: arm._state.runtime == 4)
+        with pytest.raises(DeviceFault, match="paused at the pendant"):
+            arm.confirm_settings()
+
+
+@pytest.mark.parametrize("halt", ["safeguard_stop", "emergency_stop", "pause"])
+def test_a_motion_that_was_halted_does_not_go_on_by_itself(rig: Rig, halt: str) -> None:
+    with an_arm(rig) as arm:
+        arm.move_to(raised(tuple(rig.process.backdoor()["pose"]), 0.05), 0.02, 0.5)
+        timing.sleep(0.3)
+        rig.process.backdoor(halt)
+        with pytest.raises(DeviceFault, match="safeguard stop|emergency stop|paused at the pendant"):
+            watch(arm)
+        halted = rig.process.backdoor()["pose"]
+        rig.process.backdoor("clear")
+        timing.sleep(0.3)
+        assert rig.process.backdoor()["pose"] == pytest.approx(halted, abs=1e-9)
+
+
+def test_an_arm_of_the_other_series_is_told_although_its_dashboard_gives_the_same_name(rig: Rig) -> None:
+    with pytest.raises(WrongDevice, match="model .* is 'UR5e', not 'UR5'"), an_arm(rig, model="UR5"):
+        pass
+
+
+def test_what_a_controller_says_in_place_of_data_is_passed_on(rig: Rig) -> None:
+    rig.process.backdoor("starting", text="no data before the safety setup is confirmed")
+    with pytest.raises(Unreachable, match="says 'no data before .*confirmed at the pendant"), an_arm(rig, timeout=0.5):
+        pass
+
+
+def test_a_service_that_is_switched_off_at_the_pendant_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(upload, "PORTS", (30001, 30002))
+    found = "nothing listens at .*:30003 .*enabled at the pendant"
+    with a_rig(version=E_SERIES) as bare, pytest.raises(Unreachable, match=found), an_arm(bare):
+        pass

@@ -46,7 +46,7 @@ def wait_until(true: Callable[[], bool], timeout: float = 60.0) -> None:
 
 
 def raised(pose: tuple[float, ...], by: float) -> tuple[float, ...]:
-    """A pose moved up by so many m."""
+    """A pose moved up by this many m."""
     return (pose[0], pose[1], pose[2] + by, *pose[3:])
 
 

@@ -70,7 +70,7 @@ def test_the_fits_of_a_diagnosis_give_the_same_answer_on_processes(two: Processe
 
 
 class Meets:
-    """Waits until it is at work in so many processes; how often it was read in each."""
+    """Waits until it is at work in this many processes; how often it was read in each."""
 
     reads = 0
 

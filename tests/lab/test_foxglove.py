@@ -84,7 +84,7 @@ class Viewer:
         self.wire.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
 
     def told(self, within: float = WITHIN) -> Iterator[Any]:
-        """What comes, None where nothing comes within so many seconds; the clock beside it is kept."""
+        """What comes, None where nothing comes within this many seconds; the clock beside it is kept."""
         while True:
             try:
                 data = self.wire.recv(within)

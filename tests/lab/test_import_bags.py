@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import zstandard
 from commands import Cli, Done
@@ -17,7 +18,7 @@ from google.protobuf.descriptor_pb2 import FieldDescriptorProto
 from google.protobuf.timestamp_pb2 import Timestamp
 from mcap.writer import Writer
 
-from lab.imports.recording_topics import _numbers
+from lab.imports.recording_topics import _at, _numbers
 from recordings.table_file import read_csv
 from recordings.trials import Table
 
@@ -289,3 +290,19 @@ def test_a_damaged_bag_names_recover(place: Path, importer: Importer) -> None:
     data[len(data) // 3] ^= 1
     (place / "bag.mcap").write_bytes(data)
     assert "`lab recover`" in importer(place / "bag.mcap", code=2).flat_err
+
+
+@pytest.mark.parametrize(
+    ("values", "between"),
+    [
+        ([0.0, 1.0, 3.0, 4.0], [0.25, 1.5, 3.25]),
+        ([178.0, 179.5, -179.0, -177.5], [178.375, 179.5, -178.625]),
+        ([1, 1, 1, 2], [1, 1, 1]),
+    ],
+    ids=["a place", "an angle past 180 deg", "a count of trials"],
+)
+def test_between_two_readings_a_place_moves_and_a_count_or_a_turned_angle_does_not(
+    values: list[float], between: list[float]
+) -> None:
+    times = np.arange(4.0) / 10
+    assert _at(times[:3] + 0.025, times, np.array(values, float)) == pytest.approx(between)

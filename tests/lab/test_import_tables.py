@@ -102,6 +102,21 @@ def test_a_table_gives_the_states_of_the_plain_one(kind: str, tmp_path: Path) ->
     assert made.table["t"] - made.table["t"][0] == pytest.approx(wanted[:, 0], abs=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("page", "names"),
+    [
+        ("cp932", ["時間 [s]", "ポンプ圧力 [kPa]", "先端X [mm]"]),
+        ("cp949", ["시간 [s]", "압력 [kPa]", "길이 [mm]"]),
+        ("cp1251", ["Время [с]", "Давление [кПа]", "Длина [мм]"]),
+        ("cp1252", ["Größe [s]", "Länge [µm]", "Winkel [°]"]),
+    ],
+)
+def test_headings_are_read_in_the_code_page_of_their_language(page: str, names: list[str], tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    path.write_bytes(text([row[:3] for row in FEW], ";", names).encode(page))
+    assert list(read(path, Source()).columns) == names
+
+
 MISSING = (
     "NA", "NaN", "-", "n/a", "#DIV/0!", "", "null", "--", "1.#QNAN", "-9999", "lost", "Inf", "?", "N.A.", "verdeckt", "-nan(ind)",
     "1.#INF", "\\N", "1e300",
@@ -171,6 +186,16 @@ def test_columns_are_numbered_as_the_file_has_them(tmp_path: Path) -> None:
         (tmp_path / "t.csv").write_text("first,,PA,X\n" + "".join(f"{first},,{p},{x}\n" for p, x in ((1, 5), (2, 6))))
         series = read(tmp_path / "t.csv", Source())
         assert series.columns[series.names[2]].tolist() == [1, 2] and series.columns[series.names[3]].tolist() == [5, 6]
+
+
+@pytest.mark.parametrize(("cut", "left"), [(0, 0), (1, 0), (2, 1), (5, 1), (9, 1)])
+def test_a_last_line_that_was_cut_off_is_left_out(cut: int, left: int, tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    written = text(FEW, change=lambda k, c: [*c[:-1], f"{float(c[-1]):.3f}"])
+    path.write_text(written[: len(written) - cut])
+    found = read(path, Source())
+    assert len(found.columns["Time [s]"]) == len(FEW) - left
+    assert len(found.notes) == left
 
 
 def test_a_line_with_too_many_cells_is_left_out_and_many_are_refused(tmp_path: Path) -> None:

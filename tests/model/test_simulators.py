@@ -49,7 +49,7 @@ def test_the_example_knows_tendons_and_tapers(reference_robot: Robot) -> None:
 
 
 def read(name: str, robot: Robot, at: States, pieces: int = 0, **changes: float) -> Readings:
-    """What a simulator says, with so many elements or segments."""
+    """What a simulator says, with this many elements or segments."""
     if name == "PyElastica":
         from model.simulators.pyelastica import PyElastica as Simulator  # slow to import
     else:

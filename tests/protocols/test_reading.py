@@ -64,7 +64,7 @@ def bench_of(clock: ClockOfStream, recorder: Recorder, narrator: Narrator) -> Be
 
 
 def read(path: Path, pauses: list[tuple[float, float]], repeatable: bool, topics: tuple[str, ...] = (TOPIC,)) -> list[str]:
-    """What is said while one state is read in a window of 1 s; pauses from and to so many s after its begin."""
+    """What is said while one state is read in a window of 1 s; pauses from and to this many s after its begin."""
     clock, narrator = ClockOfStream(), Narrator()
     with Recorder(path, start_wall_ns=10**18, sensors=[HUMIDITY]) as recorder:
         trials = Trials(bench_of(clock, recorder, narrator), Plan("test", (), {}))

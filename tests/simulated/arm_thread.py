@@ -184,6 +184,9 @@ class Receive:
     def getSafetyMode(self) -> int:  # noqa: N802
         return int(self._value("safety_mode"))
 
+    def getRuntimeState(self) -> int:  # noqa: N802
+        return int(self._value("runtime_state"))
+
     def getTargetSpeedFraction(self) -> float:  # noqa: N802
         return float(self._value("target_speed_fraction"))
 
@@ -228,7 +231,7 @@ class Control:
         timing.wait(
             lambda: (
                 (controller.out_int[0] == said and not hub.frozen)
-                or controller.runtime != Runtime.PLAYING
+                or controller.runtime == Runtime.STOPPED
                 or not self._link.connected
             ),
             ANSWERED_WITHIN,

@@ -33,7 +33,7 @@ WHOLE = 1.0
 
 @routine
 def evaluate(group: Group, springs: int, dead: float) -> None:
-    """Shoot from the present unknowns and read what comes out at the base; dead loads count `dead` times, and so many
+    """Shoot from the present unknowns and read what comes out at the base; dead loads count `dead` times, and this many
     springs pull."""
     start_at_tip(group, springs, dead)
     parts = group.parts
