@@ -25,10 +25,11 @@ from ..inference.budget import Part, after_calibration, parts
 from ..inference.candidate import Candidate
 from ..inference.evidence import KNOWN, NONE, Hypothesis, log_allowed_share
 from ..inference.linear import Linear
+from ..inference.posterior import hypothesis_prior
 from ..inference.prepare import Prepared
 from ..inference.problem import Problem, leading
 from ..inference.search import Search
-from ..judgement import PRIOR_OF_NUMBER, SAME_ODDS, TEMPERATURE, TOLERATED_SIZES
+from ..judgement import SAME_ODDS, TEMPERATURE, TOLERATED_SIZES
 
 CAUSE = (0.5, 1.5)
 """Plausible scales of a cause."""
@@ -146,6 +147,5 @@ def probabilities(d: Planned, readings: Array) -> tuple[tuple[Hypothesis, ...], 
                     allowed = allowed - log_allowed_share(prior.mean[None], prior.variance[None], cut, p)
                     terms.append(log_p - 0.5 * misfit + allowed + KNOWN.log_weights[s, g, f])
         evidence[i] = logsumexp(terms, axis=0)
-    shares = np.array([PRIOR_OF_NUMBER[len(h)] / (len(d.effects) if h else 1) for h in named])
-    score = evidence.T / TEMPERATURE + np.log(shares)
+    score = evidence.T / TEMPERATURE + np.log([hypothesis_prior(h, len(d.effects)) for h in named])
     return named, softmax(score, axis=1) / (1 + SAME_ODDS)
