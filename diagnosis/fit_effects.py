@@ -148,15 +148,16 @@ def fit_effects(
     )
     after = rms(missed)
     stated, posterior, unseen = _posterior(p, found, after)
-    made, learnt = _written(robot, p, named, stated, posterior), None
+    made, left_out = _written(robot, p, named, stated, posterior), None
     if residual:
-        learnt = learn_residual(made, own.trial[main], with_vented_at_zero(own)[main], own.spine_length[main], missed)
-        made = made.model_copy(update={"residual": learnt.residual})
+        pressure, length = with_vented_at_zero(own)[main], own.spine_length[main]
+        learnt, left_out = learn_residual(made, own.trial[main], pressure, length, missed)
+        made = made.model_copy(update={"residual": learnt})
     parameters = p.problem.parameters
     concerns = (*concerns, *beyond_tolerance(parameters, parameters.tense(found.fit.theta), robot))
     return Fitted(
         made, (*found_before, *named), stated, len(own), len(np.unique(own.trial)), 1e3 * rms(before),
-        p.area_factor(baseline.theta), 1e3 * after, concerns, unseen, None if learnt is None else 1e3 * learnt.left_out,
+        p.area_factor(baseline.theta), 1e3 * after, concerns, unseen, None if left_out is None else 1e3 * left_out,
     )  # fmt: skip
 
 
