@@ -191,7 +191,7 @@ def _joined(before: Prepared, after: Prepared) -> Problem:
     forward = _JointForward(before, after)
     first, second = before.problem, after.problem
     smooth = block_diag(first.discrepancy, second.discrepancy)
-    later = (second.shared_basis, second.channel_basis)
-    shared_basis, channel_basis = (np.vstack([np.zeros((len(first.observed), x.shape[1])), x]) for x in later)
+    later = second.form_error_basis
+    form_error_basis = np.vstack([np.zeros((len(first.observed), later.shape[1])), later])
     measured = np.concatenate([first.observed, second.observed])
-    return Problem(forward, forward.parameters, measured, first.noise.then(second.noise), smooth, shared_basis, channel_basis)
+    return Problem(forward, forward.parameters, measured, first.noise.then(second.noise), smooth, form_error_basis)

@@ -29,8 +29,7 @@ from model.errors import ModelError
 from ..arrays import Array, Ints
 from ..criticism.gaussian import Gaussian
 from ..inference.candidate import Candidate
-from ..inference.discrepancy import Settings, by_channel, settings
-from ..inference.discrepancy import columns as smooth_columns
+from ..inference.discrepancy import bases, settings
 from ..inference.evidence import Hypothesis
 from ..inference.posterior import UNKNOWN, Posterior
 from ..inference.prepare import Prepared
@@ -164,13 +163,7 @@ class Rivals:
 
 def _errors(p: Prepared, forward: ForwardModel) -> tuple[Array, Array]:
     """Columns (n, m) of a discrepancy of size 1 over new values, the basis (n, b) of a law's error."""
-    channel, design = forward.observations.channel, forward.design
+    observed, design = forward.observations, forward.design
     highest = design.pressure.max(axis=1)
     where = settings(design.spine_length, highest, np.where(design.unload, -1.0, 1.0), np.zeros(len(design)), p.robot.length)
-    names = sorted(set(channel.tolist()))
-    size = np.array([2 * p.unit / p.robot.length if n.startswith("r") else p.unit for n in names])
-    number = np.array([names.index(c) for c in channel])
-    row, smooth = forward.observations.row, smooth_columns(where)
-    laws = smooth_columns(Settings(where.place, np.ones(len(design))))
-    both = np.hstack([laws[row], by_channel(laws, row, number, np.ones(len(names)))])
-    return by_channel(smooth, row, number, size), np.sqrt(0.5) * both
+    return bases(where, observed.row, observed.channel.astype(np.str_), p.unit, p.robot.length)
