@@ -166,7 +166,7 @@ def valley(truth: Array) -> Problem:
     forward = Valley()
     y = forward.predict(truth) + SD * np.random.default_rng(4).normal(size=N)
     noise = Noise(np.arange(N), np.full(N, SD), np.zeros((N, 1)))
-    return Problem(forward, forward.parameters, y, noise, np.zeros((N, 0)), np.ones((N, 1)), np.zeros((N, 0)))
+    return Problem(forward, forward.parameters, y, noise, np.zeros((N, 0)), np.full((N, 1), np.sqrt(0.5)))
 
 
 def test_a_few_rounds_go_along_a_curved_valley_to_its_end() -> None:
