@@ -531,9 +531,9 @@ def _pair(pair: Sequence[str], d: Diagnosis) -> str:
 
 def _rivals(d: Diagnosis) -> str:
     """Which hypotheses remain that no experiment separates."""
-    others = [r for r in d.attribute.ranking if r.effects != d.attribute.effects and r.probability > RIVAL_WORTH_SEPARATING]
+    named = ("unknown",) if d.attribute.verdict == "unknown" else d.attribute.effects
+    others = [r for r in d.attribute.ranking if r.effects != named and r.probability > RIVAL_WORTH_SEPARATING]
     if not others:
         return "No other hypothesis is probable."
-    named = ", ".join(f"{hypothesis(r.effects, d)} (p = {r.probability:.2f})" for r in others[:3])
-    unknown = " Of a cause outside the catalogue no model predicts anything." if others[0].effects == ("unknown",) else ""
-    return f"Also possible: {named}, which none of these separates.{unknown}"
+    rivals = ", ".join(f"{hypothesis(r.effects, d)} (p = {r.probability:.2f})" for r in others[:3])
+    return f"Also possible: {rivals}. None of these experiments is expected to separate them."

@@ -117,9 +117,9 @@ def test_only_probable_hypotheses_are_said_to_be_separated(answered: Answered) -
     page = answered.page.read_text()
     first = found.next_experiment[0]
     assert f"<b>Next:</b> {first.do} ({first.cost_min:.0f} min)." in page
-    assert f"lab run {answered.protocols}/{first.id}.yaml --rig rig.yaml" in page
+    assert f"lab run {answered.protocols}/{first.id}.yaml --rig RIG.yaml" in page
     separating = any(p.separates for p in found.next_experiment[:6])
-    assert ("<th>separates</th>" in page) == separating and ("which none of these separates" in page) != separating
+    assert ("<th>separates</th>" in page) == separating and ("None of these experiments" in page) != separating
 
 
 def test_the_first_use_of_a_term_in_a_section_is_linked_to_its_meaning(tmp_path: Path) -> None:
