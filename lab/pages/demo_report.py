@@ -103,7 +103,7 @@ def write(
 
 
 def _errors(table: ErrorTable) -> tuple[list[str], list[list[str]]]:
-    head = ["spine", "n", "x (paper: X), mm", "z (paper: Y), mm", "y, mm", "rms, mm", "worst, mm"]
+    head = ["spine", "states", "x (paper: X), mm", "z (paper: Y), mm", "y, mm", "rms, mm", "worst, mm"]
     rows = [
         [f"{r.spine_length * 100:.0f} cm", str(r.n)]
         + [f"{v * 1e3:.2f}" for v in (r.mean_abs_x, r.mean_abs_z, r.mean_abs_y, r.rmse, r.worst)]

@@ -21,7 +21,7 @@ from pages import read_as_text
 from benchmarks.browser import Browser
 from diagnosis.answer.result import Diagnosis
 from lab.files.inputs import read_case
-from lab.pages.diagnosis_report import gap_numbers, names, write
+from lab.pages.diagnosis_report import alike, gap_numbers, names, write
 from lab.pages.glossary import TERMS
 from lab.pages.report import Report
 
@@ -108,6 +108,14 @@ def test_page_json_statement_and_command_give_the_same_headline_and_numbers(answ
         assert name == "noise floor" or "unseen" in how
     once = replace(found, waterfall=None)
     assert [(name, how) for name, _, how in gap_numbers(once)][0] == ("calibrated", "rms, in-sample")
+
+
+def test_which_effect_would_be_taken_for_which_keeps_its_direction(answered: Answered, tmp_path: Path) -> None:
+    found, report = Diagnosis.from_json(answered.json.read_text()), Report("t", "s", "a gap")
+    table = {"effects": ["area_moment", "base_tilt"], "tied_below": 9.0, "separation": [[400.0, 27.0], [0.7, 5000.0]]}
+    alike(report.section("Alike"), replace(found, detail={**found.detail, "distinguishability": table}))
+    row = read_as_text(report.write(tmp_path / "page.html").read_text()).partition("taken for")[2]
+    assert row.index("base_tilt") < row.index("area_moment")
 
 
 def test_only_probable_hypotheses_are_said_to_be_separated(answered: Answered) -> None:
