@@ -128,7 +128,8 @@ class _JointForward:
     """Two campaigns as one forward model.
 
     Its parameters theta are those of the reference; those that the later campaign has for itself (trials, repeats, drift, what
-    another day brings); and the change of each effect since, which is added to the value that both share.
+    another day brings); and the change of each effect since, which is added to the value that both share. Only the changes can
+    be named as a cause.
     """
 
     def __init__(self, before: Prepared, after: Prepared) -> None:
@@ -136,43 +137,31 @@ class _JointForward:
         self._forwards = tuple(p.forward for p in self._parts)
         reference, later = (p.parameters for p in self._parts)
         lasting = {i.name for i in before.forward.parameters if i.lasts and i.source not in ANOTHER_DAY}
-        self._shared = {i: reference.names.index(name) for i, name in enumerate(later.names) if name in lasting}
-        """Index of a parameter in the later campaign -> in the reference."""
-        self._later_only = [i for i in range(len(later.names)) if i not in self._shared]
-        self._effects = np.flatnonzero(later.of_effect)
-        """Indices in the later campaign."""
-        k, changes = len(reference.names), len(reference.names) + len(self._later_only)
-        self._places = slice(0, k), slice(k, changes), slice(changes, None)
-        """In theta, of the reference's parameters, the later campaign's own, and the changes."""
-        self.parameters = self._table(reference, later)
-
-    def _table(self, reference: Parameters, later: Parameters) -> Parameters:
-        """The parameters theta, see above, with their priors; only the changes can be named as a cause."""
+        own = [i for i, name in enumerate(later.names) if name not in lasting]
+        k = len(reference.names)
+        self._place = np.array(
+            [reference.names.index(n) if n in lasting else k + own.index(i) for i, n in enumerate(later.names)]
+        )
+        """Index in theta of each parameter of the later campaign."""
+        self._effects, self._changes = np.flatnonzero(later.of_effect), slice(k + len(own), None)
+        """Indices of effects in the later campaign, and of their changes in theta."""
         # Effects present in the reference are no change: each is free there, within its whole scale.
-        free = [replace(i, group="nuisance") for i in (*reference.infos, *(later.infos[i] for i in self._later_only))]
+        free = [replace(i, group="nuisance") for i in (*reference.infos, *(later.infos[i] for i in own))]
         # What another day brings anyway has tolerances of its own: such an effect has changed when it is named, or not at all.
         changes = [
             replace(i, name=i.name + CHANGE, starts=(0.0,), tolerated=i.tolerated and i.source not in ANOTHER_DAY.values())
             for i in (later.infos[i] for i in self._effects)
         ]
         least = [later.least_of_each[i] for i in self._effects]
-        return Parameters(
-            (*free, *changes),
-            np.concatenate([reference.sd, later.sd[self._later_only], later.sd[self._effects]]),
-            (*(LEAST_NAMED_SIZE,) * len(free), *least),
-            changes=True,
-        )
+        sd = np.concatenate([reference.sd, later.sd[own], later.sd[self._effects]])
+        self.parameters = Parameters((*free, *changes), sd, (*(LEAST_NAMED_SIZE,) * len(free), *least), changes=True)
 
     def _split(self, theta: Array) -> tuple[Array, Array]:
         """Parameters of the reference and of the later campaign, each within its campaign's bounds, from theta."""
         reference, later = (p.parameters for p in self._parts)
-        first, own, changes = (theta[place] for place in self._places)
-        second = np.zeros(len(later.names))
-        for i, j in self._shared.items():
-            second[i] = first[j]
-        second[self._later_only] = own
-        second[self._effects] += changes
-        return np.clip(first, reference.lower, reference.upper), np.clip(second, later.lower, later.upper)
+        second = theta[self._place]
+        second[self._effects] += theta[self._changes]
+        return np.clip(theta[: len(reference.names)], reference.lower, reference.upper), np.clip(second, later.lower, later.upper)
 
     def predict(self, theta: Array, trial: bool = False, whole: bool = False) -> Array:
         """Both campaigns' values (n,), reference first."""
@@ -180,17 +169,13 @@ class _JointForward:
 
     def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
         """Both campaigns' values (n,), reference first, and their derivatives by theta (n, k), or by those `columns` of it."""
-        first, second = self._split(theta)
-        (y_first, slope_first), (y_second, slope_second) = (
-            forward.linearise(t) for forward, t in zip(self._forwards, (first, second), strict=True)
+        (y_first, of_first), (y_second, of_second) = (
+            forward.linearise(t) for forward, t in zip(self._forwards, self._split(theta), strict=True)
         )
-        n, (of_reference, own, changes) = len(y_first), self._places
-        slope = np.zeros((n + len(y_second), len(theta)))
-        slope[:n, of_reference] = slope_first
-        for i, j in self._shared.items():
-            slope[n:, j] = slope_second[:, i]
-        slope[n:, own] = slope_second[:, self._later_only]
-        slope[n:, changes] = slope_second[:, self._effects]
+        slope = np.zeros((len(y_first) + len(y_second), len(theta)))
+        slope[: len(y_first), : of_first.shape[1]] = of_first
+        slope[len(y_first) :, self._place] = of_second
+        slope[len(y_first) :, self._changes] = of_second[:, self._effects]
         return np.concatenate([y_first, y_second]), slope if columns is None else slope[:, list(columns)]
 
     def near(self, theta: Array) -> _JointForward:
@@ -206,7 +191,7 @@ def _joined(before: Prepared, after: Prepared) -> Problem:
     forward = _JointForward(before, after)
     first, second = before.problem, after.problem
     smooth = block_diag(first.discrepancy, second.discrepancy)
-    later = (second.shared_basis, second.channel_basis)
-    shared_basis, channel_basis = (np.vstack([np.zeros((len(first.observed), x.shape[1])), x]) for x in later)
+    later = second.form_error_basis
+    form_error_basis = np.vstack([np.zeros((len(first.observed), later.shape[1])), later])
     measured = np.concatenate([first.observed, second.observed])
-    return Problem(forward, forward.parameters, measured, first.noise.then(second.noise), smooth, shared_basis, channel_basis)
+    return Problem(forward, forward.parameters, measured, first.noise.then(second.noise), smooth, form_error_basis)

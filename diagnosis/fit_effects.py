@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.special import softmax
 
 from model.effects.catalogue import CATALOGUE
 from model.effects.nominal import TOLERANCES, stated_effects
@@ -26,7 +27,6 @@ from model.stated import AREA_FACTOR, Stated
 from .answer.attribute import calibrated
 from .answer.sentences import beyond_tolerance
 from .answer.shrink import rms
-from .arrays import Array
 from .criticism.gaussian import Gaussian
 from .data.case import CaseLike, states
 from .data.chamber_sides import ORDER, contradicted
@@ -141,33 +141,24 @@ def fit_effects(
     found = search.fitted(named)
     progress("step 4 of 4: tolerances", 0.0)
     main = own.main
-    before, missed = (_missed(p, theta)[main] for theta in (p.common(baseline.theta), _written_alone(p, found.fit.theta)))
+    written, ours = list(_lasting(p, p.problem.parameters.ids).values()), p.problem.parameters.mean.copy()
+    ours[written] = found.fit.theta[written]  # what recurs or drifts is at its expectation
+    before, missed = (
+        p.tip(p.problem.observed - p.problem.forward.predict(theta))[main] for theta in (p.common(baseline.theta), ours)
+    )
     after = rms(missed)
     stated, posterior, unseen = _posterior(p, found, after)
-    written = _written(robot, p, named, stated, posterior)
-    learnt = None
+    made, left_out = _written(robot, p, named, stated, posterior), None
     if residual:
-        learnt = learn_residual(written, own.trial[main], with_vented_at_zero(own)[main], own.spine_length[main], missed)
-        written = written.model_copy(update={"residual": learnt.residual})
+        pressure, length = with_vented_at_zero(own)[main], own.spine_length[main]
+        learnt, left_out = learn_residual(made, own.trial[main], pressure, length, missed)
+        made = made.model_copy(update={"residual": learnt})
     parameters = p.problem.parameters
     concerns = (*concerns, *beyond_tolerance(parameters, parameters.tense(found.fit.theta), robot))
     return Fitted(
-        written, (*found_before, *named), stated, len(own), len(np.unique(own.trial)), 1e3 * rms(before),
-        p.area_factor(baseline.theta), 1e3 * after, concerns, unseen, None if learnt is None else 1e3 * learnt.left_out,
+        made, (*found_before, *named), stated, len(own), len(np.unique(own.trial)), 1e3 * rms(before),
+        p.area_factor(baseline.theta), 1e3 * after, concerns, unseen, None if left_out is None else 1e3 * left_out,
     )  # fmt: skip
-
-
-def _written_alone(p: Prepared, theta: Array) -> Array:
-    """Parameters (k,) of what is written: what recurs or drifts is at its expectation."""
-    there = p.problem.parameters.mean.copy()
-    written = list(_lasting(p, p.problem.parameters.ids).values())
-    there[written] = theta[written]
-    return there
-
-
-def _missed(p: Prepared, theta: Array) -> Array:
-    """(n, 3) m, measured - predicted tips."""
-    return p.tip(p.problem.observed - p.problem.forward.predict(theta))
 
 
 def _posterior(p: Prepared, c: Candidate, left: float) -> tuple[dict[str, Stated], dict[str, Any], tuple[str, ...]]:
@@ -242,11 +233,9 @@ def _model_errors(c: Candidate, linear: Linear, parameters: Parameters) -> tuple
         form_errors=FITTED_LAW_ERRORS,
         form_error_weights=np.full(len(FITTED_LAW_ERRORS), 1 / len(FITTED_LAW_ERRORS)),
     )
-    weighed = weigh(linear, grid, parameters, [c.named])[0]
-    probability = np.exp(weighed.log_terms - weighed.log_terms.max())  # (spikes, sizes, form errors)
-    probability /= probability.sum()
-    # without a named effect, no law can be wrong: one form error, 0
-    form_errors = FITTED_LAW_ERRORS if probability.shape[2] == len(FITTED_LAW_ERRORS) else np.zeros(1)
+    probability = softmax(weigh(linear, grid, parameters, [c.named])[0].log_terms)  # (spikes, sizes, form errors)
+    # without a named effect, no law can be wrong: one form error, the first, 0
+    form_errors = FITTED_LAW_ERRORS[: probability.shape[2]]
     return (
         float(np.sqrt((probability.sum(axis=(0, 1)) * form_errors**2).sum())),
         float(np.sqrt((probability.sum(axis=(0, 2)) * grid.sizes**2).sum())),

@@ -10,8 +10,6 @@ Q = C^-1, the residual of trial b without its own states is Q_bb^-1 (Q y)_b (Ras
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
@@ -35,18 +33,10 @@ DIGITS = 7
 """Significant digits of what is written."""
 
 
-@dataclass(frozen=True)
-class Learnt:
-    """A residual and how far the tip is off with it (m, rms)."""
-
-    residual: Residual
-    left_out: float
-    """Each trial left out of the residual (not of the fit of the robot)."""
-
-
-def learn_residual(robot: Robot, trial: Ints, pressure: Array, length: Array, missed: Array) -> Learnt:
+def learn_residual(robot: Robot, trial: Ints, pressure: Array, length: Array, missed: Array) -> tuple[Residual, float]:
     """From n states: pressures (n, chambers) Pa, spine lengths (n,) m, and measured - predicted tips `missed` (n, 3) m.
 
+    Returns the residual, and how far the tip is off with it (m, rms), each trial left out of it (not of the fit of the robot).
     Raises `BadCase` for fewer states than scales need.
     """
     seen = np.isfinite(missed).all(axis=1)
@@ -69,7 +59,7 @@ def learn_residual(robot: Robot, trial: Ints, pressure: Array, length: Array, mi
         **dict(zip(("amplitude", "pressure_scale", "length_scale", "trial", "reading"), scales, strict=True)),
         states=[[float(f"{v:.{DIGITS}g}") for v in row] for row in table.tolist()],
     )
-    return Learnt(own, rms(_left_out(own, u, length, trial, missed)))
+    return own, rms(_left_out(own, u, length, trial, missed))
 
 
 def _scales(u: Array, length: Array, trial: Ints, missed: Array, ranges: tuple[float, ...]) -> list[float]:

@@ -30,15 +30,6 @@ from .judgement import CERTAIN, LEAST_BITS, UNFORESEEN
 
 
 @dataclass(frozen=True)
-class Limits:
-    """How far an investigation may go."""
-
-    minutes: float = 60.0
-    """Of the experiments as they are estimated, hands included."""
-    experiments: int = 3
-
-
-@dataclass(frozen=True)
 class RivalPrediction:
     """What one hypothesis predicts for the planned states."""
 
@@ -142,11 +133,13 @@ def settled(d: Diagnosis) -> bool:
 def investigate(
     case: CaseLike,
     laboratory: Laboratory,
-    options: Options | None = None,
-    limits: Limits = Limits(),  # noqa: B008 (frozen)
+    options: Options,
+    minutes: float,
+    experiments: int,
     diagnosed: Callable[[Round], None] = lambda _: None,
 ) -> Investigation:
-    """Diagnose and experiment until the cause is settled, nothing on the menu tells more, or the limits are reached.
+    """Diagnose and experiment until the cause is settled, nothing on the menu tells more, or the limits are reached: `minutes`
+    of the experiments as they are estimated, hands included, and a number of `experiments`.
 
     `diagnosed` gets each round as soon as its diagnosis is there. Raises `BadCase`, and what the laboratory raises.
     """
@@ -159,7 +152,7 @@ def investigate(
             rounds[-1] = replace(rounds[-1], bits=bits_gained(rounds[-1].diagnosis, found.diagnosis))
         here = Round(found.diagnosis, spent)
         diagnosed(here)
-        if settled(found.diagnosis) or len(done) >= limits.experiments:
+        if settled(found.diagnosis) or len(done) >= experiments:
             said = "settled" if settled(found.diagnosis) else f"{len(done)} experiments were done"
             return Investigation((*rounds, here), said)
         refused: dict[str, str] = {}
@@ -167,7 +160,7 @@ def investigate(
             if proposal.id in done or proposal.expected_bits < LEAST_BITS:
                 continue
             try:
-                foretold, more = _performed(found.rivals, proposal, laboratory, limits.minutes - spent)
+                foretold, more = _performed(found.rivals, proposal, laboratory, minutes - spent)
             except NotDone as e:
                 refused[proposal.id] = str(e)
                 continue

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from ..inference.prepare import Prepared
 from ..judgement import PRESENT_FLOORS
 from .attribute import Attribution
 from .distinguishability import visible
-from .result import Attribute, Carries, Data, Ranked
+from .result import Attribute, Carries, Data, Ranked, Role
 from .size import sizes, values
 from .verdict import conclude, rivals
 
@@ -74,11 +75,7 @@ def budget_section(f: Attribution) -> tuple[Carries, ...]:
     out = []
     for effect in p.ids:
         low, middle, high = (1e3 * x for x in f.budget.interval(effect, 0.025, 0.5, 0.975))
-        if effect in f.decision.effects:
-            out.append(Carries(effect, "named", middle, low, high))
-        elif effect not in seen:
-            out.append(Carries(effect, "unseen", middle, low, high))
-        elif middle > PRESENT_FLOORS * 1e3 * f.prepared.noise_floor:
-            out.append(Carries(effect, "present", middle, low, high))
-    order = ("named", "present", "unseen")
-    return tuple(sorted(out, key=lambda x: (order.index(x.role), -x.mm)))
+        role: Role = "named" if effect in f.decision.effects else "present" if effect in seen else "unseen"
+        if role != "present" or middle > PRESENT_FLOORS * 1e3 * f.prepared.noise_floor:
+            out.append(Carries(effect, role, middle, low, high))
+    return tuple(sorted(out, key=lambda x: (get_args(Role).index(x.role), -x.mm)))

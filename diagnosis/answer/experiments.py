@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -72,43 +72,33 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Experiment]:
         "protocol": "bending", "spine_lengths": _three(s.spine_length, 0.005), "pressures": pressures, "chambers": chambers,
         "unload": False, "repeats": 2, "rate": 25e3, "tip_mass": mass, "vacuums": [round(vacuum, -3)],
     }  # fmt: skip
+    offered: list[Experiment] = []
+
+    def offer(id: str, do: str, hands: float = 0.0, channels: tuple[str, ...] = (), **changed: Any) -> None:
+        offered.append(Experiment(id, words.say(do), {**base, **changed}, hands, channels))
+
     low, every = [round(0.6 * p, -3) for p in pressures], list(range(1, count + 1))
-    offered = [
-        Experiment("unload", "read the unload branch too", {**base, "unload": True}),
-        Experiment("orientation", "track the tip's orientation (rigid body in motion capture)", base, 5.0, ORIENTATION),
-        Experiment(
-            "elongation", "inflate all chambers together", {**base, "protocol": "elongation", "pressures": low, "chambers": every}
-        ),
-    ]
+    offer("unload", "read the unload branch too", unload=True)
+    offer("orientation", "track the tip's orientation (rigid body in motion capture)", 5.0, ORIENTATION)
+    offer("elongation", "inflate all chambers together", protocol="elongation", pressures=low, chambers=every)
     if others := _other_chambers(chambers, count, s):
-        offered.append(Experiment("other_chambers", f"inflate {words.group(others)} instead", {**base, "chambers": others}))
-    offered += [
-        Experiment("roll", f"turn the body by {TURN:g} deg in its mount", {**base, "roll_deg": TURN}, 15.0),
-        Experiment("tip_mass", f"hang {MASS * 1e3:g} g more on the tip", {**base, "tip_mass": round(mass + MASS, 4)}, 3.0),
-        Experiment(
-            "hold",
-            "hold each pressure and read again and again",
-            {**base, "reading": "hold", "hold_times": [2.0, 10.0, 30.0]},
-        ),
-        Experiment(
-            "rate",
-            "ramp fast up and down, and read without stopping",
-            {**base, "reading": "sweep", "rate": 100e3, "unload": True},
-        ),
-    ]
+        offer("other_chambers", f"inflate {words.group(others)} instead", chambers=others)
+    offer("roll", f"turn the body by {TURN:g} deg in its mount", 15.0, roll_deg=TURN)
+    offer("tip_mass", f"hang {MASS * 1e3:g} g more on the tip", 3.0, tip_mass=round(mass + MASS, 4))
+    offer("hold", "hold each pressure and read again and again", reading="hold", hold_times=[2.0, 10.0, 30.0])
+    offer("rate", "ramp fast up and down, and read without stopping", reading="sweep", rate=100e3, unload=True)
     if robot.spine is not None and (between := _between(s.spine_length, 0.005)):
         shown = ", ".join(f"{x * 100:g}" for x in between)
-        offered.append(Experiment("lengths", f"spine lengths in between: {shown} cm", {**base, "spine_lengths": between}))
-    if between := _between(bent, s.pressure_gap):
-        offered.append(Experiment("pressures", "pressures in between", {**base, "pressures": between}))
+        offer("lengths", f"spine lengths in between: {shown} cm", spine_lengths=between)
     if robot.spine is not None:
-        vacuums = [round(share * vacuum, -3) for share in (0.5, 0.75, 1.0)]
-        offered.insert(-1, Experiment("vacuum", "sweep the vacuum", {**base, "vacuums": vacuums}))
+        offer("vacuum", "sweep the vacuum", vacuums=[round(share * vacuum, -3) for share in (0.5, 0.75, 1.0)])
+    if between := _between(bent, s.pressure_gap):
+        offer("pressures", "pressures in between", pressures=between)
     if robot.markers:
         names = tuple(f"m{k}{axis}" for k in range(1, len(robot.markers) + 1) for axis in "xyz")
-        offered.append(Experiment("markers", "put markers along the body", base, 20.0, names))
+        offer("markers", "put markers along the body", 20.0, names)
     done = _recorded(s)
-    return [replace(e, do=words.say(e.do)) for e in offered if not done.get(e.id, False)]
+    return [e for e in offered if not done.get(e.id, False)]
 
 
 def _other_chambers(chambers: list[int], count: int, s: Campaign) -> list[int]:

@@ -135,5 +135,4 @@ def _tip_errors(p: Prepared, own: Campaign, theta: Array) -> Array:
     for axis, name in enumerate("xyz"):
         rows = forward.observations.channel == name
         tip[forward.observations.row[rows], axis] = predicted[rows]
-    out: Array = np.linalg.norm(own.tip - tip, axis=1)
-    return out
+    return np.asarray(np.linalg.norm(own.tip - tip, axis=1))

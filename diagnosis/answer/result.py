@@ -25,6 +25,7 @@ STAGES = ("actuation", "material", "structure", "load", "boundary", "measurement
 
 Number = Annotated[float, BeforeValidator(lambda value: math.nan if value is None else value)]
 """A number; null in diagnosis.json where it is not finite."""
+Role = Literal["named", "present", "unseen"]
 Verdict = Literal["effect", "none", "unknown"]
 Conclusion = Literal["cause", "one of several", "stage", "outside", "none", "noise", "too little data"]
 """The verdict as deep as the data carry it; see `verdict`."""
@@ -172,7 +173,7 @@ class Carries:
     """What one effect carries of the gap once the robot is calibrated anew."""
 
     effect: str
-    role: Literal["named", "present", "unseen"]
+    role: Role
     """present: too little to be a cause; unseen: these data could not show it at its plausible size."""
     mm: float
     """rms over the states, of what the gap is of; median."""

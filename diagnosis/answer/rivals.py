@@ -13,7 +13,7 @@ lasts of it from state to state.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -29,8 +29,7 @@ from model.errors import ModelError
 from ..arrays import Array, Ints
 from ..criticism.gaussian import Gaussian
 from ..inference.candidate import Candidate
-from ..inference.discrepancy import Settings, by_channel, settings
-from ..inference.discrepancy import columns as smooth_columns
+from ..inference.discrepancy import bases, settings
 from ..inference.evidence import Hypothesis
 from ..inference.posterior import UNKNOWN, Posterior
 from ..inference.prepare import Prepared
@@ -90,7 +89,6 @@ class Rivals:
     candidates: tuple[Candidate, ...]
     weight: Array
     """(k,) sums to one."""
-    _covariances: dict[int, Array] = field(default_factory=dict)
 
     @classmethod
     def of(cls, p: Prepared, weighed: Posterior, separation: Distinguishability) -> Rivals:
@@ -126,13 +124,13 @@ class Rivals:
         smooth, laws = _errors(p, forward)
         observed = forward.observations
         made = []
-        for k, c in enumerate(self.candidates):
+        for c, known_covariance in zip(self.candidates, self._covariances, strict=True):
             theta = np.zeros(len(own_sd))
             theta[here] = c.fit.theta[fitted]
             mean, slope = forward.linearise(theta)
             if not np.isfinite(mean).all() or not np.isfinite(slope).all():
                 return None
-            covariance = slope[:, here] @ self._covariance(k)[np.ix_(fitted, fitted)] @ slope[:, here].T  # S C S^T
+            covariance = slope[:, here] @ known_covariance[np.ix_(fitted, fitted)] @ slope[:, here].T  # S C S^T
             covariance += (slope[:, fresh] * own_sd[fresh] ** 2) @ slope[:, fresh].T  # S' V S'^T
             covariance += (slope[:, mounted] * own_sd[mounted] ** 2) @ slope[:, mounted].T  # S_m V_m S_m^T, besides C
             size = max(c.grid_point.size, COMPARED_DISCREPANCY)
@@ -150,27 +148,22 @@ class Rivals:
             made.append(Prediction(mean, factor, observed.row, observed.channel.astype(np.str_)))
         return tuple(made)
 
-    def _covariance(self, k: int) -> Array:
-        """Posterior covariance (p, p) of all parameters of the problem under one of the candidates."""
-        if k not in self._covariances:
-            c, p = self.candidates[k], self.prepared.problem.parameters
+    @cached_property
+    def _covariances(self) -> list[Array]:
+        """Posterior covariance (p, p) of all parameters of the problem under each of the candidates."""
+        p, out = self.prepared.problem.parameters, []
+        for c in self.candidates:
             linear, at = c.linear(self.prepared.problem), c.grid_point
             prior = p.prior(p.mask(c.named), max(at.spike, LEAST_SPIKE), linear.effect_size)
             scale, _ = p.scaled(prior)
             known = Gaussian(linear, prior, at.size, at.form_error).covariance(p.of_effect)
-            self._covariances[k] = scale[:, None] * known * scale[None, :]
-        return self._covariances[k]
+            out.append(scale[:, None] * known * scale[None, :])
+        return out
 
 
 def _errors(p: Prepared, forward: ForwardModel) -> tuple[Array, Array]:
     """Columns (n, m) of a discrepancy of size 1 over new values, the basis (n, b) of a law's error."""
-    channel, design = forward.observations.channel, forward.design
+    observed, design = forward.observations, forward.design
     highest = design.pressure.max(axis=1)
     where = settings(design.spine_length, highest, np.where(design.unload, -1.0, 1.0), np.zeros(len(design)), p.robot.length)
-    names = sorted(set(channel.tolist()))
-    size = np.array([2 * p.unit / p.robot.length if n.startswith("r") else p.unit for n in names])
-    number = np.array([names.index(c) for c in channel])
-    row, smooth = forward.observations.row, smooth_columns(where)
-    laws = smooth_columns(Settings(where.place, np.ones(len(design))))
-    both = np.hstack([laws[row], by_channel(laws, row, number, np.ones(len(names)))])
-    return by_channel(smooth, row, number, size), np.sqrt(0.5) * both
+    return bases(where, observed.row, observed.channel.astype(np.str_), p.unit, p.robot.length)

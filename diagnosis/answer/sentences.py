@@ -157,15 +157,12 @@ def _relatives(f: Facts) -> str:
 def _others(f: Facts) -> str:
     """What else it may be, where an effect is named and not sure."""
     if f.rivals:
-        return _list([with_id(e, f.names) for e in f.rivals])
+        more = f" or {len(f.rivals) - 3} others" if len(f.rivals) > 3 else ""
+        return " or ".join(with_id(e, f.names) for e in f.rivals[:3]) + more
     if f.decision.relatives:
         return OUTSIDE
     none = 1 - f.decision.probability - f.decision.outside
     return OUTSIDE if f.decision.outside >= none else "that no effect carries enough"
-
-
-def _list(names: Sequence[str]) -> str:
-    return " or ".join(names[:3]) + (f" or {len(names) - 3} others" if len(names) > 3 else "")
 
 
 def _gap(f: Facts) -> str:
@@ -190,11 +187,11 @@ def _factor(f: Facts) -> str:
     c = f.calibration
     if c is None or max(abs(c.stiffness - 1), abs(c.modulus - 1)) < CALIBRATION_STATED:
         return ""
-    how = as_stiff(c)
+    body = f"a body {as_stiff(c)}"
+    how = f"; {body} would look the same"
     if abs(c.modulus - 1) >= CALIBRATION_STATED:
-        how = f"with {c.modulus:.2f} times the modulus; these data show hardly more than their ratio, that of a body {how}"
-        return f" ({c.area_factor:.2f} instead of {c.given:.2f}, {how})"
-    return f" ({c.area_factor:.2f} instead of {c.given:.2f}; a body {how} would look the same)"
+        how = f", with {c.modulus:.2f} times the modulus; these data show hardly more than their ratio, that of {body}"
+    return f" ({c.area_factor:.2f} instead of {c.given:.2f}{how})"
 
 
 def as_stiff(c: Calibration | None) -> str:
@@ -324,18 +321,14 @@ def _closing(f: Facts) -> str:
         return ""
     _, digits = _what(f)
     before, after = f"{f.shrink.before_mm:.{digits}f}", f"{f.shrink.after_mm:.{digits}f}"
-    share = f.shrink.share_closed
-    named = f.decision.verdict == "effect"
-    if named and share is None:
-        return f"On unseen states {after} mm remain; calibration alone leaves {before} mm, hardly above the noise floor."
-    if named and share is not None and share < 0:
-        return f"On unseen states it makes the prediction worse: {before} mm without it, {after} mm with it."
-    if named and share is not None:
-        by = f"With it, {after} mm remain on unseen states: {percent(share)} % of the reducible gap is closed"
-        alone = closed_alone(f.waterfall, f.shrink)
-        if alone is None:
-            return f"{by}."
-        return f"{by}, {percent(alone)} % by itself and the rest by tolerances of other effects."
+    share, alone = f.shrink.share_closed, closed_alone(f.waterfall, f.shrink)
+    if f.decision.verdict == "effect":
+        if share is None:
+            return f"On unseen states {after} mm remain; calibration alone leaves {before} mm, hardly above the noise floor."
+        if share < 0:
+            return f"On unseen states it makes the prediction worse: {before} mm without it, {after} mm with it."
+        by = "" if alone is None else f", {percent(alone)} % by itself and the rest by tolerances of other effects"
+        return f"With it, {after} mm remain on unseen states: {percent(share)} % of the reducible gap is closed{by}."
     nearest = " and ".join(with_id(e, f.names) for e in f.nearest)
     if not nearest or share is None:
         return ""

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Ints, Mask
 from ..inference.linear import Linear, SizePrior
 from ..judgement import INFORMED_SHARE
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 
 class Gaussian:
@@ -32,7 +28,7 @@ class Gaussian:
         self.residual = missed - self._x @ (self._inverse @ (self._x.T @ missed))
         """(n,) (I + X X^T)^-1 r."""
 
-    def surprise(self, own: Flags) -> tuple[float, int]:
+    def surprise(self, own: Mask) -> tuple[float, int]:
         """Squared Mahalanobis distance of some values from what all the others predict, and how many they are."""
         x, left = self._x[own], self.residual[own]
         # The block of the inverse covariance, I - x (I + X^T X)^-1 x^T, is the inverse covariance of the prediction's error.
@@ -62,7 +58,7 @@ class Gaussian:
         mean = np.abs(self._x.T @ self.residual)
         return np.asarray(np.where(spread > INFORMED_SHARE, mean / np.sqrt(np.maximum(spread, INFORMED_SHARE)), 0.0))
 
-    def covariance(self, of_effect: Flags) -> Array:
+    def covariance(self, of_effect: Mask) -> Array:
         """(k, k) posterior covariance of all parameters, `of_effect` (k,) those of effects, in units of priors."""
         order = np.concatenate([np.flatnonzero(of_effect), np.flatnonzero(~of_effect)])
         out = np.empty((len(order), len(order)))

@@ -11,20 +11,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc, logsumexp
 
+from ..arrays import Ints
 from ..inference.candidate import Candidate
 from ..inference.evidence import KNOWN
-from ..inference.linear import Linear
 from ..inference.problem import Parameters, Problem
 from ..judgement import PREDICTIVE_DISCREPANCY, TENSE_SD
 from .gaussian import Gaussian
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Flags = NDArray[np.bool_]
-
 
 SPINE_SOURCES = ("spine_length", "spine_stiffness")
 """Parameters of each trial that describe its newly grown and jammed spine."""
@@ -54,74 +48,59 @@ class MisfitDiagnostics:
 
 
 def misfit_diagnostics(
-    problem: Problem, best: Candidate, trial: Ints, excess_scatter: float, answer: Candidate | None = None
+    problem: Problem, best: Candidate, trial: Ints, excess_scatter: float, answer: Candidate
 ) -> MisfitDiagnostics:
     """All diagnostics around the best hypothesis.
 
     `trial` (n,) numbers each measured value's trial; `excess_scatter` as in `NoiseComponents`;
     `answer` the hypothesis of what is named, where that is another: a tolerance of the best hypothesis may be the cause.
     """
-    linear, p = best.linear(problem), problem.parameters
-    of_answer = linear if answer is None else answer.linear(problem)
-    prior = best.prior(p)
-    form_error = best.grid_point.form_error
-    lack_of_fit = Gaussian(linear, prior, 0.0, form_error).misfit_per_dof()
-    prior_tension, furthest_from_prior, spine_outlier = _prior_tension(
-        Gaussian(linear, prior, best.grid_point.size, form_error), p, best.named
-    )
-    within = Gaussian(linear, prior, max(best.grid_point.size, PREDICTIVE_DISCREPANCY), form_error)
-    surprise, numbers, probability = [], np.unique(trial), []
-    for t in numbers:
-        value, n = within.surprise(trial == t)
-        surprise.append(value / n)
-        probability.append(float(chdtrc(n, value)))
-    worst = int(np.argmin(probability))
-    significant = probability[worst] * len(numbers) < 1e-3
-    if answer is not None and answer is not best:
+    p = problem.parameters
+
+    def around(c: Candidate, size: float) -> Gaussian:
+        return Gaussian(c.linear(problem), c.prior(p), size, c.grid_point.form_error)
+
+    prior_tension, furthest_from_prior, spine_outlier = _prior_tension(around(best, best.grid_point.size), p, best.named)
+    if answer is not best:
         # A tolerance of the best hypothesis may be strained because it is the cause that the answer names.
-        point = answer.grid_point
-        named = Gaussian(of_answer, answer.prior(p), point.size, point.form_error)
-        prior_tension, furthest_from_prior = min((prior_tension, furthest_from_prior), _prior_tension(named, p, answer.named)[:2])
+        of_answer = _prior_tension(around(answer, answer.grid_point.size), p, answer.named)
+        prior_tension, furthest_from_prior = min((prior_tension, furthest_from_prior), of_answer[:2])
+    within, numbers = around(best, max(best.grid_point.size, PREDICTIVE_DISCREPANCY)), np.unique(trial)
+    surprise, values = np.array([within.surprise(trial == t) for t in numbers]).T
+    probability = chdtrc(values, surprise)
+    worst = int(np.argmin(probability))
     return MisfitDiagnostics(
-        lack_of_fit=lack_of_fit,
+        lack_of_fit=around(best, 0.0).misfit_per_dof(),
         prior_tension=prior_tension,
         furthest_from_prior=furthest_from_prior,
         spine_outlier=spine_outlier,
         excess_scatter=excess_scatter,
-        outlier_trial=int(numbers[worst]) if significant else None,
-        outlier_surprise=float(surprise[worst]),
-        law_error_gain=_law_error_gain(answer or best, of_answer),
+        outlier_trial=int(numbers[worst]) if probability[worst] * len(numbers) < 1e-3 else None,
+        outlier_surprise=float(surprise[worst] / values[worst]),
+        law_error_gain=_law_error_gain(answer) if answer.linear(problem).form_error.shape[1] else 0.0,
     )
 
 
-def _law_error_gain(best: Candidate, linear: Linear) -> float:
-    if not linear.form_error.shape[1]:
-        return 0.0
-    by_share = logsumexp(best.weighed.log_terms, axis=(0, 1)) - np.log(KNOWN.form_error_weights)
+def _law_error_gain(c: Candidate) -> float:
+    by_share = logsumexp(c.weighed.log_terms, axis=(0, 1)) - np.log(KNOWN.form_error_weights)
     return float(by_share[-1] - by_share[0])
 
 
 def _prior_tension(g: Gaussian, p: Parameters, named: tuple[str, ...]) -> tuple[float, str, float]:
     """Prior tension of all but the calibration and the trials' own parameters, the furthest parameter, the outlying spine."""
-    order = np.concatenate([np.flatnonzero(p.of_effect), np.flatnonzero(~p.of_effect)])
-    names, sources = np.array(p.names)[order], np.array([i.source for i in p.infos])[order]
-    effects = int(p.of_effect.sum())
-    free = np.zeros(len(names), bool)
-    free[effects:] = p.calibrated
-    by_trial = p.recurs[order]
-    mask = np.zeros(len(names), bool)
-    mask[:effects] = p.mask(named)
-    nuisance = np.arange(len(names)) >= effects
-    form = np.arange(len(names), len(names) + g.form_columns)
-    groups = [np.flatnonzero(~nuisance & mask), np.flatnonzero(~nuisance & ~mask)]
-    groups += [np.flatnonzero(nuisance & ~free & ~by_trial), form]
+    order = np.argsort(~p.of_effect, kind="stable")  # of the columns: effects first
+    effects, tested = p.of_effect[order], ~(p.calibration | p.recurs)[order]
+    wide = np.isin(np.array(p.effects)[order], named)
+    groups = [np.flatnonzero(own) for own in (effects & wide, effects & ~wide, ~effects & tested)]
+    groups.append(np.arange(len(order), len(order) + g.form_columns))
     found = [g.distance(own) for own in groups if own.size]
     squares, rank = (float(sum(x)) for x in zip(*found, strict=True)) if found else (0.0, 0.0)
-    single = g.single()[: len(names)]
-    tension = np.where(free | by_trial, 0.0, single)
-    furthest = int(np.argmax(tension))
+    single = g.single()[: len(order)]
+    furthest = int(np.argmax(np.where(tested, single, 0.0)))
+    tense = tested[furthest] and single[furthest] > TENSE_SD
+    of_spine = p.recurs[order] & np.isin([p.infos[i].source for i in order], SPINE_SOURCES)
     return (
         (squares - rank) / np.sqrt(2 * max(rank, 1.0)),
-        str(names[furthest]) if tension[furthest] > TENSE_SD else "",
-        float(np.max(single[by_trial & np.isin(sources, SPINE_SOURCES)], initial=0.0)),
+        p.names[order[furthest]] if tense else "",
+        float(np.max(single[of_spine], initial=0.0)),
     )

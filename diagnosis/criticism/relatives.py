@@ -14,7 +14,6 @@ from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.effects.catalogue import CATALOGUE
 from model.effects.quantities import Quantities
@@ -22,7 +21,7 @@ from model.effects.readings import Readings
 from model.effects.shows import by_chambers, with_spine
 from model.effects.spec import EffectSpec, Law, Parameter, Stage, Values
 
-Array = NDArray[np.float64]
+from ..arrays import Array
 
 FULL, ASIDE = 250e3, 0.2
 """Pa and m aside at which sizes that grow with pressure or away from the axis are counted."""
@@ -105,9 +104,7 @@ ANGLE = math.radians(1.5)
 
 def _relative(id: str, stage: Stage, label: str, told_by: str, law: Law, *parameters: Parameter) -> EffectSpec:
     shown = {"structure": with_spine, "actuation": by_chambers}.get(stage)
-    return EffectSpec(
-        id, stage, "", parameters, law, "mechanics", told_by, label, tolerated=False, shown=shown
-    )  # fmt: skip
+    return EffectSpec(id, stage, "", parameters, law, "mechanics", told_by, label, tolerated=False, shown=shown)
 
 
 AGAIN = "repeat the first trial at the end of the campaign"

@@ -25,17 +25,15 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from model.effects.spec import Stage
 
-from ..inference.discrepancy import eigenfunctions
+from ..arrays import Array
+from ..inference.discrepancy import eigenfunctions, settings
 from ..inference.problem import Parameters
-from ..judgement import BRANCH_DISTANCE, CORRELATION_LENGTH, CORRELATION_PRESSURE, CORRELATION_TIME, STAGE_ERROR_SIZES
+from ..judgement import CORRELATION_TIME, STAGE_ERROR_SIZES
 from .gaussian import Gaussian
-
-Array = NDArray[np.float64]
 
 Dependence = Literal["pressure", "spine length", "time", "pressure and spine length", "experiment", "nothing"]
 
@@ -109,14 +107,12 @@ def smooth_functions(
 ) -> dict[Dependence, Array]:
     """(n, m) draws of size 1 of smooth functions of n states: spine length m, highest pressure Pa, branch -1 or 1, time s (NaN
     where it is not known, then none of it)."""
-    pressure = pressure / max(float(pressure.max(initial=0.0)), 1.0) / CORRELATION_PRESSURE
-    branch = BRANCH_DISTANCE * branch
-    length = spine_length / (CORRELATION_LENGTH * robot_length)
-    place: dict[Dependence, tuple[Array, ...]] = {
-        "pressure": (pressure, branch),
-        "spine length": (length,),
-        "pressure and spine length": (pressure, branch, length),
+    at = settings(spine_length, pressure, branch, np.zeros(len(branch)), robot_length).place
+    place: dict[Dependence, Array] = {
+        "pressure": at[:, [1, 2]],
+        "spine length": at[:, [0]],
+        "pressure and spine length": at[:, [1, 2, 0]],
     }
     if np.isfinite(time).all() and np.ptp(time) > 0:
-        place["time"] = ((time - time.min()) / np.ptp(time) / CORRELATION_TIME,)
-    return {dependence: eigenfunctions(np.column_stack(own)) for dependence, own in place.items()}
+        place["time"] = ((time - time.min()) / np.ptp(time) / CORRELATION_TIME)[:, None]
+    return {dependence: eigenfunctions(own) for dependence, own in place.items()}

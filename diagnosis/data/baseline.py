@@ -43,11 +43,9 @@ class Baseline:
 
     def columns(self) -> dict[str, Array]:
         """As columns of a table of trials."""
-        out = {"spine_length": self.spine_length}
-        out |= {f"p{i}": column for i, column in enumerate(self.pressure.T, 1)}
-        out |= dict(zip("xyz", self.tip.T, strict=True)) | {
-            f"q{name}": column for name, column in zip("wxyz", self.orientation.T, strict=True)
-        }
-        return out | {
-            f"m{k + 1}{axis}": self.markers[:, k, i] for k in range(self.markers.shape[1]) for i, axis in enumerate("xyz")
-        }
+        pressures = [f"p{i + 1}" for i in range(self.pressure.shape[1])]
+        markers = [f"m{k + 1}{axis}" for k in range(self.markers.shape[1]) for axis in "xyz"]
+        names = ["spine_length", *pressures, *"xyz", "qw", "qx", "qy", "qz", *markers]
+        n = len(self.spine_length)
+        values = (self.spine_length[:, None], self.pressure, self.tip, self.orientation, self.markers.reshape(n, -1))
+        return dict(zip(names, np.hstack(values).T, strict=True))

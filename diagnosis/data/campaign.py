@@ -102,8 +102,7 @@ class Campaign:
     @cached_property
     def inflated(self) -> Mask:
         """(n, chambers) chambers above half the state's highest pressure, and above `pressure_gap`."""
-        out: Mask = (self.pressure > 0.5 * self.highest[:, None]) & (self.pressure > self.pressure_gap)
-        return out
+        return np.asarray((self.pressure > 0.5 * self.highest[:, None]) & (self.pressure > self.pressure_gap))
 
     @cached_property
     def chambers(self) -> tuple[tuple[int, ...], ...]:
@@ -120,8 +119,7 @@ class Campaign:
     @property
     def highest(self) -> Array:
         """(n,) Pa, pressure of the most inflated chamber."""
-        out: Array = self.pressure.max(axis=1)
-        return out
+        return np.asarray(self.pressure.max(axis=1))
 
     @property
     def repeats(self) -> int:

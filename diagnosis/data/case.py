@@ -6,6 +6,7 @@ answer is reported as a concern with the result.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -58,7 +59,7 @@ def states(case: CaseLike) -> tuple[Campaign, tuple[str, ...]]:
     plausible.require_plausible(robot, usable + usable_pushes)
     pushes.require_plausible(robot, usable_pushes)
     arrays = _arrays(usable, usable_pushes)
-    concerns += _concerns(arrays, robot.spine is not None) if usable else []
+    concerns += _concerns(arrays, robot.spine is not None) if usable else ()
     return arrays, (*concerns, *pushes.concerns(arrays, bool(usable)))
 
 
@@ -158,23 +159,20 @@ def lacking(s: Campaign) -> tuple[str, ...]:
     return () if len(np.unique(levels(own.highest, s.pressure_gap))) > 1 else ("only one pressure",)
 
 
-def _concerns(s: Campaign, spine: bool) -> list[str]:
-    notes = []
+def _concerns(s: Campaign, spine: bool) -> Iterator[str]:
     own = s.take(s.main)
     lengths = len(np.unique(levels(own.spine_length, SPINE_GAP)))
     pressures = len(np.unique(levels(own.highest, s.pressure_gap)))
     if spine and lengths < 2:
-        notes.append(
-            "only one spine length: effects of the spine and of the body cannot be distinguished; record at least two lengths"
-        )
+        yield "only one spine length: effects of the spine and of the body cannot be distinguished; record at least two lengths"
     if pressures < 2:
-        notes.append(
+        yield (
             "only one pressure: no cause can be distinguished from an error of the chambers' area; record at least two pressures"
         )
     if s.highest.max() < s.pressure_gap:
-        notes.append("no state is bent: chambers, spine and material cannot be judged; record a bending sweep")
+        yield "no state is bent: chambers, spine and material cannot be judged; record a bending sweep"
     if s.repeats < 3:
-        notes.append(
+        yield (
             "no state was repeated: the noise floor is that of usual instruments and misses differences between trials, so no "
             "cause is named; repeat the sweep three times"
             if s.repeats < 2
@@ -182,7 +180,4 @@ def _concerns(s: Campaign, spine: bool) -> list[str]:
             "probabilities are less sure than stated; repeat the sweep three times"
         )
     if not (own.branch < 0).any():
-        notes.append(
-            "no unload branch: friction, creep and a time lag cannot be distinguished; read the states on the way down too"
-        )
-    return notes
+        yield "no unload branch: friction, creep and a time lag cannot be distinguished; read the states on the way down too"

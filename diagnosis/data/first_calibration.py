@@ -14,8 +14,9 @@ leaves as little, nothing is taken over: the diagnosis can name that weight.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -26,7 +27,6 @@ from model.errors import ModelError
 from model.robot import Robot
 from model.rods import FINE, solve
 from model.section import body_mass, rods_of
-from recordings.trials import TrialRow
 
 from ..arrays import Array, Mask
 from ..judgement import (
@@ -96,7 +96,7 @@ class FirstCalibration:
 
     @property
     def _told(self) -> str:
-        return "; ".join([*([self.order] if self.order else []), *map(str, self.adjusted)])
+        return "; ".join(filter(None, (self.order, *map(str, self.adjusted))))
 
     @property
     def concern(self) -> str:
@@ -115,13 +115,18 @@ class FirstCalibration:
     def detail(self) -> dict[str, object]:
         """For the answer's JSON."""
         numbers = {"before_mm": self.before * 1e3, "after_mm": self.after * 1e3, "adjusted": [asdict(a) for a in self.adjusted]}
-        return {**numbers, **({"order": self.order} if self.order else {})}
+        return numbers | ({"order": self.order} if self.order else {})
 
     def moved(self, states: Campaign) -> Campaign:
         """Other states in the same frame."""
         if not any(self.shift):
             return states
-        return replace(states, rows=tuple(_shifted(r, np.array(self.shift)) for r in states.rows))
+
+        def here(point: tuple[float, ...]) -> Any:
+            return tuple((np.array(point) - self.shift).tolist())
+
+        rows = (r if r.tip is None else replace(r, tip=here(r.tip), markers=tuple(map(here, r.markers))) for r in states.rows)
+        return replace(states, rows=tuple(rows))
 
 
 def calibrate_first(robot: Robot, states: Campaign, effects: Collection[str] = ()) -> FirstCalibration:
@@ -159,7 +164,7 @@ def calibrate_first(robot: Robot, states: Campaign, effects: Collection[str] = (
     theta = np.where(beyond | (named == "area_factor"), far, 0.0)
     made = _with(_sensed(robot, gravity, counting), theta)
     x, y, z = (theta[ORIGIN:] * robot.length).tolist()
-    adjusted = _adjusted(robot, made, theta, beyond, gravity < 0, counting < 0)
+    adjusted = tuple(_adjusted(robot, made, theta, beyond, gravity < 0, counting < 0))
     order = "" if place is None else order_told(robot, place)
     made = made if place is None else with_order(made, place)
     found = FirstCalibration(made, states, adjusted, (x, y, z), before, after, order)
@@ -204,21 +209,19 @@ def _counted(robot: Robot, states: Campaign) -> tuple[float, float, float]:
     return turn, 1.0, counting
 
 
-def _turned(turn: float) -> Array:
-    """(8,) theta of the robot as it is, but for its chambers, turned by `turn` (rad)."""
+def _turned(turn: float, area: float = 0.0, modulus: float = 0.0) -> Array:
+    """(8,) theta of the robot as it is, but for its chambers, turned by `turn` (rad), and the logarithms of two factors."""
     theta = np.zeros(len(NAMES))
-    theta[2] = turn
+    theta[:3] = area, modulus, turn
     return theta
 
 
 def _standing(robot: Robot, states: Campaign, turn: float) -> Array:
     """(8,) the start of a fit: modulus, and perhaps area factor, several times larger where that is nearer to the data; rods that
     do not stand have no derivative to follow."""
-    begins = [_turned(turn)]
-    for factor, area in itertools.product(STIFFER, (False, True)):
-        begins.append(_turned(turn))
-        begins[-1][:2] = np.log(factor) * area, np.log(factor)
-    return min(begins, key=lambda theta: _rms(robot, states, theta))
+    stiffer = itertools.product(np.log(STIFFER), (0.0, 1.0))
+    starts = [_turned(turn), *(_turned(turn, area * factor, factor) for factor, area in stiffer)]
+    return min(starts, key=lambda theta: _rms(robot, states, theta))
 
 
 def _sensed(robot: Robot, gravity: float, counting: float) -> Robot:
@@ -304,36 +307,25 @@ def _with(robot: Robot, theta: Array) -> Robot:
     return made.model_copy(update={"area_factor": areas, "gravity": (x, y, z)})
 
 
-def _adjusted(robot: Robot, made: Robot, theta: Array, beyond: Mask, hanging: bool, counted: bool) -> tuple[Adjusted, ...]:
+def _adjusted(robot: Robot, made: Robot, theta: Array, beyond: Mask, hanging: bool, counted: bool) -> Iterator[Adjusted]:
     """The numbers of `made` that were taken over; `hanging`: upside down, `counted`: chambers counted the other way round."""
     at_bound = np.abs(theta) > FIRST_AT_BOUND * FIRST_WIDEST
     given, now = robot.actuators.azimuths_deg, made.actuators.azimuths_deg
-    out = []
     if hanging:
         k = int(np.argmax(np.abs(robot.gravity)))
-        out.append(Adjusted(f"gravity {'xyz'[k]}", robot.gravity[k], made.gravity[k], "m/s^2"))
+        yield Adjusted(f"gravity {'xyz'[k]}", robot.gravity[k], made.gravity[k], "m/s^2")
     if counted:
         second = min(1, len(now) - 1)
         name = "chambers counted the other way round, azimuth of the second"
-        out.append(Adjusted(name, given[second], now[second], "deg"))
+        yield Adjusted(name, given[second], now[second], "deg")
     if beyond[1]:
-        out.append(Adjusted("youngs_modulus", robot.youngs_modulus / 1e3, made.youngs_modulus / 1e3, "kPa", bool(at_bound[1])))
+        yield Adjusted("youngs_modulus", robot.youngs_modulus / 1e3, made.youngs_modulus / 1e3, "kPa", bool(at_bound[1]))
     if beyond[2]:
-        out.append(Adjusted("azimuth of the first chamber", given[0], now[0], "deg"))
+        yield Adjusted("azimuth of the first chamber", given[0], now[0], "deg")
     if beyond[3] or beyond[4]:
         tilt = float(np.degrees(np.linalg.norm(theta[3:5])))
-        out.append(Adjusted("gravity, turned from the one stated by", 0.0, tilt, "deg", bool(at_bound[3:5].any())))
+        yield Adjusted("gravity, turned from the one stated by", 0.0, tilt, "deg", bool(at_bound[3:5].any()))
     for k, axis in enumerate("xyz", ORIGIN):
         if beyond[k]:
-            out.append(
-                Adjusted(f"origin of the tip's {axis}", 0.0, 1e3 * float(theta[k] * robot.length), "mm", bool(at_bound[k]))
-            )
-    return tuple(out)
-
-
-def _shifted(row: TrialRow, shift: Array) -> TrialRow:
-    if row.tip is None:
-        return row
-    x, y, z = (np.array(row.tip) - shift).tolist()
-    markers = tuple((m[0] - shift[0], m[1] - shift[1], m[2] - shift[2]) for m in row.markers)
-    return replace(row, tip=(x, y, z), markers=markers)
+            away = 1e3 * float(theta[k] * robot.length)
+            yield Adjusted(f"origin of the tip's {axis}", 0.0, away, "mm", bool(at_bound[k]))

@@ -115,9 +115,8 @@ class Noise:
         """With the noise of other values after these, of other states."""
         responses = self.pressure_response, other.pressure_response
         wide = max(r.shape[1] for r in responses)
-        lasting = None
-        if self.lasting is not None or other.lasting is not None:
-            lasting = (self.lasting or Lasting.none(len(self.sd))).then(other.lasting or Lasting.none(len(other.sd)))
+        first, second = (noise.lasting or Lasting.none(len(noise.sd)) for noise in (self, other))
+        lasting = first.then(second) if self.lasting or other.lasting else None
         return Noise(
             np.concatenate([self.state, other.state + self.state.max() + 1]),
             np.concatenate([self.sd, other.sd]),
@@ -130,11 +129,7 @@ class Noise:
         columns = values.reshape(len(values), -1)
         out = np.empty(columns.shape)
         for b in self._blocks:
-            if b.in_order:  # a slice copies nothing
-                rows = slice(int(b.rows[0, 0]), int(b.rows[-1, -1]) + 1)
-                out[rows] = (matrix(b) @ columns[rows].reshape(*b.rows.shape, -1)).reshape(b.rows.size, -1)
-            else:
-                out[b.rows] = matrix(b) @ columns[b.rows]
+            out[b.rows] = matrix(b) @ columns[b.rows]
         return out.reshape(values.shape)
 
     @cached_property
@@ -143,12 +138,9 @@ class Noise:
         order = np.argsort(self.block, kind="stable")
         begins = np.flatnonzero(np.diff(self.block[order], prepend=-1))
         rows_of_each = np.split(order, begins[1:])
-        return [
-            _Blocks.of(rows, self._covariance(rows))
-            for size in sorted({len(r) for r in rows_of_each})
-            for rows in [np.array([r for r in rows_of_each if len(r) == size])]
-            if size
-        ]
+        sizes = sorted({len(r) for r in rows_of_each} - {0})
+        stacked = (np.array([r for r in rows_of_each if len(r) == size]) for size in sizes)
+        return [_Blocks.of(rows, self._covariance(rows)) for rows in stacked]
 
     def _covariance(self, rows: Ints) -> Array:
         """(b, s, s) covariances C of b blocks of s values, see above; `rows` (b, s): indices of the values."""
@@ -178,8 +170,6 @@ class _Blocks:
     """(b, s, s) C^1/2, the inverse."""
     log_sd: float
     """Half the log determinant of their covariance."""
-    in_order: bool
-    """Whether their values follow each other without a gap."""
 
     @staticmethod
     def of(rows: Ints, covariance: Array) -> _Blocks:
@@ -190,8 +180,7 @@ class _Blocks:
         turned = vector.swapaxes(1, 2)
         white = (vector / np.sqrt(value)[:, None, :]) @ turned / sd[:, None, :]
         root = sd[:, :, None] * ((vector * np.sqrt(value)[:, None, :]) @ turned)
-        in_order = bool((np.diff(rows.ravel()) == 1).all())
-        return _Blocks(rows, white, root, float(np.log(sd).sum() + 0.5 * np.log(value).sum()), in_order)
+        return _Blocks(rows, white, root, float(np.log(sd).sum() + 0.5 * np.log(value).sum()))
 
 
 def blocks(trial: Ints, time: Array, longest: int) -> Ints:

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.linalg import helmert
 
 from ..arrays import Array, Ints, Mask
 from ..judgement import MEMORY_S
@@ -89,11 +90,9 @@ def reading_rms(data: Repeated, channels: Mask) -> float:
 
 def contrasts(condition: Ints) -> Array:
     """(k, n) orthonormal rows, each a difference between repeats of one condition."""
-    rows = []
+    rows = [np.zeros((0, len(condition)))]
     for c in np.unique(condition):
         own = np.flatnonzero(condition == c)
-        for k in range(1, own.size):
-            row = np.zeros(len(condition))
-            row[own[:k]], row[own[k]] = -1.0, k
-            rows.append(row / np.sqrt(k * (k + 1)))
-    return np.array(rows).reshape(len(rows), len(condition))
+        rows.append(np.zeros((own.size - 1, len(condition))))
+        rows[-1][:, own] = -helmert(own.size)
+    return np.concatenate(rows)

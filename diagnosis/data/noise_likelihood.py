@@ -71,22 +71,14 @@ class Loss:
         g, count = len(self._kinds), len(self._kinds) + 2 + len(self._names)
         self.sds = count
         trial = [default.trial[k] for k in self._names]
-        self.centre = np.concatenate(
-            [
-                np.log([*default.channel.values(), default.pressure, default.rest, *trial]),
-                np.full(g + 1, np.log(LASTING_SHARE / (1 - LASTING_SHARE))),
-                [np.log(default.memory)],
-            ]
-        )
-        self._prior_sd = np.concatenate([np.full(count, COMPONENT_LOG_SD), np.full(g + 1, LASTING_LOGIT_SD), [MEMORY_LOG_SD]])
-        lasts = bool((data.block >= 0).any())
-        self._lasts = float(lasts)
-        most = float(np.log(LONGEST_MEMORY_S / default.memory))
-        bounds = [
-            *[(np.log(LEAST_COMPONENT_SHARE), 3.0)] * count, *[(-6.0, 6.0) if lasts else (0.0, 0.0)] * (g + 1),
-            (-3.0, most) if lasts else (0.0, 0.0),
-        ]  # fmt: skip
-        self.low, self.high = np.array(bounds).T
+        sds = np.log([*default.channel.values(), default.pressure, default.rest, *trial])
+        logit = np.log(LASTING_SHARE / (1 - LASTING_SHARE))
+        self.centre = np.array([*sds, *[logit] * (g + 1), np.log(default.memory)])
+        self._prior_sd = np.repeat([COMPONENT_LOG_SD, LASTING_LOGIT_SD, MEMORY_LOG_SD], [count, g + 1, 1])
+        self._lasts = float((data.block >= 0).any())
+        longest = np.log(LONGEST_MEMORY_S / default.memory)
+        self.low = np.repeat([np.log(LEAST_COMPONENT_SHARE), -6.0 * self._lasts, -3.0 * self._lasts], [count, g + 1, 1])
+        self.high = np.repeat([3.0, 6.0 * self._lasts, longest * self._lasts], [count, g + 1, 1])
         k, c = len(contrast), data.residual.shape[1]
         self._count = k
         self._member = np.array([self._kinds.index(kind) for kind in data.group])
@@ -121,11 +113,9 @@ class Loss:
         U^T C^-1 U; `moved` (dC a) of each parameter, whose products are the average information.
         """
         found, g = self.components(x), len(self._kinds)
-        kinds = [_Kind(found.channel[k], found.lasting.get(k, 0.0)) for k in self._kinds]
-        channels = [kinds[m] for m in self._member]
         scale = np.array([*found.trial.values(), 1.0])[self._of]
         columns = [p.columns * scale[p.at] for p in self._parts]
-        solved = [p.solved(channels, found, u) for p, u in zip(self._parts, columns, strict=True)]
+        solved = [p.solved(found, u) for p, u in zip(self._parts, columns, strict=True)]
         inner, pulled = np.eye(len(scale)), np.zeros(len(scale))
         for p, u, s in zip(self._parts, columns, solved, strict=True):
             inner[np.ix_(p.at, p.at)] += u.T @ s.columns
@@ -141,7 +131,7 @@ class Loss:
         for p, u, s, a in zip(self._parts, columns, solved, remainders, strict=True):
             w = s.columns @ inverse[np.ix_(p.at, p.at)]
             # C^-1 of the part is its B^-1 less these columns times those.
-            gradient = p.gradient(s, np.column_stack([w, a]), np.column_stack([s.columns, a]), channels, found)
+            gradient = p.gradient(s, np.column_stack([w, a]), np.column_stack([s.columns, a]), found)
             np.add.at(by, self._member, gradient.sd)
             np.add.at(by, self.sds + self._member, gradient.share)
             by[[g, g + 1, self.sds + g, -1]] += gradient.others
@@ -152,7 +142,7 @@ class Loss:
             by[g + 2 + j] = spread[own].sum() - (along[own] ** 2).sum()
         information, shared = np.zeros((len(x), len(x))), np.zeros((len(scale), len(x)))
         for p, u, s, a in zip(self._parts, columns, solved, remainders, strict=True):
-            moved = self._moved(p.moved(a, channels, found), u, np.where(self._named[:, p.at], along[p.at], 0.0))
+            moved = self._moved(p.moved(a, found), u, np.where(self._named[:, p.at], along[p.at], 0.0))
             information += moved.T @ s.solve(moved)
             shared[p.at] += s.columns.T @ moved
         information -= shared.T @ cho_solve(factor, shared)
@@ -174,14 +164,6 @@ class Loss:
         moved = out.reshape(k * c, -1)
         moved[:, g + 2 : self.sds] = 2 * columns @ along.T
         return moved
-
-
-@dataclass(frozen=True)
-class _Kind:
-    """Standard deviation of a kind of channel, and the share of its variance that lasts."""
-
-    sd: float
-    lasting: float
 
 
 @dataclass(frozen=True)
@@ -216,7 +198,7 @@ class _Part:
         self.at = np.flatnonzero(columns.any(axis=0))
         self.columns = columns[:, self.at]
         used = np.flatnonzero(np.abs(contrast).max(axis=0) > 0)
-        self._contrast = contrast[:, used]
+        self._contrast, self._kinds = contrast[:, used], data.group
         self.value = (contrast @ data.residual).ravel()
         block, time = data.block[used], data.time[used]
         apart = np.abs(time[:, None] - time[None, :])
@@ -238,14 +220,13 @@ class _Part:
             self._kept = (memory, a @ kept @ a.T, a @ grown @ a.T)
         return self._kept[1], self._kept[2]
 
-    def solved(self, channels: list[_Kind], found: NoiseComponents, columns: Array) -> _Solved:
+    def solved(self, found: NoiseComponents, columns: Array) -> _Solved:
         """The covariance B solved."""
         lasting, _ = self._lasting(found.memory)
         (c, k, r), q, quiet = self._response.shape, found.lasting.get(PRESSURE, 0.0), self._quiet(found)
-        by_kind = {
-            kind: _inverse(kind.sd**2 * (kind.lasting * lasting + (1 - kind.lasting) * np.diag(quiet))) for kind in set(channels)
-        }
-        apart = np.array([by_kind[kind][0] for kind in channels])
+        shares = {kind: found.lasting.get(kind, 0.0) for kind in self._kinds}
+        by_kind = {k: _inverse(found.channel[k] ** 2 * (s * lasting + (1 - s) * np.diag(quiet))) for k, s in shares.items()}
+        apart = np.array([by_kind[kind][0] for kind in self._kinds])
         # Two axes for R: k and r are put side by side as k r.
         spread = (apart[..., None] * self._response[:, None]).reshape(c, k, k * r)
         factor = np.kron(np.linalg.cholesky(found.pressure**2 * ((1 - q) * np.eye(k) + q * lasting)), np.eye(r))
@@ -262,7 +243,7 @@ class _Part:
         shared = (together - together @ kept @ together).reshape(k, r, k, r)
         return _Solved(
             solve, apart - (spread @ kept) @ spread.swapaxes(1, 2), np.einsum("krlr->kl", shared), solved[:, 0], solved[:, 1:],
-            sum(by_kind[kind][1] for kind in channels) + log_det,
+            sum(by_kind[kind][1] for kind in self._kinds) + log_det,
         )  # fmt: skip
 
     def _gathered(self, values: Array) -> Array:
@@ -273,7 +254,7 @@ class _Part:
         """(k,) white variance, as a factor on that of states read while ramping."""
         return np.asarray(1 + (found.rest**2 - 1) * self._resting)
 
-    def gradient(self, solved: _Solved, left: Array, right: Array, channels: list[_Kind], found: NoiseComponents) -> _ByParameter:
+    def gradient(self, solved: _Solved, left: Array, right: Array, found: NoiseComponents) -> _ByParameter:
         """sum(half * dB) with half = (B^-1 - left right^T) / 2, of columns (k c, u)."""
         lasting, grown = self._lasting(found.memory)
         (c, k, r), quiet = self._response.shape, self._quiet(found)
@@ -289,9 +270,9 @@ class _Part:
             diagonal @ self._resting,
         )
         by_regulators = np.trace(shared), (shared * lasting).sum(), (shared * grown).sum()
-        return _by_parameter(by_channel, by_regulators, channels, found, lambda of_channels: of_channels.sum())
+        return self._by_parameter(by_channel, by_regulators, found, lambda of_channels: of_channels.sum())
 
-    def moved(self, values: Array, channels: list[_Kind], found: NoiseComponents) -> _ByParameter:
+    def moved(self, values: Array, found: NoiseComponents) -> _ByParameter:
         """dB of each parameter, applied to values (k c,)."""
         lasting, grown = self._lasting(found.memory)
         c, k, r = self._response.shape
@@ -303,29 +284,28 @@ class _Part:
 
         by_channel = lasting @ own, self._quiet(found)[:, None] * own, grown @ own, self._resting[:, None] * own
         by_regulators = spread(at_once), spread(lasting @ at_once), spread(grown @ at_once)
-        return _by_parameter(by_channel, by_regulators, channels, found, lambda of_channels: of_channels)
+        return self._by_parameter(by_channel, by_regulators, found, lambda of_channels: of_channels)
 
-
-def _by_parameter(
-    by_channel: tuple[Array, Array, Array, Array], by_regulators: tuple[Array, Array, Array], channels: list[_Kind],
-    found: NoiseComponents, together: Callable[[Array], Array],
-) -> _ByParameter:  # fmt: skip
-    """The chain rule through B, from what its derivatives are made of: of each channel (.., c) by what lasts, what does not, the
-    lasting's growth with the memory and states at rest; of the regulators (..) by what does not last, what does, and its growth.
-    `together`: of all channels, for what they share."""
-    slow, white, longer, resting = by_channel
-    at_once, kept, grown = by_regulators
-    var, share = np.array([(kind.sd**2, kind.lasting) for kind in channels]).T
-    of_pressure, q = found.pressure**2, found.lasting.get(PRESSURE, 0.0)
-    others = (
-        2 * of_pressure * ((1 - q) * at_once + q * kept),
-        2 * found.rest**2 * together(var * (1 - share) * resting),
-        of_pressure * q * (1 - q) * (kept - at_once),
-        together(var * share * longer) + of_pressure * q * grown,
-    )
-    return _ByParameter(
-        2 * var * (share * slow + (1 - share) * white), var * share * (1 - share) * (slow - white), np.stack(others, -1)
-    )
+    def _by_parameter(
+        self, by_channel: tuple[Array, Array, Array, Array], by_regulators: tuple[Array, Array, Array],
+        found: NoiseComponents, together: Callable[[Array], Array],
+    ) -> _ByParameter:  # fmt: skip
+        """The chain rule through B, from what its derivatives are made of: of each channel (.., c) by what lasts, what does not,
+        the lasting's growth with the memory and states at rest; of the regulators (..) by what does not last, what does, and
+        its growth. `together`: of all channels, for what they share."""
+        slow, white, longer, resting = by_channel
+        at_once, kept, grown = by_regulators
+        var, share = np.array([(found.channel[kind] ** 2, found.lasting.get(kind, 0.0)) for kind in self._kinds]).T
+        of_pressure, q = found.pressure**2, found.lasting.get(PRESSURE, 0.0)
+        others = (
+            2 * of_pressure * ((1 - q) * at_once + q * kept),
+            2 * found.rest**2 * together(var * (1 - share) * resting),
+            of_pressure * q * (1 - q) * (kept - at_once),
+            together(var * share * longer) + of_pressure * q * grown,
+        )
+        return _ByParameter(
+            2 * var * (share * slow + (1 - share) * white), var * share * (1 - share) * (slow - white), np.stack(others, -1)
+        )
 
 
 def _inverse(matrix: Array) -> tuple[Array, float]:

@@ -39,33 +39,34 @@ def require_plausible(robot: Robot, rows: Iterable[TrialRow], name: str = "") ->
 def implausible_values(robot: Robot, rows: Iterable[TrialRow]) -> tuple[str, ...]:
     """One message for each implausible value: column, value, what it looks like, what to write; empty when there is none."""
     every = list(rows)
+    if not every:
+        return ()
     tips = [r for r in every if r.protocol != "stiffness" and r.tip is not None]
     tips = [r for r in tips if np.isfinite((*r.tip, r.spine_length, *r.pressures)).all()]  # type: ignore[misc]
-    found = [*_spines(robot, every), *_masses(robot, every)]
-    if tips:
-        chambers = list(_chambers(robot, tips))
-        found += chambers
-        factor, notes = _distances(robot, tips)
-        found += notes
-        if factor and not chambers:
-            found += _robot_states(robot, [replace(r, tip=_scaled(r, factor)) for r in tips])
-    return (*found, *implausible_pushes(robot, every))
+    of_tips = _of_tips(robot, tips) if tips else ()
+    found = (_spines(robot, every), _masses(robot, every), *of_tips, *implausible_pushes(robot, every))
+    return tuple(filter(None, found))
 
 
-def _robot_states(robot: Robot, rows: list[TrialRow]) -> Iterator[str]:
-    """Messages about implausible pressures, roll, frame and orientation; `rows`: no stiffness trials, tips in m."""
+def _of_tips(robot: Robot, rows: list[TrialRow]) -> Iterator[str]:
+    """Messages about rows with a tip, of no stiffness trial; some are empty."""
+    there, expected = {len(r.pressures) for r in rows}, len(robot.actuators.azimuths_deg)
+    if there != {expected}:
+        yield (
+            f"rows with {', '.join(map(str, sorted(there)))} pressures for a robot with {expected} chambers: tables of "
+            "different robots cannot be used together; write one column p1.. for each of robot.yaml's azimuths_deg"
+        )
+    factor, note = _distances(robot, rows)
+    yield note
+    if not factor or there != {expected}:
+        return
+    rows = [replace(r, tip=tuple((np.array(r.tip) / factor).tolist())) for r in rows]
     pressures = Pressures.of(robot, rows)
     yield from implausible_pressures(robot, pressures)
-    yield from implausible_roll(robot, pressures)
+    yield implausible_roll(robot, pressures)
     resting = [r for r, rests in zip(rows, pressures.resting, strict=True) if rests]
-    if resting:
-        yield from _resting_tip(robot, resting)
-    yield from _orientation(rows, resting)
-
-
-def _scaled(row: TrialRow, factor: float) -> tuple[float, float, float]:
-    x, y, z = row.tip or (np.nan,) * 3
-    return (x / factor, y / factor, z / factor)
+    yield _resting_tip(robot, resting) if resting else ""
+    yield _orientation(rows, resting)
 
 
 def where(row: TrialRow) -> str:
@@ -73,24 +74,15 @@ def where(row: TrialRow) -> str:
     return f"trial {row.trial} step {row.step}"
 
 
-def _chambers(robot: Robot, rows: list[TrialRow]) -> Iterator[str]:
-    there, expected = {len(r.pressures) for r in rows}, len(robot.actuators.azimuths_deg)
-    if there != {expected}:
-        yield (
-            f"rows with {', '.join(map(str, sorted(there)))} pressures for a robot with {expected} chambers: tables of "
-            "different robots cannot be used together; write one column p1.. for each of robot.yaml's azimuths_deg"
-        )
-
-
 # ------------------------------------------------------------------ lengths
-def _distances(robot: Robot, rows: list[TrialRow]) -> tuple[float, tuple[str, ...]]:
-    """The tips' unit in m (0: unknown), and messages about it."""
+def _distances(robot: Robot, rows: list[TrialRow]) -> tuple[float, str]:
+    """How many of the tips' unit make one m (0: unknown), and a message about it; empty where there is nothing to say."""
     distance = np.linalg.norm([r.tip for r in rows], axis=1)  # type: ignore[arg-type]
     worst = int(np.argmax(distance))
     # no tip of a rod that stretches by less than half is further from its base
     farthest = 1.5 * robot.length + tracked_beyond(robot)
     if distance[worst] <= farthest:
-        return 1.0, ()
+        return 1.0, ""
     far = int((distance > farthest).sum())
     head = (
         f"{where(rows[worst])}, columns x, y, z: the tip lies {distance[worst]:.3g} m from the base of a robot that is "
@@ -98,8 +90,8 @@ def _distances(robot: Robot, rows: list[TrialRow]) -> tuple[float, tuple[str, ..
     )
     unit = nearest(float(np.median(distance)) / robot.length, LENGTH_UNITS, within=1.6)
     if unit is None:
-        return 0.0, (f"{head}: check the unit (m) and the frame (base of the robot)",)
-    return unit.per_si, (f"{head}: looks like {unit.name}; positions are in m: {unit.remedy}",)
+        return 0.0, f"{head}: check the unit (m) and the frame (base of the robot)"
+    return unit.per_si, f"{head}: looks like {unit.name}; positions are in m: {unit.remedy}"
 
 
 def tracked_beyond(robot: Robot) -> float:
@@ -107,59 +99,54 @@ def tracked_beyond(robot: Robot) -> float:
     return float(np.linalg.norm([p.value for p in robot.effects.get("marker_offset", {}).values()]))
 
 
-def _spines(robot: Robot, rows: list[TrialRow]) -> Iterator[str]:
+def _spines(robot: Robot, rows: list[TrialRow]) -> str:
     lengths = np.array([r.spine_length for r in rows])
-    if not len(lengths) or not np.nanmax(lengths) > 1.001 * robot.length:
-        return
+    if not np.nanmax(lengths) > 1.001 * robot.length:
+        return ""
     worst = int(np.nanargmax(lengths))
     head = f"{where(rows[worst])}, column spine_length: {lengths[worst]:g} m, longer than the robot ({robot.length:g} m)"
     times = float(lengths[worst]) / robot.length
     # a longer spine is another unit rather than another robot
     if times < 4.0:
-        yield f"{head}: check the unit (m), or the length in robot.yaml"
-        return
+        return f"{head}: check the unit (m), or the length in robot.yaml"
     # What fits the robot in cm may be a short spine in mm as well.
     looks, divisor = ("cm or mm", "100 or 1000") if times <= 100 else ("mm", "1000")
-    yield f"{head}: looks like {looks}; lengths are in m: divide by {divisor}"
+    return f"{head}: looks like {looks}; lengths are in m: divide by {divisor}"
 
 
 # ------------------------------------------------------------------ masses
-def _masses(robot: Robot, rows: list[TrialRow]) -> Iterator[str]:
+def _masses(robot: Robot, rows: list[TrialRow]) -> str:
     """Grams: a thousand times robot.yaml's tip mass, or a weight under which the body would be twice as long."""
-    heaviest = max(rows, key=lambda r: r.tip_mass or 0.0, default=None)
-    mass, described = (heaviest.tip_mass or 0.0) if heaviest is not None else 0.0, robot.tip_mass
-    carried = robot.youngs_modulus * body_area(robot) / 9.81
-    if heaviest is not None and ((described > 0 and abs(mass / described / 1000 - 1) < 0.05) or mass > carried):
-        beside = (
-            f"robot.yaml has {described:g} kg" if described > 0 else f"the body would be twice as long under {carried:.3g} kg"
-        )
-        yield (f"{where(heaviest)}, column tip_mass: {mass:g} kg, {beside}: looks like g; masses are in kg: divide by 1000")
+    heaviest = max(rows, key=lambda r: r.tip_mass or 0.0)
+    mass, described, carried = heaviest.tip_mass or 0.0, robot.tip_mass, robot.youngs_modulus * body_area(robot) / 9.81
+    if not (mass > carried or (described > 0 and abs(mass / described / 1000 - 1) < 0.05)):
+        return ""
+    beside = f"robot.yaml has {described:g} kg" if described > 0 else f"the body would be twice as long under {carried:.3g} kg"
+    return f"{where(heaviest)}, column tip_mass: {mass:g} kg, {beside}: looks like g; masses are in kg: divide by 1000"
 
 
 # ------------------------------------------------------------------ frame and orientation
-def _resting_tip(robot: Robot, resting: list[TrialRow]) -> Iterator[str]:
-    """At most one message: the median tip of the rows without pressure (`resting`) is near the base, or not along +z from it."""
+def _resting_tip(robot: Robot, resting: list[TrialRow]) -> str:
+    """A message where the median tip of the rows without pressure (`resting`) is near the base, or not along +z from it."""
     tip = np.median([r.tip for r in resting], axis=0)  # type: ignore[arg-type]
     away = float(np.linalg.norm(tip)) / robot.length  # robot lengths from the base
     place = f"{where(resting[0])}, columns x, y, z: at rest the tip lies at ({tip[0]:.3g}, {tip[1]:.3g}, {tip[2]:.3g}) m"
     meant = f"at rest it must be near (0, 0, {robot.length:g}) m, the robot's length along +z from its base"
     if away < 0.05:  # no soft arm at rest is curled up this far
-        yield f"{place}: looks like the displacement from the rest position; {meant}: add {robot.length:g} to z"
-        return
+        return f"{place}: looks like the displacement from the rest position; {meant}: add {robot.length:g} to z"
     # a bent arm, or one so heavy that it hangs down from its base, may point in any direction
     if away < STRAIGHT or weight_ratio(robot) > 30.0:
-        return
+        return ""
     angle = np.degrees(np.arccos(np.clip(tip[2] / (away * robot.length), -1, 1)))  # between tip and +z
     if angle < TURNED:
-        return
+        return ""
     if angle > 180 - TURNED:
-        yield (
+        return (
             f"{place}: z seems to point the wrong way; {meant}: change the sign of z and of y (half a turn about x, in "
             "orientations and robot.yaml's gravity too)"
         )
-        return
     axis = "xy"[int(np.argmax(np.abs(tip[:2])))]
-    yield f"{place}: {axis} seems to be the robot's axis; {meant}: turn the frame so that z points from base to tip"
+    return f"{place}: {axis} seems to be the robot's axis; {meant}: turn the frame so that z points from base to tip"
 
 
 def weight_ratio(robot: Robot) -> float:
@@ -168,26 +155,26 @@ def weight_ratio(robot: Robot) -> float:
     return weight * robot.length**2 / (robot.youngs_modulus * body_second_moment(robot))
 
 
-def _orientation(rows: list[TrialRow], resting: list[TrialRow]) -> Iterator[str]:
+def _orientation(rows: list[TrialRow], resting: list[TrialRow]) -> str:
     turned = [r for r in rows if r.orientation is not None]
     if not turned:
-        return
+        return ""
     lengths = np.linalg.norm([r.orientation for r in turned], axis=1)  # type: ignore[arg-type]
     worst = int(np.argmax(np.abs(lengths - 1)))
     # rounding to two digits makes less
     if abs(lengths[worst] - 1) > 0.05:
-        yield (
+        return (
             f"{where(turned[worst])}, columns qw, qx, qy, qz: {_numbers(turned[worst])} has norm "
             f"{lengths[worst]:.3g}, must be 1: looks like angles or a rotation vector; write a unit quaternion, w first"
         )
-        return
     still = [r for r in resting if r.orientation is not None] or turned
     # qz: bending and sagging turn about x and y, not about z
-    if float(np.median([abs(r.orientation[3]) for r in still])) > 0.8:  # type: ignore[index]
-        yield (
-            f"{where(still[0])}, columns qw, qx, qy, qz: {_numbers(still[0])} of a robot at rest: looks like the "
-            "order x, y, z, w; at rest the tip has the base's orientation, (1, 0, 0, 0): write w first, not last"
-        )
+    if not float(np.median([abs(r.orientation[3]) for r in still])) > 0.8:  # type: ignore[index]
+        return ""
+    return (
+        f"{where(still[0])}, columns qw, qx, qy, qz: {_numbers(still[0])} of a robot at rest: looks like the "
+        "order x, y, z, w; at rest the tip has the base's orientation, (1, 0, 0, 0): write w first, not last"
+    )
 
 
 def _numbers(row: TrialRow) -> str:

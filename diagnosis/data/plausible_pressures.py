@@ -40,8 +40,6 @@ class Pressures:
     """(n, chambers) as the table has them."""
     displacement: Array
     """(n, 3) m: of the tip from the lowest state of its own setting (spine, mass, roll, vacuum)."""
-    expected: Array
-    """(n,) m: displacement of a beam, taking the pressures for Pa."""
     unit: float
     """Pa per unit of the table as far as the displacement of the tip tells it; 1 where it does not."""
     ratio: float
@@ -53,15 +51,15 @@ class Pressures:
     def of(cls, robot: Robot, rows: list[TrialRow]) -> Pressures:
         """Of rows with a tip in m and a pressure for each chamber."""
         pressure = np.array([r.pressures for r in rows])
-        low = lowest_of_each(setting_of_each(rows), np.abs(pressure).max(axis=1))
-        tip = np.array([r.tip for r in rows])
+        setting, tip = setting_of_each(rows), np.array([r.tip for r in rows])
+        rising = np.lexsort((np.abs(pressure).max(axis=1), setting))
+        low = rising[np.unique(setting[rising], return_index=True)[1]][setting]
         displacement = tip - tip[low]
-        expected = expected_displacement(robot, rows, pressure - pressure[low])
-        ratio = _ratio(robot, displacement, expected)
+        ratio = _ratio(robot, displacement, expected_displacement(robot, rows, pressure - pressure[low]))
         # no modulus, area factor or effect causes such a ratio; in mbar or a larger unit, no soft robot has such large numbers
         implausible = ratio > 30.0 and np.abs(pressure).max() < 20e3
         unit = 1 / units_near(1 / ratio, _units(robot), 1.0)[0].per_si if implausible else 1.0
-        return cls(tuple(rows), pressure, displacement, expected, unit, ratio, _resting(pressure * unit))
+        return cls(tuple(rows), pressure, displacement, unit, ratio, _resting(pressure * unit))
 
 
 def _units(robot: Robot) -> tuple[Unit, ...]:
@@ -78,15 +76,6 @@ def setting_of_each(rows: list[TrialRow]) -> Ints:
     return distinct(*(levels(column, gap) for column, gap in zip(states.T, gaps, strict=True)))
 
 
-def lowest_of_each(group: Ints, level: Array) -> Ints:
-    """Index of the row with the lowest level in the group of each row."""
-    out = np.zeros(len(group), np.int64)
-    for one in np.unique(group):
-        own = np.flatnonzero(group == one)
-        out[own] = own[np.argmin(level[own])]
-    return out
-
-
 def expected_displacement(robot: Robot, rows: list[TrialRow], pressure: Array) -> Array:
     """(n,) m: tip's displacement of a straight beam of two parts (with spine, without) under pressures (n, chambers) Pa."""
     body, spine = body_of(robot), np.clip([r.spine_length for r in rows], 0.0, robot.length)
@@ -97,17 +86,14 @@ def expected_displacement(robot: Robot, rows: list[TrialRow], pressure: Array) -
     rest = robot.length - spine
     aside = moment / body.mean_second * (spine * (robot.length - spine / 2) / inner + rest**2 / (2 * outer))
     along = push @ body.mean_chamber_area / body.mean_area * (spine / inner + rest / outer)
-    displacement: Array = np.hypot(aside, along)
-    return displacement
+    return np.asarray(np.hypot(aside, along))
 
 
 def _ratio(robot: Robot, displacement: Array, expected: Array) -> float:
     """Measured to expected displacement in the states that move most; 1 where it does not follow the pressure."""
     moved = np.linalg.norm(displacement, axis=1)
-    if len(moved) < 4 or moved.max() < LEAST_DISPLACEMENT * robot.length or not expected.max() > 0:
-        return 1.0
-    # the ratio means nothing
-    if np.ptp(expected) == 0 or np.corrcoef(moved, expected)[0, 1] < 0.9:
+    still = len(moved) < 4 or moved.max() < LEAST_DISPLACEMENT * robot.length or not expected.max() > 0
+    if still or np.ptp(expected) == 0 or np.corrcoef(moved, expected)[0, 1] < 0.9:
         return 1.0
     most = expected >= 0.5 * expected.max()
     return float(np.median(moved[most] / expected[most]))
@@ -115,12 +101,12 @@ def _ratio(robot: Robot, displacement: Array, expected: Array) -> float:
 
 def _resting(pressure: Array) -> Mask:
     """(n,) states in which no chamber holds pressure (n, chambers) Pa, or all hold what looks like ambient pressure."""
-    level = np.abs(pressure).max(axis=1)
-    out: Mask = level <= max(SHARE_AT_REST * level.max(), AT_REST)
-    if not out.any() and _like_ambient(pressure.min(axis=0)):
-        above = (pressure - pressure.min(axis=0)).max(axis=1)
-        out = above <= max(SHARE_AT_REST * above.max(), AT_REST)
-    return out
+
+    def low(level: Array) -> Mask:
+        return np.asarray(level <= max(SHARE_AT_REST * level.max(), AT_REST))
+
+    least, out = pressure.min(axis=0), low(np.abs(pressure).max(axis=1))
+    return low((pressure - least).max(axis=1)) if not out.any() and _like_ambient(least) else out
 
 
 def _like_ambient(least: Array) -> bool:
@@ -181,11 +167,11 @@ def _at_its_length(robot: Robot, s: Pressures) -> bool:
     return longer < STRETCH_SHARE * by_gauge + by_weight
 
 
-def implausible_roll(robot: Robot, s: Pressures) -> Iterator[str]:
-    """rad: the tip turns about the axis by 57 times what roll_deg says."""
+def implausible_roll(robot: Robot, s: Pressures) -> str:
+    """A message where the tip turns about the axis by 57 times what roll_deg says, as it is in rad; else empty."""
     roll = np.array([r.roll_deg or 0.0 for r in s.rows])
     if not 0 < np.abs(roll).max() < 2 * np.pi + 0.01:
-        return
+        return ""
     push = (s.pressure @ robot.bending_directions) * np.exp(1j * np.radians(roll))
     aside = s.displacement[:, 0] + 1j * s.displacement[:, 1]
     turn: dict[float, float] = {}
@@ -198,20 +184,20 @@ def implausible_roll(robot: Robot, s: Pressures) -> Iterator[str]:
         if bent and coherent > 0 and abs(total) > 0.8 * coherent:
             turn[one] = float(np.degrees(np.angle(total)))
     if len(turn) < 2:
-        return  # the base may stand turned by as much
+        return ""  # the base may stand turned by as much
     first_roll = min(turn, key=abs)
     rolled = {one: _wrapped(t - turn[first_roll]) for one, t in turn.items() if one != first_roll}
     missed = {one: _wrapped(np.degrees(one - first_roll) - (one - first_roll)) for one in rolled}
     # a roll read in the wrong unit that is off by less is not seen
-    if max(map(abs, missed.values())) < 30.0:
-        return
-    if all(abs(_wrapped(rolled[one] - missed[one])) < 15.0 for one in rolled):
-        most = max(rolled, key=abs)
-        first = s.rows[int(np.argmax(roll == most))]
-        yield (
-            f"trial {first.trial} step {first.step}, column roll_deg: {most:g}, but the direction of bending turns "
-            f"by {np.degrees(most):.0f} degrees: looks like rad; roll_deg is in degrees: multiply by 57.2958"
-        )
+    seen = max(map(abs, missed.values())) >= 30.0
+    if not seen or not all(abs(_wrapped(rolled[one] - missed[one])) < 15.0 for one in rolled):
+        return ""
+    most = max(rolled, key=abs)
+    first = s.rows[int(np.argmax(roll == most))]
+    return (
+        f"trial {first.trial} step {first.step}, column roll_deg: {most:g}, but the direction of bending turns "
+        f"by {np.degrees(most):.0f} degrees: looks like rad; roll_deg is in degrees: multiply by 57.2958"
+    )
 
 
 def _wrapped(degrees: float) -> float:

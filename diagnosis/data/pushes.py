@@ -122,26 +122,22 @@ def can_name_cause(s: Campaign) -> bool:
     return places > 1 and len(np.unique(s.condition)) > places
 
 
-def concerns(s: Campaign, beside: bool) -> list[str]:
+def concerns(s: Campaign, beside: bool) -> Iterator[str]:
     """What cannot be concluded from the stiffness trials of a campaign; `beside` states of the robot."""
     own = s.take(s.pushed)
     if not len(own):
-        return []
-    notes = []
+        return
     if not beside:
-        notes += [
+        yield (
             "only stiffness trials: nothing can be said about chambers, pressures, loads on the robot, base or "
-            "cameras, and only effects that change these readings are considered; record a bending sweep",
-            "only stiffness trials: probabilities were calibrated on bending campaigns, not on such data",
-        ]
+            "cameras, and only effects that change these readings are considered; record a bending sweep"
+        )
+        yield "only stiffness trials: probabilities were calibrated on bending campaigns, not on such data"
     if own.repeats < 3:
         word = "no deflection was repeated" if own.repeats < 2 else "deflections were repeated only once"
-        notes.append(
-            f"stiffness trials: {word}: default scatter of touch point, zero and jamming is assumed; repeat them three times"
-        )
+        yield f"stiffness trials: {word}: default scatter of touch point, zero and jamming is assumed; repeat them three times"
     if len(np.unique(levels(own.spine_length, SPINE_GAP))) < 2:
-        notes.append(
+        yield (
             "stiffness trials at only one spine length: modulus, sensor zero and touch point cannot be "
             "distinguished; measure at two or more"
         )
-    return notes

@@ -99,7 +99,7 @@ def only(problem: Problem, seen: NDArray[np.bool_]) -> Problem:
     """The problem of the values marked `seen` (n,) alone."""
     return replace(
         problem, forward=MaskedForward(problem.forward, seen), observed=problem.observed[seen], noise=problem.noise.take(seen),
-        discrepancy=problem.discrepancy[seen], shared_basis=problem.shared_basis[seen], channel_basis=problem.channel_basis[seen],
+        discrepancy=problem.discrepancy[seen], form_error_basis=problem.form_error_basis[seen],
     )  # fmt: skip
 
 

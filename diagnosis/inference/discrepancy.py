@@ -45,9 +45,20 @@ def settings(spine_length: Array, pressure: Array, branch: Array, kind: NDArray[
     return Settings(place, DISCREPANCY_AT_REST + (1 - DISCREPANCY_AT_REST) * np.abs(share))
 
 
-def columns(where: Settings) -> Array:
-    """(n, m) columns whose unit normal coefficients draw the process over n states of one channel."""
-    return eigenfunctions(where.place) * where.size[:, None]
+def bases(
+    where: Settings, state: NDArray[np.intp], channel: NDArray[np.str_], unit: float, robot_length: float
+) -> tuple[Array, Array]:
+    """Columns of a discrepancy of size 1 over values (n,), each of a state and a channel, and the basis of the model-form error
+    (see `Problem`): half of its variance is shared by all channels, half is drawn anew for each.
+
+    `unit`: size 1 of the tip's discrepancy, m.
+    """
+    names, number = np.unique(channel, return_inverse=True)
+    # A bend that moves the tip by d turns it by about 2 d / L; forces have a unit of their own at each state.
+    size = np.array([2 * unit / robot_length if n.startswith("r") else 1.0 if n == "force" else unit for n in names])
+    draws = eigenfunctions(where.place)
+    by_law = np.hstack([draws[state], _by_channel(draws, state, number, np.ones(len(names)))])
+    return _by_channel(draws * where.size[:, None], state, number, size), np.sqrt(0.5) * by_law
 
 
 def eigenfunctions(place: Array) -> Array:
@@ -60,10 +71,10 @@ def eigenfunctions(place: Array) -> Array:
     return np.asarray((vector[:, kept] * np.sqrt(value[kept]))[index.reshape(-1)])
 
 
-def by_channel(states: Array, state: NDArray[np.intp], channel: NDArray[np.intp], unit: Array) -> Array:
+def _by_channel(states: Array, state: NDArray[np.intp], channel: NDArray[np.intp], unit: Array) -> Array:
     """Columns (n, m * channels) for measured values: the same process, drawn anew for each channel.
 
-    `states` (states, m) from `columns`; `state`, `channel` (n,) of each value; `unit` (channels,) the size of 1.
+    `states` (states, m) from `eigenfunctions`; `state`, `channel` (n,) of each value; `unit` (channels,) the size of 1.
     """
     n, m = len(state), states.shape[1]
     out = np.zeros((n, m * len(unit)))

@@ -118,13 +118,13 @@ def weigh(linear: Linear, grid: Grid, parameters: Parameters, named: Sequence[Hy
     reduced = linear.reductions(grid.sizes, grid.form_errors)
     for i, spike in enumerate(grid.spikes):
         prior = parameters.prior(masks, float(spike), linear.effect_size)
-        allowed_before = _log_allowed_share(prior.mean, prior.variance, prior, parameters)
+        allowed_before = log_allowed_share(prior.mean, prior.variance, prior, parameters)
         for j, row in enumerate(reduced):
             for k, problem in enumerate(row):
                 log_evidence, mean, covariance = problem.update(prior)
                 variance = np.diagonal(covariance, axis1=1, axis2=2)
                 # Each parameter is cut by itself.
-                cut = _log_allowed_share(mean, variance, prior, parameters) - allowed_before
+                cut = log_allowed_share(mean, variance, prior, parameters) - allowed_before
                 log_terms[:, i, j, k] = here = log_evidence + cut + log_weights[i, j, k]
                 first[:, :, i, j, k], second[:, :, i, j, k] = mean, variance + mean**2
                 higher = here > most
@@ -137,7 +137,7 @@ def weigh(linear: Linear, grid: Grid, parameters: Parameters, named: Sequence[Hy
     return [Weighed(*own) for own in each]
 
 
-def _log_allowed_share(mean: Array, variance: Array, prior: SizePrior, parameters: Parameters) -> Array:
+def log_allowed_share(mean: Array, variance: Array, prior: SizePrior, parameters: Parameters) -> Array:
     """log of the share (h,) of a normal (h, p) that lies within the bounds and off the small sizes of what is named, and
     within the bounds and the small sizes of what is tolerated."""
     sd = np.sqrt(np.maximum(variance, 1e-300))

@@ -160,7 +160,7 @@ class Reduced:
     def update(self, prior: SizePrior) -> tuple[Array, Array, Array]:
         """log p(y) (...), and mean (..., p) and covariance (..., p, p) of theta, under priors (..., p)."""
         root = np.sqrt(prior.variance)
-        inner = np.eye(len(self.score)) + root[..., :, None] * self.information * root[..., None, :]
+        inner = np.eye(len(self.information)) + root[..., :, None] * self.information * root[..., None, :]
         factor = np.linalg.cholesky(inner)
         left = self.score_at(prior.mean)
         # C = (L^-1 R)^T (L^-1 R) with the factor L and R = diag(root).

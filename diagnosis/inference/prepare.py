@@ -26,7 +26,7 @@ from ..data.chamber_sides import leave_out
 from ..data.noise_components import NoiseComponents
 from ..errors import BadCase
 from ..judgement import DISCREPANCY_UNIT_RANGE, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE, LEAST_NOISE_FLOOR
-from .discrepancy import Settings, by_channel, columns, settings
+from .discrepancy import bases, settings
 from .labels import Labels
 from .on_baseline import SHARE, OnBaseline, on_baseline
 from .problem import Forward, MaskedForward, Parameters, Problem
@@ -166,15 +166,14 @@ def prepare(
     else:
         known = max(min(repeated, beside_model), LEAST_NOISE_FLOOR)
     unit = float(np.clip(beside_model / np.sqrt(3), *DISCREPANCY_UNIT_RANGE))
-    smooth, shared_basis, channel_basis = _discrepancy_bases(robot, states, labels, unit, pushes)
+    smooth, form_error_basis = _discrepancy_bases(robot, states, labels, unit, pushes)
     problem = Problem(
         MaskedForward(whole, kept),
         replace(made, sd=_prior_sd(forward.parameters, floor, pushes), least=least_sizes(made, labels, slope[kept], known)),
         observed[kept],
         noise,
         smooth,
-        shared_basis,
-        channel_basis,
+        form_error_basis,
     )
     return Prepared(robot, states, problem, labels, floor, known, unit, forward, pushes, on_simulator)
 
@@ -240,18 +239,12 @@ def _prior_sd(infos: tuple[ParameterInfo, ...], floor: NoiseComponents, pushes: 
 
 def _discrepancy_bases(
     robot: Robot, states: Campaign, labels: Labels, unit: float, pushes: StiffnessTrials | None
-) -> tuple[Array, Array, Array]:
-    """Columns of a discrepancy of size 1; shared and channel basis of the model-form error, see `Problem`."""
+) -> tuple[Array, Array]:
+    """Columns of a discrepancy of size 1, and the basis of the model-form error."""
     load = states.highest if pushes is None else pushes.load_level(states)
     where = settings(states.spine_length, load, states.branch, states.kind, robot.length)
-    channels = sorted(set(labels.channel.tolist()))
-    number = np.array([channels.index(c) for c in labels.channel])
-    # A bend that moves the tip by d turns it by about 2 d / L; forces have a unit of their own at each state.
-    size = np.array([2 * unit / robot.length if n.startswith("r") else 1.0 if n == "force" else unit for n in channels])
-    shared_basis = columns(Settings(where.place, np.ones(len(states))))
-    channel_basis = by_channel(shared_basis, labels.state, number, np.ones(len(channels)))
-    smooth = by_channel(shared_basis * where.size[:, None], labels.state, number, size)
+    smooth, form_error_basis = bases(where, labels.state, labels.channel, unit, robot.length)
     if pushes is not None:
         force = labels.kind == 3
         smooth[force] *= pushes.unit[labels.state[force], None]
-    return smooth, shared_basis[labels.state], channel_basis
+    return smooth, form_error_basis

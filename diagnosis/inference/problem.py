@@ -250,11 +250,9 @@ class Problem:
     noise: Noise
     discrepancy: Array
     """(n, m) columns of a discrepancy of size 1."""
-    shared_basis: Array
-    """(n, a) basis of a factor of standard deviation 1, smooth over the states and shared by all channels: how an effect's true
-    law may differ from the catalogue's (model-form error)."""
-    channel_basis: Array
-    """(n, b) the same with one factor for each channel; shared and channel basis contribute half of the variance each."""
+    form_error_basis: Array
+    """(n, b) basis of a factor of standard deviation 1, smooth over the states: how an effect's true law may differ from the
+    catalogue's (model-form error)."""
 
     def __getstate__(self) -> dict[str, Any]:
         """Without what is made of it."""
@@ -264,11 +262,6 @@ class Problem:
     def whitened_discrepancy(self) -> Array:
         """(n, m)."""
         return self.noise.whiten(self.discrepancy)
-
-    @cached_property
-    def form_error_basis(self) -> Array:
-        """(n, a + b) of a factor of standard deviation 1: shared and channel basis, half of the variance each."""
-        return np.sqrt(0.5) * np.hstack([self.shared_basis, self.channel_basis])
 
     @cached_property
     def _independent_basis(self) -> Array:

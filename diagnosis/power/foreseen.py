@@ -43,7 +43,7 @@ class Addition:
         return self.gained / max(self.experiment.minutes / 60, 1e-3)
 
 
-def foreseen(robot: Robot, table: Columns, catalogue: Mapping[str, EffectSpec] = CATALOGUE, seed: int = 1) -> Case:
+def foreseen(robot: Robot, table: Columns, seed: int = 1) -> Case:
     """A case as the planned columns would give it, of a robot as it is described, read with the usual noise and scatter of
     trials. Raises `BadCase` where the rod has no equilibrium."""
     design = design_from_columns(robot, table)
@@ -55,12 +55,10 @@ def foreseen(robot: Robot, table: Columns, catalogue: Mapping[str, EffectSpec] =
     values = forward.predict(np.clip(theta, low, high))
     if not np.isfinite(values).all():
         raise BadCase("the rod model has no equilibrium at a planned state: check pressures, and robot.yaml's stiffness")
-    read = {name: np.array(column, float if name in ("x", "y", "z") else None) for name, column in table.items()}
-    observed = forward.observations
-    for name in ("x", "y", "z"):
-        along_axis = observed.channel == name
-        noise = DEFAULT_NOISE["tip"] * rng.standard_normal(int(along_axis.sum()))
-        read[name][observed.row[along_axis]] = values[along_axis] + noise
+    read, observed = {name: np.array(column) for name, column in table.items()}, forward.observations
+    for name in "xyz":
+        own = observed.channel == name
+        read[name][observed.row[own]] = values[own] + DEFAULT_NOISE["tip"] * rng.standard_normal(int(own.sum()))
     rows = []
     for i in range(len(design)):
         cells: dict[str, Any] = {n: str(c[i]) if n in TEXTS else c[i].item() for n, c in read.items()}
@@ -100,7 +98,7 @@ def additions(
 def _with(case: Case, e: Experiment, seed: int) -> Case:
     """The case with an experiment behind it."""
     chambers = len(case.robot.actuators.azimuths_deg)
-    more = foreseen(case.robot, columns(e.parameters, chambers, ("x", "y", "z", *e.channels)), {}, seed)
+    more = foreseen(case.robot, columns(e.parameters, chambers, ("x", "y", "z", *e.channels)), seed)
     last, end = max(r.trial for r in case.table), max(r.t for r in case.table)
     rows = tuple(replace(r, trial=r.trial + last, t=r.t + end + 60.0) for r in more.table)
     return Case(case.robot, Table((*case.table.rows, *rows)))

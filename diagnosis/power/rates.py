@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
-from ..arrays import Array, Mask
 from ..judgement import CAUSE_PROBABILITY, PRIOR_OF_NUMBER
 from .worlds import CAUSE, CLUTTER, Planned, drawn, probabilities
 
@@ -65,40 +65,29 @@ def power(plan: Planned, catalogue: Sequence[str], each: int = 40, seed: int = 1
     Shares of all worlds count each world with the prior probability of its cause, as the diagnosis has it.
     """
     rng = np.random.default_rng(seed)
-    made = [drawn(plan, rng, cause, clutter) for cause in ("", *plan.effects) for _ in range(each)]
-    worlds = [w for w, _ in made]
+    worlds = [drawn(plan, rng, cause, clutter) for cause in ("", *plan.effects) for _ in range(each)]
     hypotheses, p = probabilities(plan, np.array([w.readings for w in worlds]))
-    named, probability = ["".join(hypotheses[k]) for k in p.argmax(axis=1)], p.max(axis=1)
-    right = np.array([w.cause == n for w, n in zip(worlds, named, strict=True)])
-    weight = np.array([PRIOR_OF_NUMBER[0] if not w.cause else (1 - PRIOR_OF_NUMBER[0]) / len(plan.effects) for w in worlds])
+    cause, size = np.array([w.cause for w in worlds]), np.array([w.size for w in worlds])
+    named, probability = np.array(["".join(h) for h in hypotheses])[p.argmax(axis=1)], p.max(axis=1)
+    right = cause == named
+    weight = np.where(cause == "", PRIOR_OF_NUMBER[0], (1 - PRIOR_OF_NUMBER[0]) / len(plan.effects))
     weight /= weight.sum()
+    third = np.clip(np.digitize(size, np.linspace(*CAUSE, len(SIZES) + 1)) - 1, 0, len(SIZES) - 1)
+
+    def of(effect: str) -> EffectPower:
+        own = cause == effect
+        floors = [plan.floors(w.done[effect]) / w.size for w in worlds if w.cause == effect]
+        parts = {name: right[own & (third == k)] for k, name in enumerate(SIZES)}
+        taken_for = Counter(str(n) or "none" for n in named[own & ~right])
+        return EffectPower(
+            effect,
+            carries=float(np.median(floors)),
+            right={name: float(part.mean()) if part.size else None for name, part in parts.items()},
+            sure=float(np.mean((right & (probability > CAUSE_PROBABILITY))[own])),
+            taken_for=tuple((n, count / int(own.sum())) for n, count in taken_for.most_common()),
+        )
+
     share, sd = float(weight @ right), float(np.sqrt(weight**2 @ (right - weight @ right) ** 2))
-    effects = []
-    for effect in plan.effects:
-        caused = np.array([w.cause == effect for w in worlds])
-        floors = [plan.floors(done[effect]) / w.size for w, done in made if w.cause == effect]
-        size, mistaken = np.array([w.size for w in worlds])[caused], [n for n in np.array(named)[caused] if n != effect]
-        effects.append(_effect_power(effect, floors, size, right[caused], probability[caused], mistaken))
-    unseen = tuple(e for e in catalogue if e not in plan.effects)
     interval = (max(share - 1.96 * sd, 0.0), min(share + 1.96 * sd, 1.0))
-    return Power(len(worlds), share, interval, float(weight @ probability), tuple(effects), unseen)
-
-
-def _effect_power(
-    effect: str,
-    floors: Sequence[float],
-    size: Array,
-    right: Mask,
-    probability: Array,
-    mistaken: Sequence[str],
-) -> EffectPower:
-    """Of the w worlds that one effect causes: the noise floors that it carries, per plausible scale; its size, plausible scales;
-    whether it alone is most probable; the largest probability (w, each); and the names that are most probable where it is not.
-    """
-    edges = np.linspace(*CAUSE, len(SIZES) + 1)
-    third = np.clip(np.digitize(size, edges) - 1, 0, len(SIZES) - 1)
-    by_size = {name: float(right[third == k].mean()) if (third == k).any() else None for k, name in enumerate(SIZES)}
-    sure = float(np.mean(right & (probability > CAUSE_PROBABILITY)))
-    taken_for = {str(n) or "none": mistaken.count(n) / len(right) for n in mistaken}
-    ordered = tuple(sorted(taken_for.items(), key=lambda x: -x[1]))
-    return EffectPower(effect, float(np.median(floors)), by_size, sure, ordered)
+    unseen = tuple(e for e in catalogue if e not in plan.effects)
+    return Power(len(worlds), share, interval, float(weight @ probability), tuple(map(of, plan.effects)), unseen)

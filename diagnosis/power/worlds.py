@@ -12,24 +12,24 @@ catalogue are not drawn. Source: simulation-based calibration (Talts et al. 2018
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
-from scipy.special import logsumexp
+from scipy.special import logsumexp, softmax
 
 from ..arrays import Array
 from ..inference.budget import Part, after_calibration, parts
 from ..inference.candidate import Candidate
-from ..inference.evidence import KNOWN, NONE, Hypothesis, log_mass
+from ..inference.evidence import KNOWN, NONE, Hypothesis, log_allowed_share
 from ..inference.linear import Linear
+from ..inference.posterior import hypothesis_prior
 from ..inference.prepare import Prepared
 from ..inference.problem import Problem, leading
 from ..inference.search import Search
-from ..judgement import PRIOR_OF_NUMBER, SAME_ODDS, TEMPERATURE, TOLERATED_SIZES
+from ..judgement import SAME_ODDS, TEMPERATURE, TOLERATED_SIZES
 
 CAUSE = (0.5, 1.5)
 """Plausible scales of a cause."""
@@ -96,10 +96,12 @@ class World:
     """Empty: none."""
     size: float
     """Plausible scales."""
+    done: Mapping[str, Array]
+    """Effect -> its whitened response (n,)."""
 
 
-def drawn(d: Planned, rng: np.random.Generator, cause: str, clutter: Sequence[float]) -> tuple[World, dict[str, Array]]:
-    """One world with a cause (empty: none), and the whitened response (n,) of each effect in it."""
+def drawn(d: Planned, rng: np.random.Generator, cause: str, clutter: Sequence[float]) -> World:
+    """One world with a cause (empty: none)."""
     linear, p, noise = d.linear, d.problem.parameters, d.problem.noise
     y = rng.standard_normal(len(linear.observed)) + linear.nuisance.along(rng.standard_normal(linear.nuisance.shape[1]))
     size = rng.choice(KNOWN.sizes, p=KNOWN.size_weights)
@@ -117,7 +119,7 @@ def drawn(d: Planned, rng: np.random.Generator, cause: str, clutter: Sequence[fl
         wrong = p.law_error[effect] * rng.choice(KNOWN.form_errors) * (basis @ rng.standard_normal(basis.shape[1]))
         done[effect] = noise.whiten(response * (1 + wrong))
         y += done[effect]
-    return World(y, cause, amount), done
+    return World(y, cause, amount, done)
 
 
 def probabilities(d: Planned, readings: Array) -> tuple[tuple[Hypothesis, ...], Array]:
@@ -127,62 +129,23 @@ def probabilities(d: Planned, readings: Array) -> tuple[tuple[Hypothesis, ...], 
     """
     linear, p = d.linear, d.problem.parameters
     named: tuple[Hypothesis, ...] = (NONE, *((e,) for e in d.effects))
-    errors = [d.form_errors(h) for h in named]
-    basis = _span([linear.effects, linear.nuisance.whole, linear.discrepancy, *errors])
-    seen = readings @ basis
-    effects, nuisance, smooth = (basis.T @ m for m in (linear.effects, linear.nuisance.whole, linear.discrepancy))
-    outer_nuisance, outer_smooth = nuisance @ nuisance.T, smooth @ smooth.T
+    k = linear.effects.shape[1]
+    # Readings as further columns: X^T C^-1 X holds the information, and the score and misfit of each world.
+    every = replace(linear, effects=np.hstack([linear.effects, readings.T]), observed=np.zeros(len(linear.observed)))
     evidence = np.empty((len(named), len(readings)))
     for i, h in enumerate(named):
-        mask = p.mask(h)
-        law = basis.T @ errors[i]
-        outer_law = law @ law.T
-        terms = []
-        for s, spike in enumerate(KNOWN.spikes):
-            prior = p.prior(mask, float(spike), linear.effect_size)
-            fixed = np.eye(basis.shape[1]) + outer_nuisance + (effects * prior.variance) @ effects.T
-            off = seen - effects @ prior.mean
-            for g, size in enumerate(KNOWN.sizes):
-                for f, error in enumerate(KNOWN.form_errors):
-                    factor = cho_factor(fixed + size**2 * outer_smooth + error**2 * outer_law, lower=True)
-                    pulled = cho_solve(factor, off.T)
-                    log_p = -0.5 * (off.T * pulled).sum(axis=0) - np.log(np.diag(factor[0])).sum()
-                    log_p = log_p + _cut(d, h, prior.mean, prior.variance, effects, factor, pulled)
-                    terms.append(log_p + KNOWN.log_weights[s, g, f])
+        mask, terms = p.mask(h), []
+        for g, row in enumerate(replace(every, form_error=d.form_errors(h)).reductions(KNOWN.sizes, KNOWN.form_errors)):
+            for f, found in enumerate(row):
+                x, misfit = found.information, np.diag(found.information)[k:]
+                of_worlds = replace(found, information=x[:k, :k], score=x[k:, :k])
+                for s, spike in enumerate(KNOWN.spikes):
+                    prior = p.prior(mask, float(spike), linear.effect_size)
+                    log_p, mean, covariance = of_worlds.update(prior)
+                    cut = replace(prior, variance=np.where(mask, prior.variance, 0.0))
+                    allowed = log_allowed_share(mean, np.diag(covariance)[None], cut, p)
+                    allowed = allowed - log_allowed_share(prior.mean[None], prior.variance[None], cut, p)
+                    terms.append(log_p - 0.5 * misfit + allowed + KNOWN.log_weights[s, g, f])
         evidence[i] = logsumexp(terms, axis=0)
-    shares = np.array([PRIOR_OF_NUMBER[len(h)] / (len(d.effects) if h else 1) for h in named])
-    score = evidence.T / TEMPERATURE + np.log(shares)
-    weight = np.exp(score - score.max(axis=1, keepdims=True))
-    return named, weight / weight.sum(axis=1, keepdims=True) / (1 + SAME_ODDS)
-
-
-def _span(blocks: Sequence[Array]) -> Array:
-    """Orthonormal basis (n, r) of the columns of all blocks."""
-    every = np.hstack(blocks)
-    value, vector = np.linalg.eigh(every.T @ every)
-    strong = value > 1e-9 * value.max()
-    basis = every @ vector[:, strong] / np.sqrt(value[strong])
-    return np.linalg.qr(basis)[0]
-
-
-def _cut(
-    d: Planned, h: Hypothesis, mean: Array, variance: Array, effects: Array, factor: tuple[Array, bool], pulled: Array
-) -> Array | float:
-    """log of what bounds and the least named size leave of the posterior of what is named, less the same of its prior."""
-    if not h:
-        return 0.0
-    p = d.problem.parameters
-    own = p.mask(h)
-    rows = effects[:, own] * variance[own]
-    at = mean[own] + (rows.T @ pulled).T
-    sd = np.sqrt(np.maximum(variance[own] - (rows * cho_solve(factor, rows)).sum(axis=0), 1e-12))
-    small = p.sizes[own]
-
-    def left(centre: Array, spread: Array) -> Array:
-        low, high, least = p.low[own], p.high[own], p.least_named[own]
-        within = log_mass(centre, spread, low, high)
-        near = log_mass(centre, spread, np.maximum(low, -least), np.minimum(high, least)) - within
-        outside = np.log(np.maximum(1 - np.exp(np.minimum((near * small).sum(axis=-1), 0.0)), 1e-12))
-        return np.asarray(within.sum(axis=-1) + outside)
-
-    return left(at, sd) - left(mean[own], np.sqrt(variance[own]))
+    score = evidence.T / TEMPERATURE + np.log([hypothesis_prior(h, len(d.effects)) for h in named])
+    return named, softmax(score, axis=1) / (1 + SAME_ODDS)

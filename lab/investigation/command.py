@@ -14,7 +14,7 @@ from diagnosis.answer.result import Diagnosis, Ranked
 from diagnosis.diagnose import Options
 from diagnosis.errors import DiagnosisError
 from diagnosis.inference.executor import Executor
-from diagnosis.investigate import Foretold, Investigation, Limits, Round, investigate
+from diagnosis.investigate import Foretold, Investigation, Round, investigate
 from drivers.errors import InstrumentError
 from model.errors import ModelError
 from protocols.errors import ProtocolError, Stopped
@@ -56,7 +56,9 @@ class Wanted:
     inputs: tuple[Path, ...]
     rig: Path
     folder: Path
-    limits: Limits
+    minutes: float
+    """Of all experiments."""
+    experiments: int
     robot: Path | None = None
     effects: Path | None = None
     hands: bool = True
@@ -138,7 +140,7 @@ def run(w: Wanted, as_json: bool) -> int:
                 say(f"watch it at {at.page.address}")
             there = beside(len(case.table))
             fits = Executor(progress=weighing.step, remote_map=None if there is None else there.in_order)
-            found = investigate(case, at, Options(catalogue=weighed, executor=fits), w.limits, diagnosed)
+            found = investigate(case, at, Options(catalogue=weighed, executor=fits), w.minutes, w.experiments, diagnosed)
     except (DiagnosisError, ModelError) as e:
         raise ConfigError(str(e)) from e
     except (ProtocolError, InstrumentError, RecordingError, KeyboardInterrupt) as e:
@@ -222,10 +224,9 @@ def _minutes(text: str) -> float:
 
 
 def _investigate(a: argparse.Namespace) -> int:
-    limits = Limits(a.budget, a.experiments)
     menu = not a.no_hands, tuple(a.without), tuple(a.set)
     labels = tuple(given_labels(a))
-    wanted = Wanted(tuple(a.inputs), a.rig, a.out, limits, a.robot, a.effects, *menu, labels, a.workers, a.watch)
+    wanted = Wanted(tuple(a.inputs), a.rig, a.out, a.budget, a.experiments, a.robot, a.effects, *menu, labels, a.workers, a.watch)
     return run(wanted, a.json)
 
 

@@ -66,7 +66,7 @@ def run(asked: Asked, each: int, seed: int, more: bool, effects: Path | None, as
     note(f"not considered: {why}" for why in left_out)
     try:
         with Screen("drawing worlds", quiet=as_json) as screen:
-            case = foreseen(robot, table, weighed, seed) if table is not None else _measured(asked)
+            case = foreseen(robot, table, seed) if table is not None else _measured(asked)
             whole = 3 if more else 2
             design = of_case(case, weighed)
             found: dict[str, Power] = {}

@@ -10,7 +10,7 @@ import pytest
 from diagnosis.answer.experiments import columns
 from diagnosis.answer.result import Diagnosis, Proposal
 from diagnosis.diagnose import Examined, Options, examine
-from diagnosis.investigate import Foretold, Limits, NotDone, Round, bits_gained, investigate, settled
+from diagnosis.investigate import Foretold, NotDone, Round, bits_gained, investigate, settled
 from diagnosis.judgement import CERTAIN
 from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
@@ -86,7 +86,7 @@ def _once(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_cause_becomes_clear_and_every_prediction_was_there_before() -> None:
     start, rounds = loading(1), list[Round]()
     laboratory = Made(start)
-    found = investigate(start, laboratory, OPTIONS, Limits(120.0, 3), rounds.append)
+    found = investigate(start, laboratory, OPTIONS, 120.0, 3, rounds.append)
     assert not settled(rounds[0].diagnosis) and len(laboratory.asked) >= 1
     assert found.answer.attribute.effects == (CAUSE_PROBABILITY,) and found.answer.attribute.probability > 0.8
     for r, foretold in zip(found.rounds, laboratory.asked, strict=False):
@@ -106,12 +106,12 @@ def test_the_cause_becomes_clear_and_every_prediction_was_there_before() -> None
 def test_what_is_refused_or_too_long_is_not_done_and_told_why() -> None:
     start = loading(1)
     none = Made(start, refuse=lambda p: f"no {p.id} here")
-    found = investigate(start, none, OPTIONS, Limits(120.0, 3))
+    found = investigate(start, none, OPTIONS, 120.0, 3)
     assert not none.asked and found.ended == "nothing that can be done is expected to tell more"
     refused = found.rounds[-1].refused
     assert refused and all(why == f"no {id} here" for id, why in refused.items())
     assert set(refused) <= {p.id for p in found.answer.next_experiment}
-    soon = investigate(start, Made(start), OPTIONS, Limits(0.5, 3))
+    soon = investigate(start, Made(start), OPTIONS, 0.5, 3)
     assert all("0 are left" in why or "1 are left" in why for why in soon.rounds[-1].refused.values())
 
 
@@ -127,14 +127,14 @@ def test_one_that_cannot_be_done_after_all_makes_room_for_the_next() -> None:
         return perform(foretold)
 
     laboratory.perform = broken  # type: ignore[method-assign]
-    found = investigate(start, laboratory, OPTIONS, Limits(120.0, 1))
+    found = investigate(start, laboratory, OPTIONS, 120.0, 1)
     assert len(tried) == 2 and tried[0] != tried[1]
     assert found.rounds[0].refused == {tried[0]: "the door is locked"} and found.ended == "1 experiments were done"
 
 
 def test_what_no_rival_foretold_is_told() -> None:
     start = loading(1)
-    found = investigate(start, Made(start, shifted=0.05), OPTIONS, Limits(120.0, 1))
+    found = investigate(start, Made(start, shifted=0.05), OPTIONS, 120.0, 1)
     assert found.rounds[0].unforeseen and all(j.failed for j in found.rounds[0].judged)
 
 
@@ -158,4 +158,4 @@ def test_bits_are_those_from_one_ranking_to_the_next() -> None:
 @cache
 def _answer() -> Diagnosis:
     start = loading(1)
-    return investigate(start, Made(start), OPTIONS, Limits(0.0, 0)).answer
+    return investigate(start, Made(start), OPTIONS, 0.0, 0).answer

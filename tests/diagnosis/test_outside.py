@@ -146,7 +146,8 @@ TRIAL = np.repeat(GRID.trial, 3)
 
 
 def diagnosed(problem: Problem) -> MisfitDiagnostics:
-    return misfit_diagnostics(problem, Search(problem).run()[0], TRIAL, 1.0)
+    best = Search(problem).run()[0]
+    return misfit_diagnostics(problem, best, TRIAL, 1.0, best)
 
 
 def shifted_by(problem: Problem, name: str, by: float) -> Problem:

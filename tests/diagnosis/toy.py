@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.data.noise import Noise
-from diagnosis.inference.discrepancy import Settings, by_channel, columns, settings
+from diagnosis.inference.discrepancy import bases, settings
 from diagnosis.inference.problem import Parameters, Problem
 from model.effects.parameters import ParameterInfo
 from model.effects.tolerance import Group
@@ -109,8 +109,6 @@ def toy_problem(seed: int, truth: dict[str, float], sd: float = 0.3 * MM, clutte
     n = len(grid.pressure)
     state, channel = np.repeat(np.arange(n), 3), np.tile(np.arange(3), n)
     where = settings(grid.length, grid.pressure, grid.branch, np.zeros(n), ROBOT_LENGTH)
-    smooth = by_channel(columns(where), state, channel, np.full(3, sd))
-    shared_basis = columns(Settings(where.place, np.ones(n)))
-    channel_basis = by_channel(shared_basis, state, channel, np.ones(3))
+    smooth, form_error_basis = bases(where, state, np.array(["x", "y", "z"])[channel], sd, ROBOT_LENGTH)
     noise = Noise(state, np.full(y.size, sd), np.zeros((y.size, 1)))
-    return Problem(forward, p, y, noise, smooth, shared_basis[state], channel_basis)
+    return Problem(forward, p, y, noise, smooth, form_error_basis)

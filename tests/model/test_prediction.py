@@ -247,24 +247,24 @@ def test_mean_and_variance_are_those_of_scikit_learn(paper_robot: Robot) -> None
 
 def test_scales_are_found_and_left_out_trials_are_predicted_as_by_learning_anew(paper_robot: Robot) -> None:
     trial, pressure, length, missed = learnt_states(paper_robot)
-    found = learn_residual(paper_robot, trial, pressure, length, missed)
-    assert 0.5 < found.residual.trial / 3e-4 < 2 and 0.5 < found.residual.reading / 1e-4 < 2
+    found, left_out = learn_residual(paper_robot, trial, pressure, length, missed)
+    assert 0.5 < found.trial / 3e-4 < 2 and 0.5 < found.reading / 1e-4 < 2
     there, at = asked(40, seed=11)
-    off = LearntResidual(paper_robot, found.residual)(there, at).mean - smooth(paper_robot, there, at)
+    off = LearntResidual(paper_robot, found)(there, at).mean - smooth(paper_robot, there, at)
     assert np.sqrt((off**2).sum(axis=1).mean()) < 0.3 * np.sqrt((missed**2).sum(axis=1).mean())
     left = []
     for out in np.unique(trial):
-        rest = tuple(s for s in found.residual.states if s[0] != out)
-        anew = LearntResidual(paper_robot, found.residual.model_copy(update={"states": rest}))
+        rest = tuple(s for s in found.states if s[0] != out)
+        anew = LearntResidual(paper_robot, found.model_copy(update={"states": rest}))
         own = trial == out
         left.append(missed[own] - anew(pressure[own], length[own]).mean)
     expected = np.sqrt((np.concatenate(left) ** 2).sum(axis=1).mean())
-    assert found.left_out == pytest.approx(expected, rel=1e-4)
+    assert left_out == pytest.approx(expected, rel=1e-4)
 
 
 def test_predictions_have_the_residual_its_slopes_and_its_interval(paper_robot: Robot) -> None:
     plain = robot_with(paper_robot, AZIMUTH)
-    own = learn_residual(plain, *learnt_states(plain)).residual
+    own, _ = learn_residual(plain, *learnt_states(plain))
     robot = plain.model_copy(update={"residual": own})
     pressure, length = asked(12, seed=2)
     with_it, without = (Predictor(r)(pressure, length, intervals=True, gradient=True) for r in (robot, plain))
@@ -284,7 +284,7 @@ def test_predictions_have_the_residual_its_slopes_and_its_interval(paper_robot: 
 
 
 def test_far_from_all_states_nothing_is_added_and_the_interval_says_so(paper_robot: Robot) -> None:
-    own = learn_residual(paper_robot, *learnt_states(paper_robot)).residual
+    own, _ = learn_residual(paper_robot, *learnt_states(paper_robot))
     own = own.model_copy(update={"pressure_scale": 1e4})
     far = LearntResidual(paper_robot, own)(np.full((1, 9), 190e3), np.array([0.1]), intervals=True)
     assert np.abs(far.mean).max() < 1e-9 and far.variance is not None
@@ -295,6 +295,6 @@ def test_too_few_states_and_a_wrong_table_are_refused(paper_robot: Robot) -> Non
     trial, pressure, length, missed = learnt_states(paper_robot)
     with pytest.raises(BadCase, match="5 states with a tip in 1 trial"):
         learn_residual(paper_robot, trial[:5], pressure[:5], length[:5], missed[:5])
-    own = learn_residual(paper_robot, trial, pressure, length, missed).residual.model_dump()
+    own = learn_residual(paper_robot, trial, pressure, length, missed)[0].model_dump()
     with pytest.raises(BadRobot, match=r"residual.amplitude = -1.0 m"):
         robot_from_dict({**paper_robot.model_dump(), "residual": {**own, "amplitude": -1.0}})
