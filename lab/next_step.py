@@ -28,5 +28,5 @@ def nothing_next(d: Diagnosis) -> str:
 
 
 def command(p: Proposal, protocols: Path | None) -> str:
-    """Return what to type to run a proposed experiment; its file is in the folder `protocols`, by default next."""
-    return f"lab run {shlex.quote(str((protocols or Path('next')) / p.id))}.yaml --rig rig.yaml"
+    """Return what to type to run a proposed experiment, RIG.yaml for the rig; its file is in `protocols`, by default next."""
+    return f"lab run {shlex.quote(str((protocols or Path('next')) / p.id))}.yaml --rig RIG.yaml"

@@ -118,7 +118,7 @@ def plan(p: Bending, name: str = "bending") -> Plan:
         reach, setup = f"{_reach(spine, vacuum)}, repeat {repeat}", _setup(p, vacuum)
         steps.append(
             Step(
-                f"vent, release, grow and jam: {reach}",
+                f"{'vent, release, grow and jam: ' if spine or vacuum else 'vent, '}{reach}",
                 8.0 + abs(spine - length) / p.spine.speed + p.spine.settle,
                 Ask(
                     spine_length=spine,

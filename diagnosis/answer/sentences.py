@@ -28,7 +28,7 @@ from ..judgement import (
     OUTSTANDING_FLOORS,
     USUAL_EXCESS,
 )
-from .headline import LEAST_STATED, percent, stated
+from .headline import LEAST_STATED, for_people, percent, stated
 from .result import Calibration, Carries, Conclusion, Locate, Ranked, Shrink, Simulator, Waterfall
 from .shrink import share_closed
 from .verdict import Decision, stage
@@ -60,7 +60,7 @@ class Facts:
     """Effect -> plain name."""
 
 
-BEYOND_TOLERANCE = "Beyond its tolerance: "
+BEYOND_TOLERANCE = "Beyond tolerance (in brackets, one standard deviation): "
 """How the concern about a number of robot.yaml begins."""
 NO_EFFECT, OUTSIDE = "no effect", "a cause outside the catalogue"
 
@@ -205,7 +205,7 @@ def as_stiff(c: Calibration | None) -> str:
 
 ORIGINS = {
     "pressures": "the readings of the pressures",
-    "area_factor": "area_factor itself, the share of the chambers' area that acts,",
+    "area_factor": "area_factor (effective over geometric area of the chambers)",
 }
 """Origins that robot.yaml does not hold, or whose key says little -> what to call them."""
 
@@ -223,9 +223,8 @@ def stands_for(c: Calibration | None, words: Words) -> str:
     stiff = any(o.name in ("youngs_modulus", "bending_stiffness") for o in c.origins)
     by_mass = "measure the body's stiffness without pressures (a stiffness trial, or a mass at the tip), " if stiff else ""
     return words.say(
-        f"An area factor of {c.area_factor:.2f} instead of {c.given:.2f}, with {c.modulus:.2f} times the modulus, may stand for "
-        f"another number of the robot (p that it makes most of it, as uncertain as all are): {', '.join(each)}. To tell, "
-        f"{by_mass}hold a gauge against the pressures, and measure a section"
+        "What calibration changed may stem from one wrong number (p: probability that it makes up most of the change): "
+        f"{', or '.join(each)}. To find out, {by_mass}hold a gauge against the pressures, and measure a section"
     )
 
 
@@ -247,21 +246,24 @@ def _by_calibration(f: Facts, otherwise: str, rest: str = "") -> str:
 
 
 def beyond_tolerance(p: Parameters, moved: Mapping[int, float], robot: Robot) -> Iterator[str]:
-    """What to say of each number of robot.yaml that a fit moves beyond its tolerance (`Parameters.tense`)."""
+    """What to say of the numbers of robot.yaml that a fit moves beyond their tolerances (`Parameters.tense`), in one concern."""
     by_stiffness = robot.bending_stiffness is not None
+    each = []
     for i, value in moved.items():
         info, sd = p.infos[i], float(p.sd[i])
-        away, allowed = (
-            (f"{100 * abs(value):.0f} %", f"{100 * sd:.2g} %")
-            if info.unit == "1"
-            else (f"{abs(value):.3g} {info.unit}", f"{sd:.2g} {info.unit}")
-        )
+        off, allowed = (f"{v:.3g} {u}" for v, u in (_in_percent(abs(value), info.unit), _in_percent(sd, info.unit)))
         key = "bending_stiffness" if info.source == "youngs_modulus" and by_stiffness else info.source
+        each.append(f"{key} {off} {'above' if value > 0 else 'below'} robot.yaml ({allowed})")
+    if each:
         yield (
-            f"{BEYOND_TOLERANCE}{with_id(key, {})}, {away} {'above' if value > 0 else 'below'} robot.yaml, "
-            f"{abs(value) / sd:.1f} standard deviations of the {allowed} it may be off: measure it and correct robot.yaml, or "
-            "state it less surely; until then no cause is certain"
+            f"{BEYOND_TOLERANCE}{', '.join(each)}: measure and correct robot.yaml, or state it less surely; until then no cause "
+            "is certain"
         )
+
+
+def _in_percent(value: float, unit: str) -> tuple[float, str]:
+    """A value and its unit as a person reads them; a pure number in percent."""
+    return (100 * value, "%") if unit == "1" else for_people(value, unit)
 
 
 def doubtful_area_factor(ratio: float) -> Iterator[str]:

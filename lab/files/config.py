@@ -326,7 +326,9 @@ def _describe(error: ErrorDetails, loc: Loc, data: object, model: type[BaseModel
     if kind == "finite_number":
         return f"{key} = {number}: must be a finite number"
     message = error["msg"].removeprefix("Value error, ")
-    return f"{key} = {number}: {message}" if key and not isinstance(error["input"], dict) else f"{key or 'the file'}: {message}"
+    if key and not isinstance(error["input"], dict):
+        return f"{key} = {number}: {message}"
+    return f"{key}: {message}" if key else message
 
 
 def _within(field: FieldInfo | None, value: float) -> bool:

@@ -25,6 +25,9 @@ from recordings.trials import Table, TrialRow
 from ..console import note
 from .config import ConfigError, Source, check, parse_yaml, read_yaml
 
+TABLES = (".csv", ".txt", ".tsv", ".mat", ".npy", ".npz", ".c3d", ".parquet")
+"""Ends of names of tables that other programs wrote."""
+
 
 @dataclass(frozen=True)
 class Case:
@@ -63,11 +66,11 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
 
     robots: list[tuple[Source, Robot]] = []
     parts: list[tuple[str, Table]] = []
+    for path in inputs:
+        _demand_case(path)
     recordings = [Recording.open(path) for path in without_torn(inputs) if not path.is_dir()]
     for path in inputs:
         if path.is_dir():
-            if not (path / "trials.csv").exists() and any(path.glob("*.mcap")):
-                raise ConfigError(f"{path}: is a folder of recordings, not a case folder; give its files, {path}/*.mcap")
             if robot_path is None:
                 robots.append(_robot_in(read_yaml(path / "robot.yaml")))
             parts.append((str(path / "trials.csv"), read_csv(path / "trials.csv")))
@@ -89,6 +92,18 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
     units = {column: unit for _, table in parts for column, unit in table.sensor_units.items()}
     doubts += doubtful(robot, rows, source.name)
     return Case(robot, Table(rows, warnings=doubts, sensor_units=units), source.text.decode())
+
+
+def _demand_case(path: Path) -> None:
+    """Raise a ConfigError that says what to do for a folder that is no case and for a table that is no recording."""
+    if path.is_file() and path.suffix.lower() in TABLES:
+        raise ConfigError(
+            f"{path}: is a table, not a recording; make a case of it: lab import {path} --guess, see lab import --help"
+        )
+    if path.is_dir() and not (path / "trials.csv").exists():
+        if any(path.glob("*.mcap")):
+            raise ConfigError(f"{path}: is a folder of recordings, not a case folder; give its files, {path}/*.mcap")
+        raise ConfigError(f"{path}: holds no trials.csv, so it is no case folder; give one that lab import or lab export wrote")
 
 
 def without_torn(paths: Sequence[Path]) -> list[Path]:

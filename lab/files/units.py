@@ -66,7 +66,9 @@ def to_si(text: str, unit: str, known: Mapping[str, float] | None = None) -> flo
         return value
     factors = KINDS.get(unit, {unit: 1.0}) if known is None else known
     if name not in factors:
-        raise UnitError(f"{text!r} has the unit {name!r}, but a value in {unit} is needed; use one of {', '.join(factors)}")
+        alike = [known for known in factors if known.lower() == name.lower()]
+        hint = f"did you mean {' or '.join(alike)}?" if alike else f"use one of {', '.join(factors)}"
+        raise UnitError(f"{text!r} has the unit {name!r}, but a value in {unit} is needed; {hint}")
     return value * factors[name]
 
 

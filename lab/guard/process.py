@@ -95,7 +95,10 @@ class ProgramWatch(timing.Thread):
                 guard.land("the program ended")
                 return
             if guard.energised and now - heard > guard.rig.safe.heartbeat:
-                guard.land(f"no heartbeat from the program for {now - heard:.1f} s")
+                guard.land(
+                    f"no heartbeat from the program for {now - heard:.1f} s, {guard.rig.safe.heartbeat:g} s allowed by "
+                    "safe.heartbeat of the rig: the computer may be too busy, end other programs"
+                )
             if now > next_beat:
                 next_beat = now + BEAT_BACK
                 guard.tell(Event("beat"))

@@ -31,6 +31,8 @@ ORDERS_IN_WORDS = (
     "small letters turn about fixed axes (extrinsic, as in SciPy), capitals about axes that turn with the body (intrinsic); "
     "robots of Universal Robots write a rotation vector"
 )
+NO_ORDER_FITS = 10.0
+"""Deg (rms) that the tip may turn about other axes than that of its bending under the best order of three angles."""
 FITS = 1.5
 """Factor between the distance of the resting tip and the robot's length below which a unit of length is told by it."""
 
@@ -126,6 +128,8 @@ def _still(g: Guess, series: Series, others: Sequence[Triple], tip: Triple) -> l
     """The one place that stands still while the tip moves."""
     moves = _spread(_xyz(series, tip))
     still = [t for t in others if t.unit == tip.unit and _spread(_xyz(series, t)) < 0.02 * moves]
+    # near zero they are standard deviations, or a base that changes nothing
+    still = [t for t in still if np.nanmax(np.abs(_xyz(series, t))) > 0.02 * moves]
     if len(still) != 1:
         return []
     g.doubts.append(f"points.tip.against: {' / '.join(still[0].columns)} stands still: taken for a marker at the base")
@@ -222,9 +226,9 @@ def _frame(g: Guess, tip: Array, resting: Sequence[Array], robot: Robot, rests: 
     agreement = [_agreement(pushed.aside, tip - at_rest, frame) for frame in frames]
     best = int(np.argmax(agreement))
     found = frames[best]
-    bends = f"the tip bends {_sense(robot)} ({agreement[best]:.2f} of 1)"
+    bends = f"the tip bends {_sense(robot)} (agreement of directions {agreement[best]:.2f} of 1)"
     # the frame remains in doubt
-    if agreement[best] < 0.9:
+    if agreement[best] < 0.9 and np.isfinite(pushed.aside).any():
         g.doubts.append(
             f"frame.x, frame.y: with the base's x along the file's {found.x} and its y along the file's {found.y} {bends}: "
             "the best turn about the base's z, but not forced by these data; if base and cameras stand as for an earlier table, "
@@ -234,7 +238,8 @@ def _frame(g: Guess, tip: Array, resting: Sequence[Array], robot: Robot, rests: 
         others = [x for x, frame in zip(agreement, frames, strict=True) if frame.z != found.z]
         g.doubts.append(
             f"frame.z: where the tip rests does not tell which axis of the file is the base's z, from base to tip; taken as the "
-            f"file's {found.z}, as the actuators bend it ({agreement[best]:.2f} of 1, with another axis up to {max(others):.2f})"
+            f"file's {found.z}, as the actuators bend it (agreement of directions {agreement[best]:.2f} of 1, with another axis "
+            f"up to {max(others):.2f})"
         )
     if (found.x, found.y, found.z) != ("x", "y", "z"):
         lies = "the resting body begins along" if told else "the tip bends across"
@@ -247,8 +252,8 @@ def _frame(g: Guess, tip: Array, resting: Sequence[Array], robot: Robot, rests: 
         )
         g.say("straight", "at rest", f"{text}: markers were placed elsewhere")
         g.doubts.append(
-            f"straight: {text}; `at rest` moves the readings there, which hides what moves the tip at rest: to see it, measure "
-            "where the base is among the cameras' axes and write that as `zero` of columns x, y, z"
+            f"straight: {text}; `at rest` moves the readings there and hides any error at rest; to keep it, measure where the "
+            "base is among the cameras' axes and write that as `zero` of columns x, y, z"
         )
 
 
@@ -366,6 +371,7 @@ def guess_angles(g: Guess, series: Series, found: Sequence[Triple], tip: Tip) ->
     )
     fits = ", ".join(f"{deg:.1f} deg with {name}" for name, deg in off.items())
     said = f"; the tip turns about other axes than that of its bending by {fits}" if fits else ""
-    g.doubts.append(
-        f"orientation.order: {' / '.join(three.columns)} are taken as {order} in {unit}{said}. Check the order: {ORDERS_IN_WORDS}"
-    )
+    todo = f"Check the order: {ORDERS_IN_WORDS}"
+    if off and min(off.values()) > NO_ORDER_FITS:
+        todo = "No order fits: two columns of the tip or of the actuators may be exchanged, or the frame is wrong"
+    g.doubts.append(f"orientation.order: {' / '.join(three.columns)} are taken as {order} in {unit}{said}. {todo}")

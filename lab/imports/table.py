@@ -177,7 +177,7 @@ def imported(
         q, torn = _without_strays(q, own, float(straight[2]), series, notes)
         made = [_state(number, group + k, q, c) for k, c in zip(numbers, own, strict=True) if c not in torn]
         kept = [s for s in made if s is not None]
-        if len(kept) < len(made):
+        if len(kept) < len(made) < len(q.t):  # else the rows were named
             notes.append(f"{path.name}: {len(made) - len(kept)} of {len(made)} states have no tip or pressure and are left out")
         if not kept:
             raise ConfigError(f"{path}: no state was found; {_why(wanted, q)}")

@@ -19,6 +19,9 @@ from ..rig.losses import losses
 from .diagnosis_report import fill, names, opened
 from .figures import apart, stiffness_curves, story, tip_curves
 
+SIZES = "The fakes' law differs from that of the catalogue, so the sizes need not agree."
+"""Why what is found is not exactly what was withheld."""
+
 
 @dataclass(frozen=True)
 class Seal:
@@ -62,9 +65,10 @@ def write(
     before, after = compared
     report = opened("A day in the lab, without hardware", answer, case, files, folder / "next")
     found = report.section("What was withheld, and what was found")
-    found.text(f"The effect that was on: {with_id(seal.effect, names(answer))} = {seal.amount}: {seal.physics}.")
+    found.text(f"Withheld: {with_id(seal.effect, names(answer))} = {seal.amount}: {seal.physics}.")
+    found.text(f"Found: {answer.headline} {SIZES}")
     found.text(f"Replayed from the files alone, {'every number is the same' if equal else 'numbers DIFFER'}.")
-    found.text(f"Sealed before the first measurement as sha256 {seal.digest} of {seal.text}")
+    found.text(f"The digest printed before the first measurement, sha256 {seal.digest}, is that of {seal.text}")
     fill(report, answer, case, folder / "next")
     paper = case.robot.spine.modulus if case.robot.spine else {}
     whole = report.section("In pictures", folded=True)
@@ -99,7 +103,7 @@ def write(
 
 
 def _errors(table: ErrorTable) -> tuple[list[str], list[list[str]]]:
-    head = ["spine", "n", "x (paper: X), mm", "z (paper: Y), mm", "y, mm", "rms, mm", "worst, mm"]
+    head = ["spine", "states", "x (paper: X), mm", "z (paper: Y), mm", "y, mm", "rms, mm", "worst, mm"]
     rows = [
         [f"{r.spine_length * 100:.0f} cm", str(r.n)]
         + [f"{v * 1e3:.2f}" for v in (r.mean_abs_x, r.mean_abs_z, r.mean_abs_y, r.rmse, r.worst)]

@@ -121,7 +121,7 @@ def fill(report: Report, d: Diagnosis, case: Case, protocols: Path | None) -> No
         if "stiffness" in d.detail:
             _pushed(report.section("Stiffness trials", folded=tips), d, folder)
         if tips:
-            _alike(report.section("Which effects these data can distinguish", folded=True), d)
+            alike(report.section("Which effects these data can distinguish", folded=True), d)
         if d.detail["confounding"]:
             _confounding(report.section("Confounding: what a calibration absorbs", folded=True), d, folder)
         _misfit(report.section("Stages and misfit diagnostics", folded=True), d, spine)
@@ -210,8 +210,8 @@ def _steps(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
     s.figure(
         draw.waterfall(w, [plain_name(x.effect, names(d)) if x.effect else steps[x.step] for x in w.steps], length, folder),
         f"Error of the {d.locate.of}, mm rms over {w.n} states, each predicted by fits that did not see it "
-        f"({d.words.say(w.how)}). Each bar is what the step takes; whiskers: 95 % over trials drawn anew and orders of the "
-        "causes.",
+        f"({d.words.say(w.how)}). Each bar is what the step takes; whiskers: 95 % interval, from drawing trials anew "
+        "(bootstrap) and adding causes in every order.",
     )
     model = d.detail["baseline"]["name"] if "baseline" in d.detail else "model"
     rows = [[f"{model}, {GIVEN}", "", "", f"{w.given_mm:.2f}"]]
@@ -287,7 +287,7 @@ def _held_out(s: Section, found: Mapping[str, Any], spine: bool) -> None:
         for x in (found["by_spine_length"] if spine else ())
     ]
     rows.append(["all", str(found["states"]), f"{found['before_mm']:.2f}", f"{found['after_mm']:.2f}"])
-    s.table(("spine", "n", f"{CALIBRATED}, mm", f"{WITH_CAUSE}, mm"), rows)
+    s.table(("spine", "states", f"{CALIBRATED}, mm", f"{WITH_CAUSE}, mm"), rows)
 
 
 def _where(s: Section, d: Diagnosis, folder: Path) -> None:
@@ -324,7 +324,7 @@ def _by_factor(s: Section, d: Diagnosis, spine: bool) -> None:
         for c in cells
         if spine or name != "spine_length"
     ]
-    s.table(("where", "n", f"{CALIBRATED}, in-sample, mm rms", "95 %", ""), rows)
+    s.table(("where", "states", f"{CALIBRATED}, in-sample, mm rms", "95 %", ""), rows)
     s.text("*: above the noise floor, with false alarms held to 5 % of all rows.")
     euler = d.locate.numerical_error_mm
     if d.locate.of == "tip" and euler is not None and np.isfinite(euler):  # null in a file where it is not known
@@ -474,19 +474,22 @@ def _miss(state: Mapping[str, Any], model: str) -> str:
     return f"{1e3 * float(np.linalg.norm(missed)):.2f} {_point(missed)}"
 
 
-def _alike(s: Section, d: Diagnosis) -> None:
+def alike(s: Section, d: Diagnosis) -> None:
+    """Write which effects these data would take for which."""
     found = d.detail["distinguishability"]
     effects, tied, separation = found["effects"], found["tied_below"], found["separation"]
     seen = [i for i in range(len(effects)) if separation[i][i] >= tied]
     pairs = sorted(
-        (min(separation[i][j], separation[j][i]), effects[i], effects[j])
+        (separation[a][b], effects[a], effects[b])
         for k, i in enumerate(seen)
         for j in seen[k + 1 :]
-        if min(separation[i][j], separation[j][i]) < tied
+        for a, b in [min((i, j), (j, i), key=lambda way: separation[way[0]][way[1]])]
+        if separation[a][b] < tied
     )
     s.text(
-        f"T is the chi-square lost when one effect is fitted in place of the other. Below {tied:g} these data cannot distinguish "
-        f"two effects; an effect whose T against no effect is below {tied:g} cannot be seen in them."
+        f"T is the chi-square lost when the second effect is fitted where the first acts, at its fitted size if it is probable, "
+        f"else at its usual one. Below {tied:g} these data would take the first for the second, though not always the second for "
+        f"the first; an effect whose T against no effect is below {tied:g} cannot be seen in them."
     )
     s.table(("effect", "taken for", "T"), [[*(with_id(e, names(d)) for e in pair), f"{t:.1f}"] for t, *pair in pairs])
     hidden = [with_id(effects[i], names(d)) for i in range(len(effects)) if i not in seen]
@@ -531,9 +534,9 @@ def _pair(pair: Sequence[str], d: Diagnosis) -> str:
 
 def _rivals(d: Diagnosis) -> str:
     """Which hypotheses remain that no experiment separates."""
-    others = [r for r in d.attribute.ranking if r.effects != d.attribute.effects and r.probability > RIVAL_WORTH_SEPARATING]
+    named = ("unknown",) if d.attribute.verdict == "unknown" else d.attribute.effects
+    others = [r for r in d.attribute.ranking if r.effects != named and r.probability > RIVAL_WORTH_SEPARATING]
     if not others:
         return "No other hypothesis is probable."
-    named = ", ".join(f"{hypothesis(r.effects, d)} (p = {r.probability:.2f})" for r in others[:3])
-    unknown = " Of a cause outside the catalogue no model predicts anything." if others[0].effects == ("unknown",) else ""
-    return f"Also possible: {named}, which none of these separates.{unknown}"
+    rivals = ", ".join(f"{hypothesis(r.effects, d)} (p = {r.probability:.2f})" for r in others[:3])
+    return f"Also possible: {rivals}. None of these experiments is expected to separate them."

@@ -91,7 +91,7 @@ def _over_time(made: Imported, rows: Sequence[TrialRow], words: Words, pressure:
         for k, begin in enumerate(begins):
             ax.axvline(begin, color="tab:blue", lw=0.6, label=None if k else "trial begins")
     pressure.set(ylabel=words.axis, title=f"{len(rows)} states in {len(begins)} trials")
-    tip.set(ylabel="tip beside its median, mm", xlabel="time, s")
+    tip.set(ylabel="tip minus its median, mm", xlabel="time, s")
     pressure.legend(**BESIDE)
     tip.legend(**BESIDE)
 

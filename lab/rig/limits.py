@@ -16,6 +16,7 @@ from recordings.states.demands import Bodies
 
 from ..files.config import ConfigError
 from ..files.rig_file import RigFile, Stand
+from ..files.units import shown
 
 SLACK = 1 + 1e-9
 """A value at its limit is within it, however it was rounded."""
@@ -87,8 +88,8 @@ def problems(plan: Plan, rig: RigFile, path: Path, robot: Robot) -> list[str]:
         further = len(several) - 1
         others = f" (and {further} further step{'s' if further > 1 else ''})" if further else ""
         lines.append(
-            f"{plan.protocol}, step {number} ({plan.steps[number - 1].label}): requires {worst.subject}{worst.value:g} "
-            f"{worst.unit}, {where} {worst.limit}; {worst.remedy}{others}"
+            f"{plan.protocol}, step {number} ({plan.steps[number - 1].label}): requires {worst.subject}"
+            f"{shown(worst.value, worst.unit)}, {where} {worst.limit}; {worst.remedy}{others}"
         )
     return lines
 
@@ -125,7 +126,7 @@ def _above(
     value: float, unit: str, key: str, most: float, path: Path | str, subject: str = "", remedy: str = RAISE
 ) -> Iterator[Excess]:
     if value > most * SLACK:
-        yield Excess(value, unit, f"{key} = {most:g} {unit} of {path}", value / most, remedy, subject)
+        yield Excess(value, unit, f"{key} = {shown(most, unit)} of {path}", value / most, remedy, subject)
 
 
 def _pressures(pressures: Sequence[float], rig: RigFile, path: Path, robot: Robot) -> Iterator[Excess]:
@@ -162,7 +163,8 @@ def _probe(
             x = stand.origin[i] + along * stand.axis[i] + deep * stand.push[i]
             over = max(low[i] - x, x - high[i])
             if over > 1e-9:
-                box = f"the workspace of instruments.arm, {axis} = {low[i]:g} to {high[i]:g} m of {path}"
+                free = f"{shown(low[i], 'm')} to {shown(high[i], 'm')}"
+                box = f"the workspace of instruments.arm, {axis} = {free} of {path}"
                 remedy = "correct stand, or widen workspace_min and workspace_max if there is room"
                 yield Excess(round(x, 4), "m", box, over, remedy, f"the probe at {axis} = ", outside=True)
 

@@ -61,7 +61,7 @@ def _asked(ask: Ask, robot: Robot) -> dict[str, float | None]:
         "total pressure": sum(max(0.0, p) for p in ask.pressures),
         "pressure rate": ask.pressure_rate,
         "spine length": ask.spine_length,
-        "spine speed": ask.spine_speed,
+        "spine speed": ask.spine_speed if robot.spine is not None else None,
         "vacuum": ask.vacuum,
         "deflection": None if ask.push is None else ask.push.deflection,
         "expected force": None if ask.push is None else expected_force(robot, ask.push),

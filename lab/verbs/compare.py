@@ -60,7 +60,7 @@ def sheet(table: ErrorTable, robot: Robot) -> Sheet:
     named = ("x (paper: X)", "z (paper: Y)", "y (out of plane)") if paper else ("x", "y", "z")
     t = Sheet(title="Measured against model: mean absolute error of the tip", title_justify="left")
     with_spine = robot.spine is not None
-    for column in (*(("spine",) if with_spine else ()), "n", *named, "rms", "worst"):
+    for column in (*(("spine",) if with_spine else ()), "states", *named, "rms", "worst"):
         t.add_column(column, justify="right")
     for r in table.rows:
         along = (r.mean_abs_x, r.mean_abs_z, r.mean_abs_y) if paper else (r.mean_abs_x, r.mean_abs_y, r.mean_abs_z)

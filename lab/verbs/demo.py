@@ -29,7 +29,7 @@ from ..files.config import ConfigError
 from ..files.inputs import Case, read_case
 from ..files.rig_file import load_rig
 from ..options import Verb, option
-from ..pages.demo_report import Seal, write
+from ..pages.demo_report import SIZES, Seal, write
 from ..rig.assembly import Rig
 from .check import check
 from .compare import sheet as error_sheet
@@ -118,10 +118,12 @@ def _conclude(story: Story, folder: Path, runs: list[Outcome], seal: Seal) -> in
     story.step("lab diagnose: which effect was withheld?", lambda: diagnose(files, None, answers))
     answer = Diagnosis.from_json((folder / "diagnosis.json").read_text(encoding="utf-8"))
     page = story.step("Report", lambda: write(folder, case, files, fit, (before, after), equal, seal, answer))
-    out.print(f"{page}")
     out.print(f"\nThe seal: {seal.text}")
-    found = styled(f"The effect that was on: {seal.effect}", "bold")
-    out.print(found, f"= {seal.amount} ({seal.physics})")
+    withheld = styled(f"Withheld: {seal.effect}", "bold")
+    out.print(withheld, f"= {seal.amount} ({seal.physics})")
+    out.print(styled("Found:", "bold"), f"{answer.headline} {SIZES}")
+    out.print("The fakes have ended; to run a proposal, start others: lab fakes --speed 20 --rig rig/rig.yaml", soft_wrap=True)
+    out.print(f"Open {page}", soft_wrap=True)
     out.print(f"Done in {time.monotonic() - story.began:.0f} s.")
     return 0 if equal and all(r.error is None and r.safe for r in runs) else 1
 

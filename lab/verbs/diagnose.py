@@ -288,9 +288,9 @@ def ranked(ranking: Sequence[Ranked], words: Words) -> Sheet:
 
 
 def _proposals(d: Diagnosis) -> Sheet:
-    t = Sheet(title="What to do next", title_justify="left")
+    t = Sheet(title="What to do next, most information for its time first", title_justify="left")
     by_rig = d.words.by_rig
-    for column in ("name", "experiment", *(() if by_rig else ("states to apply",)), "expected", "takes"):
+    for column in ("name", "experiment", *(() if by_rig else ("states to apply",)), "information", "takes"):
         t.add_column(column)
     for p in d.next_experiment[:FIRST]:
         states = () if by_rig else (to_apply(p.protocol, d.words),)

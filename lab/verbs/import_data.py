@@ -90,11 +90,24 @@ def _first_proposal(inputs: Sequence[Path], robot: Robot) -> tuple[Series, Guess
     raise ConfigError(f"{', '.join(map(str, inputs))}: no file of a kind that is read ({', '.join(KNOWN)})")
 
 
+def grouped(proposed: Guess) -> dict[str, list[str]]:
+    """Keys of a proposed map by the reason that they share, without those that a doubt speaks of."""
+    found: dict[str, list[str]] = {}
+    for key, reason in proposed.reasons.items():
+        found.setdefault(reason, []).append(key)
+    return {
+        reason: keys
+        for reason, keys in found.items()
+        if not any(d.startswith((f"{keys[0]}:", f"{keys[0]} ")) for d in proposed.doubts)
+    }
+
+
 def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, as_json: bool) -> int:
     """Write FOLDER/map.yaml, proposed from headings and numbers, and a picture of what it makes of the file."""
     if robot_path is None:
         raise ConfigError(
-            "--robot: a proposal needs the robot's robot.yaml: its length, chambers and axis are what columns are held against"
+            "--robot: give the robot.yaml of this robot, whose length and actuators tell what the columns are; "
+            "docs/tutorials/your-rig.md starts with one to copy"
         )
     robot = load(robot_path, Robot)
     series, proposed = _first_proposal(inputs, robot)
@@ -117,11 +130,13 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, as_json
         about = {"map": str(folder / MAP), "reasons": proposed.reasons, "check": checks}
         print(json.dumps(about | {"states": len(made.table) if made else 0}, indent=1))
         return 0
-    for key, reason in proposed.reasons.items():
-        out.print(f"{key:24s} {reason}")
+    for reason, keys in grouped(proposed).items():
+        out.print(f"{', '.join(keys):24s} {reason}")
     note(told_of)
     if made is not None:
-        out.print(f"{len(made.table)} states; look at {folder / PICTURE} and {folder / MAP}, then:")
+        out.print(
+            f"{len(made.table)} states; look at {folder / PICTURE} and {folder / MAP}, delete each # CHECK once settled, then:"
+        )
     names = " ".join(str(p) for p in inputs)
     out.print(f"lab import {names} --map {folder / MAP} --out CASE")
     return 0

@@ -30,7 +30,7 @@ def opened(path: str | os.PathLike[str]) -> int:
     try:
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError as error:
-        raise NotARecording(f"{path} cannot be read: {error.strerror}") from error
+        raise NotARecording(f"{path}: cannot be read ({error.strerror}); check the path") from error
     if not stat.S_ISREG(os.fstat(handle).st_mode):
         os.close(handle)
         raise NotARecording(f"{path} is not a file")
@@ -44,7 +44,7 @@ def mapped(path: str | os.PathLike[str]) -> memoryview:
             size = os.fstat(file.fileno()).st_size
             return memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) if size else b"")
         except OSError as error:
-            raise NotARecording(f"{path} cannot be read: {error.strerror}") from error
+            raise NotARecording(f"{path}: cannot be read ({error.strerror}); check the path") from error
 
 
 def attachment_crc(record: Record) -> tuple[int, int]:

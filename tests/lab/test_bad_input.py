@@ -62,6 +62,7 @@ def test_all_mistakes_of_a_rig_file_come_at_once(virtual_lab: VirtualLab, tmp_pa
         (["--set", "pressures=[250]"], ["pressures[0] = 250 Pa", "at least 1 kPa; did you mean 250 kPa?"]),
         (["--set", "pressures=[350 kPa]"], ["350 kPa", "at most 300 kPa"]),
         (["--set", "pressures=[5 cm]"], ["'cm'", "kPa"]),
+        (["--set", "pressures=[50 KPA]"], ["did you mean kPa?"]),
         (["--set", "pressures=[200 kPa, 100 kPa]"], ["must increase"]),
         (["--set", "settle.band=-1"], ["settle.band", "above 0 Pa"]),
         (["--set", "nonsense"], ["KEY=VALUE"]),
@@ -93,10 +94,16 @@ def test_a_port_that_is_something_else_is_told(virtual_lab: VirtualLab, tmp_path
 
 def test_what_is_wrong_with_a_robot_is_named_by_file_key_and_value(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:
     rig = changed(virtual_lab, tmp_path, lambda rig: None)
-    wrong = {"outer_radius": -0.05, "youngs_modulus": float("nan"), "lenght": 0.4}
+    wrong = {"outer_radius": -0.05, "youngs_modulus": float("nan"), "lenght": 0.4, "max_pressure": 250}
     (tmp_path / "robot.yaml").write_text(yaml.safe_dump(yaml.safe_load(paper_robot().read_text()) | wrong))
     text = cli("plan", "bending", "--rig", rig, code=2).err
-    for words in (["outer_radius = -0.05 m", "above 0 m"], ["youngs_modulus", "finite"], ["lenght", "did you mean 'length'"]):
+    unit = ["max_pressure = 250 Pa", "at least 1 kPa; did you mean 250 kPa?"]
+    for words in (
+        ["outer_radius = -0.05 m", "above 0 m"],
+        ["youngs_modulus", "finite"],
+        ["lenght", "did you mean 'length'"],
+        unit,
+    ):
         assert "robot.yaml" in text and all(word in text for word in words), text
 
 

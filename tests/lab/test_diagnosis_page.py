@@ -21,7 +21,7 @@ from pages import read_as_text
 from benchmarks.browser import Browser
 from diagnosis.answer.result import Diagnosis
 from lab.files.inputs import read_case
-from lab.pages.diagnosis_report import gap_numbers, names, write
+from lab.pages.diagnosis_report import alike, gap_numbers, names, write
 from lab.pages.glossary import TERMS
 from lab.pages.report import Report
 
@@ -110,6 +110,14 @@ def test_page_json_statement_and_command_give_the_same_headline_and_numbers(answ
     assert [(name, how) for name, _, how in gap_numbers(once)][0] == ("calibrated", "rms, in-sample")
 
 
+def test_which_effect_would_be_taken_for_which_keeps_its_direction(answered: Answered, tmp_path: Path) -> None:
+    found, report = Diagnosis.from_json(answered.json.read_text()), Report("t", "s", "a gap")
+    table = {"effects": ["area_moment", "base_tilt"], "tied_below": 9.0, "separation": [[400.0, 27.0], [0.7, 5000.0]]}
+    alike(report.section("Alike"), replace(found, detail={**found.detail, "distinguishability": table}))
+    row = read_as_text(report.write(tmp_path / "page.html").read_text()).partition("taken for")[2]
+    assert row.index("base_tilt") < row.index("area_moment")
+
+
 def test_only_probable_hypotheses_are_said_to_be_separated(answered: Answered) -> None:
     found = Diagnosis.from_json(answered.json.read_text())
     probable = {" + ".join(r.effects) or "none" for r in found.attribute.ranking if r.probability > 0.02}
@@ -117,9 +125,9 @@ def test_only_probable_hypotheses_are_said_to_be_separated(answered: Answered) -
     page = answered.page.read_text()
     first = found.next_experiment[0]
     assert f"<b>Next:</b> {first.do} ({first.cost_min:.0f} min)." in page
-    assert f"lab run {answered.protocols}/{first.id}.yaml --rig rig.yaml" in page
+    assert f"lab run {answered.protocols}/{first.id}.yaml --rig RIG.yaml" in page
     separating = any(p.separates for p in found.next_experiment[:6])
-    assert ("<th>separates</th>" in page) == separating and ("which none of these separates" in page) != separating
+    assert ("<th>separates</th>" in page) == separating and ("None of these experiments" in page) != separating
 
 
 def test_the_first_use_of_a_term_in_a_section_is_linked_to_its_meaning(tmp_path: Path) -> None:

@@ -296,3 +296,19 @@ def test_which_way_cameras_look_follows_from_how_chambers_bend(tmp_path: Path, c
     said = cli("import", file, "--guess", "--robot", ROBOT, "--out", out).flat_err
     assert yaml.safe_load((out / "map.yaml").read_text())["frame"] == {"x": "x", "y": "-z", "z": "y"}
     assert "does not tell which axis of the file is the base's z, from base to tip; taken as the file's y" in said
+
+
+def test_exchanged_columns_of_the_tip_are_asked_about_before_the_order_of_its_angles(tmp_path: Path, cli: Cli) -> None:
+    own, file = Path(__file__).parents[2] / "examples" / "own_table", tmp_path / "swapped.csv"
+    file.write_text((own / "sweep.csv").read_text().replace("tip x,tip y", "tip y,tip x", 1))
+    said = cli("import", file, "--guess", "--robot", own / "robot.yaml", "--out", tmp_path / "map").flat_err
+    assert "No order fits: two columns of the tip" in said and "Check the order" not in said
+
+
+def test_standard_deviations_are_no_marker_at_the_base(tmp_path: Path, cli: Cli) -> None:
+    lines = ["P1 [kPa],x1 [mm],y1 [mm],z1 [mm],sx [mm],sy [mm],sz [mm]"]
+    lines += [f"{p},{-p},0,{150 - p**2 / 300:.2f},0.01,0.0{p % 3},0.01" for p in (0, 10, 20, 30, 20, 10, 0)]
+    (tmp_path / "means.csv").write_text("\n".join(lines))
+    robot = Path(__file__).parents[2] / "examples" / "own_table" / "robot.yaml"
+    said = cli("import", tmp_path / "means.csv", "--guess", "--robot", robot, "--out", tmp_path / "map").flat_err
+    assert "not used: sx [mm]/sy" in said and "at the base" not in said

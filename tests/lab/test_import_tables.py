@@ -127,9 +127,7 @@ MISSING = (
 def test_what_is_missing_is_no_state(word: str, tmp_path: Path) -> None:
     _, made = through(tmp_path / "table.csv", text(FEW, ";", change=lambda k, c: words(k, c, word)))
     assert len(made.table) == STATES - HIDDEN
-    assert any(
-        ("1e+300: taken as missing" if word == "1e300" else "4 of 30 states have no tip or pressure") in n for n in made.notes
-    )
+    assert any(("1e+300: taken as missing" if word == "1e300" else "4 of 30 rows have no ") in n for n in made.notes)
     assert np.abs(made.table["z"] - 0.14).max() < 0.011
 
 

@@ -103,7 +103,7 @@ def test_nothing_is_proposed_that_was_measured_and_each_step_has_its_command(mad
     found = json.loads(answer.read_text())
     proposed = [p for p in found["next_experiment"] if p["id"] == "other_chambers"]
     assert proposed == []  # each chamber was inflated alone, and a pair turned about the axis is a pair
-    assert all(f"lab run next/{p['id']}.yaml --rig rig.yaml" in page.read_text() for p in found["next_experiment"][:6])
+    assert all(f"lab run next/{p['id']}.yaml --rig RIG.yaml" in page.read_text() for p in found["next_experiment"][:6])
     read = read_case([case])
     some = replace(read, table=replace(read.table, rows=tuple(r for r in read.table if r.pressures[2] < 1e3)))
     menu = {e.id: e for e in candidate_experiments(read.robot, states(some)[0])}

@@ -175,7 +175,7 @@ def test_compare_names_the_axes_of_the_paper_for_its_robot_only(small_case: Path
     (tmp_path / "robot.yaml").write_text(yaml.safe_dump(data | {"length": 0.41}))
     told = cli("compare", small_case, "--robot", tmp_path / "robot.yaml").out
     assert "paper" not in told and "plane" not in told
-    assert re.search(r"n\W+x\W+y\W+z\W+rms", told) and re.search(r"in x, .* in y, .* in z", " ".join(told.split()))
+    assert re.search(r"states\W+x\W+y\W+z\W+rms", told) and re.search(r"in x, .* in y, .* in z", " ".join(told.split()))
 
 
 def test_predict_has_a_column_for_each_of_few_pressures(tmp_path: Path, cli: Cli) -> None:
@@ -200,7 +200,12 @@ def test_the_effects_of_the_fakes_are_a_table(cli: Cli) -> None:
     assert row.split("│")[2].strip() == "0.3"
 
 
-def test_a_folder_of_recordings_is_no_case(tmp_path: Path) -> None:
+def test_what_is_no_case_is_refused_with_the_way_to_one(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"holds no trials\.csv"):
+        lab.case(tmp_path)
+    (tmp_path / "table.csv").write_text("p1,x\n0,1\n")
+    with pytest.raises(ConfigError, match=r"make a case of it: lab import .*table\.csv --guess"):
+        lab.case(tmp_path / "table.csv")
     (tmp_path / "one.mcap").touch()
     with pytest.raises(ConfigError, match="is a folder of recordings, not a case folder"):
         lab.case(tmp_path)

@@ -56,10 +56,10 @@ def test_the_virtual_robot_puts_its_tip_where_the_rod_does() -> None:
 
 def test_the_fakes_have_no_length_unit_and_the_plan_asks_for_none(rig: Path, cli: Cli) -> None:
     assert not {"spine", "valve", "gauge"} & set(yaml.safe_load(rig.read_text())["instruments"])
-    assert "above max_pressure = 80000 Pa" in cli("plan", "bending", "--rig", rig, "--json", code=2).err
+    assert "above max_pressure = 80 kPa" in cli("plan", "bending", "--rig", rig, "--json", code=2).err
     for protocol in ("bending", "elongation"):
         plan = cli("plan", protocol, "--rig", rig, "--set", "pressures=[30 kPa]", "--json").json
-        assert plan["limits"]["spine_length_m"] == 0 and "no spine" in plan["steps"][0]["label"]
+        assert plan["limits"]["spine_length_m"] == 0 and plan["steps"][0]["label"] == "vent, no spine, repeat 1"
 
 
 @pytest.mark.parametrize(

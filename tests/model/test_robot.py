@@ -18,7 +18,7 @@ from model.robot import Robot, load_robot, robot_from_dict
         ({"outer_radius": -0.05}, ["outer_radius", "-0.05 m", "greater than 0"]),
         ({"density": float("nan")}, ["density", "nan kg/m^3", "finite"]),
         ({"inner_radius": 0.06}, ["inner_radius 0.06 m", "outer_radius 0.05 m"]),
-        ({"chambers": {"radius": 0.02, "path_radius": 0.04, "azimuths_deg": [0]}}, ["chambers", "0.02", "wall"]),
+        ({"chambers": {"radius": 0.02, "path_radius": 0.04, "azimuths_deg": [0]}}, ["chambers", "20 to 60 mm", "wall"]),
         ({"spine": {"radius": 0.03, "modulus": {0.1: 1e6}}}, ["spine.radius 0.03 m", "inner_radius 0.029 m"]),
         ({"spine": {"radius": 0.02, "modulus": {0.5: 1e6}}}, ["spine.modulus", "0.5 m", "length 0.4 m"]),
         ({"spine": {"radius": 0.02, "modulus": {0.1: 3}}}, ["spine.modulus.0.1", "3 Pa", "1000"]),
