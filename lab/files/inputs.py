@@ -25,7 +25,9 @@ from recordings.trials import Table, TrialRow
 from ..console import note
 from .config import ConfigError, Source, check, parse_yaml, read_yaml
 
-TABLES = (".csv", ".txt", ".tsv", ".mat", ".npy", ".npz", ".c3d", ".parquet")
+TABLES = (
+    ".csv", ".tsv", ".txt", ".dat", ".lvm", ".log", ".asc", ".mat", ".npz", ".npy", ".c3d", ".parquet",
+)  # fmt: skip
 """Ends of names of tables that other programs wrote."""
 
 

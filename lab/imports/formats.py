@@ -8,6 +8,7 @@ from pathlib import Path
 from recordings.bounded import read_bounded
 
 from ..files.config import ConfigError
+from ..files.inputs import TABLES
 from .arrays import read_numpy
 from .c3d_files import read_c3d
 from .columns import of_frame
@@ -52,9 +53,8 @@ def _parquet(path: Path, source: Source) -> Series:
     return of_judged(path, {n: of_frame(table[n].to_pandas(), source.missing) for n in table.column_names}, "Parquet")
 
 
-READERS: Mapping[str, Callable[[Path, Source], Series]] = {
-    ".csv": read_text, ".tsv": read_text, ".txt": read_text, ".dat": read_text, ".lvm": read_text, ".log": read_text,
-    ".asc": read_text, ".mat": read_matlab, ".npz": read_numpy, ".npy": read_numpy, ".c3d": read_c3d, ".parquet": _parquet,
+READERS: Mapping[str, Callable[[Path, Source], Series]] = dict.fromkeys(TABLES, read_text) | {
+    ".mat": read_matlab, ".npz": read_numpy, ".npy": read_numpy, ".c3d": read_c3d, ".parquet": _parquet,
 }  # fmt: skip
 """By ending."""
 RECORDING = ".mcap"
