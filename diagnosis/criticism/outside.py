@@ -19,7 +19,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from model.effects.catalogue import CATALOGUE
@@ -27,6 +26,7 @@ from model.effects.forward import ForwardModel
 from model.effects.parameters import ParameterInfo
 from model.effects.spec import EffectSpec
 
+from ..arrays import Array, Mask
 from ..inference.candidate import Candidate
 from ..inference.evidence import KNOWN, Hypothesis, weigh
 from ..inference.fit import fit
@@ -49,8 +49,6 @@ from ..judgement import (
     USUAL_EXCESS,
 )
 from .relatives import RELATIVES
-
-Array = NDArray[np.float64]
 
 LEAST_SHARE, MOST_FITTED, ROUNDS = 0.1, 3, 8
 """Share of the best hypothesis' weight that a relative must promise to be fitted; most relatives and rounds."""
@@ -191,7 +189,7 @@ def _relatives(p: Prepared, forward: ForwardModel, c: Candidate) -> _Relatives:
     return _Relatives(infos, least or (LEAST_NAMED_SIZE,) * len(infos), problem.noise.whiten(slope * sd))
 
 
-def _measured(p: Prepared, forward: ForwardModel) -> NDArray[np.bool_]:
+def _measured(p: Prepared, forward: ForwardModel) -> Mask:
     """Which of a forward model's observations are among the measured values (n,)."""
     observed = forward.observations
     names = np.unique(observed.channel)

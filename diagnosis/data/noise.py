@@ -20,10 +20,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.intp]
+from ..arrays import Array, Ints, Mask
 
 
 @dataclass(frozen=True)
@@ -43,7 +41,7 @@ class Lasting:
     memory: Array
     """(n,) s over which an error falls to 1/e, one a block."""
 
-    def take(self, kept: NDArray[np.bool_]) -> Lasting:
+    def take(self, kept: Mask) -> Lasting:
         """Of some of the values."""
         return Lasting(*(a[kept] for a in vars(self).values()))
 
@@ -106,7 +104,7 @@ class Noise:
         """(n,) standard deviation of each value's own error, with what lasts of it."""
         return self.sd if self.lasting is None else np.hypot(self.sd, self.lasting.sd)
 
-    def take(self, kept: NDArray[np.bool_]) -> Noise:
+    def take(self, kept: Mask) -> Noise:
         """The noise of some of the values."""
         lasting = self.lasting and self.lasting.take(kept)
         return Noise(self.state[kept], self.sd[kept], self.pressure_response[kept], lasting)

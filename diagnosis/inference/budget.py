@@ -21,9 +21,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from ..arrays import Array, Ints, Mask
 from ..judgement import COMPARABLE, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE, LEAST_SECOND, OUTSTANDING_FLOORS, TOGETHER
 from .candidate import Candidate
 from .evidence import KNOWN, NONE, Hypothesis, Weighed
@@ -31,8 +31,6 @@ from .fit import Fit
 from .posterior import Posterior, shares
 from .prepare import Prepared
 from .problem import Problem
-
-Array = NDArray[np.float64]
 
 DEVIATES = ndtri((np.arange(15) + 0.5) / 15)
 """Standard normal deviates, each as probable, of the logarithm of what another form of a law carries."""
@@ -56,11 +54,11 @@ class Budget:
     form_error: Array
     """(d,) share by which laws may be wrong there: what the data say where nothing else is free to take up what is wrong, else
     the largest (decision 070)."""
-    tolerant: NDArray[np.bool_]
+    tolerant: Mask
     """(d,) other effects are free within their tolerances there, and may hide what is wrong with any law."""
     law_error: dict[str, float]
     """By effect, the part of that share that its law has where nothing hides it."""
-    names: NDArray[np.bool_]
+    names: Mask
     """(d, e) which effects each draw names."""
 
     @property
@@ -95,7 +93,7 @@ class Budget:
 class Part:
     """Values in which it is looked for what effects carry: tips, or the forces of stiffness trials."""
 
-    rows: NDArray[np.intp]
+    rows: Ints
     unit: Array
     """(r,) m for one unit of each value: 1 for tips, 1 / stiffness for forces."""
     floor: float
@@ -206,7 +204,7 @@ def _distinct(b: Budget) -> tuple[list[list[bool]], list[float]]:
     return sets.tolist(), np.bincount(member.ravel(), b.weight).tolist()
 
 
-def _names(floors: Array, size: Array, own: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _names(floors: Array, size: Array, own: Mask) -> Mask:
     """(d, e) which effects draws name, by the rule above, of what they carry (d, e) in noise floors, their sizes (d, e) in
     plausible ones and which are their hypothesis' own (e,)."""
     least, draws, largest = np.where(own, LEAST_NAMED_FLOORS, OUTSTANDING_FLOORS), np.arange(len(floors)), floors.argmax(axis=1)

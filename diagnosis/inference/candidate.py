@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .evidence import GridPoint, Hypothesis, Weighed
 from .executor import FirstLook
@@ -14,8 +13,6 @@ from .fit import Fit
 from .jacobian import Jacobian
 from .linear import Linear, SizePrior
 from .problem import Parameters, Problem
-
-Array = NDArray[np.float64]
 
 AMONG_AT_ONCE, AMONG_AT_STARTS = 35, 42
 """Of `PRACTISED` practice robots, how many had their cause among them: in the linear problem of the calibrated robot, and in

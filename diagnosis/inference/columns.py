@@ -10,14 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array, hstack
 
+from ..arrays import Array, Ints, Mask
 from ..data.noise import Noise
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +73,7 @@ class Columns:
             out[np.ix_(at, other.rest)] = across if isinstance(across, np.ndarray) else across.toarray()
         return out
 
-    def take(self, chosen: Flags) -> Columns:
+    def take(self, chosen: Mask) -> Columns:
         """Some of the columns (c,)."""
         place = np.cumsum(chosen) - 1
         dense, sparse = chosen[self.at], chosen[self.rest]
@@ -88,7 +84,7 @@ class Columns:
             place[self.rest[sparse]],
         )
 
-    def rows(self, chosen: Flags) -> Columns:
+    def rows(self, chosen: Mask) -> Columns:
         """Some of the rows (n,)."""
         return Columns(self.dense[chosen], self.at, self.sparse[np.flatnonzero(chosen)], self.rest)
 

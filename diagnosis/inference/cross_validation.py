@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Ints, Mask
 from ..judgement import UNCONVERGED
 from .columns import Columns
 from .executor import SINGLE_THREAD, DiagnosisStep, Executor
@@ -21,9 +21,6 @@ from .fit import Fit, fit, refit
 from .jacobian import Jacobian
 from .linear import SizePrior
 from .problem import MaskedForward, Problem
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -95,7 +92,7 @@ class _Folds:
         return known[1:]
 
 
-def only(problem: Problem, seen: NDArray[np.bool_]) -> Problem:
+def only(problem: Problem, seen: Mask) -> Problem:
     """The problem of the values marked `seen` (n,) alone."""
     return replace(
         problem, forward=MaskedForward(problem.forward, seen), observed=problem.observed[seen], noise=problem.noise.take(seen),
@@ -103,7 +100,7 @@ def only(problem: Problem, seen: NDArray[np.bool_]) -> Problem:
     )  # fmt: skip
 
 
-def _predicted(problem: Problem, rest: Problem, model: Model, around: tuple[Array, Jacobian], seen: NDArray[np.bool_]) -> Array:
+def _predicted(problem: Problem, rest: Problem, model: Model, around: tuple[Array, Jacobian], seen: Mask) -> Array:
     """Prediction (n,) of all values by a fit to `rest`, the values marked `seen`; `around`: prediction and derivatives at the
     model's parameters, where the fit begins."""
     predicted, slope = around

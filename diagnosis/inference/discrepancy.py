@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array, Ints
 from ..judgement import BRANCH_DISTANCE, CORRELATION_LENGTH, CORRELATION_PRESSURE, DISCREPANCY_AT_REST
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -45,9 +44,7 @@ def settings(spine_length: Array, pressure: Array, branch: Array, kind: NDArray[
     return Settings(place, DISCREPANCY_AT_REST + (1 - DISCREPANCY_AT_REST) * np.abs(share))
 
 
-def bases(
-    where: Settings, state: NDArray[np.intp], channel: NDArray[np.str_], unit: float, robot_length: float
-) -> tuple[Array, Array]:
+def bases(where: Settings, state: Ints, channel: NDArray[np.str_], unit: float, robot_length: float) -> tuple[Array, Array]:
     """Columns of a discrepancy of size 1 over values (n,), each of a state and a channel, and the basis of the model-form error
     (see `Problem`): half of its variance is shared by all channels, half is drawn anew for each.
 
@@ -71,7 +68,7 @@ def eigenfunctions(place: Array) -> Array:
     return np.asarray((vector[:, kept] * np.sqrt(value[kept]))[index.reshape(-1)])
 
 
-def _by_channel(states: Array, state: NDArray[np.intp], channel: NDArray[np.intp], unit: Array) -> Array:
+def _by_channel(states: Array, state: Ints, channel: Ints, unit: Array) -> Array:
     """Columns (n, m * channels) for measured values: the same process, drawn anew for each channel.
 
     `states` (states, m) from `eigenfunctions`; `state`, `channel` (n,) of each value; `unit` (channels,) the size of 1.

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import log_ndtr, logsumexp
 
+from ..arrays import Array
 from ..judgement import (
     DISCREPANCY_SIZES,
     DISCREPANCY_WEIGHTS,
@@ -23,8 +23,6 @@ from ..judgement import (
 )
 from .linear import Linear, SizePrior
 from .problem import Parameters
-
-Array = NDArray[np.float64]
 
 Hypothesis = tuple[str, ...]
 """Ids of the effects that are named; empty for none."""

@@ -12,17 +12,15 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from model.prediction.box_minima import box_minima
 
+from ..arrays import Array, Ints, Mask
 from .columns import Columns
 from .jacobian import Jacobian
 from .linear import Linear, SizePrior
 from .problem import FormError, Problem, linearise
-
-Array = NDArray[np.float64]
 
 LEAST_PROMISE, CHORD_PROMISE = 0.01, 0.2
 """Steps that promise to lower it by less are not tried; the second where derivatives are never taken anew."""
@@ -130,7 +128,7 @@ def fit(
 
 def _search(
     problem: Problem, prior: SizePrior, size: float, start: Array | Fit, rounds: int, frozen: Jacobian | None,
-    fresh: NDArray[np.bool_], tolerance: float, least_promise: float, dampings: Sequence[float] = DAMPINGS,
+    fresh: Mask, tolerance: float, least_promise: float, dampings: Sequence[float] = DAMPINGS,
 ) -> Fit:  # fmt: skip
     """Minimise the cost, half the squared misfit with the discrepancy of `size` integrated out and half the squared distance from
     the prior, in at most `rounds` steps.
@@ -167,7 +165,7 @@ class _Descent:
     """The cost of one problem, and steps that lower it."""
 
     def __init__(
-        self, problem: Problem, prior: SizePrior, size: float, frozen: Jacobian | None, fresh: NDArray[np.intp],
+        self, problem: Problem, prior: SizePrior, size: float, frozen: Jacobian | None, fresh: Ints,
         least_promise: float, dampings: Sequence[float],
     ) -> None:  # fmt: skip
         self._p, self._forward, self._misfit = problem.parameters, problem.forward, _Misfit(problem, size)

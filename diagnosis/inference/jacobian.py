@@ -12,12 +12,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array, Ints
 from .columns import Columns
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 Whiten = Callable[[Columns, Ints], Columns]
 """Columns by some of the parameters, as `Problem.white` makes them of noise 1 and prior standard deviation 1."""

@@ -14,12 +14,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
+from ..arrays import Array, Mask
 from .columns import Columns
-
-Array = NDArray[np.float64]
 
 ROUNDING = (0.0, 1e-14, 1e-12, 1e-10, 1e-8)
 """Shares of itself by which the diagonal of a matrix is raised until it can be factorised."""
@@ -33,7 +31,7 @@ class SizePrior:
     """(..., p)"""
     variance: Array
     """(..., p)"""
-    wide: NDArray[np.bool_]
+    wide: Mask
     """(..., p) parameters of named effects."""
 
 

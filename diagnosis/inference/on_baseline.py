@@ -26,10 +26,10 @@ from model.effects.forward import ForwardModel
 from model.effects.spec import EffectSpec, Law, Parameter
 from model.robot import Robot
 
+from ..arrays import Array
 from ..data.baseline import Baseline
 from ..errors import BadCase
 
-Array = NDArray[np.float64]
 Table = Mapping[str, NDArray[np.generic]]
 
 SIMULATOR_DIFFERENCE = EffectSpec(

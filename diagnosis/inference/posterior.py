@@ -13,13 +13,11 @@ from dataclasses import dataclass
 from math import comb, log
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..judgement import CREDIBLE_SHARE, PRIOR_OF_NUMBER, TEMPERATURE
 from .candidate import Candidate
 from .evidence import Hypothesis
-
-Array = NDArray[np.float64]
 
 UNKNOWN: Hypothesis = ("unknown",)
 """Stands in credible sets and rankings for a cause outside the catalogue."""

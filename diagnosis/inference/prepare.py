@@ -20,6 +20,7 @@ from model.prediction.campaign import predict_campaign
 from model.robot import Robot
 from recordings.trials import TEXTS
 
+from ..arrays import Array, Mask
 from ..data.baseline import Baseline
 from ..data.campaign import Campaign
 from ..data.chamber_sides import leave_out
@@ -32,9 +33,6 @@ from .on_baseline import SHARE, OnBaseline, on_baseline
 from .problem import Forward, MaskedForward, Parameters, Problem
 from .reading_noise import floor_of, noise_of, pressure_response, with_vented_at_zero
 from .stiffness_trials import StiffnessTrials, stiffness_trials
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 AREA, MODULUS = "area.excess", "youngs_modulus.excess"
 """The parameters of the one area factor, and of what the modulus may be off."""
@@ -204,7 +202,7 @@ def parameters(infos: tuple[ParameterInfo, ...]) -> Parameters:
     return Parameters(own, np.array([p.sd for p in own]))
 
 
-def _labels(forward: ForwardModel, states: Campaign, kept: NDArray[np.bool_]) -> Labels:
+def _labels(forward: ForwardModel, states: Campaign, kept: Mask) -> Labels:
     row = forward.observations.row[kept]
     channel = forward.observations.channel[kept].astype(np.str_)
     turn, marker = np.char.startswith(channel, "r"), np.char.startswith(channel, "m")

@@ -12,18 +12,15 @@ from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.effects.parameters import ParameterInfo
 
+from ..arrays import Array, Ints, Mask
 from ..data.noise import Noise
 from ..judgement import GEOMETRY_LAW_ERROR, LEAKAGE, LEAST_NAMED_SIZE, TENSE_SD
 from .columns import Columns
 from .jacobian import Jacobian
 from .linear import Linear, SizePrior
-
-Array = NDArray[np.float64]
-
 
 ONE_WAY_MEAN, ONE_WAY_SD, LIMIT = np.sqrt(0.75), 0.5, np.sqrt(3)
 """Mean, standard deviation and upper limit of a size uniform between zero and that limit, with root mean square 1."""
@@ -46,7 +43,7 @@ class Forward(Protocol):
 class MaskedForward:
     """A forward model of those values alone that a mask (n,) keeps."""
 
-    def __init__(self, forward: Forward, kept: NDArray[np.bool_]) -> None:
+    def __init__(self, forward: Forward, kept: Mask) -> None:
         self._forward, self._kept = forward, kept
 
     def predict(self, theta: Array, trial: bool = False, whole: bool = False) -> Array:
@@ -111,17 +108,17 @@ class Parameters:
         return np.array([i.high for i in self.infos])
 
     @cached_property
-    def calibration(self) -> NDArray[np.bool_]:
+    def calibration(self) -> Mask:
         """(k,) which parameters are fitted in every model, with wide priors."""
         return np.array([i.group == "calibration" for i in self.infos])
 
     @cached_property
-    def of_effect(self) -> NDArray[np.bool_]:
+    def of_effect(self) -> Mask:
         """(k,) which parameters belong to an effect."""
         return np.array([i.group == "effect" for i in self.infos])
 
     @cached_property
-    def recurs(self) -> NDArray[np.bool_]:
+    def recurs(self) -> Mask:
         """(k,) which parameters are drawn anew with each trial or repeat."""
         return np.array([i.recurs for i in self.infos])
 
@@ -131,7 +128,7 @@ class Parameters:
         return tuple(dict.fromkeys(e for e in self.effects if e))
 
     @cached_property
-    def calibrated(self) -> NDArray[np.bool_]:
+    def calibrated(self) -> Mask:
         """(k - p,) which of the other parameters are fitted in every model."""
         return self.calibration[~self.of_effect]
 
@@ -161,12 +158,12 @@ class Parameters:
         return np.array(self.least_of_each)[self.of_effect]
 
     @cached_property
-    def sizes(self) -> NDArray[np.bool_]:
+    def sizes(self) -> Mask:
         """(p,) which of the effects' parameters are sizes: they alone may differ from zero within a tolerance."""
         return np.array([i.role == "size" for i in self.infos])[self.of_effect]
 
     @cached_property
-    def tolerable(self) -> NDArray[np.bool_]:
+    def tolerable(self) -> Mask:
         """(p,) which of the effects' parameters may differ from zero though their effect is not named."""
         return np.array([i.tolerated for i in self.infos])[self.of_effect]
 
@@ -181,7 +178,7 @@ class Parameters:
         own = [e for e in self.effects if e]
         return np.array([[float(e == one) for one in self.ids] for e in own]).reshape(len(own), len(self.ids))
 
-    def prior(self, named: NDArray[np.bool_], spike: float, effect_size: Array | None = None) -> SizePrior:
+    def prior(self, named: Mask, spike: float, effect_size: Array | None = None) -> SizePrior:
         """Prior with the parameters marked `named` (..., p) wide and the sizes of all other effects narrow.
 
         The narrow prior of a one-sided effect has the mean and variance of a size uniform up to a limit. Shape parameters
@@ -223,7 +220,7 @@ class Parameters:
         far = ~self.of_effect & ~self.calibration & ~self.recurs & (np.abs(away) > TENSE_SD * self.sd)
         return {i: float(away[i]) for i in np.flatnonzero(far).tolist()}
 
-    def mask(self, chosen: tuple[str, ...]) -> NDArray[np.bool_]:
+    def mask(self, chosen: tuple[str, ...]) -> Mask:
         """(p,) which of the effects' parameters belong to the chosen effects."""
         return np.array([e in chosen for e in self.effects if e])
 
@@ -283,7 +280,7 @@ class Problem:
         predicted, slope = self.linearise(theta)
         return predicted, Jacobian.of(slope)
 
-    def white(self, columns: Columns, at: NDArray[np.int64]) -> Columns:
+    def white(self, columns: Columns, at: Ints) -> Columns:
         """Derivatives (n, c) by the parameters at (c,), whitened by the noise, by one prior standard deviation of each."""
         return columns.whitened(self.noise, self.parameters.sd[at])
 

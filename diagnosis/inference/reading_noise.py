@@ -13,6 +13,7 @@ from model.effects.forward import ForwardModel
 from model.effects.observation import Observations
 from model.effects.parameters import ParameterInfo
 
+from ..arrays import Array, Ints, Mask
 from ..data.campaign import Campaign
 from ..data.noise import Lasting, Noise, blocks
 from ..data.noise_components import PRESSURE, NoiseComponents, Repeated, Scatter, reading_rms
@@ -20,9 +21,6 @@ from ..data.noise_estimate import estimate_noise
 from .labels import Labels
 from .problem import Parameters
 from .stiffness_trials import PUSH_SOURCES, StiffnessTrials
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 TIP = ("x", "y", "z")
 KINDS = ("tip", "turn", "marker", "force")
@@ -158,7 +156,7 @@ def _usual(floor: NoiseComponents) -> float:
     return float(np.sqrt(3)) * floor.channel["tip"]
 
 
-def resting(states: Campaign) -> NDArray[np.bool_]:
+def resting(states: Campaign) -> Mask:
     """(n,) states that were read at rest, not while ramping."""
     return np.array([r.hold is None or r.hold > 0 for r in states.rows])
 

@@ -21,9 +21,9 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from ..arrays import Array
 from ..judgement import (
     FIT_DISCREPANCY_SIZE,
     FIT_TOLERATED_SIZE,
@@ -51,7 +51,6 @@ from .posterior import hypothesis_prior
 from .problem import FormError, Problem
 from .starts import Starts
 
-Array = NDArray[np.float64]
 Key = tuple[Hypothesis, bool]
 """A hypothesis, and whether all other effects are free within their tolerances."""
 

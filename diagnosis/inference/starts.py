@@ -5,14 +5,12 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..judgement import FAR_START, ONE_SIDED_START
 from .evidence import Hypothesis
 from .fit import Fit
 from .problem import Problem
-
-Array = NDArray[np.float64]
 
 
 class Starts:

@@ -12,16 +12,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.effects.parameters import ParameterInfo
 
+from ..arrays import Array
 from ..data.campaign import Campaign
 from ..data.noise_components import NoiseComponents, Repeated, Scatter, reading_rms
 from ..data.noise_estimate import estimate_noise
 from .labels import Labels
-
-Array = NDArray[np.float64]
 
 PUSH_SOURCES = ("touch", "zero")
 """Parameters of each stiffness trial besides its spine's."""
