@@ -190,7 +190,7 @@ REDUCIBLE_RATIO = 1.1
 FALSE_DISCOVERY_RATE = 0.05
 """Expected share of false alarms among the cells above the noise floor (Benjamini and Hochberg 1995)."""
 SMOOTH_SIZES = (0.35, 1.4)
-"""Sizes of the smooth function of the step "systematic", noise floors; the one that predicts best is taken."""
+"""Sizes of the smooth function of the step "regular", noise floors; the one that predicts best is taken."""
 UNCHANGED = 0.05
 """Probability that nothing changed above which no change is reported."""
 

@@ -138,7 +138,6 @@ INPUTS = inputs("recordings (.mcap) or case folders, as one")
 ROBOT = option("--robot", type=Path, metavar="ROBOT.yaml", help="robot.yaml (default: the one in the input)")
 WORKERS = option("--workers", type=int, metavar="N", help="processor cores to use (default: all)")
 SCHEDULER = option("--scheduler", help="a Dask scheduler instead, tcp://host:port (extra `cluster`)")
-FIGURES = option("--out", type=Path, metavar="FOLDER", help="folder for figures and the calibrated robot.yaml")
 OWN_EFFECTS = option("--effects", type=Path, metavar="FILE.py", help="Python file with your own effects (a tuple named EFFECTS)")
 LABELS = (
     option("--operator", metavar="NAME", help="who runs it; recorded, as the two below"),

@@ -30,7 +30,7 @@ from ..files.config import ConfigError, load
 from ..files.inputs import read_case
 from ..files.own_effects import catalogue
 from ..files.rig_file import load_rig
-from ..options import JSON, OWN_EFFECTS, Verb, option, rig, settings
+from ..options import ANY_SIZE, JSON, OWN_EFFECTS, Verb, option, rig, settings
 from ..rig.limits import wiring
 from ..verbs.run import protocol_plan
 
@@ -207,6 +207,7 @@ VERBS = (
         _power,
         options=(
             JSON,
+            ANY_SIZE,
             option("--protocol", metavar="PROTOCOL", help="a protocol or its file"),
             settings("change one of its parameters"),
             option("--campaign", type=Path, metavar="FILE.yaml", help="a campaign instead"),
@@ -222,6 +223,6 @@ VERBS = (
             "lab power --protocol bending --rig rig/rig.yaml",
             "lab power --protocol bending --robot robot.yaml --worlds 10 --no-additions",
         ),
-        page="docs/explanations/experiments.md",
+        page="docs/howto/investigate.md",
     ),
 )

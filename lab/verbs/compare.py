@@ -19,7 +19,7 @@ from ..files.config import ConfigError, load
 from ..files.example import paper_robot
 from ..files.inputs import marked_notes, read_case
 from ..files.own_effects import stated_by
-from ..options import ANY_SIZE, FIGURES, INPUTS, JSON, ROBOT, Verb
+from ..options import ANY_SIZE, INPUTS, JSON, ROBOT, Verb, option
 from ..pages.figures import in_a_row, tip_curves
 from ..pages.sensors_figure import quantities, sensors
 
@@ -84,7 +84,13 @@ VERBS = (
     Verb(
         "compare",
         lambda a: compare(a.inputs, a.robot, a.out, a.json),
-        options=(JSON, ANY_SIZE, INPUTS, ROBOT, FIGURES),
+        options=(
+            JSON,
+            ANY_SIZE,
+            INPUTS,
+            ROBOT,
+            option("--out", type=Path, metavar="FOLDER", help="folder for the figures"),
+        ),
         examples=("lab compare runs/*.mcap", "lab compare case --robot robot.yaml --out figures"),
         page="docs/tutorials/first-day.md",
     ),

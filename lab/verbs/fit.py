@@ -26,7 +26,7 @@ from ..files.config import ConfigError
 from ..files.inputs import Case, read_case
 from ..files.own_effects import catalogue
 from ..files.robot_file import write_robot
-from ..options import ANY_SIZE, FIGURES, INPUTS, JSON, OWN_EFFECTS, ROBOT, Verb, option
+from ..options import ANY_SIZE, INPUTS, JSON, OWN_EFFECTS, ROBOT, Verb, option
 from ..samples import drawn, write_samples
 
 
@@ -215,7 +215,7 @@ VERBS = (
             ANY_SIZE,
             INPUTS,
             ROBOT,
-            FIGURES,
+            option("--out", type=Path, metavar="FOLDER", help="folder for robot.yaml as fitted, and --samples"),
             option(
                 "--with",
                 dest="with_effects",

@@ -118,6 +118,6 @@ VERBS = (
             ),
         ),
         examples=("lab runs runs", "lab runs runs --since 2026-01-02 --where operator=Ada"),
-        page="docs/explanations/recordings.md",
+        page="docs/howto/campaign.md",
     ),
 )

@@ -156,11 +156,18 @@ def test_the_help_of_a_verb_ends_with_examples_that_parse_and_a_page_that_exists
     told = cli("help", verb).out
     assert "%%" not in told and " --reference A" not in told
     *_, first, second, empty, page = told.splitlines()
-    assert not empty and (ROOT / page.removeprefix("page: ")).is_file()
+    text = (ROOT / page.removeprefix("page: ")).read_text(encoding="utf-8")
+    assert not empty and re.search(rf"(lab|make)\s+{verb}\b", text)
     for line in (first, second):
         program, *words = shlex.split(line.partition(" > ")[0])
         assert program == "lab" and words[0] == verb
         assert words[-1] == "--help" or parser().parse_args(words).verb == verb
+
+
+def test_what_reads_recordings_can_be_told_to_read_those_of_any_size(cli: Cli) -> None:
+    readers = [verb for verb in VERBS if re.search(r"(FILE|INPUT|CASE) \[|FILE\||^  file$", cli("help", verb).out, re.M)]
+    assert {"power", "diagnose", "verify", "watch"} <= set(readers)
+    assert [verb for verb in readers if "--any-size" not in cli("help", verb).out] == []
 
 
 def test_files_have_names_in_the_usage(cli: Cli) -> None:
