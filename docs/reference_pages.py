@@ -8,6 +8,7 @@ import re
 import textwrap
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any, get_args
 
@@ -177,7 +178,7 @@ def protocol_calls() -> Iterator[str]:
     )
     yield ""
     for kind in (Visit, Sweep, Trials, Bench, Setup, Plan, Step, Ask, Reading, Settled, Window, Crossing):
-        yield from _class(kind, kind.__name__)
+        yield from _class(kind, kind.__name__, made=kind not in (Trials, Bench))
     for module in (visits, actions, suspension):
         yield from (f"## {module.__name__}", "", *_prose(module))
         yield from _list(
@@ -197,9 +198,11 @@ def quantities() -> Iterator[str]:
         yield from _class(kind, f"{kind.__name__}: `{part}`")
 
 
-def _class(kind: type, title: str) -> Iterator[str]:
-    """Fields and methods of a class, with their notes."""
-    yield from (f"## {title}", "", *_prose(kind))
+def _class(kind: type, title: str, made: bool = False) -> Iterator[str]:
+    """Fields and methods of a class, with their notes; `made`: a protocol makes it, so that its arguments count."""
+    yield from (f"## {title}", "")
+    yield from (*_wrapped(_code(f"{kind.__name__}{_signature(kind)}")), "") if made else ()
+    yield from _prose(kind)
     notes, leave_out = _notes(kind), WITHIN.get(kind, ())
     said = kind.__doc__ or ""
     leave_out = (*leave_out, *(n for n in inspect.get_annotations(kind) if n not in notes and f"`{n}`" in said))
@@ -207,7 +210,7 @@ def _class(kind: type, title: str) -> Iterator[str]:
     methods = {n: f for n, f in vars(kind).items() if inspect.isfunction(f) and n[0] != "_"}
     known = (*fields, *leave_out)
     rows = [(_code(f"{n}{_signature(f)}"), "", f.__doc__ or "") for n, f in methods.items() if n not in known]
-    yield from _fields(fields, notes, rows)
+    yield from _fields([n for n in fields if notes.get(n)] if made else fields, notes, rows)
 
 
 def _fields(fields: Sequence[str], notes: Mapping[str, str], more: Sequence[Row] = ()) -> Iterator[str]:
@@ -314,10 +317,24 @@ def python() -> Iterator[str]:
 def _signature(found: Any) -> str:
     """Names, defaults and what is returned; types and units are in the code and the text."""
     whole = inspect.signature(found)
-    bare = [p.replace(annotation=p.empty) for name, p in whole.parameters.items() if name != "self"]
+    bare = [p.replace(annotation=p.empty, default=_short(p.default)) for name, p in whole.parameters.items() if name != "self"]
     text = str(whole.replace(parameters=bare, return_annotation=whole.empty))
     returned = str(whole.return_annotation)
     return text if returned in ("None", str(whole.empty)) else f"{text} -> {returned}"
+
+
+def _short(default: Any) -> Any:
+    """A default value; of one that has fields only the name of its class, of one that is made anew `..`."""
+    if repr(default) == "<factory>":
+        return _Named("..")
+    whole = isinstance(default, BaseModel) or (is_dataclass(default) and not isinstance(default, type))
+    return _Named(f"{type(default).__name__}()") if whole else default
+
+
+class _Named(str):
+    """Text that stands for a value as it is."""
+
+    __repr__ = str.__str__
 
 
 def _tables(model: type[BaseModel], leave_out: Sequence[str] = ()) -> Iterator[tuple[str, list[str], list[Row]]]:

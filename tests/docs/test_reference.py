@@ -45,6 +45,11 @@ def test_what_only_the_project_uses_is_left_out_of_the_calls_of_a_protocol(refer
     assert "look_anew" not in text and "begin_again" not in text
 
 
+def test_what_a_protocol_makes_is_shown_with_its_arguments_in_order(reference: dict[str, str]) -> None:
+    calls = " ".join(reference["protocol-calls"].split())
+    assert "`Window(delay, average=0.5, min_samples=3)`" in calls and "settle=Settle(), spine=SpineMotion()" in calls
+
+
 def test_the_pages_in_the_repository_are_those_that_the_code_makes(reference: dict[str, str]) -> None:
     (glossary,) = (ROOT / "docs").glob("glossary.md")
     pages = {page.stem: page for page in (glossary, *(ROOT / "docs/reference").glob("*.md"))}
