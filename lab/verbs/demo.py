@@ -44,6 +44,8 @@ WITHHELD = ("area_moment", "spine_shear", "chamber_azimuth", "chamber_twist", "c
 """Effects that a demo may hide: at half their scale a calibration, its tolerances included, leaves four noise floors of them
 and more (of a tilted base or a curved body at rest it leaves none), and whoever knows the cause mends it at its place."""
 STIFFNESS = ["steps=6", "min_samples=20"]
+SEALED = "sealed.sha256"
+"""File that shows a folder to be a demo's: the digest of what is withheld."""
 BENDING = [
     "repeats=2", "unload=true", "settle.min_samples=3", "spine_lengths=[0, 0.1, 0.2, 0.3]", *PATIENT_PAUSES
 ]  # fmt: skip
@@ -81,15 +83,23 @@ def demo(folder: Path, seed: int | None, speed: float, effect: str | None = None
         raise ConfigError("\n".join(sorted(missing)))
     seed = secrets.randbelow(10**6) if seed is None else seed
     story, seal = Story(), draw(seed, effect)
-    if folder.exists():
-        shutil.rmtree(folder)
-    folder.mkdir(parents=True)
+    _clear(folder)
+    (folder / SEALED).write_text(f"{seal.digest}\n")
     out.print(f"One effect is switched on and withheld; sealed as sha256 {seal.digest}")
     with _model_warming_up() as ready:
         runs = _on_the_rig(story, folder, seed, speed, seal)
         if runs is not None:
             ready()
     return 1 if runs is None else _conclude(story, folder, runs, seal)
+
+
+def _clear(folder: Path) -> None:
+    """Make an empty folder in the place of an earlier demo's; raises ConfigError for one that holds anything else."""
+    if folder.is_dir() and any(folder.iterdir()):
+        if not (folder / SEALED).is_file():
+            raise ConfigError(f"{folder}: is not empty, and no demo made it; delete it, or give another folder with --out")
+        shutil.rmtree(folder)
+    folder.mkdir(parents=True, exist_ok=True)
 
 
 def _on_the_rig(story: Story, folder: Path, seed: int, speed: float, seal: Seal) -> list[Outcome] | None:
@@ -191,7 +201,13 @@ VERBS = (
         "demo",
         lambda a: demo(a.out, a.seed, a.speed, a.effect),
         options=(
-            option("--out", type=Path, default=Path("demo"), metavar="FOLDER", help="folder for recordings and report"),
+            option(
+                "--out",
+                type=Path,
+                default=Path("demo"),
+                metavar="FOLDER",
+                help="folder for recordings and report; that of an earlier demo is replaced",
+            ),
             option("--seed", type=int, help="choose withheld effect and noise"),
             option("--speed", type=float, default=20.0, help="how much faster than real the rig runs (default 20)"),
             option("--effect", metavar="ID[=SIZE]", help="withhold this effect instead of a drawn one"),

@@ -318,3 +318,19 @@ def test_a_recording_of_other_software_is_described_and_verified(tmp_path: Path,
 
 def test_losses_of_a_driver_that_was_opened_again_count_from_then_on() -> None:
     assert (newly_lost(3, 5), newly_lost(3, 3), newly_lost(7, 2)) == (2, 0, 2)
+
+
+def test_a_demo_replaces_no_folder_but_that_of_a_demo(tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+    def begun(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("lab.verbs.demo._on_the_rig", begun)
+    mine, theirs = tmp_path / "mine", tmp_path / "theirs"
+    mine.mkdir()
+    (mine / "rig.yaml").write_text("name: mine\n")
+    told = cli("demo", "--out", mine, code=2).err
+    assert f"{mine}: is not empty" in told and "--out" in told and (mine / "rig.yaml").exists()
+    for _ in range(2):
+        cli("demo", "--out", theirs, code=1)
+        assert not (theirs / "left").exists()
+        (theirs / "left").touch()
