@@ -27,6 +27,7 @@ them), `skew` (of the stamps), `freeze` (poses stand still). By name in `faults.
 - "deaf" (int): this many requests to connect or for the models are lost on their way.
 - "forget" (bool): all clients are forgotten, as after `CLIENT_TIMEOUT`.
 - "exchange" (names of two bodies): each is taken for the other.
+- "edit" (bool): a take that was recorded is played (Edit mode).
 - "changed" (bool): the next frame says that the list of bodies has changed; edit `bodies` before.
 """
 
@@ -83,7 +84,7 @@ DONE, FAILED = 0, -1
 
 
 class Mode(IntEnum):
-    """Modes of Motive; Edit is another program's business."""
+    """What `CurrentMode` answers."""
 
     LIVE = 0
     RECORDING = 1
@@ -440,7 +441,11 @@ class MotiveFake(timing.Thread):
             payload += struct.pack("<QQQ", ticks, ticks + 20_000, ticks + 30_000)
         if version >= (4, 1):
             payload += struct.pack("<II", 0, 0)
-        return payload + struct.pack("<hI", (self.mode == Mode.RECORDING) | changed << 1, 0)
+        return payload + struct.pack("<hI", self._parameters(changed), 0)
+
+    def _parameters(self, changed: bool) -> int:
+        """Of a frame: whether it is recorded, whether the list of bodies has changed, whether it is of a take."""
+        return (self.mode == Mode.RECORDING) | changed << 1 | bool(self.faults.extra.get("edit")) << 2
 
     def _taken_for(self, body: Body) -> Body:
         """The body whose pose is sent under the name of this one."""

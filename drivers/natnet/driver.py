@@ -315,6 +315,8 @@ class NatNetMocap:
         why = remedy(body)
         if self._config.body in shared:
             why = f"Motive has {' and '.join(map(repr, shared))} at the same place: tell their patterns of markers apart"
+        if frame.played:
+            why = "Motive plays a take that was recorded (Edit mode): set Motive to Live"
         sample = BodySample(
             t=self._clock.now(),
             device_time=frame.stamp,
@@ -323,7 +325,9 @@ class NatNetMocap:
             orientation=to_base.turn(body),
             marker_error=math.nan if body is None else body.error,
             valid=not (why or self._doubt),
-            markers=tuple(to_base.tracked_place(None if n in shared else bodies[n]) for n in self._config.markers),
+            markers=tuple(
+                to_base.tracked_place(None if n in shared or frame.played else bodies[n]) for n in self._config.markers
+            ),
         )
         now = timing.now()
         if not self._order.take(sample, now):

@@ -61,6 +61,8 @@ class Frame:
     stamp: float
     bodies: dict[int, Body | None]
     models_changed: bool
+    played: bool
+    """Of a take that was recorded: Motive is in Edit mode."""
 
 
 @dataclass(frozen=True)
@@ -281,7 +283,7 @@ def frame(c: Cursor, version: Version) -> Frame:
         stamp, bits = _suffix(c, version)
     except Short:
         raise Unreadable(f"{named} at byte {start} cannot be read") from None
-    return Frame(number, stamp, bodies, bool(bits & 2))  # whether the list of bodies has changed
+    return Frame(number, stamp, bodies, models_changed=bool(bits & 2), played=bool(bits & 4))
 
 
 def _suffix(c: Cursor, version: Version) -> tuple[float, int]:

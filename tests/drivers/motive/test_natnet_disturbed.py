@@ -76,6 +76,26 @@ def test_a_server_that_is_started_again_is_found_again(motive: Motive, version: 
     assert mocap.lost == lost
 
 
+def test_a_take_that_motive_plays_is_not_the_present(motive: Motive) -> None:
+    mocap = motive.seen()
+    motive.extra["edit"] = True
+    refused(mocap, DeviceFault, "set Motive to Live")
+    assert not motive.invalid().valid
+    del motive.extra["edit"]
+    assert first(mocap).valid
+
+
+def test_another_bitstream_set_in_motive_is_followed(motive: Motive) -> None:
+    """By another client of a multicast group, for instance: nothing falls silent meanwhile."""
+    mocap, fake, samples = motive.seen(), motive.fake, motive.samples
+    for version in ((4, 2), (3, 0), (2, 9), (4, 1)):
+        fake.version, begun = version, fake.frame
+        wait(lambda begun=begun: bool(samples) and samples[-1].frame > begun + 20 and samples[-1].valid)  # type: ignore[misc]
+        assert first(mocap).valid
+    for sample in samples:
+        assert not sample.valid or sample.position == pytest.approx(motive.plant.tip_position, abs=1e-6)
+
+
 # -- bodies that change in Motive
 def test_a_name_is_followed_to_its_new_number(motive: Motive) -> None:
     fake, samples = motive.fake, motive.samples
