@@ -27,6 +27,7 @@ them), `skew` (of the stamps), `freeze` (poses stand still). By name in `faults.
 - "deaf" (int): this many requests to connect or for the models are lost on their way.
 - "forget" (bool): all clients are forgotten, as after `CLIENT_TIMEOUT`.
 - "exchange" (names of two bodies): each is taken for the other.
+- "behind" (float): each frame is sent this long after its cameras' data came, s.
 - "edit" (bool): a take that was recorded is played (Edit mode).
 - "changed" (bool): the next frame says that the list of bodies has changed; edit `bodies` before.
 """
@@ -438,7 +439,8 @@ class MotiveFake(timing.Thread):
         payload += struct.pack("<IId" if version >= (2, 7) else "<IIf", 0, 0, stamp)
         if version >= (3, 0):
             ticks = self._ticks()
-            payload += struct.pack("<QQQ", ticks, ticks + 20_000, ticks + 30_000)
+            behind = int(float(self.faults.extra.get("behind", 0.001)) * TICKS)  # type: ignore[arg-type]
+            payload += struct.pack("<QQQ", ticks, ticks + 20_000, ticks + 20_000 + behind)
         if version >= (4, 1):
             payload += struct.pack("<II", 0, 0)
         return payload + struct.pack("<hI", self._parameters(changed), 0)

@@ -38,6 +38,9 @@ ASK_AGAIN = 0.5
 """s without a frame, or without an answer, after which the server is asked again: it forgets a client that stood still, and
 may have been started again itself."""
 
+NO_STAMP = 60.0
+"""s; a frame that is said to have taken longer than this in Motive has no true stamps."""
+
 
 class NatNetMocap:
     """Motion capture; see the module's text."""
@@ -315,8 +318,8 @@ class NatNetMocap:
         why = remedy(body)
         if self._config.body in shared:
             why = f"Motive has {' and '.join(map(repr, shared))} at the same place: tell their patterns of markers apart"
-        if frame.played:
-            why = "Motive plays a take that was recorded (Edit mode): set Motive to Live"
+        if past := self._past(frame):
+            why = past
         sample = BodySample(
             t=self._clock.now(),
             device_time=frame.stamp,
@@ -325,9 +328,7 @@ class NatNetMocap:
             orientation=to_base.turn(body),
             marker_error=math.nan if body is None else body.error,
             valid=not (why or self._doubt),
-            markers=tuple(
-                to_base.tracked_place(None if n in shared or frame.played else bodies[n]) for n in self._config.markers
-            ),
+            markers=tuple(to_base.tracked_place(None if n in shared or past else bodies[n]) for n in self._config.markers),
         )
         now = timing.now()
         if not self._order.take(sample, now):
@@ -337,6 +338,15 @@ class NatNetMocap:
             self._newest_at, self._why = now, why
             if newest is not None and newest.valid:
                 self._valid, self._valid_at = newest, now
+
+    def _past(self, frame: Frame) -> str:
+        """Why a frame does not show the present; empty for one that does."""
+        if frame.played:
+            return "Motive plays a take that was recorded (Edit mode): set Motive to Live"
+        old = frame.taken / self._info.frequency if self._info is not None and self._info.frequency else 0.0
+        if self._config.max_age < old < NO_STAMP:
+            return f"it was {old:.2f} s old when Motive sent it: end other programs on Motive's computer, or lower its frame rate"
+        return ""
 
 
 DRIVER = Driver("mocap", Config, NatNetMocap)

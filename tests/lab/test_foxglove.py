@@ -11,7 +11,6 @@ import socket
 import struct
 import subprocess
 import sys
-import threading
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from itertools import islice
@@ -261,7 +260,7 @@ def test_who_connects_and_says_nothing_does_not_keep_it_from_ending() -> None:
     with Foxglove(LOOPBACK, 0) as foxglove, socket.create_connection((LOOPBACK, int(foxglove.address.rpartition(":")[2]))):
         with viewer(foxglove.address):  # who comes later has been served: the silent one is known by now
             pass
-        ending = threading.Thread(target=foxglove.__exit__, args=(None, None, None), daemon=True)
+        ending = timing.Thread(target=foxglove.__exit__, args=(None, None, None), daemon=True)
         ending.start()
         ending.join(20.0)
         assert not ending.is_alive()
