@@ -147,6 +147,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         *scatter(prepared.noise_components.excess_scatter),
     )
     changed = first.named or (f"a body {as_stiff(scale)}" if scale is not None else "")
+    beyond = any(a.at_bound for a in (*first.adjusted, *([scale] if scale is not None else ())))
     closed = None if held_out.shrink is None else held_out.shrink.share_closed
     answer = Diagnosis(
         statement=words.say(text) + (f" {shown['holdout']['statement']}" if tested is not None else ""),
@@ -160,6 +161,6 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         budget=facts.budget,
         waterfall=held_out.waterfall,
         calibration=scale,
-        headline=headline(which, wanted.catalogue, words, facts.missing, closed_by_calibration(facts), closed, changed),
+        headline=headline(which, wanted.catalogue, words, facts.missing, closed_by_calibration(facts), closed, changed, beyond),
     )
     return Examined(answer, rivals, first)

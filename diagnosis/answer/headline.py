@@ -81,16 +81,19 @@ def headline(
     by_calibration: float | None = None,
     closed: float | None = None,
     calibrated: str = "",
+    beyond: bool = False,
 ) -> str:
     """The conclusion in at most 20 words, those of the robot's actuators.
 
     `missing` is what the table lacks, `by_calibration` the share of the reducible gap that calibration closes where that is
-    most of it and `calibrated` what it changed, `closed` the share that what is named closes on unseen states;
+    most of it, `calibrated` what it changed and `beyond` whether it would go beyond its limit, `closed` the share that what is named closes on unseen states;
     None where that is unknown.
     """
     sure = f"(p = {a.probability:.2f})"
     if a.conclusion == "too little data":
         return f"Too little data to name a cause{': ' + missing[0] if missing else ''}."
+    if beyond:
+        return f"Unclear: robot.yaml is too far from the data ({calibrated}): check it first."
     same = f" ({calibrated})" if calibrated else ""
     by = "" if by_calibration is None else f"Calibration closes {percent(by_calibration)} % of the gap{same}"
     if a.verdict == "effect":

@@ -147,10 +147,11 @@ def implausible_pressures(robot: Robot, s: Pressures) -> Iterator[str]:
         )
     elif s.ratio > FARTHEST:
         given = robot.bending_stiffness or robot.youngs_modulus
+        name, unit = ("bending_stiffness", "N m^2") if robot.bending_stiffness else ("youngs_modulus", "Pa")
         yield (
             f"{place}: the tip moves {s.ratio:.2g} times as far as a beam with the numbers of robot.yaml, must be at most "
-            f"{FARTHEST:g} times: check {'bending_stiffness' if robot.bending_stiffness else 'youngs_modulus'} ({given:.4g}; "
-            f"{given / s.ratio:.2g} would fit), outer_radius and path_radius, and their units"
+            f"{FARTHEST:g} times: check {name} ({given:.4g} {unit}; {given / s.ratio:.2g} {unit} would fit), outer_radius and "
+            "path_radius, and their units"
         )
     least = (s.pressure * s.unit).min(axis=0)
     if _like_ambient(least) and _at_its_length(robot, s):

@@ -123,7 +123,7 @@ def test_a_modulus_in_another_unit_is_refused_with_what_would_fit() -> None:
     stiff = {name: 1000 * getattr(ROBOT, name) for name in ("youngs_modulus", "shear_modulus")}
     spineless = sweep(spines=(0.0,))
     (said,) = implausible_values(ROBOT.model_copy(update=stiff), spineless)
-    assert "youngs_modulus" in said and "times as far" in said and "2.7e+05 would fit" in said and "outer_radius" in said
+    assert "youngs_modulus" in said and "times as far" in said and "2.7e+05 Pa would fit" in said and "outer_radius" in said
 
 
 def test_a_chamber_that_does_nothing_and_pressures_far_above_the_robots_are_asked_about() -> None:

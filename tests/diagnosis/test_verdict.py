@@ -135,6 +135,13 @@ def test_where_numbers_far_off_were_calibrated_first_the_gap_as_given_is_not_sai
     assert len(said.split()) <= 20
 
 
+def test_where_calibration_reaches_its_limit_the_headline_asks_for_robot_yaml_instead_of_naming_an_effect() -> None:
+    a = attribute("effect", "one of several", {}, "tip_payload", p=0.9)
+    said = headline(a, CATALOGUE, calibrated="a body 91 % softer", beyond=True)
+    assert said == "Unclear: robot.yaml is too far from the data (a body 91 % softer): check it first."
+    assert "too far" not in headline(a, CATALOGUE, calibrated="a body 91 % softer")
+
+
 def test_a_calibrated_area_factor_stands_for_the_number_that_is_least_certain() -> None:
     robot = load(paper_robot(), Robot)
     found = origins(robot, 1 / 0.88, 0.1)
