@@ -86,8 +86,8 @@ def headline(
     """The conclusion in at most 20 words, those of the robot's actuators.
 
     `missing` is what the table lacks, `by_calibration` the share of the reducible gap that calibration closes where that is
-    most of it, `calibrated` what it changed and `beyond` whether it would go beyond its limit, `closed` the share that what is named closes on unseen states;
-    None where that is unknown.
+    most of it, `calibrated` what it changed and `beyond` whether it reached its limit, `closed` the share that what is named
+    closes on unseen states; None where that is unknown.
     """
     sure = f"(p = {a.probability:.2f})"
     if a.conclusion == "too little data":
