@@ -28,7 +28,6 @@ them), `skew` (of the stamps), `freeze` (poses stand still). By name in `faults.
 - "forget" (bool): all clients are forgotten, as after `CLIENT_TIMEOUT`.
 - "exchange" (names of two bodies): each is taken for the other.
 - "behind" (float): each frame is sent this long after its cameras' data came, s.
-- "edit" (bool): a take that was recorded is played (Edit mode).
 - "changed" (bool): the next frame says that the list of bodies has changed; edit `bodies` before.
 """
 
@@ -89,7 +88,11 @@ class Mode(IntEnum):
 
     LIVE = 0
     RECORDING = 1
+    EDIT = 2
 
+
+MODES = {"LiveMode": Mode.LIVE, "StartRecording": Mode.RECORDING, "StopRecording": Mode.LIVE, "EditMode": Mode.EDIT}
+"""Command -> the mode that it sets."""
 
 TICKS = 10_000_000
 """Clock frequency of the server's stamps, Hz."""
@@ -344,9 +347,8 @@ class MotiveFake(timing.Thread):
             return struct.pack("<i", DONE if self._want(client, asked) else FAILED)
         if name in ("FrameRate", "UnitsToMillimeters"):
             return struct.pack("<f", self.rate if name == "FrameRate" else 1000.0)
-        if name in ("StartRecording", "StopRecording"):
-            self.mode = Mode.RECORDING if name == "StartRecording" else Mode.LIVE
-        numbers = dict.fromkeys(("CurrentMode", "StartRecording", "StopRecording", "LiveMode", "SetRecordTakeName"), DONE)
+        self.mode = MODES.get(name, self.mode)
+        numbers = dict.fromkeys((*MODES, "SetRecordTakeName"), DONE)
         numbers |= {"CurrentMode": self.mode, "AnalogSamplesPerMocapFrame": 0}
         return struct.pack("<i", numbers.get(name, FAILED))
 
@@ -443,11 +445,7 @@ class MotiveFake(timing.Thread):
             payload += struct.pack("<QQQ", ticks, ticks + 20_000, ticks + 20_000 + behind)
         if version >= (4, 1):
             payload += struct.pack("<II", 0, 0)
-        return payload + struct.pack("<hI", self._parameters(changed), 0)
-
-    def _parameters(self, changed: bool) -> int:
-        """Of a frame: whether it is recorded, whether the list of bodies has changed, whether it is of a take."""
-        return (self.mode == Mode.RECORDING) | changed << 1 | bool(self.faults.extra.get("edit")) << 2
+        return payload + struct.pack("<hI", (self.mode == Mode.RECORDING) | changed << 1, 0)
 
     def _taken_for(self, body: Body) -> Body:
         """The body whose pose is sent under the name of this one."""

@@ -72,7 +72,8 @@ class NatNetMocap:
         """Why it is not known which body is which; empty when it is known."""
         self._why = ""
         """Why the newest frame does not tell where the tip is; empty when it does."""
-        self._asked_at = -math.inf
+        self._asked_at = self._mode_asked_at = -math.inf
+        self._mode = packets.LIVE
         self._changed = False
         """The newest frame said that the list of bodies has changed."""
         self._unsure = False
@@ -256,6 +257,9 @@ class NatNetMocap:
             if (silent or self._doubt or self._unsure) and now - self._asked_at > ASK_AGAIN:
                 self._asked_at, self._silent = now, silent
                 server.try_asking(packets.CONNECT if silent else packets.REQUEST_MODELDEF)
+            if now - self._mode_asked_at > ASK_AGAIN:
+                self._mode_asked_at = now
+                server.try_asking(packets.REQUEST, packets.CURRENT_MODE)
 
     def _hear(self, server: Server) -> None:
         """Take what has arrived. What cannot be read is noticed and thrown away; the count of frames shows a lost one."""
@@ -273,6 +277,8 @@ class NatNetMocap:
                 raise Unreadable(f"a message of kind {kind} is no answer to a request to connect")
         elif kind == packets.MODELDEF:
             self._take_definitions(packets.definitions(content, self._info.version))
+        elif kind == packets.RESPONSE:
+            self._mode = packets.mode(content)
         elif kind == packets.FRAME and self._definitions is not None:
             self._take_frame(server, packets.frame(content, self._info.version))
 
@@ -341,7 +347,7 @@ class NatNetMocap:
 
     def _past(self, frame: Frame) -> str:
         """Why a frame does not show the present; empty for one that does."""
-        if frame.played:
+        if self._mode == packets.EDIT:
             return "Motive plays a take that was recorded (Edit mode): set Motive to Live"
         old = frame.taken / self._info.frequency if self._info is not None and self._info.frequency else 0.0
         if self._config.max_age < old < NO_STAMP:

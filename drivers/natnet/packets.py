@@ -11,7 +11,9 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-CONNECT, SERVERINFO, REQUEST_MODELDEF, MODELDEF, FRAME, DISCONNECT, KEEPALIVE = 0, 1, 4, 5, 7, 9, 10
+CONNECT, SERVERINFO, REQUEST, RESPONSE, REQUEST_MODELDEF, MODELDEF, FRAME, DISCONNECT, KEEPALIVE = 0, 1, 2, 3, 4, 5, 7, 9, 10
+CURRENT_MODE, LIVE, EDIT = b"CurrentMode\0", 0, 2
+"""A command, and two of its answers; Motive has no other sign of Edit mode of which SDK and examples say the same."""
 Version = tuple[int, int]
 OLDEST: Version = (2, 6)
 """First version in which a body says whether it is tracked."""
@@ -63,8 +65,6 @@ class Frame:
     stamp: float
     bodies: dict[int, Body | None]
     models_changed: bool
-    played: bool
-    """Of a take that was recorded: Motive is in Edit mode."""
     taken: int = 0
     """Ticks of the server's computer from the cameras' data to the sending; 0 where they are not stated."""
 
@@ -141,6 +141,13 @@ def server_info(c: Cursor) -> ServerInfo:
     frequency, port, multicast = struct.unpack_from("<QH?", c.data, c.at)
     group = ".".join(map(str, c.data[c.at + 11 : c.at + 15])) if multicast else ""
     return replace(told, data_port=port, group=group, frequency=float(frequency))
+
+
+def mode(c: Cursor) -> int:
+    """What `CURRENT_MODE` is answered with; raises Unreadable."""
+    if c.left != 4:
+        raise Unreadable(f"the answer to CurrentMode has {c.left} bytes, it must have 4")
+    return int(c.unpack(struct.Struct("<i"))[0])
 
 
 # -- model definitions
@@ -287,7 +294,7 @@ def frame(c: Cursor, version: Version) -> Frame:
         stamp, bits, taken = _suffix(c, version)
     except Short:
         raise Unreadable(f"{named} at byte {start} cannot be read") from None
-    return Frame(number, stamp, bodies, models_changed=bool(bits & 2), played=bool(bits & 4), taken=taken)
+    return Frame(number, stamp, bodies, models_changed=bool(bits & 2), taken=taken)
 
 
 def _suffix(c: Cursor, version: Version) -> tuple[float, int, int]:

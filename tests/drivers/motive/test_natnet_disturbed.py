@@ -9,7 +9,7 @@ from natnet_rig import Motive, first, refused, wait
 
 from drivers.errors import DeviceFault, StaleReading, WrongDevice
 from drivers.interfaces import BodySample
-from sim_fakes.motive import MotiveFake
+from sim_fakes.motive import Mode, MotiveFake
 
 
 def demand_each_once(found: list[BodySample]) -> None:
@@ -78,10 +78,10 @@ def test_a_server_that_is_started_again_is_found_again(motive: Motive, version: 
 
 def test_a_take_that_motive_plays_is_not_the_present(motive: Motive) -> None:
     mocap = motive.seen()
-    motive.extra["edit"] = True
-    refused(mocap, DeviceFault, "set Motive to Live")
+    motive.fake.mode = Mode.EDIT
     assert not motive.invalid().valid
-    del motive.extra["edit"]
+    refused(mocap, DeviceFault, "set Motive to Live")
+    motive.fake.mode = Mode.RECORDING
     assert first(mocap).valid
 
 
