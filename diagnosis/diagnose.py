@@ -31,7 +31,7 @@ from .answer.sentences import (
     as_stiff,
     beyond_tolerance,
     closed_by_calibration,
-    doubtful_area_factor,
+    far_off,
     scatter,
     statement,
     stiffness_sentence,
@@ -124,12 +124,13 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     words = case.robot.actuators.words
     names = {e: words.say(spec.name) for e, spec in wanted.catalogue.items()}
     shown = detail(found, held_out.errors, tested, names)
-    which = assemble.attribute_section(found, where.significant, held_out.rms_mm)
     scale = calibration(found)
+    far = tuple(far_off(scale.stiffness)) if scale is not None else ()
+    which = assemble.attribute_section(found, where.significant, held_out.rms_mm, bool(far or first.adjusted))
     facts = Facts(
         found.decision, which.conclusion, where, assemble.budget_section(found), held_out.shrink, held_out.waterfall,
         which.rivals, next((x.do for x in proposals if x.separates), None), found.best.named, found.asking,
-        found.misfit.outlier_trial, lacking(first.states), simulator(found), scale, names,
+        found.misfit.outlier_trial, lacking(first.states), simulator(found), scale, first.named, names,
     )  # fmt: skip
     text = statement(facts)
     if first.changed:
@@ -141,10 +142,12 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         which = assemble.beside(which, ORDER)
     concerns = (
         *concerns,
-        *(doubtful_area_factor(scale.area_factor / scale.given) if scale is not None else ()),
+        *far,
         *beyond_tolerance(prepared.problem.parameters, found.tense, first.robot),
         *scatter(prepared.noise_components.excess_scatter),
     )
+    changed = first.named or (f"a body {as_stiff(scale)}" if scale is not None else "")
+    beyond = any(a.at_bound for a in (*first.adjusted, *([scale] if scale is not None else ())))
     closed = None if held_out.shrink is None else held_out.shrink.share_closed
     answer = Diagnosis(
         statement=words.say(text) + (f" {shown['holdout']['statement']}" if tested is not None else ""),
@@ -158,6 +161,6 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         budget=facts.budget,
         waterfall=held_out.waterfall,
         calibration=scale,
-        headline=headline(which, wanted.catalogue, words, facts.missing, closed_by_calibration(facts), closed, as_stiff(scale)),
+        headline=headline(which, wanted.catalogue, words, facts.missing, closed_by_calibration(facts), closed, changed, beyond),
     )
     return Examined(answer, rivals, first)

@@ -173,8 +173,8 @@ MORE_THAN_GAP = 1.3
 """Ratio of what an effect moves to the calibrated gap above which the statement explains how it can move more."""
 CALIBRATION_STATED = 0.01
 """Relative change of the area factor above which the statement says what calibration changed."""
-OTHER_UNIT = 7.0
-"""Factor between calibrated and stated area factor from which a unit or a scale is wrong."""
+OTHER_UNIT = 6.0
+"""Factor between calibrated and stated stiffness from which a unit or a scale is wrong; psi and kPa differ by 6.9."""
 MATERIAL_SD, AREA_SD, GEOMETRY_SD, GAIN_SD = 0.1, 0.1, 1e-4, 0.01
 """What an area factor may stand for: share by which the modulus of rubber differs from batch to batch, where robot.yaml states no
 uncertainty; share of the area on which chambers of one design act, from body to body; m of radii of a cast body; share of the

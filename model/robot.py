@@ -174,6 +174,9 @@ class Robot(BaseModel):
             found.append("sections: chamber_radius says nothing of a robot with tendons: leave it out")
         if own.ends and len(own.ends) != count:
             found.append(f"{kind}.ends: {len(own.ends)} arc lengths, must be one for each of {count} azimuths_deg")
+        most = max(map(abs, own.azimuths_deg))
+        if most <= 2 * math.pi and most != round(most):
+            found.append(f"{kind}.azimuths_deg: {most:g} at most, must be in degrees: they look like rad, multiply by 57.2958")
         beyond = [s for s in own.ends if s > self.length * (1 + 1e-9)]
         return [*found, *(f"{kind}.ends: {s:g} m is beyond length {self.length:g} m" for s in beyond)]
 

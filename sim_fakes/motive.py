@@ -27,6 +27,7 @@ them), `skew` (of the stamps), `freeze` (poses stand still). By name in `faults.
 - "deaf" (int): this many requests to connect or for the models are lost on their way.
 - "forget" (bool): all clients are forgotten, as after `CLIENT_TIMEOUT`.
 - "exchange" (names of two bodies): each is taken for the other.
+- "behind" (float): each frame is sent this long after its cameras' data came, s.
 - "changed" (bool): the next frame says that the list of bodies has changed; edit `bodies` before.
 """
 
@@ -83,11 +84,15 @@ DONE, FAILED = 0, -1
 
 
 class Mode(IntEnum):
-    """Modes of Motive; Edit is another program's business."""
+    """What `CurrentMode` answers."""
 
     LIVE = 0
     RECORDING = 1
+    EDIT = 2
 
+
+MODES = {"LiveMode": Mode.LIVE, "StartRecording": Mode.RECORDING, "StopRecording": Mode.LIVE, "EditMode": Mode.EDIT}
+"""Command -> the mode that it sets."""
 
 TICKS = 10_000_000
 """Clock frequency of the server's stamps, Hz."""
@@ -342,9 +347,8 @@ class MotiveFake(timing.Thread):
             return struct.pack("<i", DONE if self._want(client, asked) else FAILED)
         if name in ("FrameRate", "UnitsToMillimeters"):
             return struct.pack("<f", self.rate if name == "FrameRate" else 1000.0)
-        if name in ("StartRecording", "StopRecording"):
-            self.mode = Mode.RECORDING if name == "StartRecording" else Mode.LIVE
-        numbers = dict.fromkeys(("CurrentMode", "StartRecording", "StopRecording", "LiveMode", "SetRecordTakeName"), DONE)
+        self.mode = MODES.get(name, self.mode)
+        numbers = dict.fromkeys((*MODES, "SetRecordTakeName"), DONE)
         numbers |= {"CurrentMode": self.mode, "AnalogSamplesPerMocapFrame": 0}
         return struct.pack("<i", numbers.get(name, FAILED))
 
@@ -437,7 +441,8 @@ class MotiveFake(timing.Thread):
         payload += struct.pack("<IId" if version >= (2, 7) else "<IIf", 0, 0, stamp)
         if version >= (3, 0):
             ticks = self._ticks()
-            payload += struct.pack("<QQQ", ticks, ticks + 20_000, ticks + 30_000)
+            behind = int(float(self.faults.extra.get("behind", 0.001)) * TICKS)  # type: ignore[arg-type]
+            payload += struct.pack("<QQQ", ticks, ticks + 20_000, ticks + 20_000 + behind)
         if version >= (4, 1):
             payload += struct.pack("<II", 0, 0)
         return payload + struct.pack("<hI", (self.mode == Mode.RECORDING) | changed << 1, 0)

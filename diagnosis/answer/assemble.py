@@ -37,9 +37,11 @@ def data_section(p: Prepared, table: Table) -> Data:
     return Data(len(table), len(np.unique(p.states.trial)), channels, noise * 1e3, source)
 
 
-def attribute_section(f: Attribution, significant: bool, heldout: Mapping[Hypothesis, float]) -> Attribute:
+def attribute_section(
+    f: Attribution, significant: bool, heldout: Mapping[Hypothesis, float], doubtful: bool = False
+) -> Attribute:
     """Verdict and ranking; `heldout` is the mm rms of hypotheses on unseen states, `significant` whether the gap is above the
-    noise floor anywhere."""
+    noise floor anywhere, `doubtful` whether robot.yaml is so far from the data that no cause is certain."""
     listed, rest = f.posterior.ranking[:LISTED], f.posterior.ranking[LISTED:]
     ranked = []
     for named, probability in (*listed, *(x for x in rest if x[0] in (NONE, UNKNOWN))):
@@ -49,7 +51,7 @@ def attribute_section(f: Attribution, significant: bool, heldout: Mapping[Hypoth
     d = f.decision
     return Attribute(
         d.verdict, d.effects, d.probability, f.posterior.credible_set, tuple(ranked), f.cannot_tell_apart, f.asking,
-        conclude(d, significant, f.asking, bool(f.tense)), rivals(d, f.posterior), d.relatives, d.second,
+        conclude(d, significant, f.asking, doubtful or bool(f.tense)), rivals(d, f.posterior), d.relatives, d.second,
     )  # fmt: skip
 
 

@@ -26,7 +26,9 @@ def calibration(f: Attribution) -> Calibration | None:
     given = float(np.mean(robot.area_factor_at(states.spine_length[own])))
     theta = dict(zip(p.problem.parameters.names, f.calibrated.theta.tolist(), strict=True))
     modulus = p.robot.youngs_modulus / robot.youngs_modulus * (1 + theta.get(MODULUS, 0.0))
-    found = Calibration(p.area_factor(f.calibrated.theta), given, modulus)
+    at, bounds = p.problem.parameters.names.index(AREA), (p.problem.parameters.lower, p.problem.parameters.upper)
+    at_bound = any(abs(theta[AREA] - float(bound[at])) < 1e-3 for bound in bounds)
+    found = Calibration(p.area_factor(f.calibrated.theta), given, modulus, at_bound=at_bound)
     # stiffness trials measure the modulus
     known = 0.0 if p.states.pushed.any() else robot.uncertainty.youngs_modulus or MATERIAL_SD
     return replace(found, origins=origins(robot, found.stiffness if known else found.stiffness / modulus, known))

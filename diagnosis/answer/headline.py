@@ -80,18 +80,25 @@ def headline(
     missing: Sequence[str] = (),
     by_calibration: float | None = None,
     closed: float | None = None,
-    as_stiff: str = "",
+    calibrated: str = "",
+    beyond: bool = False,
 ) -> str:
     """The conclusion in at most 20 words, those of the robot's actuators.
 
     `missing` is what the table lacks, `by_calibration` the share of the reducible gap that calibration closes where that is
-    most of it and `as_stiff` what a body that looks the same is, `closed` the share that what is named closes on unseen states;
-    None where that is unknown.
+    most of it, `calibrated` what it changed and `beyond` whether it reached its limit, `closed` the share that what is named
+    closes on unseen states; None where that is unknown.
     """
     sure = f"(p = {a.probability:.2f})"
     if a.conclusion == "too little data":
         return f"Too little data to name a cause{': ' + missing[0] if missing else ''}."
+    if beyond:
+        return f"Unclear: robot.yaml is too far from the data ({calibrated}): check it first."
+    same = f" ({calibrated})" if calibrated else ""
+    by = "" if by_calibration is None else f"Calibration closes {percent(by_calibration)} % of the gap{same}"
     if a.verdict == "effect":
+        if by and a.conclusion == "one of several" and closed is not None and closed <= 0:
+            return f"{by}; no effect closes the rest."
         text = f"{_says_all(a.effects, _sizes(a, a.effects), catalogue, words)} {sure}."
         if a.conclusion == "one of several" and closed is not None and closed <= 0:
             text = f"unclear: nothing closes the gap; nearest is {_name_all(a.effects, catalogue)} {sure}."
@@ -105,8 +112,7 @@ def headline(
         return f"No known cause fits {sure}{where}.".replace("_", " ")
     if by_calibration is not None:
         other = "is needed" if a.probability >= CAUSE_PROBABILITY else "stands out"
-        same = f" (a body {as_stiff})" if as_stiff else ""
-        return f"Calibration closes {percent(by_calibration)} % of the gap{same}; no other cause {other} {sure}."
+        return f"{by}; no other cause {other} {sure}."
     if a.conclusion == "noise":
         return f"No gap: model and robot agree down to the noise floor {sure}."
     return f"No cause: no known effect accounts for enough of the gap {sure}."

@@ -98,6 +98,8 @@ class Calibration:
     """The modulus that goes with it, as a ratio to that of robot.yaml: not 1 where it was calibrated first."""
     origins: tuple[Origin, ...] = ()
     """Most probable first."""
+    at_bound: bool = False
+    """Whether the fit reached the limit of the area factor, and would go beyond."""
 
     @property
     def stiffness(self) -> float:

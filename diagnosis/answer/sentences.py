@@ -56,6 +56,8 @@ class Facts:
     simulator: Simulator | None = None
     """What takes the rod's place; None: nothing does."""
     calibration: Calibration | None = None
+    first: str = ""
+    """The number of robot.yaml that was calibrated first, or how many; empty where none was."""
     names: Mapping[str, str] = field(default_factory=dict)
     """Effect -> plain name."""
 
@@ -189,7 +191,9 @@ def _factor(f: Facts) -> str:
         return ""
     body = f"a body {as_stiff(c)}"
     how = f"; {body} would look the same"
-    if abs(c.modulus - 1) >= CALIBRATION_STATED:
+    if c.at_bound:
+        how = f", with {c.modulus:.2f} times the modulus, at the limit of the fit"
+    elif abs(c.modulus - 1) >= CALIBRATION_STATED:
         how = f", with {c.modulus:.2f} times the modulus; these data show hardly more than their ratio, that of {body}"
     return f" ({c.area_factor:.2f} instead of {c.given:.2f}{how})"
 
@@ -229,9 +233,9 @@ def stands_for(c: Calibration | None, words: Words) -> str:
 
 
 def closed_by_calibration(f: Facts) -> float | None:
-    """Share of the reducible gap that calibration closes, where it changed the area factor and that is most; None otherwise."""
+    """Share of the reducible gap that calibration closes, where it changed a number and that is most; None otherwise."""
     w = f.waterfall
-    if f.calibration is None or w is None or not _factor(f):
+    if f.calibration is None or w is None or not (_factor(f) or f.first):
         return None
     closed = share_closed(w.given_mm, w.steps[0].left_mm, f.where.noise_floor_mm)
     return closed if closed is not None and closed > EXPLAINS else None
@@ -266,13 +270,13 @@ def _in_percent(value: float, unit: str) -> tuple[float, str]:
     return (100 * value, "%") if unit == "1" else for_people(value, unit)
 
 
-def doubtful_area_factor(ratio: float) -> Iterator[str]:
-    """What to ask where the calibrated area factor is `ratio` times that of robot.yaml: a wrong unit does that."""
-    if not 1 / OTHER_UNIT < ratio < OTHER_UNIT:
-        size, factor = ("large", 1 / ratio) if ratio < 1 else ("small", ratio)
+def far_off(stiffness: float) -> Iterator[str]:
+    """What to ask where the calibrated body is `stiffness` times as stiff as that of robot.yaml: a wrong unit does that."""
+    if not 1 / OTHER_UNIT < stiffness < OTHER_UNIT:
         yield (
-            f"calibration asks for {ratio:.2g} times the area factor of robot.yaml: the pressures seem to be too {size} by "
-            f"{factor:.2g}; check their unit, and path_radius of the chambers"
+            f"calibration asks for a body {stiffness:.2g} times as stiff as that of robot.yaml, or for pressures "
+            f"{1 / stiffness:.2g} times as high: check youngs_modulus, outer_radius, path_radius and area_factor of robot.yaml, "
+            "and the unit of the pressures (psi and kPa differ by 6.9); until then no cause is certain"
         )
 
 

@@ -71,7 +71,8 @@ class Adjusted:
 
     def __str__(self) -> str:
         bound = ", and would go beyond: another number beside it is wrong too" if self.at_bound else ""
-        return f"{self.name} {self.found:.4g} {self.unit} instead of {self.given:.4g} {self.unit}{bound}"
+        also = ", or the length wrong by as much" if "tip's z" in self.name else ""
+        return f"{self.name} {self.found:.4g} {self.unit} instead of {self.given:.4g} {self.unit}{also}{bound}"
 
 
 @dataclass(frozen=True)
@@ -99,12 +100,18 @@ class FirstCalibration:
         return "; ".join(filter(None, (self.order, *map(str, self.adjusted))))
 
     @property
+    def named(self) -> str:
+        """The number that was taken over, or how many, in a few words; empty where none was."""
+        names = [a.name.split(",")[0] for a in self.adjusted]
+        return f"{len(names)} numbers of robot.yaml" if len(names) > 1 else " ".join(names).removesuffix(" round")
+
+    @property
     def concern(self) -> str:
         """What a person has to know and to check."""
         return (
             f"{CALIBRATED_FIRST}, because robot.yaml is far from these data ({self.before * 1e3:.2f} mm at best, with "
             f"these numbers {self.after * 1e3:.2f} mm; a robust rms, which counts readings far off less): "
-            f"{self._told}. Everything below is about the robot with these numbers; check them"
+            f"{self._told}. Everything below is about the robot with these numbers; check them; no cause is certain before"
         )
 
     @property

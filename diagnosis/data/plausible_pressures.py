@@ -24,6 +24,8 @@ from .units import PRESSURE_UNITS, Unit, units_near
 
 LEAST_DISPLACEMENT = 0.015
 """Robot lengths; smaller displacements of the tip are not evaluated."""
+FARTHEST = 30.0
+"""Measured to expected displacement that no modulus, area factor or effect exceeds."""
 SHARE_AT_REST, AT_REST = 0.03, 500.0
 """Of the highest pressure, and Pa, within which a state counts as without pressure."""
 VISIBLE_STRETCH, STRETCH_SHARE = 0.02, 0.3
@@ -56,8 +58,8 @@ class Pressures:
         low = rising[np.unique(setting[rising], return_index=True)[1]][setting]
         displacement = tip - tip[low]
         ratio = _ratio(robot, displacement, expected_displacement(robot, rows, pressure - pressure[low]))
-        # no modulus, area factor or effect causes such a ratio; in mbar or a larger unit, no soft robot has such large numbers
-        implausible = ratio > 30.0 and np.abs(pressure).max() < 20e3
+        # in mbar or a larger unit, no soft robot has such large numbers
+        implausible = ratio > FARTHEST and np.abs(pressure).max() < 20e3
         unit = 1 / units_near(1 / ratio, _units(robot), 1.0)[0].per_si if implausible else 1.0
         return cls(tuple(rows), pressure, displacement, unit, ratio, _resting(pressure * unit))
 
@@ -142,6 +144,14 @@ def implausible_pressures(robot: Robot, s: Pressures) -> Iterator[str]:
         yield (
             f"{place}: largest value {highest:g} in a sweep that moves the tip by {moved * 1e3:.3g} mm: looks like {looks}; "
             f"{robot.actuators.words.say('pressures')} are in Pa gauge: {remedy}"
+        )
+    elif s.ratio > FARTHEST:
+        given = robot.bending_stiffness or robot.youngs_modulus
+        name, unit = ("bending_stiffness", "N m^2") if robot.bending_stiffness else ("youngs_modulus", "Pa")
+        yield (
+            f"{place}: the tip moves {s.ratio:.2g} times as far as a beam with the numbers of robot.yaml, must be at most "
+            f"{FARTHEST:g} times: check {name} ({given:.4g} {unit}; {given / s.ratio:.2g} {unit} would fit), outer_radius and "
+            "path_radius, and their units"
         )
     least = (s.pressure * s.unit).min(axis=0)
     if _like_ambient(least) and _at_its_length(robot, s):

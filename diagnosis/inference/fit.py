@@ -271,6 +271,8 @@ class _Misfit:
         """C^-1 values, where C is the covariance of the whitened values with the discrepancy."""
         if self._factor is None:
             return values
+        if not np.isfinite(values).all():
+            raise np.linalg.LinAlgError("the rod has no equilibrium there")
         pulled: Array = values - self._columns @ cho_solve(self._factor, self._columns.T @ values)
         return pulled
 

@@ -100,6 +100,7 @@ class FT300S:
         self._line.open()
         self._parser, self._gaps = FrameParser(), GapCounter()
         self._newest, self._broken, self.lost = None, None, 0
+        self._zero = (0.0,) * 6
         self._running = True
         self._reader = timing.Thread(target=self._read_stream, name=f"{self.name}-stream", daemon=True)
         self._reader.start()
@@ -128,19 +129,23 @@ class FT300S:
             raise StaleReading(
                 self.name, f"{what}, limit {self.config.max_age:g} s; check power and cable, then open the sensor again"
             )
+        self._demand_in_range(sample.raw)
+        return sample
+
+    def _demand_in_range(self, raw: Vector6) -> None:
         limits = (self.config.max_force,) * 3 + (self.config.max_moment,) * 3
-        for (axis, unit), value, limit in zip(AXES, sample.raw, limits, strict=True):
+        for (axis, unit), value, limit in zip(AXES, raw, limits, strict=True):
             if abs(value) > limit:
                 raise DeviceFault(
                     self.name, f"{axis} = {value:.2f} {unit} is beyond the range of {limit:g} {unit}; take the load off"
                 )
-        return sample
 
     def zero(self, samples: int) -> Vector6:
         """Average the next `samples` raw readings and subtract them from now on; returns the new zero (N, N m).
 
         Raises `StaleReading` when they do not come within twice their time plus one second, `NotReady` when force or moment
-        changes meanwhile by more than the sensor's noise; the zero stays as it was then.
+        changes meanwhile by more than the sensor's noise, `DeviceFault` when nothing changes at all or a value is beyond the
+        range; the zero stays as it was then.
         """
         if samples < 1:
             raise LimitExceeded(self.name, f"a zero from {samples} samples; give 1 or more, 100 take one second")
@@ -161,12 +166,20 @@ class FT300S:
                     "cable, then open the sensor again",
                 )
             taken = readings[:samples]
+            if samples > 1 and len(set(taken)) == 1:
+                raise DeviceFault(
+                    self.name,
+                    f"no zero taken: {samples} readings are the same to the last digit, so the sensor stands still; "
+                    "power-cycle it, then open it again",
+                )
             if change := unrest(taken):
                 raise NotReady(
                     self.name,
                     f"no zero taken, because the load changed meanwhile: {change}, in {samples * PERIOD:g} s; let the tool "
                     "hang free and still, wait until the sensor has warmed up, then take the zero again",
                 )
+            for reading in taken:
+                self._demand_in_range(reading)
             mean = [sum(axis) / samples for axis in zip(*taken, strict=True)]
             self._zero = (mean[0], mean[1], mean[2], mean[3], mean[4], mean[5])
             return self._zero

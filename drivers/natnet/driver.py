@@ -38,6 +38,9 @@ ASK_AGAIN = 0.5
 """s without a frame, or without an answer, after which the server is asked again: it forgets a client that stood still, and
 may have been started again itself."""
 
+NO_STAMP = 60.0
+"""s; a frame that is said to have taken longer than this in Motive has no true stamps."""
+
 
 class NatNetMocap:
     """Motion capture; see the module's text."""
@@ -69,7 +72,8 @@ class NatNetMocap:
         """Why it is not known which body is which; empty when it is known."""
         self._why = ""
         """Why the newest frame does not tell where the tip is; empty when it does."""
-        self._asked_at = -math.inf
+        self._asked_at = self._mode_asked_at = -math.inf
+        self._mode = packets.LIVE
         self._changed = False
         """The newest frame said that the list of bodies has changed."""
         self._unsure = False
@@ -253,6 +257,9 @@ class NatNetMocap:
             if (silent or self._doubt or self._unsure) and now - self._asked_at > ASK_AGAIN:
                 self._asked_at, self._silent = now, silent
                 server.try_asking(packets.CONNECT if silent else packets.REQUEST_MODELDEF)
+            if now - self._mode_asked_at > ASK_AGAIN:
+                self._mode_asked_at = now
+                server.try_asking(packets.REQUEST, packets.CURRENT_MODE)
 
     def _hear(self, server: Server) -> None:
         """Take what has arrived. What cannot be read is noticed and thrown away; the count of frames shows a lost one."""
@@ -270,6 +277,8 @@ class NatNetMocap:
                 raise Unreadable(f"a message of kind {kind} is no answer to a request to connect")
         elif kind == packets.MODELDEF:
             self._take_definitions(packets.definitions(content, self._info.version))
+        elif kind == packets.RESPONSE:
+            self._mode = packets.mode(content)
         elif kind == packets.FRAME and self._definitions is not None:
             self._take_frame(server, packets.frame(content, self._info.version))
 
@@ -315,6 +324,8 @@ class NatNetMocap:
         why = remedy(body)
         if self._config.body in shared:
             why = f"Motive has {' and '.join(map(repr, shared))} at the same place: tell their patterns of markers apart"
+        if past := self._past(frame):
+            why = past
         sample = BodySample(
             t=self._clock.now(),
             device_time=frame.stamp,
@@ -323,7 +334,7 @@ class NatNetMocap:
             orientation=to_base.turn(body),
             marker_error=math.nan if body is None else body.error,
             valid=not (why or self._doubt),
-            markers=tuple(to_base.tracked_place(None if n in shared else bodies[n]) for n in self._config.markers),
+            markers=tuple(to_base.tracked_place(None if n in shared or past else bodies[n]) for n in self._config.markers),
         )
         now = timing.now()
         if not self._order.take(sample, now):
@@ -333,6 +344,15 @@ class NatNetMocap:
             self._newest_at, self._why = now, why
             if newest is not None and newest.valid:
                 self._valid, self._valid_at = newest, now
+
+    def _past(self, frame: Frame) -> str:
+        """Why a frame does not show the present; empty for one that does."""
+        if self._mode == packets.EDIT:
+            return "Motive plays a take that was recorded (Edit mode): set Motive to Live"
+        old = frame.taken / self._info.frequency if self._info is not None and self._info.frequency else 0.0
+        if self._config.max_age < old < NO_STAMP:
+            return f"it was {old:.2f} s old when Motive sent it: end other programs on Motive's computer, or lower its frame rate"
+        return ""
 
 
 DRIVER = Driver("mocap", Config, NatNetMocap)

@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-CONNECT, SERVERINFO, REQUEST_MODELDEF, MODELDEF, FRAME, DISCONNECT, KEEPALIVE = 0, 1, 4, 5, 7, 9, 10
+CONNECT, SERVERINFO, REQUEST, RESPONSE, REQUEST_MODELDEF, MODELDEF, FRAME, DISCONNECT, KEEPALIVE = 0, 1, 2, 3, 4, 5, 7, 9, 10
+CURRENT_MODE, LIVE, EDIT = b"CurrentMode\0", 0, 2
+"""A command, and two of its answers; Motive has no other sign of Edit mode of which SDK and examples say the same."""
 Version = tuple[int, int]
 OLDEST: Version = (2, 6)
 """First version in which a body says whether it is tracked."""
@@ -41,6 +43,8 @@ class ServerInfo:
     version: Version
     data_port: int = 0
     group: str = ""
+    frequency: float = 0.0
+    """Of the ticks in which the server's computer counts, Hz; 0 where it is not stated."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +65,8 @@ class Frame:
     stamp: float
     bodies: dict[int, Body | None]
     models_changed: bool
+    taken: int = 0
+    """Ticks of the server's computer from the cameras' data to the sending; 0 where they are not stated."""
 
 
 @dataclass(frozen=True)
@@ -130,11 +136,18 @@ def server_info(c: Cursor) -> ServerInfo:
     except Short:
         raise Unreadable(f"the server's description ends at byte {c.end}, it must have {HEADER.size + 264}") from None
     told = ServerInfo(_decoded(name.split(b"\0")[0]), ".".join(map(str, application)), (version[0], version[1]))
-    if c.left < 15 or not c.data[c.at + 10]:
+    if c.left < 15:
         return told
-    _, port = struct.unpack_from("<QH", c.data, c.at)
-    group = ".".join(map(str, c.data[c.at + 11 : c.at + 15]))
-    return ServerInfo(told.application, told.application_version, told.version, port, group)
+    frequency, port, multicast = struct.unpack_from("<QH?", c.data, c.at)
+    group = ".".join(map(str, c.data[c.at + 11 : c.at + 15])) if multicast else ""
+    return replace(told, data_port=port, group=group, frequency=float(frequency))
+
+
+def mode(c: Cursor) -> int:
+    """What `CURRENT_MODE` is answered with; raises Unreadable."""
+    if c.left != 4:
+        raise Unreadable(f"the answer to CurrentMode has {c.left} bytes, it must have 4")
+    return int(c.unpack(struct.Struct("<i"))[0])
 
 
 # -- model definitions
@@ -278,22 +291,24 @@ def frame(c: Cursor, version: Version) -> Frame:
                 else:
                     passed(c, version)
         start, named = c.at, "the frame's end"
-        stamp, bits = _suffix(c, version)
+        stamp, bits, taken = _suffix(c, version)
     except Short:
         raise Unreadable(f"{named} at byte {start} cannot be read") from None
-    return Frame(number, stamp, bodies, bool(bits & 2))  # whether the list of bodies has changed
+    return Frame(number, stamp, bodies, models_changed=bool(bits & 2), taken=taken)
 
 
-def _suffix(c: Cursor, version: Version) -> tuple[float, int]:
-    """The server's stamp (s) and the frame's parameters. Whether the optional fields are there shows in the length."""
+def _suffix(c: Cursor, version: Version) -> tuple[float, int, int]:
+    """The server's stamp (s), the frame's parameters, and the ticks from the cameras' data to the sending. Whether the optional
+    fields are there shows in the length."""
     if version < (3, 0):  # latency, time code, stamp, parameters, end tag
         stamp = struct.Struct("<d" if version >= (2, 7) else "<f")
         c.skip(12 if c.left >= 12 + stamp.size + 2 + 4 else 8)
-        return c.unpack(stamp)[0], int(c.unpack(struct.Struct("<h"))[0])
+        return c.unpack(stamp)[0], int(c.unpack(struct.Struct("<h"))[0]), 0
     c.skip(8)
     stamp_at = c.unpack(struct.Struct("<d"))[0]
-    c.skip(32 if c.left >= 32 + 2 else 24)  # three times in ticks, then perhaps the precision time
-    return stamp_at, int(c.unpack(struct.Struct("<h"))[0])
+    _, received, sent = (int(ticks) for ticks in c.unpack(struct.Struct("<3Q")))
+    c.skip(8 if c.left >= 8 + 2 else 0)  # perhaps the precision time
+    return stamp_at, int(c.unpack(struct.Struct("<h"))[0]), max(0, sent - received) if received else 0
 
 
 def _decoded(text: bytes) -> str:

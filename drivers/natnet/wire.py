@@ -35,10 +35,10 @@ class Server:
         """Send a request. Raises OSError."""
         self._socket.sendto(HEADER.pack(kind, len(content)) + content, (self._address, self._ports[0]))
 
-    def try_asking(self, kind: int) -> None:
+    def try_asking(self, kind: int, content: bytes = b"\0") -> None:
         """The same where the network may be away; it is asked again."""
         with contextlib.suppress(OSError):
-            self.ask(kind)
+            self.ask(kind, content)
 
     def join(self, group: str, port: int) -> None:
         """Hear a multicast group too, anew if it was heard before: an interface that was down has forgotten it."""

@@ -15,7 +15,7 @@ import timing
 from timing import Clock
 
 from ..configs import ValveConfig
-from ..errors import BadReply, DeviceFault, InstrumentError
+from ..errors import BadReply, DeviceFault, InstrumentError, NoReply
 from ..interfaces import Identity, ValveSample
 from ..retries import Retries
 from ..serial_line import SerialLine, meeting, show
@@ -49,6 +49,9 @@ class NumatoValve:
         self._line = SerialLine(name, config.port, config.baud, config.timeout)
         self._retries = Retries(self._line)
         self._lock = timing.RLock()
+        self._marks = 0
+        self._behind = True
+        """Answers may be owed: to a request that failed, or to an earlier program."""
 
     def open(self) -> Identity:
         """Connect and check that a relay module answers; the relay stays as it is.
@@ -57,8 +60,8 @@ class NumatoValve:
         """
         with self._lock:
             self._line.open()
+            self._behind = True
             with meeting(self.name, self._line.close, f"{self._config.port} is not a Numato relay module"):
-                self._line.ask(b"\r", PROMPT)  # ends what an earlier program may have left half typed
                 firmware = self._value("ver", r"[\w.]{8}")
                 serial = self._value("id get", r"\S{8}")
                 self._state()
@@ -109,11 +112,35 @@ class NumatoValve:
         return self._retries.twice(lambda: self._exchange(command, lines))
 
     def _exchange(self, command: str, lines: int) -> list[str]:
+        if self._behind:
+            self._catch_up()
+        self._behind = True
         raw = self._line.ask(command.encode() + b"\r", PROMPT)
         said = [line for line in re.split(r"[\r\n]+", raw.decode("ascii", "replace")) if line]
         if said[:1] != [command] or len(said) != 1 + lines:
             raise BadReply(self.name, f"answered {show(raw)} to {command!r}; check that this port is the relay module")
+        self._behind = False
         return said[1:]
+
+    def _catch_up(self) -> None:
+        """Take all answers that are owed: none of them may pass for that of a later request.
+
+        A word that is no command and was never sent before is echoed after them all; the CR in front of it ends what may be
+        half typed. Raises NoReply, BadReply.
+        """
+        self._marks += 1
+        mark = b"mark %d" % self._marks
+        self._line.flush()
+        self._line.write(b"\r" + mark + b"\r")
+        deadline, heard = timing.now() + self._config.timeout, b""
+        while re.search(rb"\b%b\b" % mark, heard) is None:
+            try:
+                heard = self._line.read_until(PROMPT, deadline - timing.now())
+            except NoReply:
+                if not heard:
+                    raise
+                said = f"answered {show(heard)} to {mark!r}"
+                raise BadReply(self.name, f"{said}; check that this port is the relay module") from None
 
 
 def _word(on: bool) -> str:

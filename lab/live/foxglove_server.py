@@ -8,6 +8,7 @@ notices. Viewers cannot send anything.
 
 from __future__ import annotations
 
+import threading
 import time
 from importlib.resources import files
 from pathlib import Path
@@ -27,6 +28,8 @@ LAYOUT = Path(str(files(__package__) / "page" / "foxglove.json"))
 """Panels for Foxglove and Lichtblick; their paths are those of our recordings."""
 WAITING = 2**16
 """Messages that may wait for one viewer: two minutes of a rig."""
+ENDS_WITHIN = 1.0
+"""Host seconds that viewers have to be let go."""
 SPHERE = 0.008
 """Diameter that stands for the expected tip, m."""
 
@@ -136,4 +139,7 @@ class Foxglove:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._server.stop()
+        # the library waits without end for a connection that has not said what it wants
+        ending = threading.Thread(target=self._server.stop, name="foxglove-end", daemon=True)
+        ending.start()
+        ending.join(ENDS_WITHIN)

@@ -31,6 +31,8 @@ ALIKE, ENOUGH = 0.9, 0.8
 SIDES, CLEARLY = 0.3, 0.5
 """Least share of the second singular value of the push in the first for a tip pushed to several sides; how much more of the
 movement along one axis than of that along another must be linear in the push."""
+NOTHING = 0.1
+"""Share of what other chambers do below which one may not be connected."""
 
 
 def doubtful_directions(robot: Robot, rows: Iterable[TrialRow]) -> tuple[str, ...]:
@@ -46,6 +48,8 @@ def doubtful_directions(robot: Robot, rows: Iterable[TrialRow]) -> tuple[str, ..
     push = (seen.pressure * towards).sum(axis=1)
     # each actuator against its own highest, so that one in another unit does not hide the others
     share = seen.pressure / np.maximum(np.abs(seen.pressure).max(axis=0), 1e-300)
+    if odd := _still(np.abs(aside), seen.pressure):
+        return (robot.actuators.words.say(odd),)
     told = (np.abs(aside) > ASIDE * robot.length) & (np.abs((share * towards).sum(axis=1)) > PUSHED)
     if told.sum() < FEWEST:
         return ()
@@ -53,6 +57,20 @@ def doubtful_directions(robot: Robot, rows: Iterable[TrialRow]) -> tuple[str, ..
     if odd := _axis(seen.displacement[told], push[told], what):
         return (odd,)
     return tuple(map(robot.actuators.words.say, _doubts(aside[told], seen.pressure[told], towards[told], what)))
+
+
+def _still(aside: Array, pressure: Array) -> str:
+    """About an actuator that does nothing alone, while others bend the robot; empty where each does something."""
+    highest = np.abs(pressure).max()
+    for k in range(pressure.shape[1]):
+        others = np.abs(np.delete(pressure, k, axis=1)).max(axis=1, initial=0.0)
+        alone = (np.abs(pressure[:, k]) > 0.5 * highest) & (others < 0.05 * highest)
+        if alone.sum() > 1 and aside[alone].max() < NOTHING * aside.max():
+            return (
+                f"column p{k + 1}: alone it moves the tip by at most {1e3 * aside[alone].max():.2g} mm, others by "
+                f"{1e3 * aside.max():.3g} mm: check whether the chamber is connected, and the column"
+            )
+    return ""
 
 
 def _axis(moved: Array, push: Complex, what: str) -> str:
@@ -126,5 +144,5 @@ def _other_gain(aside: Complex, pressure: Array, towards: Complex) -> str:
         return ""
     return (
         f"column p{used[odd] + 1}: the tip moves {factor[odd]:.2g} times as far for the same pressure as with the other "
-        "chambers: check its unit and scale"
+        f"chambers: check {'whether it is connected, ' if factor[odd] < NOTHING else ''}its unit and scale"
     )

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from model.robot import Robot
+from model.section import body_mass
 
 FAR_OUT, LARGE = 3.0, 0.15
 """Outer radii, and lengths of the robot, off the axis beyond both of which no actuator is expected: disks on a thin rod stand out
 far, but are small beside its length."""
+LEAST_DENSITY, MOST_BODIES = 20.0, 100.0
+"""kg/m^3, and body masses at the tip, beyond which a number is probably in g."""
 MOST_POISSON, LEAST_POISSON = 0.53, -0.05
 """Ratios of isotropic materials, 0 to 0.5, and what rounding of both moduli to two digits adds."""
 
@@ -20,6 +23,17 @@ def doubtful_numbers(robot: Robot) -> Iterator[str]:
         yield (
             f"{own.words.kind}.path_radius is {1e3 * own.path_radius:.4g} mm, {own.path_radius / outer:.2g} times the "
             f"outer_radius of {1e3 * outer:.4g} mm: check both and their units"
+        )
+    if 0 < robot.density < LEAST_DENSITY:
+        yield (
+            f"density is {robot.density:g} kg/m^3, less than that of a foam ({LEAST_DENSITY:g}): if it is in g/cm^3, multiply by "
+            "1000"
+        )
+    body = body_mass(robot)
+    if body > 0 and robot.tip_mass > MOST_BODIES * body:
+        yield (
+            f"tip_mass is {robot.tip_mass:g} kg, {robot.tip_mass / body:.3g} times the body's mass of {body:.2g} kg: if it is in "
+            "g, divide by 1000"
         )
     poisson = robot.youngs_modulus / (2 * robot.shear_modulus) - 1
     by_material = robot.bending_stiffness is None

@@ -31,6 +31,8 @@ AREAS = (1.0, 0.7, 1.4, 0.5, 2.0)
 """Factors on the area factor with which each direction may fit."""
 FAR = 0.25
 """Robot lengths from where the model stands at rest beyond which a tip is asked about."""
+ABOVE = 1.5
+"""Times max_pressure beyond which a pressure is asked about; regulators overshoot by less."""
 MOST = 60
 """States that are compared."""
 
@@ -42,7 +44,8 @@ def doubtful(robot: Robot, rows: Sequence[TrialRow], robot_name: str) -> tuple[s
     fits = bool(tips) and {len(r.pressures) for r in tips} == {len(robot.bending_directions)}
     seen = Pressures.of(robot, tips) if fits else None
     of_robot = (*doubtful_numbers(robot), *(_gravity(robot, seen) if seen else ()))
-    of_table = (*(_gain(robot, seen) if seen else ()), *doubtful_directions(robot, rows), *doubtful_places(robot, rows))
+    of_pressures = (*_gain(robot, seen), *_above(robot, seen)) if seen else ()
+    of_table = (*of_pressures, *doubtful_directions(robot, rows), *doubtful_places(robot, rows))
     return (*(f"{robot_name}: {text}" for text in of_robot), *of_table)
 
 
@@ -55,6 +58,17 @@ def _gain(robot: Robot, seen: Pressures) -> Iterator[str]:
         f"the tip moves {seen.ratio:.2g} times as far as a beam with the numbers of robot.yaml under these pressures: check the "
         "unit and scale of the pressures, the moduli, radii and path_radius"
     )
+
+
+def _above(robot: Robot, seen: Pressures) -> Iterator[str]:
+    """About a pressure that the robot is never given."""
+    highest, most, words = float(seen.pressure.max()) * seen.unit, robot.max_pressure, robot.actuators.words
+    if most is not None and highest > ABOVE * most:
+        chamber = int(np.argmax(seen.pressure.max(axis=0))) + 1
+        yield (
+            f"column p{chamber}: {words.number(highest)} {words.unit}, {highest / most:.2g} times the max_pressure of "
+            f"{words.number(most)} {words.unit} of robot.yaml: check the unit (psi and kPa differ by 6.9), or max_pressure"
+        )
 
 
 def _gravity(robot: Robot, seen: Pressures) -> Iterator[str]:

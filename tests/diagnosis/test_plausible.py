@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import lab
 from diagnosis.data.plausible import implausible_values, require_plausible
 from diagnosis.errors import BadCase
 from lab.questions.directions import doubtful_directions
@@ -36,7 +37,8 @@ def sweep(
     """What the rod model says, with a little noise: up at each spine length and roll (degrees)."""
     robot = robot or ROBOT
     asked = [(s, roll, p) for s in spines for roll in rolls for p in levels]
-    pressure = np.array([[bias + (p if c in chambers else 0.0) for c in EVERY] for _, _, p in asked])
+    every = range(1, 1 + len(robot.actuators.azimuths_deg))
+    pressure = np.array([[bias + (p if c in chambers else 0.0) for c in every] for _, _, p in asked])
     spine, roll = np.array([a[0] for a in asked]), np.array([a[1] for a in asked])
     states = conditions(robot, spine, pressure, robot.tip_mass, np.radians(roll))
     result = solve(rods_of(robot, states), FINE)
@@ -115,6 +117,30 @@ def test_a_roll_in_rad_is_seen_by_where_the_tip_goes() -> None:
     assert implausible_values(ROBOT, rows) == ()
     (text,) = implausible_values(ROBOT, [replace(r, roll_deg=float(np.radians(r.roll_deg or 0.0))) for r in rows])
     assert "roll_deg: 2.0944" in text and "looks like rad" in text and "multiply by 57.2958" in text
+
+
+def test_a_modulus_in_another_unit_is_refused_with_what_would_fit() -> None:
+    stiff = {name: 1000 * getattr(ROBOT, name) for name in ("youngs_modulus", "shear_modulus")}
+    spineless = sweep(spines=(0.0,))
+    (said,) = implausible_values(ROBOT.model_copy(update=stiff), spineless)
+    assert "youngs_modulus" in said and "times as far" in said and "2.7e+05 Pa would fit" in said and "outer_radius" in said
+
+
+def test_a_chamber_that_does_nothing_and_pressures_far_above_the_robots_are_asked_about() -> None:
+    told = lab.load_robot(Path(__file__).parents[2] / "examples/three_chambers/robot.yaml")
+    rows = [r for k in (1, 2, 3) for r in three(told, k, 0.0 if k == 2 else 1.0)]
+    assert "column p2" in (said := " ".join(doubtful_directions(told, rows))) and "connected" in said
+    high = [replace(r, pressures=tuple(6.895 * p for p in r.pressures)) for k in (1, 2, 3) for r in three(told, k, 1.0)]
+    said = " ".join(doubtful(told, high, "robot.yaml"))
+    assert "552 kPa" in said and "max_pressure of 80 kPa" in said and "unit" in said
+
+
+def three(robot: Robot, chamber: int, acts: float) -> tuple[TrialRow, ...]:
+    """A sweep of one chamber of three, of which `acts` of the pressure arrives."""
+    made = sweep(robot, (0.0, 20e3, 40e3, 60e3, 80e3), (chamber,), spines=(0.0,))
+    still = sweep(robot, (0.0,) * 5, (chamber,), spines=(0.0,))
+    rows = (replace(r, tip=r.tip if acts else s.tip, trial=chamber) for r, s in zip(made, still, strict=True))
+    return tuple(replace(r, vacuum=None) for r in rows)
 
 
 # ------------------------------------------------------------------ what is odd but right

@@ -112,6 +112,34 @@ def test_what_calibration_changed_is_part_of_the_statement() -> None:
     assert kept.startswith("No gap: ") and "instead of" not in kept
     small = statement(replace(found, calibration=Calibration(2.34, 1.5), waterfall=replace(gap, given_mm=0.63)))
     assert small.startswith("No gap: ") and "a body 36 % softer" in small
+    far = statement(replace(found, calibration=Calibration(13.5, 1.5, 0.8, at_bound=True)))
+    assert "(13.50 instead of 1.50, with 0.80 times the modulus, at the limit of the fit)" in far and "hardly more" not in far
+
+
+def test_where_calibration_alone_closes_the_gap_the_headline_does_not_say_that_nothing_does() -> None:
+    a = attribute("effect", "one of several", {}, "body_modulus", p=0.9)
+    said = headline(a, CATALOGUE, by_calibration=0.99, closed=-0.01, calibrated="a body 86 % softer")
+    assert said == "Calibration closes 99 % of the gap (a body 86 % softer); no effect closes the rest."
+
+
+def test_where_numbers_far_off_were_calibrated_first_the_gap_as_given_is_not_said_to_be_none() -> None:
+    steps = (Step("calibration", None, 24.6, 24.0, 25.0, 0.6),)
+    gap = Waterfall("leave one trial out", 40, 42.0, steps, {}, None)
+    found = replace(
+        facts(NONE, gap=False), waterfall=gap, calibration=Calibration(1.0, 1.0), first="azimuth of the first chamber"
+    )
+    assert statement(found).startswith("Calibration closes 100 % of the reducible gap; beyond it, nothing is above")
+    a = attribute("none", "noise", p=0.9)
+    said = headline(a, CATALOGUE, by_calibration=1.0, calibrated=found.first)
+    assert said == "Calibration closes 100 % of the gap (azimuth of the first chamber); no other cause is needed (p = 0.90)."
+    assert len(said.split()) <= 20
+
+
+def test_where_calibration_reaches_its_limit_the_headline_asks_for_robot_yaml_instead_of_naming_an_effect() -> None:
+    a = attribute("effect", "one of several", {}, "tip_payload", p=0.9)
+    said = headline(a, CATALOGUE, calibrated="a body 91 % softer", beyond=True)
+    assert said == "Unclear: robot.yaml is too far from the data (a body 91 % softer): check it first."
+    assert "too far" not in headline(a, CATALOGUE, calibrated="a body 91 % softer")
 
 
 def test_a_calibrated_area_factor_stands_for_the_number_that_is_least_certain() -> None:

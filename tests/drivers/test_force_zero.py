@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import timing
-from drivers.errors import NotReady
+from drivers.errors import DeviceFault, NotReady
 from drivers.ft300s.driver import FT300S, Config
 from drivers.ft300s.rest import unrest
 from sim_fakes.ft300s import COUNTS, PERIOD, Ft300sDevice, Ft300sFake
@@ -86,3 +86,22 @@ def test_a_sensor_at_rest_is_never_refused(bench: Bench) -> None:
 
 def test_a_zero_of_one_reading_is_taken_as_it_is(sensor: FT300S) -> None:
     assert sensor.zero(1) == pytest.approx((1.5, -2.25, 30.0, 0.125, -0.5, 1.0), abs=1.0)
+
+
+@pytest.mark.parametrize(("fault", "says"), [("stuck", "20 readings are the same"), ("over_range", "fz .* beyond the range")])
+def test_no_zero_is_taken_of_a_sensor_that_shows_no_force(sensor: FT300S, fake: Ft300sFake, fault: str, says: str) -> None:
+    rest = sensor.zero(20)
+    fake.faults.extra[fault] = {"stuck": True, "over_range": 2}[fault]
+    timing.sleep(0.1)
+    with pytest.raises(DeviceFault, match=says):
+        sensor.zero(20)
+    fake.faults.extra.clear()
+    timing.sleep(0.1)
+    assert sensor.latest().zero == rest
+
+
+def test_a_zero_ends_with_the_connection(sensor: FT300S) -> None:
+    """The sensor may have been without power since, or be another one."""
+    sensor.zero(20)
+    sensor.open()
+    assert sensor.latest().zero == (0.0,) * 6

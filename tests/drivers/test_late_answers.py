@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import random
 from collections.abc import Iterator
 from typing import Any
@@ -11,8 +12,10 @@ import pytest
 import timing
 from drivers.dynamixel.bus import Register, Servo
 from drivers.errors import DeviceFault, InstrumentError, NoReply
+from drivers.numato.driver import Config, NumatoValve
 from drivers.tmcl.bus import Axis
 from sim_fakes.dynamixel import DynamixelFake
+from sim_fakes.numato import NumatoFake
 from sim_fakes.tmcl import TmclFake
 from tests.drivers.spines import homed, make_pair
 from tests.simulated.bench import Bench
@@ -86,6 +89,24 @@ def test_a_late_tmcl_answer_is_never_the_answer_to_a_later_question(bench: Bench
     axis = bench.closing(Axis("spine", fake.port, 115200, 1, 2, 0, 0.05))
     axis.open()
     check(fake, axis.get, {4: 51200, 5: 51200, 193: 1, 194: 1000, 195: 100, 212: 0})
+
+
+def test_a_late_state_of_the_relay_is_never_the_present_one(bench: Bench) -> None:
+    fake = bench.started(NumatoFake(bench.plant, bench.clock))
+    valve = bench.closing(NumatoValve("valve", Config(port=fake.port, timeout=0.1), bench.clock))
+    valve.open()
+    for delay in (0.25, 0.35, 0.45):
+        fake.coils[0], fake.faults.delay = False, delay
+        with contextlib.suppress(InstrumentError):
+            assert not valve.read().on
+        fake.coils[0], fake.faults.delay = True, 0.0
+        until = timing.now() + 30
+        while True:
+            try:
+                assert valve.read().on
+                break
+            except InstrumentError:
+                assert timing.now() < until
 
 
 def check(fake: Any, ask: Any, truth: dict[Any, int]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diagnosis.answer.sentences import doubtful_area_factor
+from diagnosis.answer.sentences import far_off
 from diagnosis.diagnose import Options, diagnose
 from lab.files.inputs import Case
 from lab.questions.numbers import doubtful_numbers
@@ -40,10 +40,22 @@ def test_a_shear_modulus_that_no_material_has_is_asked_about(shear: float, asked
     assert bool(said) == asked and all("Poisson" in text and "youngs_modulus 9 MPa" in text and "3 MPa" in text for text in said)
 
 
-@pytest.mark.parametrize(("ratio", "says"), [(0.1, "too large by 10;"), (9.8, "too small by 9.8;"), (2.9, ""), (0.3, "")])
-def test_an_area_factor_near_another_unit_is_asked_about(ratio: float, says: str) -> None:
-    said = " ".join(doubtful_area_factor(ratio))
+@pytest.mark.parametrize(
+    ("stiffness", "says"),
+    [(10.0, "10 times as stiff"), (0.1, "0.1 times as stiff"), (6.8, "psi"), (1 / 6.9, "psi"), (2.9, ""), (0.3, "")],
+)
+def test_a_body_as_stiff_as_no_tolerance_makes_it_is_asked_about(stiffness: float, says: str) -> None:
+    said = " ".join(far_off(stiffness))
     assert says in said and bool(said) == bool(says)
+    assert not said or all(word in said for word in ("youngs_modulus", "outer_radius", "path_radius", "unit of the pressures"))
+
+
+def test_a_density_in_grams_and_a_tip_mass_in_grams_are_asked_about() -> None:
+    (said,) = doubtful_numbers(robot_from_dict(TENDONS | {"density": 1.1}))
+    assert "density is 1.1 kg/m^3" in said and "multiply by 1000" in said
+    (said,) = doubtful_numbers(robot_from_dict(TENDONS | {"tip_mass": 20.0}))
+    assert "tip_mass is 20 kg" in said and "divide by 1000" in said
+    assert not list(doubtful_numbers(robot_from_dict(TENDONS | {"tip_mass": 0.2, "density": 0.0})))
 
 
 def test_the_diagnosis_asks_about_tensions_that_are_ten_times_too_large() -> None:
@@ -61,8 +73,8 @@ def test_the_diagnosis_asks_about_tensions_that_are_ten_times_too_large() -> Non
     ]  # fmt: skip
     few = Options(quantify=False, experiments=False, catalogue={"base_tilt": CATALOGUE["base_tilt"]})
     answer = diagnose(Case(robot, Table(tuple(rows))), few)
-    (said,) = (c for c in answer.concerns if "tension factor of robot.yaml" in c)
-    assert "the tensions seem to be too large by" in said
+    (said,) = (c for c in answer.concerns if "times as stiff as that of robot.yaml" in c)
+    assert "unit of the tensions" in said
 
 
 @pytest.mark.parametrize(("across", "asked"), [(0.0, True), (0.13, False)])

@@ -39,6 +39,13 @@ def test_a_wrong_value_is_refused_with_field_value_and_limit(
         assert word in str(caught.value)
 
 
+def test_azimuths_in_rad_are_refused(paper_robot: Robot) -> None:
+    data = paper_robot.model_dump(exclude_none=True)
+    data["chambers"]["azimuths_deg"] = [0.0, 2.0944, 4.18879]
+    with pytest.raises(BadRobot, match=r"azimuths_deg: 4.18879 at most.*look like rad.*multiply by 57.2958"):
+        robot_from_dict(data)
+
+
 def test_all_wrong_and_missing_fields_are_named_at_once(paper_robot: Robot) -> None:
     given = {**paper_robot.model_dump(), "length": 0, "tip_mass": -1}
     del given["density"]

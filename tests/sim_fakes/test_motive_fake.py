@@ -177,7 +177,8 @@ def test_remote_requests_are_answered(host: Host) -> None:
     host.send(REQUEST_FRAME)
     answer = host.receive(FRAME)
     assert answer is not None and answer[0][-6] == 1  # recording
-    assert command(host, "EditMode") == command(host, "Nonsense") == struct.pack("<i", -1)
+    assert command(host, "EditMode") == struct.pack("<i", 0) and command(host, "CurrentMode") == struct.pack("<i", 2)
+    assert command(host, "Nonsense") == struct.pack("<i", -1)
 
 
 @pytest.mark.parametrize("host", [{"version": (2, 9)}], indirect=True)

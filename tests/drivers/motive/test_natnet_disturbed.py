@@ -9,7 +9,7 @@ from natnet_rig import Motive, first, refused, wait
 
 from drivers.errors import DeviceFault, StaleReading, WrongDevice
 from drivers.interfaces import BodySample
-from sim_fakes.motive import MotiveFake
+from sim_fakes.motive import Mode, MotiveFake
 
 
 def demand_each_once(found: list[BodySample]) -> None:
@@ -74,6 +74,26 @@ def test_a_server_that_is_started_again_is_found_again(motive: Motive, version: 
     assert found.position == pytest.approx(plant.tip_position, abs=1e-6)
     assert found.markers[1] == pytest.approx(plant.markers[1], abs=1e-6)
     assert mocap.lost == lost
+
+
+def test_a_take_that_motive_plays_is_not_the_present(motive: Motive) -> None:
+    mocap = motive.seen()
+    motive.fake.mode = Mode.EDIT
+    assert not motive.invalid().valid
+    refused(mocap, DeviceFault, "set Motive to Live")
+    motive.fake.mode = Mode.RECORDING
+    assert first(mocap).valid
+
+
+def test_another_bitstream_set_in_motive_is_followed(motive: Motive) -> None:
+    """By another client of a multicast group, for instance: nothing falls silent meanwhile."""
+    mocap, fake, samples = motive.seen(), motive.fake, motive.samples
+    for version in ((4, 2), (3, 0), (2, 9), (4, 1)):
+        fake.version, begun = version, fake.frame
+        wait(lambda begun=begun: bool(samples) and samples[-1].frame > begun + 20 and samples[-1].valid)  # type: ignore[misc]
+        assert first(mocap).valid
+    for sample in samples:
+        assert not sample.valid or sample.position == pytest.approx(motive.plant.tip_position, abs=1e-6)
 
 
 # -- bodies that change in Motive

@@ -251,3 +251,13 @@ def test_keep_alive_is_sent_sparingly(motive: Motive) -> None:
     timing.sleep(0.7)
     wait(lambda: motive.fake.keep_alives >= 1)
     assert motive.fake.keep_alives < 10
+
+
+@pytest.mark.parametrize("motive", [{"version": (3, 1)}, {"version": (4, 1)}], indirect=True)
+def test_a_pose_that_was_old_when_it_was_sent_is_stale(motive: Motive) -> None:
+    """Motive that does not keep up with its cameras sends its frames as regularly as ever."""
+    mocap = motive.seen()
+    motive.extra["behind"] = 3.0
+    refused(mocap, DeviceFault, r"3.00 s old when Motive sent it")
+    del motive.extra["behind"]
+    assert first(mocap).valid
