@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -67,7 +68,7 @@ def told(made: Imported, robot: Robot, folder: Path, as_json: bool) -> None:
     note(made.notes)
     out.print(f"{len(made.table)} states in {trials} trials")
     out.print(f"written: {', '.join(written)}", soft_wrap=True)
-    out.print(f"look at {folder / PICTURE}, then: lab diagnose {folder}")
+    out.print(f"look at {folder / PICTURE}, then: {shlex.join(('lab', 'diagnose', str(folder)))}", soft_wrap=True)
 
 
 def _first_proposal(inputs: Sequence[Path], robot: Robot) -> tuple[Series, Guess]:
@@ -135,10 +136,11 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, as_json
     note(told_of)
     if made is not None:
         out.print(
-            f"{len(made.table)} states; look at {folder / PICTURE} and {folder / MAP}, delete each # CHECK once settled, then:"
+            f"{len(made.table)} states; look at {folder / PICTURE} and {folder / MAP}, delete each # CHECK once settled, then:",
+            soft_wrap=True,
         )
-    names = " ".join(str(p) for p in inputs)
-    out.print(f"lab import {names} --map {folder / MAP} --out CASE")
+    words = ("lab", "import", *map(str, inputs), "--map", str(folder / MAP), "--out", "CASE")
+    out.print(shlex.join(words), soft_wrap=True)
     return 0
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+import shlex
 import sys
 from pathlib import Path
 from typing import Any
@@ -312,3 +313,13 @@ def test_standard_deviations_are_no_marker_at_the_base(tmp_path: Path, cli: Cli)
     robot = Path(__file__).parents[2] / "examples" / "own_table" / "robot.yaml"
     said = cli("import", tmp_path / "means.csv", "--guess", "--robot", robot, "--out", tmp_path / "map").flat_err
     assert "not used: sx [mm]/sy" in said and "at the base" not in said
+
+
+def test_the_line_that_comes_next_can_be_typed_whatever_the_file_is_called(tmp_path: Path, cli: Cli) -> None:
+    folder = tmp_path / "Jan 10-2 with a name that is longer than a line of a terminal"
+    folder.mkdir()
+    file, out = spreadsheet(folder / "sweep.csv"), folder / "map"
+    last = cli("import", file, "--guess", "--robot", ROBOT, "--out", out).out.splitlines()[-1]
+    assert shlex.split(last) == ["lab", "import", str(file), "--map", str(out / "map.yaml"), "--out", "CASE"]
+    last = cli("import", file, "--map", out / "map.yaml", "--out", folder / "case").out.splitlines()[-1]
+    assert shlex.split(last.partition("then: ")[2]) == ["lab", "diagnose", str(folder / "case")]
