@@ -135,7 +135,7 @@ class NumatoValve:
         deadline, heard = timing.now() + self._config.timeout, b""
         while re.search(rb"\b%b\b" % mark, heard) is None:
             try:
-                heard = self._line.read_until(PROMPT, deadline - timing.now())
+                heard += self._line.read_until(PROMPT, deadline - timing.now()) + PROMPT
             except NoReply:
                 if not heard:
                     raise

@@ -257,7 +257,8 @@ def test_who_takes_nothing_costs_nobody_else_a_message(tmp_path: Path, monkeypat
 
 
 def test_who_connects_and_says_nothing_does_not_keep_it_from_ending() -> None:
-    with Foxglove(LOOPBACK, 0) as foxglove, socket.create_connection((LOOPBACK, int(foxglove.address.rpartition(":")[2]))):
+    foxglove = Foxglove(LOOPBACK, 0)
+    with socket.create_connection((LOOPBACK, int(foxglove.address.rpartition(":")[2]))):
         with viewer(foxglove.address):  # who comes later has been served: the silent one is known by now
             pass
         ending = timing.Thread(target=foxglove.__exit__, args=(None, None, None), daemon=True)
