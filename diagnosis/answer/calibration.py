@@ -15,6 +15,9 @@ from ..judgement import AREA_SD, GAIN_SD, GEOMETRY_SD, MATERIAL_SD
 from .attribute import Attribution
 from .result import Calibration, Origin, Simulator
 
+AT_BOUND = 1e-3
+"""Share of the area factor within which it has reached a limit of the fit."""
+
 
 def calibration(f: Attribution) -> Calibration | None:
     """The section `calibration`: the one area factor of the calibrated baseline next to robot.yaml's."""
@@ -26,8 +29,8 @@ def calibration(f: Attribution) -> Calibration | None:
     given = float(np.mean(robot.area_factor_at(states.spine_length[own])))
     theta = dict(zip(p.problem.parameters.names, f.calibrated.theta.tolist(), strict=True))
     modulus = p.robot.youngs_modulus / robot.youngs_modulus * (1 + theta.get(MODULUS, 0.0))
-    at, bounds = p.problem.parameters.names.index(AREA), (p.problem.parameters.lower, p.problem.parameters.upper)
-    at_bound = any(abs(theta[AREA] - float(bound[at])) < 1e-3 for bound in bounds)
+    area = p.problem.parameters.infos[p.problem.parameters.names.index(AREA)]
+    at_bound = min(abs(theta[AREA] - area.low), abs(theta[AREA] - area.high)) < AT_BOUND
     found = Calibration(p.area_factor(f.calibrated.theta), given, modulus, at_bound=at_bound)
     # stiffness trials measure the modulus
     known = 0.0 if p.states.pushed.any() else robot.uncertainty.youngs_modulus or MATERIAL_SD

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Collection, Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -68,10 +68,14 @@ class Adjusted:
     found: float
     unit: str
     at_bound: bool = False
+    short: str = ""
+    """What a headline calls it; empty: by its name."""
+    rather: str = ""
+    """Another number that may be wrong by as much."""
 
     def __str__(self) -> str:
         bound = ", and would go beyond: another number beside it is wrong too" if self.at_bound else ""
-        also = ", or the length wrong by as much" if "tip's z" in self.name else ""
+        also = f", or {self.rather} wrong by as much" if self.rather else ""
         return f"{self.name} {self.found:.4g} {self.unit} instead of {self.given:.4g} {self.unit}{also}{bound}"
 
 
@@ -102,8 +106,8 @@ class FirstCalibration:
     @property
     def named(self) -> str:
         """The number that was taken over, or how many, in a few words; empty where none was."""
-        names = [a.name.split(",")[0] for a in self.adjusted]
-        return f"{len(names)} numbers of robot.yaml" if len(names) > 1 else " ".join(names).removesuffix(" round")
+        names = [a.short or a.name for a in self.adjusted]
+        return f"{len(names)} numbers of robot.yaml" if len(names) > 1 else "".join(names)
 
     @property
     def concern(self) -> str:
@@ -121,7 +125,9 @@ class FirstCalibration:
 
     def detail(self) -> dict[str, object]:
         """For the answer's JSON."""
-        numbers = {"before_mm": self.before * 1e3, "after_mm": self.after * 1e3, "adjusted": [asdict(a) for a in self.adjusted]}
+        keys = ("name", "given", "found", "unit", "at_bound")
+        adjusted = [{key: getattr(a, key) for key in keys} for a in self.adjusted]
+        numbers = {"before_mm": self.before * 1e3, "after_mm": self.after * 1e3, "adjusted": adjusted}
         return numbers | ({"order": self.order} if self.order else {})
 
     def moved(self, states: Campaign) -> Campaign:
@@ -324,15 +330,16 @@ def _adjusted(robot: Robot, made: Robot, theta: Array, beyond: Mask, hanging: bo
     if counted:
         second = min(1, len(now) - 1)
         name = "chambers counted the other way round, azimuth of the second"
-        yield Adjusted(name, given[second], now[second], "deg")
+        yield Adjusted(name, given[second], now[second], "deg", short="chambers counted the other way")
     if beyond[1]:
         yield Adjusted("youngs_modulus", robot.youngs_modulus / 1e3, made.youngs_modulus / 1e3, "kPa", bool(at_bound[1]))
     if beyond[2]:
         yield Adjusted("azimuth of the first chamber", given[0], now[0], "deg")
     if beyond[3] or beyond[4]:
         tilt = float(np.degrees(np.linalg.norm(theta[3:5])))
-        yield Adjusted("gravity, turned from the one stated by", 0.0, tilt, "deg", bool(at_bound[3:5].any()))
+        yield Adjusted("gravity, turned from the one stated by", 0.0, tilt, "deg", bool(at_bound[3:5].any()), "gravity")
     for k, axis in enumerate("xyz", ORIGIN):
         if beyond[k]:
             away = 1e3 * float(theta[k] * robot.length)
-            yield Adjusted(f"origin of the tip's {axis}", 0.0, away, "mm", bool(at_bound[k]))
+            rather = "the length" if axis == "z" else ""
+            yield Adjusted(f"origin of the tip's {axis}", 0.0, away, "mm", bool(at_bound[k]), rather=rather)

@@ -273,7 +273,7 @@ class _Misfit:
             return values
         if not np.isfinite(values).all():
             raise np.linalg.LinAlgError("the rod has no equilibrium there")
-        pulled: Array = values - self._columns @ cho_solve(self._factor, self._columns.T @ values)
+        pulled: Array = values - self._columns @ cho_solve(self._factor, self._columns.T @ values, check_finite=False)
         return pulled
 
     def cost(self, predicted: Array) -> float:

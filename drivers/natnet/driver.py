@@ -126,6 +126,7 @@ class NatNetMocap:
         self._info = self._definitions = self._valid = None
         self._ids, self._doubt = {}, ""
         self._silent = self._changed = self._unsure = False
+        self._mode, self._mode_asked_at = packets.LIVE, -math.inf
         self._newest_at = self._valid_at = -math.inf
 
     def latest(self) -> BodySample:
