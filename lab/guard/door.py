@@ -2,10 +2,12 @@
 
 A guard owns names: one for the path of its rig.yaml, one for each line that only one program may use. Each name is an
 abstract Unix socket, which the kernel keeps: it is exclusive, it belongs to no file that anybody could edit or delete, it
-ends with its process, and every user of this computer may connect to it. The kernel also says who connects.
+ends with its process, and every user of this computer may connect to it. Next to rig.yaml stands a second socket, a file, which
+strangers cannot crowd and which a container reaches that shares the folder. The kernel says who is at either end: only root,
+the same account and the owner of the rig's folder are believed.
 
-A question is one line of JSON, `{"do": "who"}` or `{"do": "land"}`; so is the answer. A guard that is asked to land lands
-first and answers afterwards. This module needs neither rig.yaml nor any driver.
+A question is one line of JSON, `{"do": "who"}` or `{"do": "land"}`. The answer's first line says who the guard is; after
+`land` a second one says what was read back when the rig had landed. This module needs neither rig.yaml nor any driver.
 """
 
 from __future__ import annotations
@@ -16,12 +18,13 @@ import hashlib
 import json
 import os
 import pwd
+import secrets
 import socket
 import struct
 from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol
 
 import timing
 from recordings.json_text import read_json
@@ -29,8 +32,6 @@ from recordings.json_text import read_json
 from .latch import RigLocked
 from .report import SafeReport
 
-A = TypeVar("A")
-B = TypeVar("B")
 PREFIX = "softlab/rig/"
 TAKE_WITHIN = 8.0
 """Host seconds to wait for an earlier guard that is still landing; it disconnects the arm, which takes 2 s."""
@@ -38,12 +39,35 @@ WHO_WITHIN = 2.0
 """Host seconds in which a guard that is alive says who it is; its program gives it up after as long a silence."""
 LAND_WITHIN = 30.0
 """Host seconds for a landing by another guard: longer than any landing takes."""
+STRANGER_WITHIN = 1.0
+"""Host seconds for all that an account has to say which is not believed."""
 LONGEST = 100_000
-"""Bytes of a question or an answer that are read."""
-MOST_AT_ONCE = 16
-"""Connections that are served at the same time; more wait in the kernel's queue."""
-SLICE = 0.05
-"""Host seconds between two tries to take a name that is about to be free."""
+"""Bytes of an answer that are read."""
+LONGEST_QUESTION = 1000
+"""Bytes of a question that are read."""
+BACKLOG = 4096
+"""Connections that wait in the kernel's queue, at most."""
+MOST_STRANGERS = 64
+"""Connections of accounts that are not believed which are kept at the same time; one more ends the oldest."""
+MOST_AT_ONCE = 32
+"""Connections that are accepted at one name before the next has its turn."""
+MOST_OPEN = 256
+"""Owners that are asked at the same time."""
+SLICE = 0.02
+"""Host seconds between two tries to take a name that is about to be free, or to ask an owner whose queue is full."""
+PACE = 0.005
+"""Host seconds of rest after strangers came: their number costs the guard no more than a part of its time."""
+NOBODY_THERE = {errno.ECONNREFUSED, errno.ENOENT, errno.ENOTDIR, errno.ENAMETOOLONG, errno.ELOOP}
+"""What the kernel says where no program listens; any other failure is no answer."""
+CLOSED = {errno.EACCES, errno.EPERM}
+"""What it says of a file that this user may not use."""
+
+
+BELIEVED = "only root, the same account and the owner of the rig's folder are believed"
+
+
+class CannotBeAsked(RigLocked):
+    """The rig's owner does not answer, or is not believed."""
 
 
 @dataclass(frozen=True)
@@ -52,19 +76,25 @@ class Owner:
 
     guard: str
     """Unique to the guard; empty when the owner does not answer."""
-    pid: int
-    user: str
+    pid: int = 0
+    """From the kernel, as its user; 0 where that is not known, as of a process in another container."""
+    user: str = "unknown"
     rig: str = ""
     names: frozenset[str] = frozenset()
     """All that it owns, see `names_of_path` and `lab.guard.instruments.exclusive`."""
     about: str = ""
-    """The command that it serves, with its process and start."""
+    """The command that it serves, with its process and start; why it cannot be asked, where that is known."""
     ending: bool = False
     """Its program has ended: it lands, then it is gone."""
+    uid: int = field(default=-1, compare=False)
+    """Its account, see `user`; -1 where that is not known."""
+    believed: bool = field(default=False, compare=False)
+    """Its account is one of `believed_accounts`."""
 
     def __str__(self) -> str:
         served = self.about or "a program that does not answer"
-        return f"{served}; its guard is process {self.pid} of user {self.user}"
+        doubt = "" if self.believed else f" ({BELIEVED})"
+        return f"{served}; its guard is process {self.pid or 'unknown'} of user {self.user}{doubt}"
 
 
 class Guarding(Protocol):
@@ -84,32 +114,55 @@ def names_of_path(rig: Path) -> frozenset[str]:
     return frozenset(f"path:{p}" for p in (os.path.abspath(rig), os.path.realpath(rig)))
 
 
+def believed_accounts(rig: str | Path | None) -> frozenset[int]:
+    """Whose word counts about a rig: root's, that of this account, and that of the owner of the rig's folder."""
+    accounts = {0, os.getuid()}
+    if rig:
+        with contextlib.suppress(OSError):
+            accounts.add(os.stat(os.path.dirname(os.path.realpath(rig))).st_uid)
+    return frozenset(accounts)
+
+
+@dataclass
+class _Question:
+    """A connection that has not asked yet."""
+
+    until: float
+    asker: str
+    """Its user and process, from the kernel."""
+    stranger: bool
+    data: bytes = b""
+
+
 class Door:
     """The names of one guard, and the thread that answers at them."""
 
     def __init__(self, names: Collection[str], guard: Guarding, rig: str = "", about: str = "") -> None:
         """`rig`: path of rig.yaml; `about`: the command that the guard serves. Both are answers to who owns the rig."""
-        self._names, self._guard = frozenset(names), guard
+        self._names, self._guard, self._rig = frozenset(names), guard, rig
         self._about = {"guard": f"{os.getpid()}-{id(self):x}", "rig": rig, "about": about, "names": sorted(names)}
+        self._accounts = believed_accounts(rig)
         self._sockets: list[socket.socket] = []
-        self._turns = timing.Queue()
-        """One for each question that may still be answered at the same time; its number means nothing."""
-        for turn in range(MOST_AT_ONCE):
-            self._turns.put(turn)
+        self._left = contextlib.ExitStack()
+        """What closing does."""
+        self._asking: dict[socket.socket, _Question] = {}
+        """The oldest first."""
+        self._lock = timing.Lock()
+        self._landing: list[socket.socket] | None = None
+        """Who waits for the landing that is going on."""
 
     def open(self, within: float = TAKE_WITHIN) -> None:
         """Own all names. Raises RigLocked at once when a guard owns one whose program is alive, and after `within` host
         seconds when one that is ending has not ended."""
         deadline = timing.now() + within
         try:
-            for name in sorted(self._names):
-                while (taken := _bound(name)) is None:
+            for address in _addresses(self._names):
+                while not self._listens(address):
                     late = timing.now() > deadline
-                    demand_free([name], ending_too=late)
+                    _demand_free(_asked([address], "who", self._rig), ending_too=late)
                     if late:
-                        raise RigLocked(f"{name} is owned by a program that cannot be asked; end it first")
+                        raise CannotBeAsked("a name of the rig is owned by a program that cannot be asked; end it first")
                     timing.sleep(SLICE)
-                self._sockets.append(taken)
         except BaseException:
             self.close()
             raise
@@ -117,64 +170,141 @@ class Door:
 
     def close(self) -> None:
         """Give the names back."""
-        sockets, self._sockets = self._sockets, []
-        for taken in sockets:
-            taken.close()
+        self._sockets = []
+        self._left.close()
+
+    def _listens(self, address: str) -> bool:
+        """Listen there; False when somebody else does. A file that cannot be written is no name: the others are enough."""
+        if not _is_file(address):
+            listening = _bound(address)
+        elif not _free(address):
+            return False
+        else:
+            listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+            try:
+                self._left.callback(_bind_file(listening, address))
+            except OSError:
+                listening.close()
+                return True
+        if listening is not None:
+            listening.setblocking(False)
+            self._sockets.append(self._left.enter_context(listening))
+        return listening is not None
 
     # -- answering
     def _serve(self) -> None:
-        """Accept connections at all names until the door is closed; each is answered by a thread of its own, so that a slow one
-        delays nobody. While MOST_AT_ONCE are being answered, others wait."""
-        while self._sockets:
+        """Accept and answer until the door is closed. One thread for all: who says nothing delays nobody."""
+        while sockets := self._sockets.copy():
             try:
-                asked_at = timing.readable(self._sockets.copy(), SLICE)
+                ready = timing.readable([*sockets, *self._asking], SLICE)
             except (OSError, ValueError):  # closed meanwhile
                 continue
-            for asked in asked_at:
-                with contextlib.suppress(OSError):
-                    connection, _ = asked.accept()
-                    turn = self._turns.get()
-                    timing.Thread(target=self._answer, args=(connection, turn), name="asked", daemon=True).start()
-
-    def _answer(self, connection: socket.socket, turn: int) -> None:
-        """One question; whatever is wrong with it concerns nobody but who asked."""
-        try:
-            with connection, contextlib.suppress(OSError, ValueError):
-                connection.settimeout(WHO_WITHIN)
-                question = read_json(_line(connection))
-                what = question.get("do") if isinstance(question, dict) else None
-                if what == "who":
-                    answer: dict[str, Any] = {**self._about, "ending": self._guard.ending}
-                elif what == "land":
-                    pid, user = _peer(connection)
-                    report = self._guard.hand_over(f"lab safe, by {user}, process {pid}")
-                    answer = {"steps": [asdict(step) for step in report.steps], "locked": self._guard.locked()}
+            strangers = False
+            for one in ready:
+                if one in self._asking:
+                    self._read(one)
                 else:
-                    answer = {"error": "ask who or land"}
-                connection.sendall(json.dumps(answer).encode() + b"\n")
+                    strangers |= self._accept(one)
+            for late in [one for one, question in self._asking.items() if timing.now() > question.until]:
+                self._forget(late)
+            if strangers:
+                timing.sleep(PACE)
+        for one in list(self._asking):
+            self._forget(one)
+
+    def _accept(self, listening: socket.socket) -> bool:
+        """Take who waits; whether there were strangers among them."""
+        strangers = False
+        for _ in range(MOST_AT_ONCE):
+            try:
+                connection, _ = listening.accept()
+            except BlockingIOError:
+                break
+            except OSError:  # closed, or no more file descriptors: the silent ones give theirs back
+                self._end_oldest_stranger()
+                break
+            connection.setblocking(False)
+            pid, uid = _peer(connection)
+            stranger = uid not in self._accounts
+            if stranger:
+                strangers = True
+                if sum(question.stranger for question in self._asking.values()) >= MOST_STRANGERS:
+                    self._end_oldest_stranger()
+            self._asking[connection] = _Question(timing.now() + WHO_WITHIN, f"{_user(uid)}, process {pid}", stranger)
+            self._read(connection)
+        return strangers
+
+    def _end_oldest_stranger(self) -> None:
+        for connection in [one for one, question in self._asking.items() if question.stranger][:1]:
+            self._forget(connection)
+
+    def _forget(self, connection: socket.socket) -> None:
+        del self._asking[connection]
+        connection.close()
+
+    def _read(self, connection: socket.socket) -> None:
+        """What has come of one question; whatever is wrong with it concerns nobody but who asked."""
+        question = self._asking[connection]
+        try:
+            data = connection.recv(LONGEST_QUESTION)
+            question.data += data
+            if data and len(question.data) < LONGEST_QUESTION and not question.data.endswith(b"\n"):
+                return
+            self._answer(connection, question)
+        except BlockingIOError:
+            return
+        except (OSError, ValueError):
+            pass
+        if connection in self._asking:
+            self._forget(connection)
+
+    def _answer(self, connection: socket.socket, question: _Question) -> None:
+        asked = read_json(question.data)
+        what = asked.get("do") if isinstance(asked, dict) else None
+        if what not in ("who", "land"):
+            connection.send(_as_line({"error": "ask who or land"}))
+            return
+        connection.send(_as_line({**self._about, "ending": self._guard.ending}))
+        if what == "land":
+            with self._lock:
+                begins = self._landing is None
+                self._landing = [*(self._landing or []), connection]
+            del self._asking[connection]
+            if begins:
+                timing.Thread(target=self._land, args=(question.asker,), name="land", daemon=True).start()
+
+    def _land(self, asker: str) -> None:
+        """Land once, for all who ask meanwhile."""
+        answer: dict[str, Any] = {}
+        try:
+            report = self._guard.hand_over(f"lab safe, by {asker}")
+            answer = {"steps": [asdict(step) for step in report.steps], "locked": self._guard.locked()}
         finally:
-            self._turns.put(turn)
+            with self._lock:
+                waiting, self._landing = self._landing or [], None
+            for connection in waiting:
+                with connection, contextlib.suppress(OSError):
+                    connection.send(_as_line(answer))
 
 
 # ------------------------------------------------------------------ who asks
-def owners(names: Iterable[str] | None = None) -> list[Owner]:
-    """The guards that own one of these names, or all guards of this computer; each once."""
-    addresses = _all_addresses() if names is None else [_address(name) for name in names]
-    if not addresses:
-        return []
-    found = [owner for owner in _each(_owner, addresses) if owner is not None]
-    return list({owner.guard or str(owner.pid): owner for owner in found}.values())
+def owners(names: Iterable[str] | None = None, rig: str | Path | None = None) -> list[Owner]:
+    """The guards that own one of these names, or all guards of this computer; each once. `rig` decides who is believed."""
+    return list(_asked(None if names is None else _addresses(names), "who", rig))
 
 
-def demand_free(names: Iterable[str], ending_too: bool = False) -> None:
-    """Raises RigLocked, naming the run, when a guard owns one of these names; one that is ending only with `ending_too`."""
-    for owner in owners(names):
+def demand_free(names: Iterable[str], rig: str | Path | None = None) -> None:
+    """Raises RigLocked, naming the run, when a guard owns one of these names that is not about to end."""
+    _demand_free(owners(names, rig), ending_too=False)
+
+
+def _demand_free(found: Iterable[Owner], ending_too: bool) -> None:
+    for owner in found:
         if owner.ending and not ending_too:
             continue
         still = "is still landing" if owner.ending else "is in use"
-        raise RigLocked(
-            f"{owner.rig or 'the rig'} {still}: {owner}. Wait for its end, end it with Ctrl-C, or land it with `lab safe`"
-        )
+        kind = RigLocked if owner.guard and owner.believed else CannotBeAsked
+        raise kind(f"{owner.rig or 'the rig'} {still}: {owner}. Wait for its end, end it with Ctrl-C, or land it with `lab safe`")
 
 
 @dataclass(frozen=True)
@@ -194,13 +324,18 @@ class Landed:
 
     @property
     def answered(self) -> list[tuple[Owner, Answer]]:
-        """Those that did."""
-        return [(owner, answer) for owner, answer in self.answers.items() if answer is not None]
+        """Those that did, and are believed."""
+        return [(owner, answer) for owner, answer in self.answers.items() if owner.believed and answer is not None]
 
     @property
     def silent(self) -> list[Owner]:
-        """Those that did not."""
-        return [owner for owner, answer in self.answers.items() if answer is None]
+        """Those that did not, and are of an account that is believed."""
+        return [owner for owner, answer in self.answers.items() if owner.believed and answer is None]
+
+    @property
+    def doubtful(self) -> list[Owner]:
+        """Those that nobody here believes, or that the kernel does not name."""
+        return [owner for owner in self.answers if not owner.believed]
 
     @property
     def report(self) -> SafeReport:
@@ -212,90 +347,175 @@ class Landed:
         """All that those own who answered."""
         return frozenset().union(*(owner.names for owner, _ in self.answered))
 
-
-def land(names: Iterable[str] | None = None) -> Landed:
-    """Have every guard that owns one of these names, or every guard of this computer, land its rig."""
-    found = owners(names)
-    if not found:
-        return Landed({})
-    return Landed(dict(zip(found, _each(_landed, found, len(found)), strict=True)))
+    def names_for(self, rig: Path) -> frozenset[str]:
+        """The same of those who are believed about this rig."""
+        accounts = believed_accounts(rig)
+        return frozenset().union(*(owner.names for owner, _ in self.answered if owner.uid in accounts))
 
 
-def _each(ask: Callable[[A], B], whom: Sequence[A], at_once: int = MOST_AT_ONCE) -> list[B]:
-    """What each answers, asked at the same time."""
-    answers: list[Any] = [None] * len(whom)
-    waiting = list(range(len(whom)))[::-1]
-
-    def go() -> None:
-        with contextlib.suppress(IndexError):
-            while True:
-                i = waiting.pop()
-                answers[i] = ask(whom[i])
-
-    asking = [timing.Thread(target=go, name="ask") for _ in range(min(len(whom), at_once))]
-    for thread in asking:
-        thread.start()
-    for thread in asking:
-        thread.join()
-    return answers
+def land(names: Iterable[str] | None = None, rig: str | Path | None = None) -> Landed:
+    """Have every guard that owns one of these names, or every guard of this computer, land its rig. `rig` decides who is
+    believed; without it, each guard's own."""
+    return Landed(_asked(None if names is None else _addresses(names), "land", rig))
 
 
-def _landed(owner: Owner) -> Answer | None:
-    for name in sorted(owner.names):
-        found = _ask(_address(name), {"do": "land"}, LAND_WITHIN)
-        if found is not None:
-            with contextlib.suppress(ValueError):
-                return Answer(SafeReport.parsed(found[0].get("steps")), str(found[0].get("locked", ""))[:1000])
-    return None
+@dataclass
+class _Talk:
+    """One question at one address."""
 
+    address: str
+    what: str
+    accounts: frozenset[int]
+    """Those that are believed."""
+    own_rig: bool
+    """So is the owner of the folder of the rig that the guard names."""
+    until: float
+    """Time at which it is given up."""
+    again: float = 0.0
+    """Time of the next try to connect."""
+    line: socket.socket | None = None
+    owner: Owner | None = None
+    """Who is there, as soon as that is known; None when nobody is."""
+    answer: Answer | None = None
+    data: bytes = b""
+    over: bool = False
 
-def _owner(address: str) -> Owner | None:
-    found = _ask(address, {"do": "who"}, WHO_WITHIN)
-    if found is None:
-        return None
-    said, pid, user = found
-    names = said.get("names")
-    names = frozenset(str(n) for n in names) if isinstance(names, list) else frozenset()
-    texts = {key: str(said.get(key, ""))[:1000] for key in ("guard", "rig", "about")}
-    return Owner(texts["guard"], pid, user, texts["rig"], names, texts["about"], said.get("ending") is True)
-
-
-def _ask(address: str, question: dict[str, str], within: float) -> tuple[dict[str, Any], int, str] | None:
-    """The answer, process and user of who gives it `within` host seconds; None when nobody is there. An owner that stands still
-    says {}."""
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
-        connection.settimeout(within)
+    def connect(self) -> None:
+        """Try to ask; what fails for now is tried again."""
+        self.line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self.line.setblocking(False)
         try:
-            connection.connect(address)
-            pid, user = _peer(connection)
-            connection.sendall(json.dumps(question).encode() + b"\n")
-            said = read_json(_line(connection))
-        except TimeoutError:
-            return {}, *_peer(connection)
-        except (OSError, ValueError):
-            return None
-        return (said, pid, user) if isinstance(said, dict) else None
+            _connect(self.line, self.address)
+            pid, uid = _peer(self.line)
+            if self.owner is None or self.owner.uid < 0:
+                believed = uid in self.accounts
+                self.owner = Owner("", pid, _user(uid), uid=uid, believed=believed)
+                self.until = timing.now() + WHO_WITHIN if believed else self.until - WHO_WITHIN + STRANGER_WITHIN
+            self.line.send(_as_line({"do": self.what}))
+        except OSError as e:
+            self.hang_up()
+            if e.errno in NOBODY_THERE:
+                self.owner, self.over = None, True
+            elif e.errno in CLOSED:  # it may be left over, or the door of a run in a container
+                self.over = True
+                self.owner = Owner("", about=f"whoever is behind {self.address}, which is closed to this user")
+                self.owner = self.owner if self.what == "land" else None
+            elif self.owner is None:
+                self.owner = Owner("", about=f"a program that cannot be asked ({e.strerror})")
+
+    def read(self) -> None:
+        """Take in what has come."""
+        assert self.line is not None
+        data = b""
+        with contextlib.suppress(OSError):
+            data = self.line.recv(LONGEST)
+        self.data += data
+        try:
+            while b"\n" in self.data and not self.over:
+                first, self.data = self.data.split(b"\n", 1)
+                self._hear(read_json(first))
+        except ValueError:
+            self.over = True
+        if not data:  # before the first answer this may be a crowded door: ask again, until nobody is there
+            self.over = self.over or bool(self.owner and self.owner.guard)
+            self.hang_up()
+        self.over = self.over or len(self.data) > LONGEST
+
+    def _hear(self, said: Any) -> None:
+        """One line of the answer. Raises ValueError when it is none."""
+        owner = self.owner
+        if owner is None or not isinstance(said, dict):
+            raise ValueError("no answer")
+        if owner.guard:
+            self.answer = Answer(SafeReport.parsed(said.get("steps")), str(said.get("locked", ""))[:1000])
+            self.over = True
+            return
+        names = said.get("names")
+        guard, rig, about = (str(said.get(key, ""))[:1000] for key in ("guard", "rig", "about"))
+        self.owner = replace(
+            owner,
+            guard=guard,
+            rig=rig,
+            names=frozenset(str(name) for name in names) if isinstance(names, list) else frozenset(),
+            about=about,
+            ending=said.get("ending") is True,
+            believed=owner.believed or (self.own_rig and owner.uid in believed_accounts(rig)),
+        )
+        self.over = self.what == "who" or not guard
+        if owner.believed:
+            self.until = timing.now() + LAND_WITHIN
+
+    def hang_up(self) -> None:
+        """Close the line."""
+        if self.line is not None:
+            self.line.close()
+        self.line, self.data, self.again = None, b"", timing.now() + SLICE
 
 
-def _line(connection: socket.socket) -> bytes:
-    """Up to the end of the line, of the connection, or of what is read of a hostile one."""
-    data = b""
-    while not data.endswith(b"\n") and len(data) < LONGEST and (more := timing.recv(connection, 4096)):
-        data += more
-    return data
+def _asked(addresses: Sequence[str] | None, what: str, rig: str | Path | None) -> dict[Owner, Answer | None]:
+    """Who is at these addresses, or at all, each once, with its answer to `land`; all are asked at the same time."""
+    until, accounts, own_rig = timing.now() + WHO_WITHIN, believed_accounts(rig), addresses is None
+    where = _all_addresses() if addresses is None else addresses
+    talks = [_Talk(address, what, accounts, own_rig, until) for address in where]
+    left = talks
+    while left:
+        lines = {talk.line: talk for talk in left if talk.line is not None}
+        for talk in [talk for talk in left if talk.line is None and timing.now() >= talk.again][: MOST_OPEN - len(lines)]:
+            talk.connect()
+            if talk.line is not None:
+                lines[talk.line] = talk
+        if lines:
+            for line in timing.readable(list(lines), SLICE):
+                lines[line].read()
+        elif not all(talk.over for talk in left):
+            timing.sleep(SLICE)
+        for talk in left:
+            if talk.over or timing.now() > talk.until:
+                talk.over = True
+                talk.hang_up()
+        left = [talk for talk in left if not talk.over]
+    return _each_once(talks)
 
 
-def _peer(connection: socket.socket) -> tuple[int, str]:
-    """Process and user at the other end, from the kernel."""
-    pid, uid, _ = struct.unpack("3i", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
-    try:
-        return pid, pwd.getpwuid(uid).pw_name
-    except KeyError:
-        return pid, str(uid)
+def _each_once(talks: Sequence[_Talk]) -> dict[Owner, Answer | None]:
+    """One owner for all its names, with what it answered at any; where it could not be asked at one, that one counts no more."""
+    met = [(talk, talk.owner) for talk in talks if talk.owner is not None]
+    answered = [(talk, owner) for talk, owner in met if talk.answer is not None or (talk.what == "who" and owner.guard)]
+    theirs = {address for _, owner in answered if owner.believed for address in _addresses(owner.names)}
+    found: dict[object, tuple[Owner, Answer | None]] = {}
+    for talk, owner in [*answered, *((talk, owner) for talk, owner in met if talk.address not in theirs)]:
+        found.setdefault((owner.uid, owner.guard or owner.pid or talk.address), (owner, talk.answer))
+    return dict(found.values())
+
+
+# ------------------------------------------------------------------ addresses
+def _addresses(names: Iterable[str]) -> list[str]:
+    """Where the owner of these names listens: abstract sockets, and the file next to rig.yaml."""
+    names = sorted(names)
+    paths = {os.path.realpath(name.removeprefix("path:")) for name in names if name.startswith("path:")}
+    return [*(_address(name) for name in names), *(f"{path}.sock" for path in sorted(paths))]
 
 
 def _address(name: str) -> str:
     return "\0" + PREFIX + hashlib.sha256(os.fsencode(name)).hexdigest()[:40]
+
+
+def _is_file(address: str) -> bool:
+    return not address.startswith("\0")
+
+
+def _bound(name: str) -> socket.socket | None:
+    """A socket of that name or address, which listens; None when it is somebody else's."""
+    listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        listening.bind(name if name.startswith("\0") else _address(name))
+    except OSError as e:
+        listening.close()
+        if e.errno == errno.EADDRINUSE:
+            return None
+        raise
+    listening.listen(BACKLOG)
+    return listening
 
 
 def _all_addresses() -> list[str]:
@@ -305,15 +525,67 @@ def _all_addresses() -> list[str]:
     return ["\0" + name[1:] for name in sorted(found)]
 
 
-def _bound(name: str) -> socket.socket | None:
-    """A socket of that name, which listens; None when it is somebody else's."""
-    taken = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+def _connect(line: socket.socket, address: str) -> None:
+    """Connect, to a file by its descriptor: an address has at most 107 bytes, a path any number."""
+    if not _is_file(address):
+        line.connect(address)
+        return
+    file = os.open(address, os.O_PATH | os.O_NOFOLLOW | os.O_CLOEXEC)
     try:
-        taken.bind(_address(name))
-    except OSError as e:
-        taken.close()
-        if e.errno == errno.EADDRINUSE:
-            return None
+        line.connect(f"/proc/self/fd/{file}")
+    finally:
+        os.close(file)
+
+
+def _free(path: str) -> bool:
+    """Whether no program listens at this file, as far as this user may know."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
+        line.setblocking(False)
+        try:
+            _connect(line, path)
+        except OSError as e:
+            return e.errno in NOBODY_THERE | CLOSED
+        return False
+
+
+def _bind_file(listening: socket.socket, path: str) -> Callable[[], None]:
+    """Listen at a file that is open to this account and root, in place of one that a crash has left; returns what removes it
+    again. Raises OSError."""
+    place, name = os.path.split(path)
+    folder = os.open(place, os.O_PATH | os.O_DIRECTORY | os.O_CLOEXEC)
+    temporary = f".{secrets.token_hex(4)}.sock"
+
+    def remove(which: str = name) -> None:
+        with contextlib.suppress(OSError):
+            if os.stat(which, dir_fd=folder, follow_symlinks=False).st_ino == inode:
+                os.unlink(which, dir_fd=folder)
+        os.close(folder)
+
+    inode = 0
+    try:
+        listening.bind(f"/proc/self/fd/{folder}/{temporary}")
+        inode = os.stat(temporary, dir_fd=folder, follow_symlinks=False).st_ino
+        os.chmod(temporary, 0o600, dir_fd=folder)
+        listening.listen(BACKLOG)
+        os.rename(temporary, name, src_dir_fd=folder, dst_dir_fd=folder)
+    except OSError:
+        remove(temporary)
         raise
-    taken.listen(MOST_AT_ONCE)
-    return taken
+    return remove
+
+
+def _as_line(message: dict[str, Any]) -> bytes:
+    return json.dumps(message).encode() + b"\n"
+
+
+def _peer(connection: socket.socket) -> tuple[int, int]:
+    """Process and account at the other end, from the kernel."""
+    pid, uid, _ = struct.unpack("3i", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
+    return pid, uid
+
+
+def _user(uid: int) -> str:
+    try:
+        return pwd.getpwuid(uid).pw_name
+    except (KeyError, OverflowError):
+        return str(uid) if uid >= 0 else "unknown"

@@ -30,8 +30,10 @@ def make_safe_with_new_guard(file: RigFile, clock: RigClock, names: Sequence[str
     held = ""
     try:
         guard.take_over()
+    except door.CannotBeAsked as e:
+        held = str(e)
     except RigLocked as e:
-        found = door.land(owned_names(file))
+        found = door.land(owned_names(file), file.path)
         if found.names:
             return found.report
         held = str(e)

@@ -54,7 +54,7 @@ class Rig:
         """rig.yaml as it was read."""
         self.file = file = within_robot(file, robot)
         self.clock = clock_of(file)
-        demand_free(owned_names(file))
+        demand_free(owned_names(file), file.path)
         self.identities: dict[str, Identity] = {}
         self.counts: dict[str, int] = {}
         self.notices: list[str] = []

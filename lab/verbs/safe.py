@@ -37,9 +37,9 @@ class Result:
     locked: str = ""
     """Why the rig stays locked."""
 
-    def ask(self, names: Iterable[str]) -> None:
+    def ask(self, names: Iterable[str], rig: Path) -> None:
         """Have the guards that own these names land their rigs; one that stands still is ended, if that is allowed."""
-        found = land(names)
+        found = land(names, rig)
         self.steps += found.report.steps
         self.names |= found.names
         self.locked = self.locked or "; ".join(answer.locked for _, answer in found.answered if answer.locked)
@@ -83,7 +83,7 @@ def safe_all(as_json: bool) -> int:
     from ..rig.real_time import FakesEnded
 
     for rig in remembered():
-        if rig.path is not None and not names_of_path(rig.path) & live.names:
+        if rig.path is not None and not names_of_path(rig.path) & live.names_for(rig.path):
             try:
                 told[str(rig.path)] = _landed(rig.path, clear=False)
             except FakesEnded as e:
@@ -104,7 +104,7 @@ def safe_all(as_json: bool) -> int:
 def _landed(rig_path: Path, clear: bool) -> Result:
     """Land one rig. Raises ConfigError when no guard owns it and nothing can be read of it, or its fakes have ended."""
     result = Result()
-    result.ask(names_of_path(rig_path))
+    result.ask(names_of_path(rig_path), rig_path)
     # the rest is imported after the asking, which needs none of it
     from ..files.config import ConfigError
     from ..guard.latch import Latch
@@ -159,6 +159,9 @@ def _ended(found: Landed) -> list[str]:
     """What is to be said of the guards that were asked; one that stands still is ended, if that is allowed."""
     said = []
     for owner in found.silent:
+        if owner.pid in (0, os.getpid()):
+            said.append(f"{owner}; it does not answer and is no process of this container: end it where it runs")
+            continue
         with contextlib.suppress(ProcessLookupError):
             try:
                 os.kill(owner.pid, signal.SIGKILL)
@@ -168,6 +171,8 @@ def _ended(found: Landed) -> list[str]:
                     f"process {owner.pid} owns the rig, does not answer, and only user {owner.user} may end it: end it, then "
                     "say `lab safe` again"
                 )
+    for owner in found.doubtful:
+        said.append(f"{owner}. It was asked to land; what is safe is read from the instruments alone")
     return said
 
 
@@ -183,7 +188,7 @@ def _land_rest(rig_path: Path, latch: Latch, result: Result, clear: bool) -> Non
 
     found = rig_to_make_safe(rig_path, recall(rig_path))
     result.notes += found.notes
-    result.ask(owned_names(found.rig) - result.names - names_of_path(rig_path))
+    result.ask(owned_names(found.rig) - result.names - names_of_path(rig_path), rig_path)
     demand_running(found.rig)
     file, told = at_real_speed(_without(found.rig, result.names))
     result.notes += [told] if told else []
