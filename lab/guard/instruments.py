@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
+import functools
+import ipaddress
 import os
+import socket
+import stat
 from typing import Any
+from urllib.parse import urlsplit
 
+import timing
 from drivers.configs import HOSTS, PORTS
 from timing import Clock
 
@@ -26,6 +33,9 @@ POLLED = ("pressure", "spine", "valve", "gauge")
 ACTUATORS = ("arm", "pressure", "spine", "valve")
 """What can move, push or hold something."""
 
+RESOLVE_WITHIN = 0.5
+"""Host seconds in which a computer's name must be resolved; later it counts as written."""
+
 
 def make(name: str, driver: str, config: Any, clock: Clock) -> Any:
     """The driver of one instrument, not yet opened."""
@@ -33,16 +43,63 @@ def make(name: str, driver: str, config: Any, clock: Clock) -> Any:
 
 
 def exclusive(rig: RigFile) -> dict[str, frozenset[str]]:
-    """What only one program may use, by instrument: serial lines, as written and with links followed, and the computers of
-    actuators. Cameras and the lab's own sensors on a network may be shared."""
+    """What only one program may use, by instrument: serial lines, and the computers of actuators. Cameras and the lab's own
+    sensors on a network may be shared. What a text leads to counts, and the text as well, since what it leads to may be out of
+    reach for now."""
     found = {}
     for name in present(rig.instruments):
         config = table_of(rig.instruments, name)
-        lines = [v for key in PORTS for v in _texts(getattr(config, key, None))]
-        paths = {p for line in lines for p in (os.path.abspath(line), os.path.realpath(line))}
-        hosts = [v for key in HOSTS for v in _texts(getattr(config, key, None))] if name in ACTUATORS else []
-        found[name] = frozenset({f"line:{p}" for p in paths} | {f"host:{h}" for h in hosts})
+        lines = [line for key in PORTS for v in _texts(getattr(config, key, None)) for line in _line_identities(v)]
+        hosts = (
+            [h for key in HOSTS for v in _texts(getattr(config, key, None)) for h in _addresses(v)] if name in ACTUATORS else []
+        )
+        found[name] = frozenset({f"line:{line}" for line in lines} | {f"host:{h}" for h in hosts})
     return found
+
+
+def _line_identities(port: str) -> set[str]:
+    """A device by its number and its paths, a port of a computer (`socket://`, `rfc2217://`) by address and number."""
+    port = port.strip()
+    if "://" in port:
+        try:
+            url = urlsplit(port)
+            return {f"{address}:{url.port}" for address in _addresses(url.hostname or "")}
+        except ValueError:
+            return {port}
+    identities = {os.path.abspath(port), os.path.realpath(port)}
+    with contextlib.suppress(OSError, ValueError):
+        about = os.stat(port)
+        if stat.S_ISCHR(about.st_mode):
+            identities.add(f"device {os.major(about.st_rdev)}:{os.minor(about.st_rdev)}")
+    return identities
+
+
+@functools.lru_cache
+def _addresses(host: str) -> frozenset[str]:
+    """A computer by its numeric addresses, and its name. A name server that is silent holds nothing up for long."""
+    host = host.strip().rstrip(".").lower()
+    found: list[str] = []
+
+    def resolve() -> None:
+        with contextlib.suppress(OSError, UnicodeError):
+            found.extend(str(answer[4][0]) for answer in socket.getaddrinfo(host, None, type=socket.SOCK_STREAM))
+
+    with contextlib.suppress(OSError, UnicodeError):
+        found += [str(answer[4][0]) for answer in socket.getaddrinfo(host, None, 0, socket.SOCK_STREAM, 0, socket.AI_NUMERICHOST)]
+    if not found and host:
+        asking = timing.Thread(target=resolve, name="resolve")
+        asking.start()
+        asking.join(RESOLVE_WITHIN)
+    return frozenset({host, *(_plain_address(text) for text in found.copy())})
+
+
+def _plain_address(text: str) -> str:
+    """One spelling of a numeric address: IPv4 in IPv6 is IPv4, and no address in particular is this computer."""
+    address = ipaddress.ip_address(text.partition("%")[0])
+    address = getattr(address, "ipv4_mapped", None) or address
+    if address.is_unspecified:
+        return "127.0.0.1" if address.version == 4 else "::1"
+    return str(address)
 
 
 def owned_names(rig: RigFile) -> frozenset[str]:

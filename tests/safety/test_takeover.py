@@ -8,15 +8,18 @@ import os
 import shutil
 import signal
 import socket
+import stat
 import subprocess
 import sys
-from collections.abc import Iterator
+import threading
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import pytest
 import yaml
 from house import House, until
 
+import timing
 from lab.cli import main
 from lab.files.rig_file import load_rig
 from lab.guard import door, last_used
@@ -115,6 +118,184 @@ def test_one_that_owns_a_name_and_stands_still_is_known_as_silent(monkeypatch: p
         assert owner == Owner("", os.getpid(), owner.user)
         with pytest.raises(RigLocked, match="does not answer"):
             demand_free(["a"])
+
+
+def test_a_full_queue_is_not_taken_for_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(door, "WHO_WITHIN", 0.1)
+    with socket.socket(socket.AF_UNIX) as frozen, contextlib.ExitStack() as crowd:
+        frozen.bind(door._address("a"))
+        frozen.listen(1)
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                one = crowd.enter_context(socket.socket(socket.AF_UNIX))
+                one.setblocking(False)
+                one.connect(door._address("a"))
+        (owner,) = land(["a"]).doubtful
+        assert "cannot be asked" in str(owner) and owner.pid == 0
+        with pytest.raises(RigLocked, match="cannot be asked"):
+            demand_free(["a"])
+
+
+def test_many_who_say_nothing_hold_up_nobody() -> None:
+    lander = Lander()
+    opened = Door(["a"], lander)
+    opened.open()
+    with contextlib.ExitStack() as crowd:
+        for _ in range(300):
+            crowd.enter_context(socket.socket(socket.AF_UNIX)).connect(door._address("a"))
+        assert len(land(["a"]).answered) == 1 and len(lander.asked) == 1
+    opened.close()
+
+
+def test_all_who_ask_while_it_lands_get_the_answer_of_one_landing() -> None:
+    lander = Lander()
+    opened = Door([f"{number}" for number in range(40)], lander)
+    going = threading.Event()
+    lander.hand_over = lambda by: (lander.asked.append(by), going.wait(), REPORT)[-1]  # type: ignore[method-assign]
+    opened.open()
+    timing.Thread(target=lambda: until(lambda: len(opened._landing or []) == 40) and going.set()).start()
+    assert [answer for _, answer in land([f"{number}" for number in range(40)]).answered] == [Answer(REPORT, "the arm moves")]
+    assert len(lander.asked) == 1
+    opened.close()
+
+
+def test_an_answer_that_never_ends_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One byte after the other, each in time."""
+    monkeypatch.setattr(door, "WHO_WITHIN", 0.3)
+    listening = door._bound("a")
+    assert listening is not None
+
+    def drip() -> None:
+        with contextlib.suppress(OSError), listening.accept()[0] as connection:
+            while True:
+                connection.sendall(b" ")
+                timing.sleep(0.01)
+
+    timing.Thread(target=drip).start()
+    with listening:
+        assert len(land(["a"]).silent) == 1
+
+
+# ------------------------------------------------------------------ the door next to rig.yaml
+def elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in another network name space, no abstract name of before is in reach from here on."""
+    monkeypatch.setattr(door, "PREFIX", f"{door.PREFIX}elsewhere/")
+
+
+def test_a_guard_out_of_reach_of_its_names_is_asked_next_to_rig_yaml(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where the path is longer than an address may be."""
+    folder = tmp_path / ("long" * 40)
+    folder.mkdir()
+    rig = folder / "rig.yaml"
+    first, second = (Door(names_of_path(rig), Lander(), str(rig), "lab run bending") for _ in range(2))
+    first.open()
+    elsewhere(monkeypatch)
+    assert stat.S_IMODE((folder / "rig.yaml.sock").stat().st_mode) == 0o600
+    assert [answer for _, answer in land(names_of_path(rig), rig).answered] == [Answer(REPORT, "the arm moves")]
+    with pytest.raises(RigLocked, match="in use: lab run bending"):
+        second.open(within=3600)
+    first.close()
+    assert list(folder.iterdir()) == []
+    second.open()
+    second.close()
+
+
+def test_a_socket_that_a_crash_left_is_replaced_and_a_file_of_that_name_is_no_obstacle(tmp_path: Path) -> None:
+    rig = tmp_path / "rig.yaml"
+    with socket.socket(socket.AF_UNIX) as left:
+        left.bind(str(tmp_path / "rig.yaml.sock"))
+    assert owners(names_of_path(rig), rig) == []
+    for _ in range(2):
+        opened = Door(names_of_path(rig), Lander(), str(rig))
+        opened.open()
+        assert len(land(names_of_path(rig), rig).answered) == 1
+        opened.close()
+        (tmp_path / "rig.yaml.sock").write_text("no socket")
+
+
+# ------------------------------------------------------------------ other accounts
+STRANGER = """
+import json, os, resource, select, socket, sys
+resource.setrlimit(resource.RLIMIT_NOFILE, (resource.getrlimit(resource.RLIMIT_NOFILE)[1],) * 2)
+os.setgroups([])
+os.setuid(65534)
+kind, *addresses = sys.argv[1:]
+kept, listening = [], []
+for address in addresses * (2000 if kind == "crowd" else 1):
+    one = socket.socket(socket.AF_UNIX)
+    kept.append(one)
+    if kind == "crowd":
+        one.connect("\\0" + address)
+    else:
+        one.bind("\\0" + address)
+        one.listen(100)
+        listening.append(one)
+print("ready", flush=True)
+while True:
+    for one in select.select(listening, [], [])[0]:
+        kept.append(one.accept()[0])
+        if kind != "silent":
+            kept[-1].recv(1000)
+            step = {"instrument": "pressure", "confirmed": True, "text": "highest pressure 0.0 kPa"}
+            for line in ({"guard": "me", "names": json.loads(kind)}, {"steps": [step], "locked": ""}):
+                kept[-1].sendall(json.dumps(line).encode() + b"\\n")
+"""
+as_root = pytest.mark.skipif(os.getuid() != 0, reason="only root can become another user")
+
+
+@contextlib.contextmanager
+def stranger(kind: str, names: Iterable[str]) -> Iterator[subprocess.Popen[str]]:
+    """A process of another account at these names: a "crowd", "silent", or the JSON of names that it claims to own."""
+    addresses = [door._address(name)[1:] for name in names]
+    with subprocess.Popen([sys.executable, "-c", STRANGER, kind, *addresses], stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None and process.stdout.readline() == "ready\n"
+            yield process
+            assert process.poll() is None  # nobody has ended it
+        finally:
+            process.kill()
+
+
+@as_root
+def test_a_crowd_of_another_account_holds_up_nobody_and_may_ask_all_the_same(tmp_path: Path) -> None:
+    rig = tmp_path / "rig.yaml"
+    lander = Lander()
+    opened = Door(names_of_path(rig), lander, str(rig))
+    opened.open()
+    with stranger("crowd", names_of_path(rig)):
+        assert until(lambda: len(opened._asking) <= door.MOST_STRANGERS)
+        assert len(land(names_of_path(rig), rig).answered) == 1 and lander.asked
+    asked = "import sys; from lab.guard import door; door.PREFIX = sys.argv[1]; import os; os.setuid(65534)"
+    command = [sys.executable, "-c", f"{asked}; door.land(sys.argv[2:])", door.PREFIX, *names_of_path(rig)]
+    subprocess.run(command, check=True)
+    assert until(lambda: "lab safe, by nobody" in lander.asked[-1])
+    opened.close()
+
+
+@as_root
+@pytest.mark.parametrize("kind", ["silent", '["a", "b"]'])
+def test_the_word_of_another_account_is_not_believed_and_it_is_not_ended(kind: str, tmp_path: Path) -> None:
+    rig = tmp_path / "rig.yaml"
+    with stranger(kind, ["a"]) as process:
+        found = land(["a"], rig)
+        assert (found.answered, found.silent, found.names) == ([], [], frozenset())
+        (owner,) = found.doubtful
+        assert (owner.pid, owner.uid) == (process.pid, 65534) and "are believed" in str(owner)
+        with pytest.raises(RigLocked, match=f"process {process.pid} of user nobody"):
+            Door(["a"], Lander(), str(rig)).open()
+
+
+@as_root
+def test_the_owner_of_the_folder_is_believed_about_its_own_rig_alone(tmp_path: Path) -> None:
+    tmp_path.chmod(0o711)
+    theirs = tmp_path / "theirs"
+    theirs.mkdir()
+    os.chown(theirs, 65534, 65534)
+    with stranger('["a", "b"]', ["a"]):
+        assert land(["a"], theirs / "rig.yaml").names == {"a", "b"}
+        assert land(["a"], tmp_path / "rig.yaml").names == frozenset()
+        live = land()
+        assert live.names_for(tmp_path / "rig.yaml") == frozenset()
 
 
 # ------------------------------------------------------------------ a run that is going
@@ -319,6 +500,21 @@ def test_another_user_may_land_a_rig_whose_folder_is_closed_to_them(own_folder: 
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert own_folder.highest() < 5e3 and not fakes.plant.valve_on, done.stdout + done.stderr
         assert "Traceback" not in done.stderr and done.returncode == (1 if crashed else 0)
+
+
+@pytest.mark.real
+@as_root
+def test_what_a_crash_left_behind_is_landed_though_another_account_says_that_it_was(
+    own_folder: House, capsys: pytest.CaptureFixture[str]
+) -> None:
+    subprocess.run([sys.executable, "-c", CRASHING, str(own_folder.rig)], check=False)
+    assert until(lambda: own_folder.highest() > 10e3)
+    names = names_of_path(own_folder.rig)
+    with stranger(json.dumps(sorted(names)), names):
+        assert main(["safe", "--rig", str(own_folder.rig)]) == 1
+        assert own_folder.highest() < 5e3 and not own_folder.fakes.plant.valve_on
+    said = " ".join(capsys.readouterr().err.split())
+    assert "of user nobody (only root" in said and "read from the instruments alone" in said
 
 
 def test_names_of_a_path_are_those_of_what_it_leads_to(tmp_path: Path) -> None:
