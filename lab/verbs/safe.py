@@ -125,6 +125,11 @@ def _landed(rig_path: Path, clear: bool) -> Result:
                     "that were not left safe"
                 ) from e
             result.notes.append(str(e))
+    if not result.names and not result.report.confirmed and latch.path.exists():
+        result.notes.append(
+            "no guard of this rig is in reach: where a run goes on in a container that does not share the rig's folder, say "
+            "`lab safe` in there"
+        )
     if not result.names or os.access(latch.path.parent, os.R_OK | os.X_OK):
         result.locked = str(latch.read() or "")
     return result

@@ -25,6 +25,7 @@ from lab.files.rig_file import load_rig
 from lab.guard import door, last_used
 from lab.guard.door import Answer, Door, Owner, demand_free, land, names_of_path, owners
 from lab.guard.guard import Guard
+from lab.guard.instruments import exclusive, owned_names
 from lab.guard.last_used import forget, recall
 from lab.guard.latch import Latch, RigLocked
 from lab.guard.messages import RigLanded
@@ -520,3 +521,38 @@ def test_what_a_crash_left_behind_is_landed_though_another_account_says_that_it_
 def test_names_of_a_path_are_those_of_what_it_leads_to(tmp_path: Path) -> None:
     (tmp_path / "link.yaml").symlink_to(tmp_path / "rig.yaml")
     assert names_of_path(tmp_path / "rig.yaml") < names_of_path(tmp_path / "link.yaml")
+
+
+def test_names_of_an_instrument_are_those_of_what_its_address_leads_to(house: House, tmp_path: Path) -> None:
+    """However it is spelt; two that are different share none."""
+
+    def names(instrument: str, **table: str) -> frozenset[str]:
+        rig = load_rig(house.rig)
+        config = getattr(rig.instruments, instrument).model_copy(update=table)
+        return exclusive(rig.model_copy(update={"instruments": rig.instruments.model_copy(update={instrument: config})}))[
+            instrument
+        ]
+
+    arm = names("arm", host="127.0.0.1")
+    for spelling in ("localhost", "LOCALHOST.", "127.1", "127.0.0.1 ", "::ffff:127.0.0.1", "0x7f.0.0.1", "0.0.0.0"):
+        assert arm & names("arm", host=spelling), spelling
+    assert not arm & names("arm", host="127.0.0.2") and not arm & names("arm", host="127.0.0.11")
+    box = names("gauge", port="socket://127.0.0.1:4001")
+    for spelling in ("socket://localhost:4001", "RFC2217://127.1:4001?ign_set_control", "socket://[::ffff:127.0.0.1]:4001 "):
+        assert box & names("gauge", port=spelling), spelling
+    assert not box & names("gauge", port="socket://127.0.0.1:4002")
+    (tmp_path / "link").symlink_to("/dev/null")
+    device = names("gauge", port="/dev/null")
+    assert device & names("gauge", port=str(tmp_path / "link")) and not device & names("gauge", port="/dev/zero")
+
+
+def test_one_arm_under_two_spellings_has_one_guard(house: House) -> None:
+    rig = load_rig(house.rig)
+    assert rig.instruments.arm is not None
+    respelt = rig.instruments.arm.model_copy(update={"host": f"::FFFF:{rig.instruments.arm.host} "})
+    other = rig.model_copy(update={"instruments": rig.instruments.model_copy(update={"arm": respelt})}).read_from(None)
+    first, second = Door(owned_names(rig), Lander(), about="lab run bending"), Door(exclusive(other)["arm"], Lander())
+    first.open()
+    with pytest.raises(RigLocked, match="in use: lab run bending"):
+        second.open()
+    first.close()
