@@ -125,7 +125,7 @@ def _landed(rig_path: Path, clear: bool) -> Result:
                     "that were not left safe"
                 ) from e
             result.notes.append(str(e))
-    if not result.names and not result.report.confirmed and latch.path.exists():
+    if not result.names and not result.report.confirmed and os.path.exists(latch.path):
         result.notes.append(
             "no guard of this rig is in reach: where a run goes on in a container that does not share the rig's folder, say "
             "`lab safe` in there"
