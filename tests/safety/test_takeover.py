@@ -11,7 +11,6 @@ import socket
 import stat
 import subprocess
 import sys
-import threading
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -151,7 +150,7 @@ def test_many_who_say_nothing_hold_up_nobody() -> None:
 def test_all_who_ask_while_it_lands_get_the_answer_of_one_landing() -> None:
     lander = Lander()
     opened = Door([f"{number}" for number in range(40)], lander)
-    going = threading.Event()
+    going = timing.Event()
     lander.hand_over = lambda by: (lander.asked.append(by), going.wait(), REPORT)[-1]  # type: ignore[method-assign]
     opened.open()
     timing.Thread(target=lambda: until(lambda: len(opened._landing or []) == 40) and going.set()).start()
@@ -216,7 +215,7 @@ def test_a_socket_that_a_crash_left_is_replaced_and_a_file_of_that_name_is_no_ob
 
 # ------------------------------------------------------------------ other accounts
 STRANGER = """
-import json, os, resource, select, socket, sys
+import json, math, os, resource, socket, sys, timing
 resource.setrlimit(resource.RLIMIT_NOFILE, (resource.getrlimit(resource.RLIMIT_NOFILE)[1],) * 2)
 os.setgroups([])
 os.setuid(65534)
@@ -233,7 +232,7 @@ for address in addresses * (2000 if kind == "crowd" else 1):
         listening.append(one)
 print("ready", flush=True)
 while True:
-    for one in select.select(listening, [], [])[0]:
+    for one in timing.readable(listening, math.inf):
         kept.append(one.accept()[0])
         if kind != "silent":
             kept[-1].recv(1000)
