@@ -16,16 +16,16 @@ from pathlib import Path
 import numpy as np
 from dynesty import NestedSampler
 
+from benchmarks.blind.make import described, table_of, walk_of
+from benchmarks.blind.sweeps import Sweep, design
+from benchmarks.blind.truth import Recipe, draw_robot
+from benchmarks.blind.worlds.campaign import read, respond
 from benchmarks.figures import Figure, show
 from benchmarks.sampled import Hypothetical, hypothetical
 from diagnosis.data.case import states
 from diagnosis.inference.evidence import NONE, Hypothesis
 from diagnosis.inference.prepare import Prepared, prepare
-from lab.blind.make import described, table_of, walk_of
-from lab.blind.sweeps import Sweep, design
-from lab.blind.truth import Recipe, draw_robot
 from lab.files.inputs import Case
-from sim_fakes.worlds.campaign import read, respond
 
 SWEEP = Sweep("small", (0.0, 0.15, 0.30), (50e3, 150e3, 250e3), repeats=2)
 SEED = 90210

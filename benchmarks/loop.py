@@ -1,7 +1,7 @@
 """Does the loop closed help? Sealed robots diagnosed after the sweep alone, and after up to three experiments: those that the
 diagnosis asks for, any of the menu, or the sweep again.
 
-    lab blind make --world drawn:SEED --seed SEED --n 20 --kind clean --kind cluttered SET
+    python -m benchmarks.blind make --world drawn:SEED --seed SEED --n 20 --kind clean --kind cluttered SET
     python -m benchmarks.loop SET.. --workers 2                  # answers every robot by each way; goes on where it stopped
     python -m benchmarks.loop SET.. --score --png loop.png       # opens the seals
 
@@ -22,13 +22,13 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from lab.blind.answers import answer_from
-from lab.blind.by_mm import Weighed, weighed
-from lab.blind.folder import SetFolder, open_seal
-from lab.blind.metrics import counted
-from lab.blind.run import MENU_OF, Choice, Further, propose_folder, read_rounds, rounds, write_rounds
-from lab.blind.sweeps import AGAIN
-from lab.blind.workers import Crew, spread
+from benchmarks.blind.answers import answer_from
+from benchmarks.blind.by_mm import Weighed, weighed
+from benchmarks.blind.folder import SetFolder, open_seal
+from benchmarks.blind.metrics import counted
+from benchmarks.blind.run import MENU_OF, Choice, Further, propose_folder, read_rounds, rounds, write_rounds
+from benchmarks.blind.sweeps import AGAIN
+from benchmarks.blind.workers import spread
 from recordings.table_file import read_csv
 
 WAYS: tuple[Choice, ...] = ("information", "random", "repeat")
@@ -156,7 +156,7 @@ def main() -> int:
     a = parser.parse_args()
     if not a.score:
         tasks = [(s, name, way) for way in a.way or WAYS for s in a.sets for name in SetFolder(s).names()]
-        for _ in spread(answer, tasks, Crew(a.workers), "robots"):
+        for _ in spread(answer, tasks, a.workers, "robots"):
             pass
         return 0
     cases: list[Case] = []

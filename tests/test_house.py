@@ -12,8 +12,6 @@ import grimp
 import pytest
 
 ROOT = Path(__file__).parent.parent
-BLIND_BENCH = ("truth", "make")
-"""Modules of lab/blind that draw and measure the sealed robot."""
 ROOMS = ("lab", "drivers", "sim_fakes", "protocols", "recordings", "model", "diagnosis")
 
 
@@ -30,7 +28,7 @@ def test_the_clock_stands_on_nothing() -> None:
 
 
 def test_no_folder_holds_more_than_a_person_can_keep_in_the_head_and_each_says_what_lives_there() -> None:
-    for room in ROOMS:
+    for room in (*ROOMS, "benchmarks"):
         for folder in [ROOT / room, *(p for p in (ROOT / room).rglob("*/") if p.name != "__pycache__")]:
             modules = [p for p in folder.glob("*.py") if p.name != "__init__.py"]
             assert len(modules) <= 20, folder
@@ -62,7 +60,7 @@ def test_no_room_but_its_own_speaks_of_fakes(room: str) -> None:
 
 def test_in_lab_only_the_modules_that_start_them_import_the_fakes() -> None:
     users = {p.stem for p in (ROOT / "lab").rglob("*.py") if re.search(r"^\s*(from|import) sim_fakes", p.read_text(), re.M)}
-    assert users == {"fakes", "demo", "driver_contract", *BLIND_BENCH}
+    assert users == {"fakes", "demo", "driver_contract"}
 
 
 def test_no_file_names_a_machine_path_or_a_package_index() -> None:
@@ -120,7 +118,7 @@ def test_text_reaches_the_screen_through_the_plain_console_alone() -> None:
 
 
 THEIR_OWN_TIME = (
-    "timing.py", "tests/simulated/clock.py", "recordings/", "lab/live/", "lab/blind/", "lab/console.py", "lab/verbs/",
+    "timing.py", "tests/simulated/clock.py", "recordings/", "lab/live/", "lab/console.py", "lab/verbs/",
     "tests/sim_fakes/test_simulated_clock.py", "tests/recordings/", "tests/docs/", "tests/test_house.py",
 )  # fmt: skip
 """What waits for files, browsers and persons, or says how long something took: the computer's own time."""

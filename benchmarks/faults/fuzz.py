@@ -21,10 +21,10 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
+from benchmarks.blind.answers import read_answer
+from benchmarks.blind.folder import SetFolder, open_seal
 from diagnosis.answer.result import Diagnosis
 from diagnosis.errors import DiagnosisError
-from lab.blind.answers import read_answer
-from lab.blind.folder import SetFolder, open_seal
 from lab.campaign.design import campaign_of
 from lab.campaign.journal import read as read_campaign_journal
 from lab.files.config import ConfigError, Source, check, parse_yaml

@@ -10,21 +10,18 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.blind.folder import SetFolder
 from diagnosis.data.case import states
 from diagnosis.inference.executor import one_thread
 from diagnosis.inference.prepare import Prepared, prepare
-from lab.blind.folder import SetFolder
 from lab.files.inputs import read_case
 
-from .forest import forest
 from .learned import learned
-from .textbook import alone, sparse, stepwise
+from .textbook import alone, sparse
 
 METHODS: dict[str, Callable[[Prepared], dict[str, Any]]] = {
     "alone": lambda p: alone(p.problem),
-    "stepwise": lambda p: stepwise(p.problem),
     "sparse": lambda p: sparse(p.problem),
-    "forest": lambda p: forest(p.problem),
     "learned": learned,
 }
 

@@ -14,17 +14,16 @@ from matplotlib.axes import Axes
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.blind.answers import Answer, read_answer, read_foreign
+from benchmarks.blind.by_mm import Weighed, weighed
+from benchmarks.blind.folder import SetFolder, open_seal, read_table
+from benchmarks.blind.metrics import Interval, counted, share
+from benchmarks.blind.score import score, write
 from diagnosis.judgement import CAUSE_PROBABILITY
-from lab.blind.answers import Answer, read_answer, read_foreign
-from lab.blind.by_mm import Weighed, weighed
-from lab.blind.folder import SetFolder, open_seal, read_table
-from lab.blind.metrics import Interval, counted, share
-from lab.blind.score import score, write
 from lab.pages.figures import BLUE, STYLE, save
 
 NAMES = {
-    "diagnosis": "diagnosis", "forest": "forest on simulations", "stepwise": "stepwise BIC", "alone": "each alone, BIC",
-    "sparse": "sparse regression", "learned": "learned residual",
+    "diagnosis": "diagnosis", "alone": "each alone, BIC", "sparse": "sparse regression", "learned": "learned residual",
 }  # fmt: skip
 PANELS = {
     "clean": "Right: one cause, a pair or none",

@@ -1,7 +1,6 @@
-"""Three textbook methods with the forward model and the noise of the diagnosis.
+"""Two textbook methods with the forward model and the noise of the diagnosis.
 
     alone       each effect fitted by itself, by least squares; the least BIC = 2 cost + k ln n names it, or none
-    stepwise    effects added one after another as long as BIC falls, all refitted each time
     sparse      group lasso over the effects' columns about the calibrated model, its penalty by BIC; named: what is not zero
 
 The nuisances (trials, mounting, cameras, calibration) and their priors are those of the diagnosis in all of them; effects have no
@@ -22,8 +21,6 @@ from diagnosis.inference.starts import Starts
 Array = NDArray[np.float64]
 Hypothesis = tuple[str, ...]
 
-MOST = 4
-"""Effects that stepwise selection adds at most."""
 PENALTIES = np.geomspace(1.0, 1e-3, 30)
 """Shares of the penalty at which every effect is zero."""
 SWEEPS = 200
@@ -73,21 +70,6 @@ def alone(problem: Problem) -> dict[str, Any]:
     for effect in problem.parameters.ids:
         criteria[(effect,)] = bic(problem, (effect,), best(problem, (effect,), none))
     return stated(criteria)
-
-
-def stepwise(problem: Problem) -> dict[str, Any]:
-    """Forward selection; the last that lowered BIC is the answer."""
-    here = fitted(problem, (), problem.parameters.mean)
-    named: Hypothesis = ()
-    criteria = {named: bic(problem, named, here)}
-    while len(named) < MOST:
-        tried = {(*named, e): best(problem, (*named, e), here) for e in problem.parameters.ids if e not in named}
-        found = {tuple(h): bic(problem, h, f) for h, f in tried.items()}
-        least = min(found, key=lambda h: found[h])
-        if found[least] >= criteria[named]:
-            break
-        criteria[least], here, named = found[least], tried[least], least
-    return stated({tuple(sorted(h)): value for h, value in criteria.items()})
 
 
 def sparse(problem: Problem) -> dict[str, Any]:

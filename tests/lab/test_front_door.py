@@ -131,8 +131,6 @@ def test_an_unknown_verb_is_answered_with_the_nearest(words: list[str], said: st
         (["run", "-rig", "rig.yaml"], "lab run -rig: is not an option; did you mean --rig?"),
         (["safe", "--al"], "lab safe --al: is not an option; did you mean --all?"),
         (["safe", "--xyzzy"], "lab safe --xyzzy: is not an option; lab safe --help lists the options"),
-        (["blind", "make", "set", "--sede", "5"], "lab blind make --sede: is not an option; did you mean --seed?"),
-        (["blind", "score", "set", "--seed", "5"], "lab blind score --seed: is not an option; lab blind score --help"),
     ],
 )
 def test_an_unknown_option_is_answered_with_the_nearest(words: list[str], said: str, cli: Cli) -> None:
@@ -206,7 +204,6 @@ def script(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("lab fit --with spine_sl", {"spine_slip"}),
         ("lab fakes --effect vacuum_l", {"vacuum_leak"}),
         ("lab check --rig bea", {"beam.yaml"}),
-        ("lab blind ma", {"make"}),
         ("lab fakes --channels ", {"3", "9"}),
     ],
 )

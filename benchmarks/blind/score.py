@@ -1,4 +1,4 @@
-"""`lab blind score`: open the seal, compare, and write what it came to: JSON, table, picture, a section of a page."""
+"""Open the seal, compare, and write the figures as JSON."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.files.config import ConfigError
 from recordings.own_files import replaced
 
-from ..files.config import ConfigError
 from .answers import Answer, read_answer, read_foreign
 from .by_mm import mm_metrics, weighed
 from .folder import SetFolder, open_seal
@@ -137,7 +137,7 @@ def score(root: Path, others: Path | None = None) -> Score:
     at = {n: folder.answers(n) / "rounds.json" if others is None else others / f"{n}.json" for n in folder.names()}
     missing = [name for name, path in at.items() if not path.exists()]
     if missing:
-        remedy = "run `lab blind run` first" if others is None else f"write {others}/CASE.json for each"
+        remedy = "run `python -m benchmarks.blind run` first" if others is None else f"write {others}/CASE.json for each"
         raise ConfigError(
             f"{root}: {len(missing)} of {len(at)} cases have no answer ({', '.join(missing[:5])} ..); "
             f"the seal stays closed, {remedy}"
