@@ -35,6 +35,23 @@ def test_no_folder_holds_more_than_a_person_can_keep_in_the_head_and_each_says_w
             assert not modules or ast.get_docstring(ast.parse((folder / "__init__.py").read_text())), folder
 
 
+MOST_LINES = {
+    "lab": 25_525, "drivers": 7_176, "model": 11_627, "protocols": 2_534, "recordings": 7_001, "diagnosis": 10_560,
+    "sim_fakes": 7_671, "product": 72_355, "tests": 35_160, "benchmarks": 10_913,
+}  # fmt: skip
+"""Lines of Python of each room, of the product as a whole (its rooms and timing.py), of its tests and of the research on it: what
+a person has to scroll through. A change may lower a number; it raises none."""
+
+
+def test_no_room_grows() -> None:
+    files = {room: [*(ROOT / room).rglob("*.py")] for room in (*ROOMS, "tests", "benchmarks")}
+    files["product"] = [ROOT / "timing.py", *(path for room in ROOMS for path in files[room])]
+    lines = {room: sum(len(path.read_text(encoding="utf-8").splitlines()) for path in own) for room, own in files.items()}
+    grown = [f"{room} has {lines[room]:,} lines, {lines[room] - most:,} more than {most:,}" for room, most in MOST_LINES.items()
+             if lines[room] > most]  # fmt: skip
+    assert grown == [], "a room is full: delete, merge or use a library, and never squeeze code"
+
+
 def test_no_two_files_of_tests_have_one_name() -> None:
     """A process that has imported the one refuses the other."""
     names = [p.name for p in (ROOT / "tests").rglob("*.py") if p.name not in ("conftest.py", "__init__.py")]
