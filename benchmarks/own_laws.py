@@ -29,10 +29,8 @@ from rich.progress import track
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.special import logsumexp
 
-from benchmarks.blind.answers import Answer
-from benchmarks.blind.by_mm import APART, FLOORS, HALF, Weighed
 from benchmarks.blind.make import ATTEMPTS, Drawn, Unequal, drawn, noise_floor, table_of
-from benchmarks.blind.metrics import counted
+from benchmarks.blind.metrics import APART, FLOORS, HALF, carries_enough, counted
 from benchmarks.blind.sweeps import BASE
 from benchmarks.blind.truth import KINDS, LESS_CLUTTER, SMALL, THRUST, TOLERANCES, Recipe, Stratum, draw
 from benchmarks.blind.worlds.campaign import (
@@ -336,7 +334,9 @@ def figures(cases: Sequence[Case]) -> dict[str, dict[str, str]]:
         known = [(c, c.answers[name]) for c in cases if not c.stratum.endswith(("outside", "pairs"))]
         pairs = [(c, c.answers[name]) for c in cases if c.stratum.endswith("pairs")]
         outer = [(c, c.answers[name].outside) for c in cases if c.stratum.endswith("outside")]
-        right = [(c.stratum.startswith("cluttered"), a.probability, _weighed(c, a.named).right) for c, a in known]
+        right = [
+            (c.stratum.startswith("cluttered"), a.probability, carries_enough(a.named, c.carries, c.floor)) for c, a in known
+        ]
         both = [(c.stratum.startswith("cluttered"), c.causes, set(a.carriers)) for c, a in pairs]
         limit = float(np.quantile([a.outside for _, a in known], 0.9)) if known else 0.0
         big = [odds for c, odds in outer if c.leaves >= APART * c.floor]
@@ -353,11 +353,6 @@ def figures(cases: Sequence[Case]) -> dict[str, dict[str, str]]:
             "outside of 1.5 floors: flagged at 10 % false flags": counted([odds > limit for odds in big]),
         }
     return out
-
-
-def _weighed(c: Case, named: Hypothesis) -> Weighed:
-    answer = Answer("", "effect" if named else "none", frozenset(named), 1.0)
-    return Weighed(c.stratum, c.causes, c.carries, c.floor, None, answer)
 
 
 def main() -> int:

@@ -1,10 +1,14 @@
-"""Score answers against the truth: figures with 95 % intervals, exact for shares, by bootstrap for everything else."""
+"""Judge answers against the truth: figures with 95 % intervals, exact for shares, by bootstrap for everything else.
+
+An answer is exact if it is just the truth. It is right by mm if all that is named carries at least half of what the largest
+carrier does, and at least a floor (the scatter of repeats); where nothing carries two floors, none is right.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,10 +18,14 @@ from scipy.stats import beta
 from diagnosis.judgement import CAUSE_PROBABILITY
 
 from .answers import Answer, Effects
+from .truth import KINDS
 
 Array = NDArray[np.float64]
 LEAST_PROBABILITY = 1e-4
 """A truth that was given no probability costs as much as this."""
+HALF, FLOORS = 0.5, 2.0
+APART = 1.5
+"""Noise floors that the nearest known effect leaves of a cause that is to be flagged."""
 
 
 @dataclass(frozen=True)
@@ -61,24 +69,44 @@ def bootstrap(values: Array, statistic: Callable[[Array], float], seed: int = 0)
     return Interval(float(statistic(values)), float(low), float(high), n)
 
 
-@dataclass(frozen=True)
-class Scored:
-    """One case: what was on, and what was answered."""
+def carries_enough(named: Collection[str], carries: Mapping[str, float], floor: float) -> bool:
+    """Whether what is named, or that nothing is, is right where effects carry this much; `floor` in the same unit."""
+    most = max(carries.values(), default=0.0)
+    least = max(HALF * most, floor)
+    return all(carries.get(e, 0.0) >= least for e in named) if named else most < FLOORS * floor
 
-    kind: str
-    truth: Effects
-    sizes: dict[str, float]
+
+@dataclass(frozen=True)
+class Judged:
+    """One case: what is true, and what was answered."""
+
+    stratum: str
+    causes: Effects
+    """What was drawn; one outside the catalogue among them."""
     answer: Answer
+    carries: Mapping[str, float] = field(default_factory=dict)
+    """mm after calibration, by effect; one outside the catalogue among them."""
+    floor: float = math.nan
+    nearest: Mapping[str, Any] | None = None
+    stage: str | None = None
+    """Of a cause outside the catalogue."""
 
     @property
-    def right(self) -> bool:
+    def kind(self) -> str:
+        """single, pair, none or outside; thrust on the walls of a robot without another cause is one."""
+        kind = KINDS[self.stratum]
+        return "single" if kind == "none" and self.causes else kind
+
+    @property
+    def truth(self) -> Effects:
+        """What the catalogue could name."""
+        return frozenset() if self.kind == "outside" else self.causes
+
+    @property
+    def exact(self) -> bool:
         """The verdict is the truth: exactly these effects, none, or unknown."""
-        a = self.answer
-        if self.kind == "outside":
-            return a.verdict == "unknown"
-        if self.kind == "none":
-            return a.verdict == "none"
-        return a.verdict == "effect" and a.effects == self.truth
+        verdict = {"outside": "unknown", "none": "none"}.get(self.kind, "effect")
+        return self.answer.verdict == verdict and self.answer.effects == self.truth
 
     @property
     def first(self) -> bool:
@@ -86,15 +114,9 @@ class Scored:
         return bool(self.truth) and self.answer.best == self.truth
 
     @property
-    def third(self) -> bool:
-        """The truth is among the three most probable sets of effects."""
-        return self.truth in [names for names, _ in self.answer.ranking[:3]] or self.first
-
-    @property
     def covered(self) -> bool:
         """The truth is in the 95 % set."""
-        mark = frozenset({"unknown"}) if self.kind == "outside" else self.truth
-        return mark in self.answer.credible
+        return (frozenset({"unknown"}) if self.kind == "outside" else self.truth) in self.answer.credible
 
     @property
     def probability_on_truth(self) -> float:
@@ -102,11 +124,49 @@ class Scored:
         a = self.answer
         return a.unknown_probability if self.kind == "outside" else a.probability_of(self.truth)
 
+    @property
+    def named(self) -> bool:
+        """An effect is named with a high probability."""
+        return self.answer.verdict == "effect" and self.answer.probability > CAUSE_PROBABILITY
 
-def scored(truth: dict[str, Any], answer: Answer) -> Scored:
+    @property
+    def unknown(self) -> bool:
+        """The cause is called unknown."""
+        return self.answer.verdict == "unknown"
+
+    @property
+    def largest(self) -> str:
+        """The effect that carries most; empty where none does."""
+        return max(self.carries, key=lambda e: self.carries[e], default="")
+
+    @property
+    def right(self) -> bool:
+        """Right by mm."""
+        effects = self.answer.effects
+        return self.answer.verdict == ("effect" if effects else "none") and carries_enough(effects, self.carries, self.floor)
+
+    @property
+    def spurious(self) -> bool:
+        """Something is named that carries less than half of the largest, or less than a floor."""
+        return self.answer.verdict == "effect" and not carries_enough(self.answer.effects, self.carries, self.floor)
+
+    @property
+    def inside(self) -> bool | None:
+        """Whether the mm of the largest carrier lies in the interval that the budget states; None where it states none."""
+        stated = self.answer.budget.get(self.largest)
+        return None if stated is None else stated[0] <= self.carries[self.largest] <= stated[1]
+
+    @property
+    def apart(self) -> bool:
+        """The nearest known effect leaves so much of an outside cause that calling it by that name is an error."""
+        return self.nearest is not None and float(self.nearest["leaves_mm"]) >= APART * self.floor
+
+
+def judged(truth: Mapping[str, Any], answer: Answer) -> Judged:
     """A sealed truth beside its answer."""
-    effects = frozenset(truth["effects"]) if truth["kind"] in ("single", "pair") else frozenset()
-    return Scored(truth["kind"], effects, dict(truth["effects"]), answer)
+    carries = {str(e): float(mm) for e, mm in truth["calibrated_mm"].items()}
+    causes = frozenset(truth["effects"])
+    return Judged(truth["stratum"], causes, answer, carries, float(truth["floor_mm"]), truth["nearest"], truth["stage"])
 
 
 @dataclass(frozen=True)
@@ -118,53 +178,97 @@ class Metric:
     found: Interval
 
 
-def metrics(cases: Sequence[Scored]) -> list[Metric]:
-    """All figures; those without a case have n = 0."""
-    of = {k: [c for c in cases if c.kind == k] for k in ("single", "pair", "none", "outside")}
-    single, pair, none, outside = of["single"], of["pair"], of["none"], of["outside"]
+def _share(group: Sequence[Judged], test: Callable[[Judged], bool]) -> Interval:
+    return share(np.array([test(c) for c in group], float))
+
+
+def _mean(values: Sequence[float]) -> Interval:
+    return bootstrap(np.array(values, float), lambda v: float(v.mean()))
+
+
+def _median(values: Sequence[float]) -> Interval:
+    return bootstrap(np.array(values, float), lambda v: float(np.median(v)))
+
+
+def metrics(cases: Sequence[Judged]) -> list[Metric]:
+    """Figures of exact answers by kind; those without a case have n = 0."""
+    single, pair, none, outside = ([c for c in cases if c.kind == k] for k in ("single", "pair", "none", "outside"))
     known = single + none
-    sure = [c for c in single if c.answer.verdict == "effect" and c.answer.probability > CAUSE_PROBABILITY]
-    right = [c for c in single if c.right]
-    closed = [c.answer.share_closed for c in right if math.isfinite(c.answer.share_closed)]
-
-    def shared(group: Sequence[Scored], test: Callable[[Scored], bool]) -> Interval:
-        return share(np.array([test(c) for c in group], float))
-
-    def mean(values: Sequence[float]) -> Interval:
-        return bootstrap(np.array(values, float), lambda v: float(v.mean()))
-
+    sure, closed = [c for c in single if c.named], [c.answer.share_closed for c in single if c.exact]
     return [
-        Metric("top1", "single: most probable effect is the true one", shared(single, lambda c: c.first)),
-        Metric("top3", "single: true one among the three most probable", shared(single, lambda c: c.third)),
-        Metric("named", "single: verdict names exactly the true one", shared(single, lambda c: c.right)),
-        Metric("detected", "single: not called none", shared(single, lambda c: c.answer.verdict in ("effect", "unknown"))),
-        Metric("p_truth", "single: mean probability on the true one", mean([c.probability_on_truth for c in single])),
-        Metric("sure_right", f"single: right when p > {CAUSE_PROBABILITY}", shared(sure, lambda c: c.right)),
-        Metric("sure_share", f"single: share answered with p > {CAUSE_PROBABILITY}", shared(single, lambda c: c in sure)),
-        Metric("coverage", "single and none: truth in the 95 % set", shared(known, lambda c: c.covered)),
-        Metric("set_size", "single: mean size of the 95 % set", mean([len(c.answer.credible) for c in single])),
-        Metric("pair_both", "pair: both named", shared(pair, lambda c: c.truth <= c.answer.effects)),
-        Metric("pair_exact", "pair: exactly those named", shared(pair, lambda c: c.right)),
-        Metric("pair_spurious", "pair: spurious effects a case", mean([len(c.answer.effects - c.truth) for c in pair])),
-        Metric("false_alarm", "none: an effect named", shared(none, lambda c: c.answer.verdict == "effect")),
-        Metric("false_unknown", "single, pair, none: called unknown",
-               shared(known + pair, lambda c: c.answer.verdict == "unknown")),
-        Metric("flagged", "outside: verdict unknown", shared(outside, lambda c: c.answer.verdict == "unknown")),
+        Metric("top1", "single: most probable effect is the true one", _share(single, lambda c: c.first)),
+        Metric("named", "single: verdict names exactly the true one", _share(single, lambda c: c.exact)),
+        Metric("detected", "single: not called none", _share(single, lambda c: c.answer.verdict in ("effect", "unknown"))),
+        Metric("p_truth", "single: mean probability on the true one", _mean([c.probability_on_truth for c in single])),
+        Metric("sure_right", f"single: right when p > {CAUSE_PROBABILITY}", _share(sure, lambda c: c.exact)),
+        Metric("sure_share", f"single: share answered with p > {CAUSE_PROBABILITY}", _share(single, lambda c: c.named)),
+        Metric("coverage", "single and none: truth in the 95 % set", _share(known, lambda c: c.covered)),
+        Metric("set_size", "single: mean size of the 95 % set", _mean([len(c.answer.credible) for c in single])),
+        Metric("pair_both", "pair: both named", _share(pair, lambda c: c.truth <= c.answer.effects)),
+        Metric("pair_exact", "pair: exactly those named", _share(pair, lambda c: c.exact)),
+        Metric("pair_spurious", "pair: spurious effects a case", _mean([len(c.answer.effects - c.truth) for c in pair])),
+        Metric("false_alarm", "none: an effect named", _share(none, lambda c: c.answer.verdict == "effect")),
+        Metric("false_unknown", "single, pair, none: called unknown", _share(known + pair, lambda c: c.unknown)),
         Metric("flagged_at_10", "outside: flagged at 10 % false flags", flagged_at(known + pair, outside)),
-        Metric("outside_named", f"outside: an effect named with p > {CAUSE_PROBABILITY}",
-               shared(outside, lambda c: c.answer.verdict == "effect" and c.answer.probability > CAUSE_PROBABILITY)),
+        Metric("outside_named", f"outside: an effect named with p > {CAUSE_PROBABILITY}", _share(outside, lambda c: c.named)),
         Metric("ece", "calibration error of the verdict's probability", bootstrap(confidence(cases), calibration_error)),
         Metric("log_score", "single and none: mean -log p of the truth",
-               mean([-math.log(max(c.probability_on_truth, LEAST_PROBABILITY)) for c in known])),
-        Metric("closed", "single, right: median share of the gap closed",
-               bootstrap(np.array(closed), lambda v: float(np.median(v)))),
-        Metric("seconds", "median seconds a case",
-               bootstrap(np.array([c.answer.seconds for c in cases]), lambda v: float(np.median(v)))),
-        Metric("failed", "diagnosis failed", shared(cases, lambda c: c.answer.verdict == "failed")),
+               _mean([-math.log(max(c.probability_on_truth, LEAST_PROBABILITY)) for c in known])),
+        Metric("closed", "single, right: median share of the gap closed", _median([x for x in closed if math.isfinite(x)])),
+        Metric("seconds", "median seconds a case", _median([c.answer.seconds for c in cases])),
+        Metric("failed", "diagnosis failed", _share(cases, lambda c: c.answer.verdict == "failed")),
     ]  # fmt: skip
 
 
-def flagged_at(known: Sequence[Scored], outside: Sequence[Scored], share_allowed: float = 0.10) -> Interval:
+def mm_metrics(cases: Sequence[Judged]) -> list[Metric]:
+    """Figures by stratum, by what carries; those without a case have n = 0."""
+    out: list[Metric] = []
+    for name in sorted({c.stratum for c in cases}):
+        own = [c for c in cases if c.stratum == name]
+        if name.endswith("outside"):
+            out += _outside(name, own, [c for c in cases if not c.stratum.endswith("outside")])
+        else:
+            out += _known(name, own)
+    return out
+
+
+def _known(name: str, own: Sequence[Judged]) -> list[Metric]:
+    sure, caused = [c for c in own if c.named], [c for c in own if c.causes]
+    largest, budgeted = [c for c in caused if c.largest in c.causes], [c for c in own if c.inside is not None]
+    return [Metric(f"{name}.{key}", f"{name}: {label}", found) for key, label, found in (
+        ("right", "right by mm", _share(own, lambda c: c.right)),
+        ("named", "drawn causes among the named", _share(caused, lambda c: c.causes <= c.answer.effects)),
+        ("exact", "exactly the drawn causes named", _share(caused, lambda c: c.answer.effects == c.causes)),
+        ("exact_largest", "the same where a drawn cause is the largest carrier",
+         _share(largest, lambda c: c.answer.effects == c.causes)),
+        ("spurious", "something named that carries too little", _share(own, lambda c: c.spurious)),
+        ("unknown", "called unknown", _share(own, lambda c: c.unknown)),
+        ("covered", "drawn causes in the 95 % set", _share(own, lambda c: c.covered)),
+        ("set", "mean size of the 95 % set", _mean([len(c.answer.credible) for c in own])),
+        ("sure_right", f"right by mm when p > {CAUSE_PROBABILITY}", _share(sure, lambda c: c.right)),
+        ("sure_share", f"share answered with p > {CAUSE_PROBABILITY}", _share(own, lambda c: c.named)),
+        ("inside", "mm of the largest carrier inside its interval", _share(budgeted, lambda c: bool(c.inside))),
+    )]  # fmt: skip
+
+
+def _outside(name: str, own: Sequence[Judged], known: Sequence[Judged]) -> list[Metric]:
+    apart, near = [c for c in own if c.apart], [c for c in own if c.nearest is not None and not c.apart]
+    cluttered = name.startswith("cluttered")
+    comparable = [c for c in known if c.stratum.startswith("cluttered") == cluttered] or known
+    staged = [c for c in own if c.stage and c.unknown]
+    return [Metric(f"{name}.{key}", f"{name}: {label}", found) for key, label, found in (
+        ("flagged", "verdict unknown", _share(own, lambda c: c.unknown)),
+        ("flagged_apart", "verdict unknown where the nearest effect leaves 1.5 floors", _share(apart, lambda c: c.unknown)),
+        ("at_10", "flagged at 10 % false flags where the nearest effect leaves 1.5 floors", flagged_at(comparable, apart)),
+        ("stage", "the right stage asks for an error, of those called unknown",
+         _share(staged, lambda c: c.answer.stage == c.stage)),
+        ("named", f"an effect named with p > {CAUSE_PROBABILITY}", _share(own, lambda c: c.named)),
+        ("nearest", "named after the nearest effect where it leaves less",
+         _share(near, lambda c: (c.nearest or {})["effect"] in c.answer.effects)),
+    )]  # fmt: skip
+
+
+def flagged_at(known: Sequence[Judged], outside: Sequence[Judged], share_allowed: float = 0.10) -> Interval:
     """Share of unknowns whose stated probability of "unknown" exceeds that of all but a tenth of the known cases.
 
     A score that is the same for all (always 0) flags nothing.
@@ -175,9 +279,9 @@ def flagged_at(known: Sequence[Scored], outside: Sequence[Scored], share_allowed
     return share(np.array([c.answer.unknown_probability > limit for c in outside], float))
 
 
-def confidence(cases: Sequence[Scored]) -> Array:
+def confidence(cases: Sequence[Judged]) -> Array:
     """(n, 2): stated probability of the verdict, and whether it was right; failed answers left out."""
-    rows = [(c.answer.probability, float(c.right)) for c in cases if c.answer.verdict != "failed"]
+    rows = [(c.answer.probability, float(c.exact)) for c in cases if c.answer.verdict != "failed"]
     return np.array(rows, float).reshape(-1, 2)
 
 
@@ -196,7 +300,7 @@ def reliability(pairs: Array) -> list[tuple[float, float, int]]:
     return out
 
 
-def confusion(cases: Sequence[Scored]) -> tuple[list[str], list[str], NDArray[np.int64]]:
+def confusion(cases: Sequence[Judged]) -> tuple[list[str], list[str], NDArray[np.int64]]:
     """Rows: single truths, pairs, none, outside; columns: what was named; counts."""
     rows = [*sorted({_one(c.truth) for c in cases if c.kind == "single"}), "pair", "none", "outside"]
     rows = [r for r in rows if r not in ("pair", "none", "outside") or any(c.kind == r for c in cases)]
@@ -219,7 +323,7 @@ def _one(effects: Effects) -> str:
     return min(effects, key=lambda e: (e == "chamber_thrust", e))
 
 
-def best_temperature(cases: Sequence[Scored]) -> float:
+def best_temperature(cases: Sequence[Judged]) -> float:
     """The temperature that would make the stated probabilities of single and no-effect cases score best.
 
     Each hypothesis' probability is raised to 1/T and all are made to sum to one again; 1 means that they are honest as they
@@ -233,7 +337,7 @@ def best_temperature(cases: Sequence[Scored]) -> float:
     return float(grid[int(np.argmin(losses))])
 
 
-def _loss(c: Scored, temperature: float) -> float:
+def _loss(c: Judged, temperature: float) -> float:
     a = c.answer
     stated = np.array([p for _, p in a.ranking] + [a.none_probability, a.unknown_probability, c.probability_on_truth])
     weights = np.maximum(stated, 1e-12) ** (1 / temperature)

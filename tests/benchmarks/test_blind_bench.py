@@ -16,10 +16,19 @@ from benchmarks.blind import run as bench
 from benchmarks.blind import truth as drawing
 from benchmarks.blind.__main__ import main
 from benchmarks.blind.answers import Answer, answer_from
-from benchmarks.blind.by_mm import Weighed, mm_metrics, weighed
 from benchmarks.blind.folder import SetFolder, open_seal
 from benchmarks.blind.make import make, walk_of
-from benchmarks.blind.metrics import Scored, best_temperature, bootstrap, calibration_error, flagged_at, metrics, share
+from benchmarks.blind.metrics import (
+    Judged,
+    best_temperature,
+    bootstrap,
+    calibration_error,
+    flagged_at,
+    judged,
+    metrics,
+    mm_metrics,
+    share,
+)
 from benchmarks.blind.score import score, write
 from benchmarks.blind.sheet import draw as draw_sheet
 from benchmarks.blind.sheet import sheet
@@ -316,7 +325,7 @@ def test_answers_of_another_method_are_scored_on_the_same_cases(
             json.dumps({"attribute": {"verdict": verdict, "effects": effects, "probability": 0.9, "ranking": []}})
         )
     result = score(small_set, theirs)
-    assert all(c.right for c in result.cases)
+    assert all(c.exact for c in result.cases)
     words = ["score", str(small_set), "--answers", str(theirs)]
     assert main([*words, "--json"]) in (0, 1) and json.loads(capsys.readouterr().out)["schema"] == "blind-score/1"
     assert (theirs / "score.json").exists() and (theirs / "score.png").exists()
@@ -330,10 +339,13 @@ def test_answers_of_another_method_are_scored_on_the_same_cases(
 
 
 # ------------------------------------------------------------------ figures
-def made_up(kind: str, truth: set[str], named: set[str], p: float, verdict: str = "effect", **more: Any) -> Scored:
+STRATA = {"single": "clean", "pair": "pairs"}
+
+
+def made_up(kind: str, truth: set[str], named: set[str], p: float, verdict: str = "effect", **more: Any) -> Judged:
     ranking = ((frozenset(named), p),) if named else ()
     a = Answer("1", verdict, frozenset(named), p, ranking, (frozenset(named),), **more)
-    return Scored(kind, frozenset(truth), dict.fromkeys(truth, 1.0), a)
+    return Judged(STRATA.get(kind, kind), frozenset(truth), a)
 
 
 def test_figures_of_answers_made_by_hand() -> None:
@@ -362,10 +374,10 @@ def test_calibration_error_is_none_for_honest_and_half_for_bold_answers() -> Non
 
 
 def test_bold_answers_ask_for_a_temperature_above_one_and_honest_ones_for_none() -> None:
-    def answered(p: float, right: bool) -> Scored:
+    def answered(p: float, right: bool) -> Judged:
         ranking = ((frozenset({"contact"}), p), (frozenset({"base_tilt"}), 1 - p))
         truth = frozenset({"contact" if right else "base_tilt"})
-        return Scored("single", truth, dict.fromkeys(truth, 1.0), Answer("1", "effect", frozenset({"contact"}), p, ranking))
+        return Judged("clean", truth, Answer("1", "effect", frozenset({"contact"}), p, ranking))
 
     bold = [answered(0.99, i < 14) for i in range(20)]
     honest = [answered(0.7, i < 14) for i in range(20)]
@@ -384,8 +396,8 @@ def answered(*named: str, p: float = 0.95, **more: Any) -> Answer:
     return Answer("1", verdict, frozenset(named), p, credible=(frozenset(named),), **more)
 
 
-def case(answer: Answer, *causes: str, stratum: str = "cluttered", **carries: float) -> Weighed:
-    return Weighed(stratum, frozenset(causes), carries, 0.9, {"effect": "base_tilt", "leaves_mm": 2.0}, answer)
+def case(answer: Answer, *causes: str, stratum: str = "cluttered", **carries: float) -> Judged:
+    return Judged(stratum, frozenset(causes), answer, carries, 0.9, {"effect": "base_tilt", "leaves_mm": 2.0})
 
 
 def test_right_by_mm_is_what_carries_half_of_the_largest_and_a_floor() -> None:
@@ -411,7 +423,7 @@ def test_figures_by_mm_of_answers_made_by_hand() -> None:
     found = {m.key: m.found for m in mm_metrics(cases)}
     assert found["cluttered.right"].value == found["cluttered.spurious"].value == found["cluttered.inside"].value == 0.5
     assert found["cluttered.sure_right"].value == 1.0 and found["cluttered.sure_share"].value == 0.5
-    assert found["cluttered_none.right"].value == 1.0 and "cluttered_none.exact" not in found
+    assert found["cluttered_none.right"].value == 1.0 and found["cluttered_none.exact"].n == 0
     assert found["cluttered_outside.named"].value == 1.0 and found["cluttered_outside.flagged_apart"].n == 1
 
 
@@ -422,22 +434,19 @@ def test_the_stage_of_an_outside_cause_is_scored_where_it_is_called_unknown() ->
     assert truth["stage"] == "material"
     assert drawing.Truth("1", "clean", *draw_robot(recipe, 0, "clean", ("contact",))).as_dict()["stage"] is None
 
-    def told(verdict: str, *stages: str) -> Weighed:
+    def told(verdict: str, *stages: str) -> Judged:
         errors = [{"stage": s, "dependence": "time", "gain": 9.0} for s in stages]
-        found = weighed(truth, answer_from("1", {"attribute": {"verdict": verdict, "stage_errors": errors}}))
-        assert found is not None
-        return found
+        return judged(truth, answer_from("1", {"attribute": {"verdict": verdict, "stage_errors": errors}}))
 
     cases = [told("unknown", "material", "load"), told("unknown", "load"), told("unknown"), told("none", "material")]
     (stage,) = (m.found for m in mm_metrics(cases) if m.key == "outside.stage")
     assert stage.n == 3 and stage.value == pytest.approx(1 / 3)
 
 
-def test_the_budget_is_read_from_an_answer_and_a_truth_may_have_no_mm() -> None:
+def test_the_budget_is_read_from_an_answer() -> None:
     budget = [{"effect": "contact", "role": "named", "mm": 2.0, "low95_mm": 1.0, "high95_mm": 3.0}]
     a = answer_from("1", {"attribute": {"verdict": "effect", "effects": ["contact"]}, "budget": budget})
     assert a.budget == {"contact": (1.0, 3.0)}
-    assert weighed({"kind": "single", "effects": {"contact": 1.0}}, a) is None
 
 
 def test_a_set_is_scored_by_mm_as_well(small_set: Path) -> None:
