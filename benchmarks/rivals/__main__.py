@@ -13,7 +13,7 @@ from pathlib import Path
 from benchmarks.blind.folder import SetFolder
 from benchmarks.blind.workers import spread
 
-from .answers import METHODS, answer
+from .methods import METHODS, answer
 from .table import report
 
 

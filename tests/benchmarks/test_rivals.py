@@ -9,9 +9,8 @@ import pytest
 
 from benchmarks.blind.answers import Answer, read_foreign
 from benchmarks.blind.metrics import Judged
-from benchmarks.rivals.learned import learned, predicted
+from benchmarks.rivals.methods import alone, learned, predicted, sparse
 from benchmarks.rivals.table import draw, row, table
-from benchmarks.rivals.textbook import alone, sparse
 from diagnosis.data.case import states
 from diagnosis.inference.prepare import prepare
 from tests.diagnosis.small_campaigns import SOME, measured
