@@ -216,7 +216,7 @@ def test_bash_completes(script: Path, line: str, offered: set[str]) -> None:
 
 def test_zsh_gets_a_completion_that_it_can_read(tmp_path: Path, cli: Cli) -> None:
     said = cli("completion", "zsh").out
-    assert said.startswith("#compdef lab") and "_lab_protocols" in said and "_files" in said
+    assert said.startswith("#compdef lab") and "_lab_protocol" in said and "_files" in said
     if zsh := shutil.which("zsh"):
         (tmp_path / "_lab").write_text(said)
         subprocess.run([zsh, "-n", tmp_path / "_lab"], check=True)
