@@ -1,7 +1,7 @@
 """What changed since a reference? `python -m benchmarks.changes [--pairs N] [--seed S] [--cores N] [--json FILE]`
 
-Pairs of campaigns on one robot of another physics (`sim_fakes.worlds`), each pair on a robot and in a world of its own, with
-clutter: a reference, and the same robot on another day, mounted and seen by the cameras anew, with other trials and another
+Pairs of campaigns on one robot of another physics (`benchmarks.blind.worlds`), each pair on a robot and in a world of its own,
+with clutter: a reference, and the same robot on another day, mounted and seen by the cameras anew, with other trials and another
 drift. In every other pair nothing else has changed; in the others one effect has, by one plausible scale. Reported, with
 Clopper-Pearson 95 % intervals: how often a change is told where there is none, and how often the changed effect is named.
 """
@@ -18,18 +18,18 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
+from benchmarks.blind.make import described, scatter, table_of, walk_of
+from benchmarks.blind.metrics import clopper_pearson
+from benchmarks.blind.sweeps import BASE
+from benchmarks.blind.truth import SMALL, THRUST, TOLERANCES, Recipe, draw_robot
+from benchmarks.blind.worlds.campaign import Response, Sweep, read, respond, tails
+from benchmarks.blind.worlds.campaign import Robot as Built
+from benchmarks.blind.worlds.carried import rms, rows
+from benchmarks.blind.worlds.equilibrium import NoEquilibrium
+from benchmarks.blind.worlds.forms import EFFECTS
 from diagnosis.compare_campaigns import compare_campaigns
 from diagnosis.inference.executor import Executor
-from lab.blind.make import described, scatter, table_of, walk_of
-from lab.blind.metrics import clopper_pearson
-from lab.blind.sweeps import BASE
-from lab.blind.truth import SMALL, THRUST, TOLERANCES, Recipe, draw_robot
 from lab.files.inputs import Case
-from sim_fakes.worlds.campaign import Response, Sweep, read, respond, tails
-from sim_fakes.worlds.campaign import Robot as Built
-from sim_fakes.worlds.carried import rms, rows
-from sim_fakes.worlds.equilibrium import NoEquilibrium
-from sim_fakes.worlds.forms import EFFECTS
 
 SET_UP = ("base_tilt", "frame_misalignment")
 """Tolerances that each day has for itself: the robot was mounted and the cameras were calibrated anew."""

@@ -25,10 +25,10 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from lab.blind.make import drawn, robot_yaml, table_of, walk_of, write_case
-from lab.blind.sweeps import BASE, design
-from lab.blind.truth import Recipe, Stratum, draw
-from sim_fakes.worlds.campaign import Robot, read, respond
+from benchmarks.blind.make import drawn, robot_yaml, table_of, walk_of, write_case
+from benchmarks.blind.sweeps import BASE, design
+from benchmarks.blind.truth import Recipe, Stratum, draw
+from benchmarks.blind.worlds.campaign import Robot, read, respond
 
 CACHE = "NUMBA_CACHE_DIR"
 SEED = 7

@@ -1,7 +1,7 @@
 """Does the loop closed help? Sealed robots diagnosed after the sweep alone, and after up to three experiments: those that the
 diagnosis asks for, any of the menu, or the sweep again.
 
-    lab blind make --world drawn:SEED --seed SEED --n 20 --kind clean --kind cluttered SET
+    python -m benchmarks.blind make --world drawn:SEED --seed SEED --n 20 --kind clean --kind cluttered SET
     python -m benchmarks.loop SET.. --workers 2                  # answers every robot by each way; goes on where it stopped
     python -m benchmarks.loop SET.. --score --png loop.png       # opens the seals
 
@@ -22,13 +22,12 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from lab.blind.answers import answer_from
-from lab.blind.by_mm import Weighed, weighed
-from lab.blind.folder import SetFolder, open_seal
-from lab.blind.metrics import counted
-from lab.blind.run import MENU_OF, Choice, Further, propose_folder, read_rounds, rounds, write_rounds
-from lab.blind.sweeps import AGAIN
-from lab.blind.workers import Crew, spread
+from benchmarks.blind.answers import answer_from
+from benchmarks.blind.folder import SetFolder, open_seal
+from benchmarks.blind.metrics import Judged, counted, judged
+from benchmarks.blind.run import MENU_OF, Choice, Further, propose_folder, read_rounds, rounds, write_rounds
+from benchmarks.blind.sweeps import AGAIN
+from benchmarks.blind.workers import spread
 from recordings.table_file import read_csv
 
 WAYS: tuple[Choice, ...] = ("information", "random", "repeat")
@@ -63,13 +62,13 @@ class Case:
     way: Choice
     minutes: tuple[float, ...]
     """Spent before each round."""
-    weighed: tuple[Weighed, ...]
+    judged: tuple[Judged, ...]
     """Each round beside the truth."""
 
     @property
     def settled(self) -> tuple[bool, ...]:
         """By round: an answer after which nothing more is asked, and right."""
-        return tuple(w.right and w.answer.settled for w in self.weighed)
+        return tuple(w.right and w.answer.settled for w in self.judged)
 
     @property
     def minutes_to_settle(self) -> float:
@@ -77,7 +76,7 @@ class Case:
         return next((m for m, done in zip(self.minutes, self.settled, strict=True) if done), np.inf)
 
 
-def judged(root: Path, truth: dict[str, Any], name: str, way: Choice) -> Case | None:
+def case_of(root: Path, truth: dict[str, Any], name: str, way: Choice) -> Case | None:
     """A case beside its truth; None where it has no answer by this way."""
     folder = SetFolder(root)
     path = file_of(folder, name, way)
@@ -87,8 +86,8 @@ def judged(root: Path, truth: dict[str, Any], name: str, way: Choice) -> Case | 
     minutes = [0.0]
     for before, after in zip(found, found[1:], strict=False):
         minutes.append(minutes[-1] + cost(folder.case(name), before.diagnosis, after.asked[-1]))
-    beside = (weighed(truth[name], answer_from(name, r.diagnosis, r.seconds, r.asked)) for r in found)
-    return Case(str(truth[name]["stratum"]), way, tuple(minutes), tuple(w for w in beside if w is not None))
+    beside = (judged(truth[name], answer_from(name, r.diagnosis, r.seconds, r.asked)) for r in found)
+    return Case(str(truth[name]["stratum"]), way, tuple(minutes), tuple(beside))
 
 
 def cost(case: Path, diagnosis: dict[str, Any], wish: str) -> float:
@@ -112,13 +111,13 @@ def sheet(cases: Sequence[Case]) -> Table:
             own = [c for c in cases if (c.kind, c.way) == (kind, way)]
             if not own:
                 continue
-            first, last = [c.weighed[0] for c in own], [c.weighed[-1] for c in own]
+            first, last = [c.judged[0] for c in own], [c.judged[-1] for c in own]
             sure_wrong = sum(w.answer.settled and not w.right for w in last)
             shown.add_row(
                 kind, NAMES[way], str(len(own)), counted([w.right for w in first]), counted([w.right for w in last]),
                 counted([c.settled[0] for c in own]), counted([c.settled[-1] for c in own]), str(sure_wrong),
                 counted([a.right and not b.right for a, b in zip(first, last, strict=True)]),
-                f"{np.mean([len(c.weighed) - 1 for c in own]):.1f}", f"{np.mean([c.minutes[-1] for c in own]):.0f}",
+                f"{np.mean([len(c.judged) - 1 for c in own]):.1f}", f"{np.mean([c.minutes[-1] for c in own]):.0f}",
             )  # fmt: skip
     return shown
 
@@ -156,13 +155,13 @@ def main() -> int:
     a = parser.parse_args()
     if not a.score:
         tasks = [(s, name, way) for way in a.way or WAYS for s in a.sets for name in SetFolder(s).names()]
-        for _ in spread(answer, tasks, Crew(a.workers), "robots"):
+        for _ in spread(answer, tasks, a.workers, "robots"):
             pass
         return 0
     cases: list[Case] = []
     for s in a.sets:
         truth = open_seal(SetFolder(s))
-        every = (judged(s, truth, name, way) for name in SetFolder(s).names() for way in WAYS)
+        every = (case_of(s, truth, name, way) for name in SetFolder(s).names() for way in WAYS)
         cases += [c for c in every if c is not None]
     Console(highlight=False, width=200).print(sheet(cases))
     if a.png is not None:

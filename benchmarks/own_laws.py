@@ -7,7 +7,7 @@ Linear about the truth, by the same evidence and prior as the diagnosis:
 y the readings of the campaign beside the truth, c_e what a plausible scale of effect e does there, N what trials, mounting,
 drift and calibration change, e cameras. A named effect has v = 1, the others what the world's tolerances and clutter are. With
 the world's own laws c_e is exact. With the other forms it is any mixture of what those do, each as probable: the laws that a
-catalogue may know when it does not hold the true one. A cause outside the catalogue is one of `sim_fakes.worlds.outside`, or
+catalogue may know when it does not hold the true one. A cause outside the catalogue is one of `worlds.outside`, or
 an error of no known law: a smooth function of pressure and length, or of time, in every channel.
 
 What is lost with the world's own laws, the data do not hold; what is lost with the other forms only, better laws would.
@@ -29,17 +29,11 @@ from rich.progress import track
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.special import logsumexp
 
-from diagnosis.criticism.stage_errors import smooth_functions
-from diagnosis.inference.posterior import hypothesis_prior
-from diagnosis.judgement import CAUSE_PROBABILITY, PRIOR_OF_NUMBER
-from lab.blind.answers import Answer
-from lab.blind.by_mm import APART, FLOORS, HALF, Weighed
-from lab.blind.make import ATTEMPTS, Drawn, Unequal, drawn, noise_floor, table_of
-from lab.blind.metrics import counted
-from lab.blind.sweeps import BASE
-from lab.blind.truth import KINDS, LESS_CLUTTER, SMALL, THRUST, TOLERANCES, Recipe, Stratum, draw
-from model.effects.catalogue import CATALOGUE
-from sim_fakes.worlds.campaign import (
+from benchmarks.blind.make import ATTEMPTS, Drawn, Unequal, drawn, noise_floor, table_of
+from benchmarks.blind.metrics import APART, FLOORS, HALF, carries_enough, counted
+from benchmarks.blind.sweeps import BASE
+from benchmarks.blind.truth import KINDS, LESS_CLUTTER, SMALL, THRUST, TOLERANCES, Recipe, Stratum, draw
+from benchmarks.blind.worlds.campaign import (
     DRIFT,
     GROWN,
     JAMMED,
@@ -53,12 +47,16 @@ from sim_fakes.worlds.campaign import (
     read,
     respond,
 )
-from sim_fakes.worlds.carried import TRIED, nearest
-from sim_fakes.worlds.equilibrium import NoEquilibrium
-from sim_fakes.worlds.forms import EFFECTS, FORMS
-from sim_fakes.worlds.frames import rotation_vector, transposed
-from sim_fakes.worlds.outside import OUTSIDE
-from sim_fakes.worlds.robot import LENGTH
+from benchmarks.blind.worlds.carried import TRIED, nearest
+from benchmarks.blind.worlds.equilibrium import NoEquilibrium
+from benchmarks.blind.worlds.forms import EFFECTS, FORMS
+from benchmarks.blind.worlds.frames import rotation_vector, transposed
+from benchmarks.blind.worlds.outside import OUTSIDE
+from benchmarks.blind.worlds.robot import LENGTH
+from diagnosis.criticism.stage_errors import smooth_functions
+from diagnosis.inference.posterior import hypothesis_prior
+from diagnosis.judgement import CAUSE_PROBABILITY, PRIOR_OF_NUMBER
+from model.effects.catalogue import CATALOGUE
 
 Array = NDArray[np.float64]
 Hypothesis = tuple[str, ...]
@@ -336,7 +334,9 @@ def figures(cases: Sequence[Case]) -> dict[str, dict[str, str]]:
         known = [(c, c.answers[name]) for c in cases if not c.stratum.endswith(("outside", "pairs"))]
         pairs = [(c, c.answers[name]) for c in cases if c.stratum.endswith("pairs")]
         outer = [(c, c.answers[name].outside) for c in cases if c.stratum.endswith("outside")]
-        right = [(c.stratum.startswith("cluttered"), a.probability, _weighed(c, a.named).right) for c, a in known]
+        right = [
+            (c.stratum.startswith("cluttered"), a.probability, carries_enough(a.named, c.carries, c.floor)) for c, a in known
+        ]
         both = [(c.stratum.startswith("cluttered"), c.causes, set(a.carriers)) for c, a in pairs]
         limit = float(np.quantile([a.outside for _, a in known], 0.9)) if known else 0.0
         big = [odds for c, odds in outer if c.leaves >= APART * c.floor]
@@ -355,15 +355,10 @@ def figures(cases: Sequence[Case]) -> dict[str, dict[str, str]]:
     return out
 
 
-def _weighed(c: Case, named: Hypothesis) -> Weighed:
-    answer = Answer("", "effect" if named else "none", frozenset(named), 1.0)
-    return Weighed(c.stratum, c.causes, c.carries, c.floor, None, answer)
-
-
 def main() -> int:
     """Print the figures by what is known, and write the JSON."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("worlds", nargs="+", help="WORLD=SEED of a set of `lab blind make --world WORLD --seed SEED`")
+    parser.add_argument("worlds", nargs="+", help="WORLD=SEED of the --world and --seed of a set of `benchmarks.blind make`")
     parser.add_argument("--n", type=int, default=40, help="cases of each set; walls are left out")
     parser.add_argument("--kind", nargs="+", choices=KINDS, default=[], help="as of the set")
     parser.add_argument("--json", type=Path, default=Path("out/own_laws.json"))

@@ -27,8 +27,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.figures import write
-from benchmarks.peers_rod import paper_peer, solve_bvp_peer
-from benchmarks.peers_simulators import Solver, pyelastica, soromox_constant, soromox_polynomial
+from benchmarks.peers_ways import Solver, collocation, pyelastica, soromox_constant, soromox_polynomial
 from benchmarks.rod_cases import eased, paper_rods
 from model.rods import Fast, Paper, Rods, solve
 from tests.model.rods.reference import REFERENCE
@@ -173,13 +172,11 @@ def fast_ways(rods: Rods, quick: bool) -> Iterator[Row]:
 def ways(quick: bool) -> list[Way]:
     """Of all others."""
     found = []
-    for steps in (100, 300) if quick else (30, 100, 300, 1_000):
-        found.append(Way("paper's way, NumPy", f"{steps} steps", lambda r, n=steps: lambda: paper_peer(r, n)[1]))
     for steps in (100, 1_000) if quick else (100, 1_000, 10_000, 100_000):
-        found.append(Way("paper's way, compiled", f"{steps} steps", lambda r, n=steps: lambda: solve(r, Paper(n)).tip))
+        found.append(Way("paper's way", f"{steps} steps", lambda r, n=steps: lambda: solve(r, Paper(n)).tip))
     for tolerance in (1e-2, 1e-3, 1e-4, 1e-6):
         name = f"tolerance {tolerance:g}"
-        found.append(Way("SciPy solve_bvp", name, lambda r, t=tolerance: lambda: solve_bvp_peer(r, t)[1]))
+        found.append(Way("SciPy solve_bvp", name, lambda r, t=tolerance: lambda: collocation(r, t)))
     for elements in (10, 20) if quick else (10, 20, 40, 80):
         found.append(Way(PYELASTICA, f"{elements} elements", lambda r, n=elements: pyelastica(r, n, AT_REST)))
     for segments in (4,) if quick else (4, 10, 20):

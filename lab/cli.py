@@ -45,8 +45,6 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
     },
     "for developers": {
         "demo": ("verbs.demo", "record, fit and diagnose on fake instruments, ending in an HTML report"),
-        "blind": ("blind.command", "sealed test cases: make them, diagnose them blind, score the answers"),
-        "paper": ("verbs.paper", "the paper's tables and model curves, reproduced"),
         "schema": ("verbs.schema",
                    "JSON schema of rig.yaml, robot.yaml, map.yaml, campaign.yaml or a protocol file, for your editor"),
         "completion": ("verbs.completion", "print the shell's completion script for verbs, options and files"),

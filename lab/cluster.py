@@ -29,53 +29,37 @@ class Cluster:
         self._there: list[Any] = []
         """`do` as it was sent, each time."""
 
-    def as_they_come(self, do: Callable[[A], B], items: Sequence[A]) -> Iterator[B]:
-        """`do` for every item; raises what `do` raises."""
-        return (result for _, result in self._gathered(lambda _: (do, 0), items))
-
     def in_order(self, do: Callable[[A], B], items: Sequence[A]) -> Iterator[B]:
-        """The same in the order of the items; `do` is sent to each worker once, however much it holds: a method's object as it
-        is when it is first asked."""
-        waiting: dict[int, B] = {}
-        turn = 0
+        """Return `do` for every item in their order; `do` is sent to each worker once, however much it holds: a method's object
+        as it is when it is first asked. Raises what `do` raises."""
+        if do != self._do:  # two methods are the same where their objects are
+            self._do, self._there = do, []
+        sent: dict[Any, tuple[int, int, int]] = {}
+        """Place of the item, chance and copy of `do` by what was submitted."""
 
-        def there(lost: int | None) -> tuple[Any, int]:
-            if do != self._do:  # two methods are the same where their objects are
-                self._do, self._there = do, []
+        def send(i: int, chance: int, lost: int | None = None) -> Any:
             # With a worker what it had may be lost; what others still work with is kept.
             if not self._there or lost == len(self._there):
                 self._there.append(self._client.scatter(do, broadcast=True, hash=False))
-            return self._there[-1], len(self._there)
-
-        for i, result in self._gathered(there, items):
-            waiting[i] = result
-            while turn in waiting:
-                yield waiting.pop(turn)
-                turn += 1
-
-    def _gathered(self, do: Callable[[int | None], tuple[Any, int]], items: Sequence[A]) -> Iterator[tuple[int, Any]]:
-        """Place and result of every item; `do` gives what is sent and its number, told which number was lost."""
-        sent: dict[Any, tuple[int, int, int]] = {}
-
-        def send(i: int, chance: int, lost: int | None = None) -> Any:
-            what, number = do(lost)
-            future = self._client.submit(operator.call, what, items[i], pure=False)
-            sent[future] = (i, chance, number)
+            future = self._client.submit(operator.call, self._there[-1], items[i], pure=False)
+            sent[future] = (i, chance, len(self._there))
             return future
 
-        first = [send(i, 1) for i in range(len(items))]
-        running = self._distributed.as_completed(first, loop=self._client.loop)
+        waiting: dict[int, B] = {}
+        turn = 0
+        running = self._distributed.as_completed([send(i, 1) for i in range(len(items))], loop=self._client.loop)
         for future in running:
-            i, chance, number = sent.pop(future)
+            i, chance, copy = sent.pop(future)
             try:
                 # A result that is there may be lost with its worker before it comes here.
-                result = future.result()
+                waiting[i] = future.result()
             except (CancelledError, self._distributed.KilledWorker, OSError):
                 if chance == 3:
                     raise
-                running.add(send(i, chance + 1, number))
-                continue
-            yield i, result
+                running.add(send(i, chance + 1, copy))
+            while turn in waiting:
+                yield waiting.pop(turn)
+                turn += 1
 
 
 @contextmanager

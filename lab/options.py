@@ -47,15 +47,6 @@ Options = Sequence[Option | OneOf]
 
 
 @dataclass(frozen=True)
-class Step:
-    """A verb's own verb, such as `make` of `lab blind make`."""
-
-    name: str
-    summary: str
-    options: Options
-
-
-@dataclass(frozen=True)
 class Verb:
     """What the command needs beyond the verb's group and summary, which are in the table of `lab.cli`."""
 
@@ -66,34 +57,24 @@ class Verb:
     examples: tuple[str, str]
     page: str
     """The page of the documentation that explains it."""
-    steps: Sequence[Step] = ()
 
     def add_to(self, parser: argparse.ArgumentParser) -> None:
-        """Add options, steps and the end of the help to the verb's parser."""
+        """Add options and the end of the help to the verb's parser."""
         lines = "\n".join(f"  {line}" for line in self.examples)
         parser.epilog = f"examples:\n{lines}\n\npage: {self.page}"
         parser.formatter_class = argparse.RawDescriptionHelpFormatter
         for one in self.options:
             one.add_to(parser)
-        if self.steps:
-            parsers = parser.add_subparsers(dest="step", required=True, metavar="STEP")
-            for step in self.steps:
-                inner = parsers.add_parser(step.name, help=step.summary, allow_abbrev=False)
-                for one in step.options:
-                    one.add_to(inner)
 
     def unknown_option(self, words: Sequence[str]) -> str:
-        """Return the complaint about the first of the words that is an option of neither verb nor step; "" if all are known."""
-        steps = [step for step in self.steps if step.name in words]
-        options = [*self.options, *(one for step in steps[:1] for one in step.options)]
-        known = ["-h", "--help", *(name for one in options for name in one.names)]
+        """Return the complaint about the first of the words that is no option of the verb; "" if all are known."""
+        known = ["-h", "--help", *(name for one in self.options for name in one.names)]
         given = words[: words.index("--")] if "--" in words else words
         if {"-h", "--help"} & set(given):
             return ""
         for name in (word.partition("=")[0] for word in given):
             if OPTION.fullmatch(name) and name not in known:
-                verb = " ".join(("lab", self.name, *(step.name for step in steps[:1])))
-                return unknown(f"{verb} {name}", "an option", name, known, f"{verb} --help lists the options")
+                return unknown(f"lab {self.name} {name}", "an option", name, known, f"lab {self.name} --help lists the options")
         return ""
 
 

@@ -1,6 +1,6 @@
 """Fake Dynamixel X servo (Protocol 2.0) that winds the spine's cord on a drum.
 
-All instructions of the protocol but the backup of the control table. Stricter than the device: registers are written
+Stricter than the device: registers are written
 whole, EEPROM is locked while torque is on, values are checked against their ranges. Its firmware is old: a bus watchdog
 that trips forgets the homing offset and moves the shaft by it.
 
@@ -47,7 +47,6 @@ class Instruction(IntEnum):
     FAST_SYNC_READ = 0x8A
     BULK_READ = 0x92
     BULK_WRITE = 0x93
-    FAST_BULK_READ = 0x9A
 
 
 CLEAR_TURNS = b"\x01\x44\x58\x4c\x22"
@@ -125,9 +124,6 @@ REGISTERS = {
     126: Register(2), 128: Register(4), 132: Register(4), 136: Register(4), 140: Register(4), 144: Register(2),
     146: Register(1),
 }  # fmt: skip
-INDIRECT = ((168, 224, 28), (578, 634, 28))
-"""Banks of addresses that stand for others: where these are stated (2 bytes each), where they are used, how many."""
-REGISTERS |= {start + 2 * i: Register(2, 64, TABLE_END - 1) for start, _, count in INDIRECT for i in range(count)}
 GOALS = (100, 102, 104, 116)
 """Read-only while the bus watchdog is tripped."""
 MODES = (0, 1, 3, 4, 5, 16)
@@ -300,7 +296,6 @@ class DrumMotor(Device):
                    36: MOTOR.full_pwm, 38: 1193, 44: 200, 48: 4095, 63: 52, 68: 2, 76: 1920, 78: 100, 84: MOTOR.p_gain,
                    100: MOTOR.full_pwm, 102: 1193, 144: 120, 146: 31}  # fmt: skip
         self.table[:] = bytes(TABLE_END)
-        factory |= {start + 2 * i: used + i for start, used, count in INDIRECT for i in range(count)}
         for address, value in factory.items():
             self.put(address, value)
         self._hold()
@@ -438,10 +433,7 @@ class DynamixelFake(PtyFake):
         elif instruction == Instruction.FAST_SYNC_READ and len(params) > 4:
             address, size = struct.unpack("<HH", params[:4])
             if reads:
-                self._tell_fast([(servo, address, size) for servo in params[4:]])
-        elif instruction == Instruction.FAST_BULK_READ and params and len(params) % 5 == 0:
-            if reads:
-                self._tell_fast(list(struct.iter_unpack("<BHH", params)))
+                self._tell_fast(params[4:], address, size)
         elif instruction == Instruction.SYNC_READ and len(params) > 4:
             if reads and me in params[4:]:
                 self._tell(*struct.unpack("<HH", params[:4]))
@@ -473,24 +465,17 @@ class DynamixelFake(PtyFake):
         if address <= POSITION < address + size and (glitch := self._number("glitch")):
             self.faults.extra["glitch"] = glitch - 1
             self.motor.put(POSITION, self.motor.counts - COUNTS)  # until the next step
-        return bytes(self.motor.table[self._meant(at)] for at in range(address, address + size))
+        return bytes(self.motor.table[address : address + size])
 
-    def _tell_fast(self, asked: list[tuple[int, int, int]]) -> None:
-        """The first of those asked (id, address, size) opens the one packet in which all would answer, without stuffing."""
-        servo, address, size = asked[0]
-        if servo != self.motor.table[7] or size < 1 or address + size > TABLE_END:
+    def _tell_fast(self, servos: bytes, address: int, size: int) -> None:
+        """The first of the servos opens the one packet in which all would answer, without stuffing."""
+        if servos[0] != self.motor.table[7] or size < 1 or address + size > TABLE_END:
             return
-        length = sum(size + 4 for *_, size in asked) + 1
+        length = len(servos) * (size + 4) + 1
         alert = ALERT if self.motor.get(70) else 0
-        packet = HEADER + struct.pack("<BHBBB", BROADCAST, length, Instruction.STATUS, alert, servo) + self._held(address, size)
+        head = struct.pack("<BHBBB", BROADCAST, length, Instruction.STATUS, alert, servos[0])
+        packet = HEADER + head + self._held(address, size)
         self.send(packet + struct.pack("<H", crc16(packet)))
-
-    def _meant(self, address: int) -> int:
-        """The address for which an indirect one stands; any other is itself."""
-        for stated, used, count in INDIRECT:
-            if used <= address < used + count:
-                return self.motor.get(stated + 2 * (address - used))
-        return address
 
     def _act(self) -> None:
         """Do what was registered."""
@@ -513,28 +498,13 @@ class DynamixelFake(PtyFake):
         """Check everything, then write; returns the error number."""
         if error := self._number("nak") or self._refused(address, data):
             return error
-        for begin, part in self._runs(address, data):
-            self.motor.table[begin : begin + len(part)] = part
-            for register in self._registers(begin, len(part)):
-                self.motor.wrote(register)
+        self.motor.table[address : address + len(data)] = data
+        for register in self._registers(address, len(data)):
+            self.motor.wrote(register)
         return 0
-
-    def _runs(self, address: int, data: bytes) -> list[tuple[int, bytes]]:
-        """What is to be written where, with indirect addresses replaced by those for which they stand."""
-        runs: list[tuple[int, bytes]] = []
-        for i, byte in enumerate(data):
-            at = self._meant(address + i)
-            if runs and at == runs[-1][0] + len(runs[-1][1]):
-                runs[-1] = runs[-1][0], runs[-1][1] + bytes([byte])
-            else:
-                runs.append((at, bytes([byte])))
-        return runs
 
     def _refused(self, address: int, data: bytes) -> int:
         """Why data may not be written there; 0 where it may."""
-        return next((error for run in self._runs(address, data) if (error := self._refused_there(*run))), 0)
-
-    def _refused_there(self, address: int, data: bytes) -> int:
         registers = self._registers(address, len(data))
         if not registers:
             return Refusal.LENGTH if address in REGISTERS else Refusal.ACCESS

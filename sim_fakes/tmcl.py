@@ -42,12 +42,7 @@ class Command(IntEnum):
     GGP = 10
     RFS = 13
     VERSION = 136
-    SIO = 14
-    GIO = 15
-    STAP = 7
-    RSAP = 8
     STOP_PROGRAM = 128
-    RUN_PROGRAM = 129
 
 
 class Move(IntEnum):
@@ -165,23 +160,7 @@ START: dict[int, int] = {
     Axis.STEP_DIRECTION: 0,
     Axis.UNITS: 1,
 }
-"""As it comes from the factory; what was stored replaces these at every start."""
-SETTINGS = {
-    15: (FASTEST, 51200), 16: (FASTEST, 0), 18: (FASTEST, 51200), 19: (FASTEST, 1), 20: (FASTEST, 10), 22: (FASTEST, 0),
-    23: (FASTEST, 0), 27: (1, 0), 28: (1, 0), 31: (15, 7), 32: (1023, 0), 33: (255, 0), 160: (1, 1), 161: (1, 0), 162: (3, 2),
-    163: (1, 0), 164: (1, 0), 165: (15, 3), 166: (8, 4), 167: (15, 3), 168: (1, 0), 169: (3, 0), 170: (15, 0), 171: (3, 0),
-    172: (15, 0), 173: (1, 0), 181: (FASTEST, 0), 182: (FASTEST, 0), 184: (1, 0), 185: (15, 0), 186: (FASTEST, 0),
-    187: (255, 14), 188: (255, 200), 191: (3, 1), 192: (1, 1), 214: (65535, 100),
-}  # fmt: skip
-"""Of the ramp's ends and the motor's driver, for which the physics here has no use: highest value, value from the factory."""
-WRITABLE |= {number: (0, highest) for number, (highest, _) in SETTINGS.items()}
-START |= {number: value for number, (_, value) in SETTINGS.items()}
-FIXED = {180: 31, 189: 0, 190: 0, 196: 0, 197: 0, 206: 0}
-"""What may only be read: the driver's current and load, and where the last reference search met its switch."""
-LINES = {(0, 0): 0, (0, 1): 0, (0, 2): 0, (0, 3): 0, (1, 0): 0, (1, 8): 240, (1, 9): 35, (2, 0): 0, (2, 1): 0}
-"""(bank, number) of inputs and outputs: digital inputs; analog input, supply (0.1 V) and temperature (C); outputs."""
-USER_VARIABLES = 256
-"""Of bank 2 of the global parameters."""
+"""As it comes from the factory."""
 
 
 class StepperDrum(Device):
@@ -196,8 +175,6 @@ class StepperDrum(Device):
         self.mechanical_length = mechanical_length
         self.stuck = False
         self.no_switch = False
-        self.stored: dict[int, int] = {}
-        """Axis parameters that outlast a power cut."""
         self.auto_start = False
         """Whether the stored program starts with the module; it turns the motor for ever."""
         self.program = False
@@ -265,7 +242,7 @@ class StepperDrum(Device):
         """Everything volatile back to its start value."""
         self.halt()
         self.program = False
-        self.parameters = START | self.stored
+        self.parameters = dict(START)
         self.errors = 0
         self.heartbeat = self.ticks = 0.0
         self.steps = self.target = 0.0
@@ -352,8 +329,6 @@ class TmclFake(PtyFake):
         self.address, self.host = address, host
         self.secondary_address = 0
         """Another address that it obeys; 0 for none."""
-        self.lines = dict(LINES)
-        self.user = [0] * USER_VARIABLES
         self._heard = timing.now()
 
     def process(self, dt: float) -> None:
@@ -395,9 +370,6 @@ class TmclFake(PtyFake):
             status, result = nak, value
         elif sum(frame[:8]) & 0xFF != frame[8]:
             status, result = Status.CHECKSUM, value
-        elif command == Command.VERSION and kind == 0:
-            self.send(bytes([self.host]) + f"{self.module}V116".encode())  # the one answer that is a text
-            return True
         else:
             status, result = self._execute(command, kind, motor, value)
         self._reply(status, command, result)
@@ -416,8 +388,6 @@ class TmclFake(PtyFake):
             return Status.OK, self.module << 16 | 1 << 8 | 16
         if command in (Command.SGP, Command.GGP):
             return self._global(command, kind, motor, value)
-        if command in (Command.SIO, Command.GIO):
-            return self._line(command, (motor, kind), value)
         if motor != 0:
             return Status.VALUE, value
         if command == Command.MST:
@@ -428,14 +398,8 @@ class TmclFake(PtyFake):
             drum.go(drum.target + value)
         elif command in (Command.ROR, Command.ROL):
             drum.rotate(value if command == Command.ROR else -value)
-        elif command in (Command.STOP_PROGRAM, Command.RUN_PROGRAM):
+        elif command == Command.STOP_PROGRAM:
             drum.program = False
-            if command == Command.RUN_PROGRAM:
-                drum.run()
-        elif command in (Command.STAP, Command.RSAP) and kind in drum.parameters:
-            if command == Command.STAP:
-                drum.stored[kind] = drum.parameters[kind]
-            drum.parameters[kind] = (START | drum.stored)[kind]
         elif command == Command.SAP:
             return self._set(kind, value)
         elif command == Command.GAP:
@@ -446,11 +410,8 @@ class TmclFake(PtyFake):
             drum.halt()
             drum.searching = kind == 0
         else:
-            return (
-                Status.TYPE
-                if command in (Command.MVP, Command.RFS, Command.VERSION, Command.STAP, Command.RSAP)
-                else Status.COMMAND
-            ), value
+            known = command in (Command.MVP, Command.RFS, Command.VERSION)
+            return Status.TYPE if known else Status.COMMAND, value
         return Status.OK, value
 
     def _global(self, command: int, kind: int, bank: int, value: int) -> tuple[int, int]:
@@ -464,9 +425,6 @@ class TmclFake(PtyFake):
             Global.SECONDARY_ADDRESS: self.secondary_address,
             Global.PROGRAM: int(drum.program),
         }
-        if bank == 2 and kind < USER_VARIABLES:
-            self.user[kind] = value if command == Command.SGP else self.user[kind]
-            return Status.OK, self.user[kind]
         if bank != 0 or kind not in held:
             return Status.TYPE, value
         if command == Command.GGP:
@@ -482,16 +440,6 @@ class TmclFake(PtyFake):
         else:
             return Status.VALUE, value
         return Status.OK, value
-
-    def _line(self, command: int, line: tuple[int, int], value: int) -> tuple[int, int]:
-        """Read an input or output, or set an output."""
-        if line not in self.lines or (command == Command.SIO and line[0] != 2):
-            return Status.TYPE, value
-        if command == Command.SIO:
-            if value not in (0, 1):
-                return Status.VALUE, value
-            self.lines[line] = value
-        return Status.OK, self.lines[line]
 
     def _set(self, kind: int, value: int) -> tuple[int, int]:
         if kind not in WRITABLE:
@@ -528,6 +476,5 @@ class TmclFake(PtyFake):
             Axis.DRIVER: (driver if isinstance(driver, int) else 0) | (drum.speed == 0) << 7,
             Axis.ENCODER: drum.encoder,
             **drum.parameters,
-            **FIXED,
         }
         return (Status.OK, values[kind]) if kind in values else (Status.TYPE, 0)

@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import hashlib
 import io
-import json
 import random
 import shutil
 import sys
@@ -23,8 +21,6 @@ from pathlib import Path
 
 from diagnosis.answer.result import Diagnosis
 from diagnosis.errors import DiagnosisError
-from lab.blind.answers import read_answer
-from lab.blind.folder import SetFolder, open_seal
 from lab.campaign.design import campaign_of
 from lab.campaign.journal import read as read_campaign_journal
 from lab.files.config import ConfigError, Source, check, parse_yaml
@@ -58,8 +54,6 @@ from .text_files import (
     LATCH,
     PROTOCOL,
     RIG,
-    ROUNDS,
-    SEALED,
     TABLE,
     either,
     mutated_bytes,
@@ -106,15 +100,6 @@ def small_files(folder: Path) -> dict[str, Go]:
         (case / "trials.csv").write_bytes(either(TABLE.encode(), rng))
         return partial(read_case, [case])
 
-    def sealed(rng: random.Random) -> Read:
-        place = SetFolder(folder)
-        text = either(SEALED.encode(), rng)
-        place.seal.parent.mkdir(exist_ok=True)
-        place.seal.write_bytes(text)
-        promised = json.dumps({"schema": "blind/1", "sha256_of_truth": hashlib.sha256(text).hexdigest()}).encode()
-        place.commitment.write_bytes(either(promised, rng) if rng.random() < 0.2 else promised)
-        return partial(open_seal, place)
-
     shelf = folder / "shelf"
     shelf.mkdir()
     (shelf / "one.mcap").write_text("no recording")
@@ -137,8 +122,6 @@ def small_files(folder: Path) -> dict[str, Go]:
         "journal": file("fuzzed.journal", JOURNAL, find),
         "latch": file("rig.latch", LATCH, lambda place: Latch(place.with_suffix(".yaml")).read()),
         "diagnosis.json": file("diagnosis.json", DIAGNOSIS, lambda p: Diagnosis.from_json(p.read_text("utf-8", "replace"))),
-        "rounds.json": file("rounds.json", ROUNDS, lambda p: read_answer(p, "1")),
-        "sealed truth": sealed,
         "index of recordings": listed,
         "tables of others": foreign_tables(folder),
     }  # fmt: skip

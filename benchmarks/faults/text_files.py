@@ -70,9 +70,6 @@ CAMPAIGN_JOURNAL = """{"campaign_journal": 1, "campaign": "c", "design": "d", "l
 {"run": 1, "outcome": "completed", "seconds": 212.4, "rows": 11, "lost": 0, "inflated": true, "at": 1795449812.4}
 """
 LATCH = '{"since": "2025-03-01 12:00:00", "why": "the arm does not answer", "pid": 4711}'
-SEALED = """{"salt": "00", "seed": 1, "truths": [{"case": "0001", "kind": "single", "stratum": "clean",
- "effects": {"base_tilt": 0.9}, "clutter": {}, "world": "bench", "area_factor": 1.6, "floor_mm": 0.4,
- "calibrated_mm": {"base_tilt": 5.1}, "nearest": null, "stage": null}]}"""
 DIAGNOSIS = """{"schema": "diagnosis/1", "statement": "x",
  "data": {"rows": 9, "trials": 3, "channels": ["x"], "noise_mm": 0.1, "noise_from": "repeats"},
  "locate": {"gap_rmse_mm": 1.0, "noise_floor_mm": 0.1, "significant": true, "by": {"axis": [{"value": "x", "rmse_mm": 1,
@@ -85,7 +82,6 @@ DIAGNOSIS = """{"schema": "diagnosis/1", "statement": "x",
   "by_spine_length": [{"value": 0.1, "before_mm": 1, "after_mm": 0.1, "n": 9}]},
  "next_experiment": [{"id": "roll", "do": "roll it", "separates": [], "expected_bits": 0.1, "cost_min": 5, "protocol": {}}],
  "concerns": [], "detail": {}}"""
-ROUNDS = f'[{{"asked": [], "seconds": 1.5, "diagnosis": {DIAGNOSIS}}}]'
 
 
 def mutated_text(text: str, rng: random.Random) -> str:

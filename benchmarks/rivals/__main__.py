@@ -1,8 +1,7 @@
-"""Answer sealed sets with other methods, then open the seals and compare: `python -m benchmarks.rivals SET .. [--methods M ..]
-[--first N] [--workers N] [--keep-sealed] [--out FOLDER]`. Run the sets first (`lab blind run SET`); the seals are opened at the
-end, for all alike.
+"""Answer sealed sets with other methods, then open the seals and compare: `python -m benchmarks.rivals SET ..`
 
-Each method writes OUT/SET/METHOD/CASE.json, in the form that `lab blind score SET --answers OUT/SET/METHOD` reads.
+The diagnosis answers the sets first; all seals are opened at the end. Each method writes OUT/SET/METHOD/CASE.json, in the form
+that `score SET --answers OUT/SET/METHOD` of `benchmarks.blind` reads.
 """
 
 from __future__ import annotations
@@ -11,10 +10,10 @@ import argparse
 from functools import partial
 from pathlib import Path
 
-from lab.blind.folder import SetFolder
-from lab.blind.workers import Crew, spread
+from benchmarks.blind.folder import SetFolder
+from benchmarks.blind.workers import spread
 
-from .answers import METHODS, answer
+from .methods import METHODS, answer
 from .table import report
 
 
@@ -31,7 +30,7 @@ def main() -> None:
     sets = [place.resolve() for place in asked.sets]
     for place in sets:
         do = partial(answer, place, asked.out.resolve() / place.name, tuple(asked.methods))
-        for _ in spread(do, SetFolder(place).names()[: asked.first], Crew(asked.workers, None), place.name):
+        for _ in spread(do, SetFolder(place).names()[: asked.first], asked.workers, place.name):
             pass
     if not asked.keep_sealed:
         report(sets, asked.out, list(METHODS))

@@ -14,17 +14,15 @@ from matplotlib.axes import Axes
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.blind.answers import Answer, read_answer, read_foreign
+from benchmarks.blind.folder import SetFolder, open_seal, read_table
+from benchmarks.blind.metrics import Interval, Judged, counted, judged, share
+from benchmarks.blind.score import score, write
 from diagnosis.judgement import CAUSE_PROBABILITY
-from lab.blind.answers import Answer, read_answer, read_foreign
-from lab.blind.by_mm import Weighed, weighed
-from lab.blind.folder import SetFolder, open_seal, read_table
-from lab.blind.metrics import Interval, counted, share
-from lab.blind.score import score, write
 from lab.pages.figures import BLUE, STYLE, save
 
 NAMES = {
-    "diagnosis": "diagnosis", "forest": "forest on simulations", "stepwise": "stepwise BIC", "alone": "each alone, BIC",
-    "sparse": "sparse regression", "learned": "learned residual",
+    "diagnosis": "diagnosis", "alone": "each alone, BIC", "sparse": "sparse regression", "learned": "learned residual",
 }  # fmt: skip
 PANELS = {
     "clean": "Right: one cause, a pair or none",
@@ -52,35 +50,35 @@ class Row:
         return share(np.array(self.cases[column], float))
 
 
-def row(method: str, judged: Sequence[Weighed], seconds: Sequence[float]) -> Row:
+def row(method: str, cases: Sequence[Judged], seconds: Sequence[float]) -> Row:
     """From the judged cases of one method."""
-    known = [w for w in judged if not w.stratum.endswith("outside")]
-    outside = [w for w in judged if w.stratum.endswith("outside")]
+    known = [w for w in cases if not w.stratum.endswith("outside")]
+    outside = [w for w in cases if w.stratum.endswith("outside")]
 
-    def sure(w: Weighed) -> bool:
+    def sure(w: Judged) -> bool:
         return w.answer.verdict in ("effect", "none") and w.answer.probability > CAUSE_PROBABILITY
 
-    groups: dict[str, tuple[Sequence[Weighed], Callable[[Weighed], bool]]] = {
+    groups: dict[str, tuple[Sequence[Judged], Callable[[Judged], bool]]] = {
         "clean": ([w for w in known if not w.stratum.startswith("cluttered")], lambda w: w.right),
         "clutter": ([w for w in known if w.stratum.startswith("cluttered")], lambda w: w.right),
         "all": (known, lambda w: w.right),
         "sure": (known, sure),
         "sure_right": ([w for w in known if sure(w)], lambda w: w.right),
-        "outside": (outside, lambda w: w.answer.verdict == "effect" and sure(w)),
+        "outside": (outside, lambda w: w.named),
     }
-    closed = [w.answer.share_closed for w in judged if np.isfinite(w.answer.share_closed)]
-    cases = {column: [test(w) for w in own] for column, (own, test) in groups.items()}
-    return Row(method, cases, float(np.median(seconds)), float(np.median(closed)) if closed else np.nan, len(closed))
+    closed = [w.answer.share_closed for w in cases if np.isfinite(w.answer.share_closed)]
+    counts = {column: [test(w) for w in own] for column, (own, test) in groups.items()}
+    return Row(method, counts, float(np.median(seconds)), float(np.median(closed)) if closed else np.nan, len(closed))
 
 
 def report(roots: Sequence[Path], out: Path, methods: Sequence[str]) -> list[Row]:
     """Open the seals, print the table, write OUT/figures.json and OUT/figures.svg over all sets; methods that answered all cases
     of a set are scored on it."""
-    found: dict[str, tuple[list[Weighed], list[float]]] = {}
+    found: dict[str, tuple[list[Judged], list[float]]] = {}
 
     def count(method: str, truth: Mapping[str, Any], answers: Sequence[Answer], seconds: Sequence[float]) -> None:
-        judged, spent = found.setdefault(method, ([], []))
-        judged += [w for a in answers if (w := weighed(truth[a.case], a)) is not None]
+        cases, spent = found.setdefault(method, ([], []))
+        cases += [judged(truth[a.case], a) for a in answers]
         spent += seconds
 
     for root in roots:

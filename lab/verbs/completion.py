@@ -19,42 +19,33 @@ SHELLS = ("bash", "zsh")
 FOLDERS = ("folder",)
 """Arguments, by their name, that are folders."""
 
-CHOOSE = {
+FUNCTIONS = {
     "bash": """
-_lab_protocols() { compgen -W "%(protocols)s" -- "$1"; compgen -f -X '!*.py' -- "$1"; compgen -f -X '!*.yaml' -- "$1"; \
-compgen -d -- "$1"; }
-_lab_keys() { compgen -W "%(keys)s" -S = -- "$1"; }
-_lab_effects() { compgen -W "%(effects)s" -- "$1"; }
-_lab_played() { compgen -W "%(played)s" -- "$1"; }
+_lab_protocol() { compgen -W "%s" -- "$1"; compgen -f -X '!*.py' -- "$1"; compgen -f -X '!*.yaml' -- "$1"; compgen -d -- "$1"; }
+_lab_set() { compgen -W "%s" -S = -- "$1"; }
 """,
     "zsh": """
-_lab_protocols() { _alternative "protocols:protocol:(%(protocols)s)" 'files:file:_files -g "*.(py|yaml)"' }
-_lab_keys() { compadd -S = -- %(keys)s }
-_lab_effects() { compadd -- %(effects)s }
-_lab_played() { compadd -- %(played)s }
+_lab_protocol() { _alternative "protocols:protocol:(%s)" 'files:file:_files -g "*.(py|yaml)"' }
+_lab_set() { compadd -S = -- %s }
 """,
 }
-"""What is offered for a protocol (a name or a file), a key of `--set`, an effect of the model, and one of the fakes."""
-OFFERED = {"protocol": "_lab_protocols", "set": "_lab_keys", "with_effects": "_lab_effects", "effect": "_lab_played"}
-"""By the destination of the argument."""
+"""What is offered for a protocol (a name or a file) and for a key of `--set`, by the destination of the argument."""
 
 
 def completion(shell: str, top: argparse.ArgumentParser) -> int:
     """Print the completion of `top` for a shell."""
+    protocols = found_protocols().usable
+    keys = {key.name for p in protocols.values() for key in protocol_keys(p.parameters, {})}
+    words = {"with_effects": list(CATALOGUE), "effect": list(effect_names())}
     for action in arguments(top):
-        if action.dest in OFFERED:
-            action.complete = dict.fromkeys(SHELLS, OFFERED[action.dest])  # type: ignore[attr-defined]
+        if action.dest in words:
+            action.choices = words[action.dest]
+        elif action.dest in ("protocol", "set"):
+            action.complete = {shell: f"_lab_{action.dest}"}  # type: ignore[attr-defined]
         elif action.type is not None and getattr(action.type, "__name__", "") == "Path":
             action.complete = shtab.DIRECTORY if action.dest in FOLDERS else shtab.FILE  # type: ignore[attr-defined]
-    protocols = found_protocols().usable
-    names = {
-        "protocols": protocols,
-        "keys": sorted({key.name for p in protocols.values() for key in protocol_keys(p.parameters, {})}),
-        "effects": CATALOGUE,
-        "played": effect_names(),
-    }
-    words = CHOOSE[shell] % {what: " ".join(those) for what, those in names.items()}
-    sys.stdout.write(shtab.complete(top, shell, preamble=words) + "\n")
+    functions = FUNCTIONS[shell] % (" ".join(protocols), " ".join(sorted(keys)))
+    sys.stdout.write(shtab.complete(top, shell, preamble=functions) + "\n")
     return 0
 
 

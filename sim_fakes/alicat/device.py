@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -52,14 +52,6 @@ class AlicatDevice(Device):
     tare_delay: float = 2.0
     """s at a set-point of 0 after which an automatic tare is done."""
     power_up_tare: bool = False
-    deadband: float = 0.0
-    """Pa"""
-    zero_band: float = 0.0
-    """Percent of the range below which it shows 0."""
-    ramps: tuple[int, int, int, int] = (1, 1, 1, 1)
-    """Whether its ramp holds upwards, downwards, to zero, and at the start."""
-    gains: dict[int, int] = field(default_factory=lambda: {21: 400, 22: 3000, 23: 2000, 85: 1})
-    """Registers: P, D and I of its control loop, and the loop's type; its physics here has no use for them."""
     offset: float = 0.0
     """Pressure that it takes for zero."""
     _driven: float = 0.0

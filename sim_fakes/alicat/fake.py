@@ -2,8 +2,8 @@
 
 Stricter than the instrument: a request must be exactly right, and one that comes before the answer to the last one has
 left the line is answered by nobody. Commands obey the firmware's dialect: LS and LSS lock the display of firmware
-before 8v00 (8v00 on: `?` until 9v00 and 10v05), FPF is known from 6v00 on, SR from 7v11 on, VD from 8v18 on, LV from
-9v00 on, LCZA, LCDB, LSRC, ZCA, ZCP, DCZ and DCU from 10v05 on. Firmware GP wants `$$` before commands that change
+before 8v00 (8v00 on: `?` until 9v00 and 10v05), FPF is known from 6v00 on, SR from 7v11 on, LCZA, ZCA and ZCP from
+10v05 on. Firmware GP wants `$$` before commands that change
 something; every other takes them with and without.
 
 Faults of its own, in `faults.extra` (letters of units: "B" or "BC"):
@@ -160,10 +160,10 @@ class AlicatFake(PtyFake):
             return self._setting(letter, unit, words)
         if words.startswith("L"):
             return self._loop_words(letter, unit, words)
-        if words in ("HP", "HC", "H", "E", "C"):  # H: a pressure controller with two valves closes both
-            unit.hold({"H": "HC", "E": "EXH", "C": ""}.get(words, words))
+        if words in ("HP", "HC", "E", "C"):
+            unit.hold({"E": "EXH", "C": ""}.get(words, words))
             return self._frame(letter, unit)
-        if words in ("U", "P", "TP"):
+        if words in ("U", "P"):
             unit.locked, unit.offset = unit.locked and words != "U", unit.offset if words == "U" else unit.pressure
             return self._frame(letter, unit)
         return self._setting(letter, unit, words)
@@ -171,14 +171,9 @@ class AlicatFake(PtyFake):
     def _setting(self, letter: str, unit: AlicatDevice, words: str) -> str:
         """Settings that a unit keeps without power."""
         keep = self._has("keep", letter)
-        if match := re.fullmatch(r"R(\d+)|W(\d+)=(\d+)", words):
-            if match[2] == "122" and not keep:
-                unit.loop = int(match[3])
-            register = int(match[1] or match[2])
-            if match[2] and register in unit.gains and not keep:
-                unit.gains[register] = int(match[3])
-            held = {122: unit.loop, **unit.gains}
-            return f"  {register:03d} = {held[register]}" if register in held else "?"
+        if match := re.fullmatch(r"R122|W122=(\d+)", words):
+            unit.loop = int(match[1]) if match[1] and not keep else unit.loop
+            return f"  122 = {unit.loop}"
         if unit.version >= (7, 11) and (match := re.fullmatch(r"SR(?: (\d+(?:\.\d+)?) ([3-7]))?", words)):
             if match[1] and not keep:
                 unit.ramp = float(match[1]) * PA_PER_UNIT[unit.unit_code] / SECONDS[match[2]]
@@ -186,12 +181,6 @@ class AlicatFake(PtyFake):
             return f"{per_second} {unit.unit_code} 4 {UNIT_NAMES[unit.unit_code]}/s"
         if unit.version < (10, 5):
             return self._about(unit, words)
-        if match := re.fullmatch(r"LCDB(?: ([01]) (\d+(?:\.\d+)?))?", words):
-            unit.deadband = float(match[2]) * PA_PER_UNIT[unit.unit_code] if match[2] and not keep else unit.deadband
-            return f"{self._shown(unit, unit.deadband)} {unit.unit_code} {UNIT_NAMES[unit.unit_code]}"
-        if match := re.fullmatch(r"DCZ(?: 0 (\d+(?:\.\d+)?))?", words):
-            unit.zero_band = float(match[1]) if match[1] and not keep else unit.zero_band
-            return f"0 {unit.zero_band:.2f}"
         if match := re.fullmatch(r"LCZA(?: ([01]))?", words):
             unit.zero_active = unit.zero_active if keep or not match[1] else match[1] == "1"
             return f"{unit.zero_active:d}"
@@ -202,10 +191,6 @@ class AlicatFake(PtyFake):
         if match := re.fullmatch(r"ZCP(?: ([01]))?", words):
             unit.power_up_tare = unit.power_up_tare if keep or not match[1] else match[1] == "1"
             return f"{unit.power_up_tare:d}"
-        if match := re.fullmatch(r"DCU 6(?: (\d+))?", words):
-            if match[1] and not keep:
-                unit.unit_code = int(match[1])
-            return f"{unit.unit_code} {UNIT_NAMES[unit.unit_code]}"
         return self._about(unit, words)
 
     def _loop_words(self, letter: str, unit: AlicatDevice, words: str) -> str:
@@ -213,13 +198,6 @@ class AlicatFake(PtyFake):
         if words == "L" or unit.version < (8, 0):
             unit.locked = True
             return self._frame(letter, unit)
-        if unit.version >= (9, 0) and (match := re.fullmatch(r"LV(?: (34|38))?", words)):
-            unit.loop = unit.loop if self._has("keep", letter) or not match[1] else int(match[1])
-            return str(unit.loop)
-        if unit.version >= (10, 5) and (match := re.fullmatch(r"LSRC(?: ([01]) ([01]) ([01]) ([01]))?", words)):
-            if match[1] and not self._has("keep", letter):
-                unit.ramps = (int(match[1]), int(match[2]), int(match[3]), int(match[4]))
-            return " ".join(map(str, unit.ramps))
         if unit.version >= (10, 5) and (match := re.fullmatch(r"LSS(?: ([SAU]))?", words)):
             unit.source = unit.source if self._has("keep", letter) or not match[1] else match[1]
             return unit.source
@@ -234,9 +212,6 @@ class AlicatFake(PtyFake):
         """What a unit tells of itself."""
         if words == "VE":
             return f"  {unit.firmware} Jan  9 2025,15:04:07"
-        if words == "VD" and unit.version >= (8, 18):
-            inlet = 100 * unit.pressure / unit.full_scale if not unit.held else 0.0
-            return f"{inlet:.2f} {100.0 if unit.held == 'EXH' else 0.0:.2f}"
         if words == "??M*":
             return self._manufacturer(unit)
         if words == "??D*":
@@ -276,7 +251,6 @@ class AlicatFake(PtyFake):
             codes.append(str(status[letter]))
         # Pa, standard deviation of a reading
         reading = self.random.gauss(measured - unit.offset, 100.0)
-        reading = 0.0 if abs(reading) < unit.zero_band / 100 * unit.full_scale else reading
         if isinstance(shown := self.faults.extra.get("reading"), float):
             reading = shown
         if self._has("stuck", letter):

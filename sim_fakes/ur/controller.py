@@ -107,8 +107,6 @@ class Controller:
     """kg"""
     payload_centre: Array = field(default_factory=lambda: np.array([0.0, 0.0, 0.05]))
     """m"""
-    operational_mode: str = "NONE"
-    user_role: str = "programmer"
     starting: str = ""
     """What it says to RTDE clients in place of data: it has not started yet, or nobody has confirmed its safety setup."""
     remote: bool = True

@@ -6,9 +6,6 @@ from .controller import SAFETY_MODE, Controller, RobotMode, Runtime, Safety
 from .wire import Connection
 
 PORT = 29999
-SUPPORT_FILE = (5, 8)
-"""PolyScope version from which on a support file can be asked for."""
-ROLES = ("programmer", "operator", "none", "locked", "restricted")
 UNLOCKED_TOO_SOON = (
     "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of protective stop before unlocking"
 )
@@ -23,8 +20,6 @@ _SINCE = {
     "get robot model": ((3, 12), (5, 6)),
     "is in remote control": ((9, 9), (5, 6)),
     "safetystatus": ((3, 11), (5, 4)),
-    "get operational mode": ((9, 9), (5, 6)),
-    "clear operational mode": ((9, 9), (5, 0)),
 }
 """The PolyScope versions (CB3, e-Series) a request came with, from memory of the maker's table."""
 
@@ -75,18 +70,11 @@ def answer(controller: Controller, request: str) -> str:
         "get serial number": controller.serial,
         "get robot model": controller.model,
         "is in remote control": str(controller.remote).lower(),
-        "get operational mode": controller.operational_mode,
-        "isprogramsaved": "True null",
-        "getuserrole": controller.user_role.upper(),
-        "generate flight report": "Flight Report generated with id: 0",
-        "close popup": "closing popup",
-        "close safety popup": "closing safety popup",
     }
     return told[key] if key in told else _act(controller, request, key)
 
 
 def _act(controller: Controller, request: str, key: str) -> str:
-    verb, _, rest = request.partition(" ")
     match key:
         case "stop":
             if controller.runtime == Runtime.STOPPED:
@@ -110,32 +98,6 @@ def _act(controller: Controller, request: str, key: str) -> str:
             controller.power(on=False)
             controller.safety = Safety.NORMAL
             return "Restarting safety"
-        case "clear operational mode":
-            controller.operational_mode = "NONE"
-            return "No longer controlling the operational mode. Current operational mode: 'NONE'."
-    return _with_argument(controller, request, verb.lower(), rest.strip())
-
-
-def _with_argument(controller: Controller, request: str, verb: str, rest: str) -> str:
-    """Requests that carry a text."""
-    if verb == "load" and rest:
-        kind, _, name = rest.partition(" ")
-        return f"File not found: {name.strip() if kind.lower() == 'installation' else rest}"
-    if verb == "popup":
-        return "showing popup"
-    if request.lower().startswith("generate support file ") and controller.version[:2] >= SUPPORT_FILE:
-        return "Completed successfully: ur_support.zip"
-    if verb == "addtolog":
-        return "Added log message" if rest else "No log message to add"
-    if verb == "setuserrole":
-        if rest.lower() not in ROLES:
-            return f"Failed setting user role: {rest}"
-        controller.user_role = rest.lower()
-        return f"Setting user role: {rest.lower()}"
-    mode = rest.lower().removeprefix("operational mode ")
-    if verb == "set" and rest.lower().startswith("operational mode ") and controller.version[0] > 3:  # no CB3
-        if mode not in ("manual", "automatic"):
-            return "Failed setting operational mode"
-        controller.operational_mode = mode.upper()
-        return f"Setting operational mode: {mode.upper()}"
+    if key.startswith("load ") and (rest := request[5:].strip()):
+        return f"File not found: {rest}"
     return f"could not understand: '{request}'"

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from benchmarks.blind.truth import Recipe, draw_robot
 from benchmarks.changes import Pair, another_day, summary
-from lab.blind.truth import Recipe, draw_robot
 
 STILL = Pair("w", "", 0.0, {}, (), 0.95, 0.95, 1.0)
 FALSE = Pair("w", "", 0.0, {"base_tilt": 3.0}, ("contact",), 0.6, 0.3, 1.0)

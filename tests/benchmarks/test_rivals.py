@@ -1,26 +1,23 @@
 """Other methods name a clear cause of a clean toy problem, and nothing where nothing is; their answers can be scored."""
 
 import json
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from benchmarks.rivals.forest import Budget, forest
-from benchmarks.rivals.learned import learned, predicted
+from benchmarks.blind.answers import Answer, read_foreign
+from benchmarks.blind.metrics import Judged
+from benchmarks.rivals.methods import alone, learned, predicted, sparse
 from benchmarks.rivals.table import draw, row, table
-from benchmarks.rivals.textbook import alone, sparse, stepwise
 from diagnosis.data.case import states
 from diagnosis.inference.prepare import prepare
-from lab.blind.answers import Answer, read_foreign
-from lab.blind.by_mm import Weighed
 from tests.diagnosis.small_campaigns import SOME, measured
 from tests.diagnosis.toy import toy_problem
 from tests.docs.blocks import ROOT, blocks
 
-METHODS = {"alone": alone, "stepwise": stepwise, "sparse": sparse, "forest": partial(forest, budget=Budget(300, 300, 100))}
+METHODS = {"alone": alone, "sparse": sparse}
 
 
 def published(found: dict[str, Any], place: Path) -> Answer:
@@ -63,13 +60,13 @@ def test_a_process_learns_a_smooth_function_of_the_inputs_that_vary() -> None:
 
 
 def test_the_figures_count_what_they_say(tmp_path: Path) -> None:
-    def judged(stratum: str, named: str, probability: float) -> Weighed:
+    def judged(stratum: str, named: str, probability: float) -> Judged:
         verdict = "effect" if named else "none"
         answer = Answer("1", verdict, frozenset([named] if named else []), probability, share_closed=0.5)
-        return Weighed(stratum, frozenset(["contact"]), {"contact": 5.0}, 1.0, None, answer)
+        return Judged(stratum, frozenset(["contact"]), answer, {"contact": 5.0}, 1.0)
 
     cases = [judged("clean", "contact", 0.95), judged("cluttered", "", 0.6), judged("outside", "base_tilt", 0.99)]
-    found = row("stepwise", cases, [1.0, 2.0, 9.0])
+    found = row("alone", cases, [1.0, 2.0, 9.0])
     counts = {column: (sum(own), len(own)) for column, own in found.cases.items()}
     assert counts == {"clean": (1, 1), "clutter": (0, 1), "all": (1, 2), "sure": (1, 2), "sure_right": (1, 1), "outside": (1, 1)}
     assert (found.seconds, found.closed, found.gaps) == (2.0, 0.5, 3)

@@ -8,7 +8,7 @@ import pytest
 from scipy.special import logsumexp
 from scipy.stats import norm
 
-from benchmarks.sampled import Hypothetical, hypothetical
+from benchmarks.evidence import Hypothetical, hypothetical
 from diagnosis.inference.problem import Problem
 from diagnosis.judgement import LEAST_NAMED_SIZE
 from model.effects.parameters import ParameterInfo

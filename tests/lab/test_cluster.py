@@ -16,7 +16,6 @@ import pytest
 import timing
 from diagnosis.inference.executor import Executor, FirstLook
 from diagnosis.inference.search import Search
-from lab.blind.workers import Crew, spread
 from lab.cluster import cluster
 from lab.files.config import ConfigError
 from lab.processes import Processes, processes
@@ -171,7 +170,6 @@ def dies_once(mark: str) -> str:
 @pytest.mark.long
 def test_every_item_comes_back(scheduler: str) -> None:
     with cluster(scheduler) as workers:
-        assert sorted(workers.as_they_come(square, range(20))) == [x * x for x in range(20)]
         assert list(workers.in_order(square, range(20))) == [x * x for x in range(20)]
 
 
@@ -192,7 +190,8 @@ def test_a_lost_worker_loses_no_case(scheduler: str, tmp_path: Path) -> None:
     marks = [str(tmp_path / f"{i}") for i in range(3)]
     (tmp_path / "0").write_text("already")
     (tmp_path / "2").write_text("already")
-    assert sorted(spread(dies_once, marks, Crew(scheduler=scheduler, quiet=True), "cases")) == marks
+    with cluster(scheduler) as workers:
+        assert list(workers.in_order(dies_once, marks)) == marks
 
 
 class DiesOnce:

@@ -157,7 +157,6 @@ PRECIOUS = "somebody's only copy"
         ("compare", "CASE"),
         ("fit", "CASE"),
         ("effects",),
-        ("paper",),
     ],
     ids=" ".join,
 )

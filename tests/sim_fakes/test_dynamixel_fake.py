@@ -118,7 +118,6 @@ def test_the_makers_own_groups_read_and_write(wire: Wire, bench: Bench) -> None:
     for group, read, where, value in (
         (bulk, bulk.txRxPacket, (GOAL_CURRENT, 2), 100),
         (sync, sync.fastSyncRead, (POSITION, 4), wire.fake.motor.get(POSITION)),
-        (bulk, bulk.fastBulkRead, (GOAL_CURRENT, 2), 100),
     ):
         assert any(read() == dynamixel_sdk.COMM_SUCCESS for _ in range(5))  # its time-out is 34 ms
         assert group.getData(1, *where) == value
@@ -133,17 +132,6 @@ def test_a_registered_write_waits_for_the_action(wire: Wire) -> None:
     assert wire.fake.motor.get(GOAL) != 2000
     assert wire.ask(5, servo=254, within=0.1) is None
     assert wire.ask(2, struct.pack("<HH", GOAL, 4)) == (0, struct.pack("<i", 2000))
-
-
-def test_indirect_addresses_stand_for_others(wire: Wire) -> None:
-    for i in range(4):
-        assert wire.write(168 + 2 * i, struct.pack("<H", GOAL + i)) == 0
-    assert wire.write(224, struct.pack("<i", 1500)) == 0
-    assert wire.ask(2, struct.pack("<HH", GOAL, 4)) == (0, struct.pack("<i", 1500))
-    assert wire.ask(2, struct.pack("<HH", 224, 4)) == (0, struct.pack("<i", 1500))
-    assert wire.write(224, struct.pack("<i", 2**30)) == RANGE
-    assert wire.write(168, struct.pack("<H", POSITION)) == 0
-    assert wire.write(224, b"\1") == LENGTH
 
 
 def test_turns_are_cleared_and_settings_reset(wire: Wire) -> None:

@@ -85,34 +85,6 @@ def test_its_parameters_are_held_in_their_range(wire: Wire, number: int, good: i
     assert wire.ask(GAP, number) == (OK, good)
 
 
-def test_libraries_of_others_ask_for_version_lines_and_variables(wire: Wire) -> None:
-    assert wire.ask(136, 1) == (OK, 1260 << 16 | 1 << 8 | 16)
-    frame = struct.pack(">BBBBi", 1, 136, 0, 0, 0)
-    wire.port.write(frame + bytes([sum(frame) & 0xFF]))
-    assert wire.port.read(9) == b"\x021260V116"
-    lines = struct.Struct(">BBBBi")
-
-    def ask(*words: int) -> tuple[int, int]:
-        frame = lines.pack(1, *words)
-        wire.port.write(frame + bytes([sum(frame) & 0xFF]))
-        _, _, status, _, value, _ = struct.unpack(">BBBBiB", wire.port.read(9))
-        return status, value
-
-    assert ask(15, 8, 1, 0) == (OK, 240)  # supply
-    assert ask(14, 0, 2, 1) == (OK, 1) and ask(15, 0, 2, 0) == (OK, 1)
-    assert ask(14, 0, 0, 1)[0] == ask(15, 7, 7, 0)[0] == 3
-    assert ask(9, 200, 2, -5) == (OK, -5) == ask(10, 200, 2, 0)
-    assert wire.ask(GAP, 206) == (OK, 0) and wire.ask(SAP, 206, 1) == (3, 1)
-    assert wire.ask(SAP, 167, 16) == (4, 16) and wire.ask(SAP, 167, 5) == (OK, 5) == wire.ask(GAP, 167)
-
-
-def test_a_stored_parameter_outlasts_a_power_cut(wire: Wire) -> None:
-    assert wire.ask(SAP, 7, 42) == (OK, 42) and wire.ask(7, 7) == (OK, 0)
-    assert wire.ask(SAP, 6, 42) == (OK, 42)
-    wire.fake.restart()
-    assert (wire.ask(GAP, 7), wire.ask(GAP, 6)) == ((OK, 42), (OK, 128))
-
-
 def test_half_a_frame_is_forgotten(wire: Wire) -> None:
     wire.port.write(b"\x01\x06\x01")
     timing.sleep(0.15)

@@ -1,4 +1,4 @@
-"""`lab blind score`: open the seal, compare, and write what it came to: JSON, table, picture, a section of a page."""
+"""Open the seal, compare, and write the figures as JSON."""
 
 from __future__ import annotations
 
@@ -12,13 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.files.config import ConfigError
 from recordings.own_files import replaced
 
-from ..files.config import ConfigError
 from .answers import Answer, read_answer, read_foreign
-from .by_mm import mm_metrics, weighed
 from .folder import SetFolder, open_seal
-from .metrics import Metric, Scored, best_temperature, confidence, confusion, metrics, reliability, scored
+from .metrics import Judged, Metric, best_temperature, confidence, confusion, judged, metrics, mm_metrics, reliability
 
 
 @dataclass(frozen=True)
@@ -82,7 +81,7 @@ class Score:
     about: dict[str, Any]
     after: int
     """Experiments that the diagnosis had chosen and was given, at most."""
-    cases: tuple[Scored, ...]
+    cases: tuple[Judged, ...]
     figures: tuple[Metric, ...]
     aims: dict[str, Target]
 
@@ -137,7 +136,7 @@ def score(root: Path, others: Path | None = None) -> Score:
     at = {n: folder.answers(n) / "rounds.json" if others is None else others / f"{n}.json" for n in folder.names()}
     missing = [name for name, path in at.items() if not path.exists()]
     if missing:
-        remedy = "run `lab blind run` first" if others is None else f"write {others}/CASE.json for each"
+        remedy = "run `python -m benchmarks.blind run` first" if others is None else f"write {others}/CASE.json for each"
         raise ConfigError(
             f"{root}: {len(missing)} of {len(at)} cases have no answer ({', '.join(missing[:5])} ..); "
             f"the seal stays closed, {remedy}"
@@ -145,11 +144,10 @@ def score(root: Path, others: Path | None = None) -> Score:
     read = read_answer if others is None else read_foreign
     answers: dict[str, Answer] = {name: read(path, name) for name, path in at.items()}
     truth = open_seal(folder)
-    cases = tuple(scored(truth[name], answers[name]) for name in sorted(answers))
-    in_mm = [w for name in sorted(answers) if (w := weighed(truth[name], answers[name])) is not None]
+    cases = tuple(judged(truth[name], answers[name]) for name in sorted(answers))
     chosen = max((len(a.asked) for a in answers.values()), default=0)
     name = root.name if others is None else f"{root.name}, {others.name}"
-    return Score(name, about, chosen, cases, tuple(metrics(cases) + mm_metrics(in_mm)), targets(about, chosen))
+    return Score(name, about, chosen, cases, tuple(metrics(cases) + mm_metrics(cases)), targets(about, chosen))
 
 
 def write(result: Score, root: Path, others: Path | None = None) -> Path:
@@ -162,11 +160,11 @@ def write(result: Score, root: Path, others: Path | None = None) -> Path:
     return place
 
 
-def _case(c: Scored) -> dict[str, Any]:
+def _case(c: Judged) -> dict[str, Any]:
     a = c.answer
     return {
-        "case": a.case, "kind": c.kind, "truth": c.sizes, "verdict": a.verdict, "named": sorted(a.effects),
-        "probability": a.probability, "probability_on_truth": c.probability_on_truth, "right": c.right,
+        "case": a.case, "kind": c.kind, "truth": sorted(c.causes), "verdict": a.verdict, "named": sorted(a.effects),
+        "probability": a.probability, "probability_on_truth": c.probability_on_truth, "right": c.exact,
         "top1": c.first, "covered": c.covered, "asked": list(a.asked), "error": a.error,
         **_finite({"seconds": a.seconds, "share_closed": a.share_closed}),
     }  # fmt: skip

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from diagnosis.judgement import CERTAIN
+from lab.files.config import ConfigError
 
-from ..files.config import ConfigError
 from .folder import read_table
 
-HINT = "remove it and run `lab blind run` again"
+HINT = "remove it and run `python -m benchmarks.blind run` again"
 
 Effects = frozenset[str]
 

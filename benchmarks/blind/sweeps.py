@@ -7,9 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from lab.files.config import ConfigError
 from recordings.trials import Table, TrialRow
-
-from ..files.config import ConfigError
 
 Reading = Literal["fly", "settled", "hold"]
 BEND = (9, 1, 2)

@@ -1,4 +1,4 @@
-"""`lab blind make`: draw robots of a world, measure them, weigh their effects in mm, seal the truth, publish its digest."""
+"""Draw robots of a world, measure them, weigh their effects in mm, seal the truth, publish its digest."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ import numpy as np
 import yaml
 from scipy.spatial.transform import Rotation
 
+from lab.files.baseline import from_simulator, simulator
+from lab.files.config import ConfigError, check, parse_yaml
+from lab.files.example import paper_robot
+from lab.files.inputs import read_case
 from model.effects.catalogue import CATALOGUE
 from model.robot import Robot as Described
 from recordings.table_file import write_csv
 from recordings.trials import Table, TrialRow
-from sim_fakes.worlds.campaign import Readings, Response, Robot, Trial, courses, read, respond
-from sim_fakes.worlds.campaign import Sweep as Walked
-from sim_fakes.worlds.carried import TRIED, Carried, carried, nearest
-from sim_fakes.worlds.equilibrium import NoEquilibrium
-from sim_fakes.worlds.forms import EFFECTS
-from sim_fakes.worlds.table import world
-from sim_fakes.worlds.walk import Leg
 
-from ..files.baseline import from_simulator, simulator
-from ..files.config import ConfigError, check, parse_yaml
-from ..files.example import paper_robot
-from ..files.inputs import read_case
 from .folder import SetFolder, new_set, seal
 from .sweeps import AGAIN, BASE, BASE_SETTLED, MENU, Design, State, Sweep, design
 from .truth import KINDS, THRUST, Recipe, Stratum, Truth, another_cause, draw, draw_robot
-from .workers import Crew, spread
+from .workers import spread
+from .worlds.campaign import Readings, Response, Robot, Trial, courses, read, respond
+from .worlds.campaign import Sweep as Walked
+from .worlds.carried import TRIED, Carried, carried, nearest
+from .worlds.equilibrium import NoEquilibrium
+from .worlds.forms import EFFECTS
+from .worlds.table import world
+from .worlds.walk import Leg
 
 PREDICTED = "predicted.csv"
 """In a case folder: what another simulator predicts of its states."""
@@ -61,7 +61,7 @@ def make(
     *,
     menu: bool = True,
     simulator: str | None = None,
-    crew: Crew = Crew(),  # noqa: B008 (frozen)
+    workers: int = 1,
 ) -> str:
     """Make a set in an empty folder; returns the digest of its truth. Raises ConfigError.
 
@@ -78,7 +78,7 @@ def make(
         Order(place, stratum, causes, recipe, shown, folder, menu or shown.extras, simulator)
         for place, (stratum, causes) in enumerate(draw(recipe))
     ]
-    truths = sorted(spread(make_case, orders, crew, "cases made"), key=lambda t: t.case)
+    truths = sorted(spread(make_case, orders, workers, "cases made"), key=lambda t: t.case)
     about = {
         "design": shown.name, "world": recipe.world, "clutter": _clutter(recipe), "sizes": list(recipe.sizes),
         "settled": recipe.settled, "kinds": sorted({KINDS[o.stratum] for o in orders}), "held_out": recipe.held_out,

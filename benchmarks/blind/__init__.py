@@ -4,7 +4,7 @@
     run     diagnoses every case; never opens the seal
     score   opens the seal and compares
 
-The robots are those of `sim_fakes.worlds`: their physics is not the model's, and the truth states in mm what each effect does.
+The robots are those of `worlds`: their physics is not the model's, and the truth states in mm what each effect does.
 A set is a folder: commitment.json (public), cases/<id>/ (robot.yaml, trials.csv, menu/), sealed/truth.json, answers/<id>/,
 score.json. See docs/howto/blind.md.
 """

@@ -1,4 +1,4 @@
-"""`lab blind run`: diagnose every case of a set without its seal, and give it the experiments it asks for."""
+"""Diagnose every case of a set without its seal, and give it the experiments it asks for."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ import numpy as np
 
 from diagnosis.diagnose import Options, diagnose
 from diagnosis.judgement import LEAST_BITS
+from lab.files.baseline import from_table
+from lab.files.config import ConfigError
+from lab.files.inputs import read_case
 from recordings.own_files import replaced
 from recordings.table_file import read_csv, write_csv
 from recordings.trials import Table
 
-from ..files.baseline import from_table
-from ..files.config import ConfigError
-from ..files.inputs import read_case
 from .answers import answer_from
 from .folder import SetFolder
 from .make import PREDICTED
 from .sweeps import AGAIN, BASE, BASE_SETTLED, CHANNELS, MENU
-from .workers import Crew, spread
+from .workers import spread
 
 Choice = Literal["information", "random", "repeat"]
 Diagnose = Callable[[Path], dict[str, Any]]
@@ -80,7 +80,7 @@ def _answered(folder: Path, options: Options) -> dict[str, Any]:
     return found
 
 
-def run(root: Path, diagnose: Diagnose, further: Further = Further(), crew: Crew = Crew()) -> int:  # noqa: B008 (frozen)
+def run(root: Path, diagnose: Diagnose, further: Further = Further(), workers: int = 1) -> int:  # noqa: B008 (frozen)
     """Diagnose all cases that have no answer yet; returns how many.
 
     Raises ConfigError when the set has been scored already.
@@ -90,7 +90,7 @@ def run(root: Path, diagnose: Diagnose, further: Further = Further(), crew: Crew
     if folder.score.exists():
         raise ConfigError(f"{folder.score} exists: the seal was opened, answers given now are not blind; make a new set")
     todo = [n for n in folder.names() if not (folder.answers(n) / "rounds.json").exists()]
-    done = spread(partial(answer, folder, diagnose, further), todo, crew, "cases diagnosed")
+    done = spread(partial(answer, folder, diagnose, further), todo, workers, "cases diagnosed")
     return sum(1 for _ in done)
 
 

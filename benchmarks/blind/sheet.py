@@ -12,8 +12,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from rich.table import Table
 
-from ..console import styled
-from ..pages.figures import STYLE, save
+from lab.console import styled
+from lab.pages.figures import STYLE, save
+
 from .metrics import Interval
 from .score import Score
 

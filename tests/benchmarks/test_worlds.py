@@ -11,20 +11,20 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from benchmarks.blind.worlds.campaign import STEPS, Robot, Sweep, Trial, read, respond
+from benchmarks.blind.worlds.carried import carried, nearest
+from benchmarks.blind.worlds.forms import EFFECTS, FORMS, ON_REQUEST, physics
+from benchmarks.blind.worlds.frames import apply, log_derivatives, screw, transposed, twist
+from benchmarks.blind.worlds.outside import OUTSIDE, Cause
+from benchmarks.blind.worlds.outside_held_out import HELD_OUT
+from benchmarks.blind.worlds.robot import NOMINAL_VACUUM, Places, lanes
+from benchmarks.blind.worlds.table import WORLDS, World, world
+from benchmarks.blind.worlds.walk import Leg, walk
 from model import rods
 from model.condition import conditions
 from model.effects.catalogue import CATALOGUE
 from model.robot import load_robot
 from model.section import rods_of
-from sim_fakes.worlds.campaign import STEPS, Robot, Sweep, Trial, read, respond
-from sim_fakes.worlds.carried import carried, nearest
-from sim_fakes.worlds.forms import EFFECTS, FORMS, ON_REQUEST, physics
-from sim_fakes.worlds.frames import apply, log_derivatives, screw, transposed, twist
-from sim_fakes.worlds.outside import OUTSIDE, Cause
-from sim_fakes.worlds.outside_held_out import HELD_OUT
-from sim_fakes.worlds.robot import NOMINAL_VACUUM, Places, lanes
-from sim_fakes.worlds.table import WORLDS, World, world
-from sim_fakes.worlds.walk import Leg, walk
 from tests.model.rods.reference import REFERENCE
 
 Array = NDArray[np.float64]

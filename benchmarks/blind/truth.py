@@ -8,11 +8,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sim_fakes.worlds.campaign import Robot, tails
-from sim_fakes.worlds.forms import EFFECTS, ON_REQUEST
-from sim_fakes.worlds.outside import OUTSIDE, Cause
-from sim_fakes.worlds.robot import LENGTH, draw_places
-from sim_fakes.worlds.table import World, world
+from .worlds.campaign import Robot, tails
+from .worlds.forms import EFFECTS, ON_REQUEST
+from .worlds.outside import OUTSIDE, Cause
+from .worlds.robot import LENGTH, draw_places
+from .worlds.table import World, world
 
 Stratum = Literal[
     "clean", "none", "cluttered", "cluttered_none", "pairs", "cluttered_pairs", "outside", "cluttered_outside", "walls"
@@ -100,7 +100,7 @@ class Recipe:
 def causes(held_out: bool) -> Mapping[str, Cause]:
     """Causes outside the catalogue that may be drawn."""
     if held_out:
-        from sim_fakes.worlds.outside_held_out import HELD_OUT
+        from .worlds.outside_held_out import HELD_OUT
 
         return HELD_OUT
     return OUTSIDE

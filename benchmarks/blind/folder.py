@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from lab.files.config import ConfigError
 from recordings.bounded import read_bounded
 from recordings.json_text import read_json
 from recordings.own_files import replaced
 
-from ..files.config import ConfigError
 from .truth import Truth
 
 LARGEST = 20_000_000
@@ -55,12 +55,12 @@ class SetFolder:
         """The cases of the set; raises ConfigError when there is none."""
         found = sorted(p.parent.name for p in (self.root / "cases").glob("*/trials.csv"))
         if not found:
-            raise ConfigError(f"{self.root}: holds no cases/<id>/trials.csv; make a set with `lab blind make`")
+            raise ConfigError(f"{self.root}: holds no cases/<id>/trials.csv; make a set with `python -m benchmarks.blind make`")
         return found
 
     def public(self) -> dict[str, Any]:
         """The commitment; raises ConfigError when it is missing or damaged."""
-        return _read(self.commitment, "make a set with `lab blind make`")
+        return _read(self.commitment, "make a set with `python -m benchmarks.blind make`")
 
 
 def new_set(root: Path) -> SetFolder:
