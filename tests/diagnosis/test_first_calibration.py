@@ -193,7 +193,7 @@ def test_a_payload_on_an_arm_across_gravity_is_no_modulus(monkeypatch: pytest.Mo
     at = conditions(arm, 0.0, plan)
     tip = solve(rods_of(arm, replace(at, tip_mass=at.tip_mass + 0.03)), FINE).trusted().tip
     seen = tuple(replace(r, tip=tuple(t)) for r, t in zip(rows, tip.tolist(), strict=True))
-    own = states(Measured(arm, Table(seen)))[0]
+    own = states(Measured(arm, Table.of(seen)))[0]
     assert calibrate_first(arm, own).robot is arm
     monkeypatch.setattr(first_calibration, "_weight_explains", lambda robot, own, most: False)
     assert calibrate_first(arm, own).adjusted

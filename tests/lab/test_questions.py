@@ -72,7 +72,7 @@ def test_the_diagnosis_asks_about_tensions_that_are_ten_times_too_large() -> Non
         for i, (p, tip) in enumerate(zip(pulls, found.tip + noise, strict=True))
     ]  # fmt: skip
     few = Options(quantify=False, experiments=False, catalogue={"base_tilt": CATALOGUE["base_tilt"]})
-    answer = diagnose(Case(robot, Table(tuple(rows))), few)
+    answer = diagnose(Case(robot, Table.of(rows)), few)
     (said,) = (c for c in answer.concerns if "times as stiff as that of robot.yaml" in c)
     assert "unit of the tensions" in said
 
