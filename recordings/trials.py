@@ -399,7 +399,7 @@ class Table:
         return np.array([self.get(name, missing) for name in names], np.float64).reshape(len(names), len(self)).T
 
     def _highest(self, group: int) -> int:
-        orders = (column_order(name) for name in self.columns)
+        orders = (column_order(name) for name in self.values)
         return max((order[1] for order in orders if order is not None and order[0] == group), default=0)
 
     # -- for people
