@@ -92,7 +92,16 @@ def read_csv(path: str | os.PathLike[str]) -> Table:
         raise BadTable(f"{path}: has a header but no rows")
     source = _Lines(path, numbers)
     cells = dict(zip(header, zip(*records, strict=True), strict=True))
-    columns = {n: source.column(n, [text.strip() for text in texts]) for n, texts in cells.items() if n not in ignored}
+    columns: dict[str, NDArray[Any]] = {}
+    wrong: list[_BadState] = []
+    for name, texts in cells.items():
+        if name not in ignored:
+            try:
+                columns[name] = source.column(name, [text.strip() for text in texts])
+            except _BadState as error:
+                wrong.append(error)
+    if wrong:
+        raise min(wrong, key=lambda error: error.state)
     table = Table(columns, ignored)
     source.demand_complete(table)
     return replace(table, warnings=tuple(_doubts(table)))
@@ -130,6 +139,14 @@ def _check_width(where: str, header: list[str], line: list[str]) -> None:
     if len(line) != len(header):
         split = "; a decimal comma splits one number into two cells: write points (0.40)" if len(line) > len(header) else ""
         raise BadTable(f"{where}: {len(line)} cells under {len(header)} columns{split}")
+
+
+class _BadState(BadTable):
+    """A state that cannot be right."""
+
+    def __init__(self, message: str, state: int) -> None:
+        super().__init__(message)
+        self.state = state
 
 
 @dataclass(frozen=True)
@@ -181,9 +198,9 @@ class _Lines:
         for i in np.flatnonzero(~pushes & ~table.with_tip)[:1].tolist():
             raise self.error(i, f": a {table['protocol'][i]} row needs the tip's x, y, z")
 
-    def error(self, state: int, text: str) -> BadTable:
+    def error(self, state: int, text: str) -> _BadState:
         """The error about a state, an index from 0."""
-        return BadTable(f"{self.path} line {self.numbers[state]}{text}")
+        return _BadState(f"{self.path} line {self.numbers[state]}{text}", state)
 
     def _all(self, right: NDArray[np.bool_], text: str) -> None:
         for i in np.flatnonzero(~right)[:1].tolist():

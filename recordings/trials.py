@@ -1,7 +1,5 @@
 """The table of trials: a row for each state that was read, in the order in which they happened.
 
-A state is a `TrialRow` while it is concluded, recorded and journalled; all else works on the columns of `Table`.
-
 A column that was never measured is absent, a cell that was not measured is empty. `sensor_NAME_QUANTITY` is what a sensor
 of the lab's own measured, in its unit; `sd_COLUMN` the standard deviation of the samples that were averaged, not of their
 mean. `doubt` says why a state is unreliable:

@@ -83,7 +83,7 @@ def test_a_heavy_arm_that_sags_across_its_axis_may_move_along_it(across: float, 
         TrialRow(1, i, "bending", 1, "load", 9.0 * i, 0.0, (1e3 * i, 0.0, 0.0, 0.0), tip=(across, 0.0, 0.2 - 0.01 * i))
         for i in range(6)
     ]
-    said = [text for text in doubtful_places(robot_from_dict(TENDONS), rows) if "along z" in text]
+    said = [text for text in doubtful_places(robot_from_dict(TENDONS), Table.of(rows)) if "along z" in text]
     assert bool(said) == asked
 
 
