@@ -97,7 +97,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     wanted = options or Options()
     own, concerns = states(case)
     other = unseen_states(case, wanted.holdout) if wanted.holdout is not None else None
-    predicted = wanted.baseline.of(own.rows, case.table.rows) if wanted.baseline is not None else None
+    predicted = wanted.baseline.take(own.row) if wanted.baseline is not None else None
     first = calibrate_first(case.robot, own, wanted.catalogue) if predicted is None else FirstCalibration(case.robot, own)
     try:
         prepared = prepare(first.robot, first.states, catalogue=wanted.catalogue, baseline=predicted)

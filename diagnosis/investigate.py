@@ -15,7 +15,6 @@ from typing import Any, Protocol
 import numpy as np
 
 from model.effects.design import design_from_columns
-from recordings.trials import Table
 
 from .answer.experiments import planned
 from .answer.result import Diagnosis, Proposal
@@ -198,7 +197,7 @@ def judge(before: Examined, case: CaseLike, more: CaseLike) -> tuple[Judged, ...
     """How what was foretold from `case` came out in the rows that `more` has behind it; none where they hold no tips."""
     rivals, p = before.rivals, before.rivals.prepared
     try:
-        own = before.first.moved(states(Case(p.robot, Table(more.table.rows[len(case.table.rows) :])))[0])
+        own = before.first.moved(states(Case(p.robot, more.table.take(np.arange(len(case.table), len(more.table)))))[0])
     except BadCase:
         return ()
     own = own.take(~own.pushed)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,7 +21,7 @@ from model.calibration import (
 from model.estimate import Estimate
 from model.robot import Robot
 from model.stated import AREA_FACTOR
-from recordings.trials import TrialRow
+from recordings.trials import Table
 
 from .files.inputs import Case
 
@@ -82,7 +82,7 @@ def calibrate(case: Case, progress: Progress = no_progress) -> Calibration:
         robot = robot.model_copy(update={"spine": robot.spine.model_copy(update={"modulus": dict(sorted(modulus.items()))})})
     body = _body_modulus(case)
     one, by_length = None, dict[float, AreaFit]()
-    if any(r.tip is not None and r.protocol != "stiffness" for r in case.table):
+    if case.table.with_tip.any():
         condition, tip, trial = case.tips
         one = _one_for_all(fit_effects(case, (), progress=progress))
         by_length = fit_area_factor_by_length(robot, condition, tip, trial)
@@ -91,14 +91,14 @@ def calibrate(case: Case, progress: Progress = no_progress) -> Calibration:
 
 
 def _spine_modulus(case: Case) -> dict[float, Estimate]:
-    rows = [r for r in case.of("stiffness") if r.specimen == "spine" and r.force is not None]
-    if not rows or case.robot.spine is None:
+    pushes = _pushes(case, "spine")
+    if not len(pushes) or case.robot.spine is None:
         return {}
-    nominal = np.round([r.spine_length for r in rows], 3)
-    lengths = {x: float(np.mean([r.spine_length for r, n in zip(rows, nominal, strict=True) if n == x])) for x in set(nominal)}
+    nominal = np.round(pushes.spine_length, 3)
+    lengths = {x: float(pushes.spine_length[nominal == x].mean()) for x in set(nominal.tolist())}
     found = fit_spine_modulus(
-        case.robot.spine.radius, [lengths[x] for x in nominal], *_pushes(rows),
-        trial=[r.trial for r in rows],
+        case.robot.spine.radius, [lengths[x] for x in nominal.tolist()], pushes.get("deflection"), pushes.get("force"),
+        trial=pushes.trial,
     )  # fmt: skip
     return {length: _with_length(e, length) for length, e in found.items()}
 
@@ -110,13 +110,14 @@ def _with_length(e: Estimate, length: float) -> Estimate:
 
 
 def _body_modulus(case: Case) -> Estimate | None:
-    rows = [r for r in case.of("stiffness") if r.specimen == "body" and r.force is not None and r.spine_length < 1e-3]
-    if not rows:
+    pushes = _pushes(case, "body")
+    pushes = pushes.take(pushes.spine_length < 1e-3)
+    if not len(pushes):
         return None
-    return fit_body_modulus(case.robot, *_pushes(rows), trial=[r.trial for r in rows])
+    return fit_body_modulus(case.robot, pushes.get("deflection"), pushes.get("force"), trial=pushes.trial)
 
 
-def _pushes(rows: Sequence[TrialRow]) -> tuple[list[float], list[float]]:
-    """Deflections (m) and forces (N) of stiffness rows; NaN where one is missing."""
-    nan = float("nan")
-    return [nan if r.deflection is None else r.deflection for r in rows], [nan if r.force is None else r.force for r in rows]
+def _pushes(case: Case, specimen: str) -> Table:
+    """The states of stiffness trials of a specimen that have a force."""
+    table = case.of("stiffness")
+    return table.take((table.get("specimen") == specimen) & np.isfinite(table.get("force")))

@@ -15,7 +15,7 @@ from model.condition import States
 from model.effects import CATALOGUE, EffectSpec
 from model.prediction import Prediction
 from model.prediction.campaign import predict_campaign
-from recordings.trials import Table, TrialRow
+from recordings.trials import Table
 
 from .files.inputs import Case
 
@@ -40,7 +40,9 @@ class Comparison:
 class Expected:
     """What the model expects of the states of a case that have a tip."""
 
-    rows: tuple[TrialRow, ...]
+    row: NDArray[np.int64]
+    """(n,) index of each state among the rows of the case's table."""
+    table: Table
     prediction: Prediction
 
 
@@ -53,15 +55,15 @@ def expected(case: Case, catalogue: Mapping[str, EffectSpec] = CATALOGUE, interv
     case.tips  # noqa: B018 - refuses a table without tips
     own, _ = states(case)
     own = own.take(~own.pushed)
-    return Expected(own.rows, predict_campaign(case.robot, table_columns(own), catalogue, intervals))
+    return Expected(own.row, own.trials, predict_campaign(case.robot, table_columns(own), catalogue, intervals))
 
 
 def comparison(case: Case, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> Comparison:
     """Every measured tip beside the expected one, and the error table. Raises as `expected` does."""
     found = expected(case, catalogue)
-    condition, measured, _ = Case(case.robot, Table(found.rows)).tips
+    condition, measured, _ = Case(case.robot, found.table).tips
     tip = found.prediction.tip
     ok = np.asarray(np.isfinite(tip).all(axis=1))
-    branch = np.array([r.branch for r in found.rows])
+    branch = found.table["branch"]
     table = error_table(condition[ok], measured[ok], tip[ok], case.robot.length)
     return Comparison(condition[ok], measured[ok], tip[ok], branch[ok], table, int((~ok).sum()))

@@ -9,13 +9,19 @@ import math
 import os
 import re
 from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from .bounded import read_bounded
 from .errors import BadTable
 from .own_files import replaced
 from .states.rules import BRANCHES, PROTOCOL, PROTOCOL_IS, SPECIMENS
-from .trials import DOUBTS, INTEGERS, LARGEST_INTEGER, TEXTS, Cell, Table, TrialRow, column_order
+from .trials import DOUBTS, INTEGERS, LARGEST_INTEGER, ORIENTATION, TEXTS, TIP, Table, column_order
 
 REQUIRED = ("trial", "step", "protocol", "repeat", "branch", "t", "spine_length", "p1")
 
@@ -41,14 +47,19 @@ _CHOICES = {"branch": BRANCHES, "specimen": SPECIMENS, "doubt": DOUBTS}
 
 def write_csv(table: Table, path: str | os.PathLike[str]) -> None:
     """Write the table; numbers read back as the same floats. The file is replaced at once or not at all."""
-    columns = table.columns
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    for row in table.rows:
-        cells = {name: repr(float(x)) if isinstance(x, float) else str(x) for name, x in row.cells().items()}
-        writer.writerow([cells.get(name, "") for name in columns])
+    writer.writerow(table.columns)
+    writer.writerows(zip(*(_texts(name, table[name]) for name in table.columns), strict=True))
     replaced(Path(path), text.getvalue())
+
+
+def _texts(name: str, column: NDArray[Any]) -> list[str]:
+    """The cells of a column."""
+    if name in TEXTS:
+        return [str(text) for text in column]
+    whole = name in INTEGERS or name == "clipped"
+    return ["" if x != x else str(int(x)) if whole else repr(x) for x in column.tolist()]
 
 
 def read_csv(path: str | os.PathLike[str]) -> Table:
@@ -60,24 +71,40 @@ def read_csv(path: str | os.PathLike[str]) -> Table:
     path = Path(path)
     # bytes; a row has some 300, and a campaign some thousands of rows
     data = read_bounded(path, 20_000_000, BadTable)
+    numbers: list[int] = []
+    records: list[list[str]] = []
     try:
         lines = csv.reader(io.StringIO(data.decode("utf-8-sig"), newline=""))
         first = next(lines, [])
         header = [name.strip() for name in first]
         _check_separator(path, first)
         ignored = _check_header(path, header)
-        known = frozenset(header) - frozenset(ignored)
-        rows = []
         for number, line in enumerate(lines, 2):
             if any(cell.strip() for cell in line):
-                rows.append(_row(f"{path} line {number}", header, known, line))
-            if len(rows) > MOST_ROWS:
+                _check_width(f"{path} line {number}", header, line)
+                numbers.append(number)
+                records.append(line)
+            if len(records) > MOST_ROWS:
                 raise BadTable(f"{path}: has more than {MOST_ROWS} rows, the limit for a table of trials")
     except (UnicodeDecodeError, csv.Error) as error:
         raise BadTable(f"{path}: is not a text table: {error}") from error
-    if not rows:
+    if not records:
         raise BadTable(f"{path}: has a header but no rows")
-    return Table(tuple(rows), ignored, tuple(_doubts(rows)))
+    source = _Lines(path, numbers)
+    cells = dict(zip(header, zip(*records, strict=True), strict=True))
+    columns: dict[str, NDArray[Any]] = {}
+    wrong: list[_BadState] = []
+    for name, texts in cells.items():
+        if name not in ignored:
+            try:
+                columns[name] = source.column(name, [text.strip() for text in texts])
+            except _BadState as error:
+                wrong.append(error)
+    if wrong:
+        raise min(wrong, key=lambda error: error.state)
+    table = Table(columns, ignored)
+    source.demand_complete(table)
+    return replace(table, warnings=tuple(_doubts(table)))
 
 
 def _check_separator(path: Path, first: list[str]) -> None:
@@ -108,78 +135,119 @@ def _check_header(path: Path, header: list[str]) -> tuple[str, ...]:
     return ignored
 
 
-def _row(where: str, header: list[str], known: frozenset[str], line: list[str]) -> TrialRow:
+def _check_width(where: str, header: list[str], line: list[str]) -> None:
     if len(line) != len(header):
         split = "; a decimal comma splits one number into two cells: write points (0.40)" if len(line) > len(header) else ""
         raise BadTable(f"{where}: {len(line)} cells under {len(header)} columns{split}")
-    cells: dict[str, Cell] = {}
-    for name, text in zip(header, (cell.strip() for cell in line), strict=True):
-        if not text or name not in known:
-            continue
-        cells[name] = _value(where, name, text)
-    try:
-        row = TrialRow.from_cells(cells)
-    except BadTable as error:
-        raise BadTable(f"{where}: {error}") from error
-    if row.protocol == "stiffness":
-        if row.force is None or row.deflection is None or row.specimen is None:
-            raise BadTable(f"{where}: a stiffness row needs specimen, force and deflection")
-    elif row.tip is None:
-        raise BadTable(f"{where}: a {row.protocol} row needs the tip's x, y, z")
-    return row
 
 
-def _value(where: str, name: str, text: str) -> Cell:
-    """One cell, checked."""
-    if name in TEXTS:
-        if name == "protocol":
-            if not PROTOCOL.fullmatch(text):
-                raise BadTable(f"{where}, {name}: {text[:80]!r} {PROTOCOL_IS}")
-        elif text not in _CHOICES[name]:
-            raise BadTable(f"{where}, {name}: {text[:80]!r} is not one of {', '.join(_CHOICES[name])}")
-        return text
-    try:
-        number = float(text)
-    except ValueError:
-        comma = f"; looks like a decimal comma: write {text.replace(',', '.')}" if _DECIMAL_COMMA.fullmatch(text[:80]) else ""
-        raise BadTable(f"{where}, {name}: {text[:80]!r} is not a number{comma}") from None
-    if not math.isfinite(number):
-        raise BadTable(f"{where}, {name}: is {text[:80]}; leave the cell empty where nothing was measured")
-    if name in INTEGERS:
-        if abs(number) > LARGEST_INTEGER:
-            raise BadTable(f"{where}, {name}: {number:g} exceeds {LARGEST_INTEGER}")
-        if number != int(number):
-            raise BadTable(f"{where}, {name}: {text} is not a whole number")
-        return int(number)
-    if name == "clipped" and number not in (0, 1):
-        text = "is neither 0 nor 1; 1 where set-points were clipped, else 0 or empty"
-        raise BadTable(f"{where}, {name}: {number:g} {text}")
-    for pattern, low, high, text in LIMITS:
-        if re.fullmatch(pattern, name) and not low <= number <= high:
-            looks = "looks like gauge pressure: change the sign; " if -110e3 <= number < 0 else ""
-            raise BadTable(f"{where}, {name}: {text.format(value=number, low=low, high=high, looks=looks)}")
-    return number
+class _BadState(BadTable):
+    """A state that cannot be right."""
+
+    def __init__(self, message: str, state: int) -> None:
+        super().__init__(message)
+        self.state = state
 
 
-def _doubts(rows: list[TrialRow]) -> list[str]:
+@dataclass(frozen=True)
+class _Lines:
+    """The lines of a file that hold states."""
+
+    path: Path
+    numbers: Sequence[int]
+    """Of each line, from 1."""
+
+    def column(self, name: str, texts: Sequence[str]) -> NDArray[Any]:
+        """The values of a column's cells, checked."""
+        if name in TEXTS:
+            for i, text in enumerate(texts):
+                if text and (wrong := _wrong_text(name, text)):
+                    raise self.error(i, f", {name}: {text[:80]!r} {wrong}")
+            return np.array(texts, dtype=np.str_)
+        values = np.array([self._number(i, name, text) for i, text in enumerate(texts)], np.float64)
+        if name in INTEGERS:
+            self._demand(~(np.abs(values) > LARGEST_INTEGER), name, texts, f"exceeds {LARGEST_INTEGER}")
+            self._demand((values == np.round(values)) | np.isnan(values), name, texts, "is not a whole number")
+            self._demand(~np.isnan(values), name, texts, "")
+            return values.astype(np.int64)
+        if name == "clipped":
+            told = "is neither 0 nor 1; 1 where set-points were clipped, else 0 or empty"
+            self._demand(np.isin(values, (0, 1)) | np.isnan(values), name, texts, told)
+        for pattern, low, high, text in LIMITS:
+            if re.fullmatch(pattern, name):
+                for i in np.flatnonzero((values < low) | (values > high))[:1].tolist():
+                    looks = "looks like gauge pressure: change the sign; " if -110e3 <= values[i] < 0 else ""
+                    raise self.error(i, f", {name}: {text.format(value=values[i], low=low, high=high, looks=looks)}")
+        return values
+
+    def demand_complete(self, table: Table) -> None:
+        """Raises `BadTable` for a state without what every state has, or with half a position."""
+        required = ("protocol", "branch", "t", "spine_length", *(f"p{k}" for k in range(1, table.pressures.shape[1] + 1)))
+        for name in required:
+            column = table.get(name)
+            self._all(column != "" if name in TEXTS else ~np.isnan(column), f": no value for {name}")
+        groups = (TIP, ORIENTATION, *([f"m{k}{axis}" for axis in "xyz"] for k in range(1, table.markers.shape[1] + 1)))
+        for group in groups:
+            given = np.array([~np.isnan(table.get(name)) for name in group])
+            for i in np.flatnonzero(given.any(axis=0) & ~given.all(axis=0))[:1].tolist():
+                named = [name for name, there in zip(group, given[:, i], strict=True) if there]
+                raise self.error(i, f": {', '.join(named)} without {', '.join(n for n in group if n not in named)}")
+        pushes = table.pushed
+        complete = ~np.isnan(table.get("force")) & ~np.isnan(table.get("deflection")) & (table.get("specimen") != "")
+        self._all(~pushes | complete, ": a stiffness row needs specimen, force and deflection")
+        for i in np.flatnonzero(~pushes & ~table.with_tip)[:1].tolist():
+            raise self.error(i, f": a {table['protocol'][i]} row needs the tip's x, y, z")
+
+    def error(self, state: int, text: str) -> _BadState:
+        """The error about a state, an index from 0."""
+        return _BadState(f"{self.path} line {self.numbers[state]}{text}", state)
+
+    def _all(self, right: NDArray[np.bool_], text: str) -> None:
+        for i in np.flatnonzero(~right)[:1].tolist():
+            raise self.error(i, text)
+
+    def _demand(self, right: NDArray[np.bool_], name: str, texts: Sequence[str], text: str) -> None:
+        for i in np.flatnonzero(~right)[:1].tolist():
+            raise self.error(i, f", {name}: {texts[i]} {text}" if texts[i] else f": no value for {name}")
+
+    def _number(self, state: int, name: str, text: str) -> float:
+        """One cell; NaN where it is empty."""
+        if not text:
+            return math.nan
+        try:
+            number = float(text)
+        except ValueError:
+            comma = f"; looks like a decimal comma: write {text.replace(',', '.')}" if _DECIMAL_COMMA.fullmatch(text[:80]) else ""
+            raise self.error(state, f", {name}: {text[:80]!r} is not a number{comma}") from None
+        if not math.isfinite(number):
+            raise self.error(state, f", {name}: is {text[:80]}; leave the cell empty where nothing was measured")
+        return number
+
+
+def _wrong_text(name: str, text: str) -> str:
+    """Why a text cannot stand in a column; empty where it can."""
+    if name == "protocol":
+        return "" if PROTOCOL.fullmatch(text) else PROTOCOL_IS
+    return "" if text in _CHOICES[name] else f"is not one of {', '.join(_CHOICES[name])}"
+
+
+def _doubts(table: Table) -> list[str]:
     """What may be right but looks like another unit or a mistake."""
     doubts = []
-    highest = max(abs(p) for row in rows for p in row.pressures)
-    if 20 < highest < 1000 and any(row.protocol != "stiffness" for row in rows):
+    highest = float(np.abs(table.pressures).max())
+    if 20 < highest < 1000 and not table.pushed.all():
         doubts.append(f"no pressure is above {highest:g} Pa: if these are kPa, multiply p1.. by 1000")
-    tips = [max(abs(c) for c in row.tip) for row in rows if row.tip is not None]
-    if tips and max(tips) < 0.005:
-        doubts.append(f"no tip is further than {max(tips) * 1e3:g} mm from the base: are x, y, z in m?")
-    vacuum = max((row.vacuum or 0.0 for row in rows), default=0.0)
-    if 5 < vacuum < 150 and any(row.spine_length > 0 for row in rows):
+    farthest = float(np.abs(table.tip[table.with_tip]).max(initial=0.0))
+    if 0 < farthest < 0.005:
+        doubts.append(f"no tip is further than {farthest * 1e3:g} mm from the base: are x, y, z in m?")
+    vacuum = float(table.get("vacuum", 0.0).max())
+    if 5 < vacuum < 150 and (table.spine_length > 0).any():
         doubts.append(f"no vacuum is above {vacuum:g} Pa below ambient: if these are kPa, multiply vacuum by 1000")
-    for name in sorted({row.protocol for row in rows}):
+    for name in np.unique(table["protocol"]).tolist():
         near = difflib.get_close_matches(name, ("bending", "elongation", "stiffness"), 1, 0.8)
         if near and not name.startswith(near[0]):
             doubts.append(f"protocol {name[:40]!r}: did you mean {near[0]!r}?")
-    seen: set[tuple[int, int]] = set()
-    for row in rows:
-        if (row.trial, row.step) in seen:
-            doubts.append(f"trial {row.trial} step {row.step} appears more than once")
-        seen.add((row.trial, row.step))
+    _, first = np.unique(np.column_stack([table.trial, table["step"]]), axis=0, return_index=True)
+    repeated = np.setdiff1d(np.arange(len(table)), first)
+    doubts += [f"{table.place(i)} appears more than once" for i in repeated.tolist()]
     return doubts

@@ -1,4 +1,4 @@
-"""The table of trials: one row per state that was read, in the order in which they happened.
+"""The table of trials: a row for each state that was read, in the order in which they happened.
 
 A column that was never measured is absent, a cell that was not measured is empty. `sensor_NAME_QUANTITY` is what a sensor
 of the lab's own measured, in its unit; `sd_COLUMN` the standard deviation of the samples that were averaged, not of their
@@ -17,7 +17,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -226,16 +226,18 @@ def _group(cells: Mapping[str, Any], names: Sequence[str]) -> Any:
     return tuple(cells[name] for name in names) if there else None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False, eq=False)
 class Table:
-    """Rows of trials. `table["x"]` is a numpy column: NaN (or an empty text) where a row has no value.
+    """States as columns, in the order in which they were read. `trials["x"]` is a numpy column: NaN (or an empty text) where a
+    state has no value.
 
     >>> row = TrialRow(1, 1, "bending", 1, "load", 0.0, 0.1, (60e3, 0.0, 0.0), tip=(-0.02, 0.0, 0.39))
-    >>> Table((row,))["p1"], Table((row,)).columns[-3:]
+    >>> Table.of([row])["p1"], Table.of([row]).columns[-3:]
     (array([60000.]), ('x', 'y', 'z'))
     """
 
-    rows: tuple[TrialRow, ...]
+    values: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    """Column -> (n,) float64, int64 for trial, step and repeat, or text; SI units."""
     ignored: tuple[str, ...] = ()
     """Columns of the file that are no columns of this table."""
     warnings: tuple[str, ...] = ()
@@ -243,15 +245,162 @@ class Table:
     sensor_units: Mapping[str, str] = field(default_factory=dict)
     """Unit of each sensor's column, where the input states it: a recording does, trials.csv does not."""
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", {name: self.values[name] for name in sorted(self.values, key=_place)})
+
+    @classmethod
+    def of(cls, rows: Iterable[TrialRow], warnings: tuple[str, ...] = (), sensor_units: Mapping[str, str] | None = None) -> Table:
+        """The columns of rows."""
+        cells = [row.cells() for row in rows]
+        names = {name for row in cells for name in row}
+        columns = {name: _column(name, [row.get(name) for row in cells]) for name in names}
+        return cls(columns, warnings=warnings, sensor_units=sensor_units or {})
+
     @classmethod
     def joined(cls, tables: Iterable[Table]) -> Table:
-        """The rows of several tables one after the other, trials numbered on."""
-        rows: list[TrialRow] = []
+        """The states of several tables one after the other, trials numbered on."""
+        renumbered, before = [], 0
         for table in tables:
-            before = max((r.trial for r in rows), default=0)
-            rows += [replace(r, trial=r.trial + before) for r in table]
-        return cls(tuple(rows))
+            trial = table.trial + before
+            before = int(trial.max(initial=before))
+            renumbered.append(table.replaced({"trial": trial}))
+        return cls.stacked(renumbered)
 
+    @classmethod
+    def stacked(cls, tables: Sequence[Table]) -> Table:
+        """The states of several tables one after the other, with their own numbers."""
+        tables = [table for table in tables if len(table)]
+        names = {name for table in tables for name in table.values}
+        return cls({name: np.concatenate([table.get(name) for table in tables]) for name in names})
+
+    def replaced(self, columns: Mapping[str, NDArray[Any]]) -> Table:
+        """The same states with these columns (n,) in place of their own."""
+        return replace(self, values={**self.values, **columns})
+
+    def moved(self, shift: Sequence[float]) -> Table:
+        """The same states with tip and markers moved by (3,) m."""
+        orders = {name: column_order(name) for name in self.columns}
+        places = [name for name, order in orders.items() if order is not None and (name in TIP or order[0] == MARKERS)]
+        return self.replaced({name: self.values[name] + shift["xyz".index(name[-1])] for name in places})
+
+    def take(self, states: NDArray[Any]) -> Table:
+        """The states picked by a mask (n,) or by indices (m,)."""
+        return replace(self, values={name: column[states] for name, column in self.values.items()})
+
+    def __iter__(self) -> Iterator[TrialRow]:
+        return iter(self.rows)
+
+    @cached_property
+    def rows(self) -> tuple[TrialRow, ...]:
+        """The states as rows, as journals hold them; what computes uses columns."""
+        columns = {name: self.values[name].tolist() for name in self.columns}
+        cells = (dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True))
+        return tuple(TrialRow.from_cells({n: v for n, v in row.items() if v == v and v != ""}) for row in cells)
+
+    def of_protocols(self, *protocols: str) -> Table:
+        """The states of these protocols."""
+        return self.take(np.isin(self.get("protocol"), protocols))
+
+    # -- columns
+    def __len__(self) -> int:
+        return len(next(iter(self.values.values()), ()))
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Table) or len(self) != len(other):
+            return NotImplemented if not isinstance(other, Table) else False
+        names = self.columns
+        return names == other.columns and all(np.array_equal(self[n], other[n], equal_nan=n not in TEXTS) for n in names)
+
+    __hash__ = None  # type: ignore[assignment]
+
+    @cached_property
+    def columns(self) -> tuple[str, ...]:
+        """Names of all columns that at least one state has a value for, in order."""
+        return tuple(name for name, column in self.values.items() if _present(column).any())
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """One column, shape (n,): float64, int64 for trial, step and repeat, or text."""
+        if name not in self.columns:
+            raise BadTable(f"no column {name}; the table has {', '.join(self.columns)}")
+        return self.values[name]
+
+    def get(self, name: str, missing: float = math.nan) -> NDArray[Any]:
+        """(n,) the column, also where there is none; `missing` stands where a state has no number."""
+        column = self.values.get(name)
+        if name in TEXTS:
+            return np.full(len(self), "") if column is None else column
+        if column is None:
+            return np.full(len(self), missing)
+        return column if name in INTEGERS else np.where(np.isnan(column), missing, column)
+
+    def place(self, state: int) -> str:
+        """The name of a state (an index from 0) in messages."""
+        return f"trial {self.trial[state]} step {self.get('step')[state]}"
+
+    @property
+    def trial(self) -> NDArray[np.int64]:
+        """(n,) number of the trial."""
+        return self.get("trial").astype(np.int64)
+
+    @property
+    def pushed(self) -> NDArray[np.bool_]:
+        """(n,) states of stiffness trials: force and deflection of a cantilever."""
+        return np.asarray(self.get("protocol") == "stiffness")
+
+    @property
+    def clipped(self) -> NDArray[np.bool_]:
+        """(n,) states on whose way the rig's limits clipped set-points."""
+        return np.asarray(self.get("clipped") == 1)
+
+    @property
+    def doubtful(self) -> NDArray[np.bool_]:
+        """(n,) states that are not to be relied on; the column `doubt` says why."""
+        return np.asarray(self.get("doubt") != "")
+
+    @property
+    def with_tip(self) -> NDArray[np.bool_]:
+        """(n,) states of the robot with a tip."""
+        return np.asarray(~self.pushed & ~np.isnan(self.tip).all(axis=1))
+
+    @property
+    def spine_length(self) -> NDArray[np.float64]:
+        """(n,) m."""
+        return self.get("spine_length")
+
+    @property
+    def pressures(self) -> NDArray[np.float64]:
+        """(n, chambers) Pa gauge, measured."""
+        return self._together([f"p{k}" for k in range(1, self._highest(PRESSURES) + 1)])
+
+    @property
+    def tip(self) -> NDArray[np.float64]:
+        """(n, 3) m, base frame."""
+        return self._together(TIP)
+
+    @property
+    def orientation(self) -> NDArray[np.float64]:
+        """(n, 4) w, x, y, z of the tip, base frame."""
+        return self._together(ORIENTATION)
+
+    @property
+    def markers(self) -> NDArray[np.float64]:
+        """(n, k, 3) m, base frame."""
+        names = [f"m{k}{axis}" for k in range(1, self._highest(MARKERS) + 1) for axis in "xyz"]
+        return self._together(names).reshape(len(self), -1, 3)
+
+    @property
+    def tip_force(self) -> NDArray[np.float64]:
+        """(n, 3) N, what is known to pull at the tip besides the weight of `tip_mass`."""
+        return self._together(("force_x", "force_y", "force_z"), 0.0)
+
+    def _together(self, names: Sequence[str], missing: float = math.nan) -> NDArray[np.float64]:
+        return np.array([self.get(name, missing) for name in names], np.float64).reshape(len(names), len(self)).T
+
+    def _highest(self, group: int) -> int:
+        orders = (column_order(name) for name in self.values)
+        return max((order[1] for order in orders if order is not None and order[0] == group), default=0)
+
+    # -- for people
     @property
     def units(self) -> dict[str, str]:
         """Unit of each column; "1" for a pure number, empty where the input does not state it."""
@@ -266,43 +415,34 @@ class Table:
         return frame
 
     def __repr__(self) -> str:
-        trials = len({row.trial for row in self.rows})
-        protocols = ", ".join(sorted({row.protocol for row in self.rows}))
-        lengths = [row.spine_length for row in self.rows]
-        spine = f", spine {min(lengths) * 100:.3g} to {max(lengths) * 100:.3g} cm" if any(lengths) else ""
-        return f"<Table: {len(self.rows)} states in {trials} trials, {protocols or 'no protocol'}{spine}>"
+        protocols, lengths = ", ".join(np.unique(self.get("protocol"))), self.spine_length
+        spine = f", spine {lengths.min() * 100:.3g} to {lengths.max() * 100:.3g} cm" if lengths.any() else ""
+        states, trials = counted(len(self), "state"), counted(len(np.unique(self.trial)), "trial")
+        return f"<Table: {states} in {trials}, {protocols or 'no protocol'}{spine}>"
 
     def _repr_html_(self) -> str:
         return str(self.to_pandas().to_html(max_rows=20))
 
-    def __len__(self) -> int:
-        return len(self.rows)
 
-    @property
-    def clipped(self) -> tuple[TrialRow, ...]:
-        """The rows on whose way the rig's limits clipped set-points."""
-        return tuple(row for row in self.rows if row.clipped)
+def counted(number: int, noun: str) -> str:
+    """A number of things in words.
 
-    @property
-    def doubtful(self) -> tuple[TrialRow, ...]:
-        """The rows that are not to be relied on; `doubt` says why."""
-        return tuple(row for row in self.rows if row.doubt)
+    >>> counted(1, "state"), counted(3, "state")
+    ('1 state', '3 states')
+    """
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
-    def __iter__(self) -> Iterator[TrialRow]:
-        return iter(self.rows)
 
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """Names of all columns that at least one row has a value for, in order."""
-        return tuple(sorted({name for row in self.rows for name in row.cells()}, key=_place))
+def _column(name: str, values: Sequence[Cell | None]) -> NDArray[Any]:
+    if name in TEXTS:
+        return np.array([value or "" for value in values], dtype=np.str_)
+    if name in INTEGERS:
+        return np.array(values, dtype=np.int64)
+    return np.array([math.nan if value is None else value for value in values], dtype=np.float64)
 
-    def __getitem__(self, name: str) -> NDArray[Any]:
-        """One column, shape (rows,): float64, int64 for trial, step and repeat, or text."""
-        if name not in self.columns:
-            raise BadTable(f"no column {name}; the table has {', '.join(self.columns)}")
-        values = [row.cells().get(name) for row in self.rows]
-        if name in TEXTS:
-            return np.array([value or "" for value in values], dtype=np.str_)
-        if name in INTEGERS:
-            return np.array(values, dtype=np.int64)
-        return np.array([math.nan if value is None else value for value in values], dtype=np.float64)
+
+def _present(column: NDArray[Any]) -> NDArray[np.bool_]:
+    """(n,) where a column has a value."""
+    if column.dtype.kind == "U":
+        return np.asarray(column != "")
+    return np.asarray(column == column)

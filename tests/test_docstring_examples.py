@@ -68,7 +68,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
                         tip=tuple(tip.tolist()),
                     )  # fmt: skip
                 )
-    write_csv(Table(tuple(rows)), made / "campaign/trials.csv")
+    write_csv(Table.of(rows), made / "campaign/trials.csv")
     return made
 
 

@@ -264,7 +264,7 @@ def table_of(sweep: Sweep, readings: Readings) -> Table:
                     markers=tuple((float(m[0]), float(m[1]), float(m[2])) for m in readings.markers[i, k]),
                 )  # fmt: skip
             )
-    return Table(tuple(rows))
+    return Table.of(rows)
 
 
 def write_case(folder: Path, tables: dict[str, Table], shown: Design, robot: str, *, menu: bool) -> None:

@@ -180,7 +180,7 @@ def granted(table: Table, menu: Path, wish: str) -> Table:
     orientation = any(r.orientation is not None for r in table)
     markers = any(r.markers for r in table)
     rows = [replace(r, orientation=r.orientation if orientation else None, markers=r.markers if markers else ()) for r in extra]
-    return Table.joined([table, Table(tuple(rows))])
+    return Table.joined([table, Table.of(rows)])
 
 
 def _widened(table: Table, base: Table, channel: str) -> Table:
@@ -210,7 +210,7 @@ def _widened(table: Table, base: Table, channel: str) -> Table:
         ]
         own = sorted([*[r for r in rows if r.trial <= trials], *more], key=lambda r: (r.trial, r.step))
         rows = [*own, *[r for r in rows if r.trial > trials]]
-    return Table(tuple(rows))
+    return Table.of(rows)
 
 
 if set(MENU_OF.values()) != {s.name for s in MENU} | set(CHANNELS):

@@ -128,7 +128,7 @@ class Design:
 
     def show(self, table: Table) -> Table:
         """The rows and columns that are shown."""
-        return Table(tuple(self._row(r) for r in table if self.both_branches or _paper_state(r)))
+        return Table.of(self._row(r) for r in table if self.both_branches or _paper_state(r))
 
     def _row(self, r: TrialRow) -> TrialRow:
         return replace(

@@ -118,7 +118,7 @@ def foreign_tables(folder: Path) -> Callable[[random.Random], Callable[[], objec
     def every_way(place: Path) -> None:
         if place.name in maps:
             with suppress(ConfigError):
-                implausible_values(robot, imported([place], maps[place.name], robot).table.rows)
+                implausible_values(robot, imported([place], maps[place.name], robot).table)
         series = read(place, Source())
         proposed = folder / "proposed.yaml"
         proposed.write_text(guess_text(guess_map(series, robot), ROBOT, [place], series.form), encoding="utf-8")

@@ -93,13 +93,13 @@ def _worst_shapes(p: Prepared, calibrated: Array, explained: Array) -> list[dict
     return [
         {
             "trial": int(p.states.trial[i]),
-            "step": p.states.rows[i].step,
+            "step": int(p.states.trials["step"][i]),
             "spine_length": float(p.states.spine_length[i]),
             "pressure": float(p.states.highest[i]),
-            "branch": p.states.rows[i].branch,
+            "branch": str(p.states.trials["branch"][i]),
             "chambers": list(p.states.chambers[i]),
             "measured_tip": p.states.tip[i].tolist(),
-            "measured_markers": [list(m) for m in p.states.rows[i].markers or ()],
+            "measured_markers": p.states.trials.markers[i].tolist(),
             **{name: {"tip": tips[name][i].tolist(), "backbone": curves[name][i].tolist()} for name in models},
         }
         for i in list(worst.values())[:4]
@@ -120,7 +120,7 @@ def _stiffness(
         "floor_mm": pushes.noise_floor * 1e3,
         "floor_from_repeats": pushes.noise_components.contrasts > 0,
         "trial": p.states.trial[own].tolist(),
-        "specimen": [r.specimen or "spine" for r, pushed in zip(p.states.rows, own, strict=True) if pushed],
+        "specimen": [s or "spine" for s in p.states.trials.get("specimen")[own].tolist()],
         "spine_length": p.states.spine_length[own].tolist(),
         "deflection": p.states.deflection[own].tolist(),
         "stiffness": pushes.stiffness[own].tolist(),

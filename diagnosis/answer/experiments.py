@@ -65,9 +65,9 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Experiment]:
     bent = s.highest[s.highest > s.pressure_gap]
     chambers, count, words = _inflated(s), len(robot.actuators.azimuths_deg), robot.actuators.words
     pressures = _three(bent, s.pressure_gap)
-    mass = float(np.median(tip_masses(robot, s.rows)))
+    mass = float(np.median(tip_masses(robot, s.trials)))
     default_vacuum = NOMINAL_VACUUM if robot.spine is not None else 0.0
-    vacuum = float(np.median([default_vacuum if r.vacuum is None else r.vacuum for r in s.rows]))
+    vacuum = float(np.median(s.trials.get("vacuum", default_vacuum)))
     base: dict[str, Any] = {
         "protocol": "bending", "spine_lengths": _three(s.spine_length, 0.005), "pressures": pressures, "chambers": chambers,
         "unload": False, "repeats": 2, "rate": 25e3, "tip_mass": mass, "vacuums": [round(vacuum, -3)],
@@ -113,16 +113,17 @@ def _other_chambers(chambers: list[int], count: int, s: Campaign) -> list[int]:
 
 def _recorded(s: Campaign) -> dict[str, bool]:
     """Which experiments the campaign holds already."""
-    rows = s.rows
+    trials = s.trials
+    vacuum = trials.get("vacuum", 0.0)[trials.spine_length > 0.01]
     return {
-        "unload": any(r.branch == "unload" for r in rows),
-        "orientation": any(r.orientation is not None for r in rows),
-        "markers": any(r.markers for r in rows),
-        "elongation": any(min(r.pressures) > s.pressure_gap for r in rows),
-        "roll": len({round(r.roll_deg or 0.0) for r in rows}) > 1,
-        "tip_mass": len({round(r.tip_mass or 0.0, 3) for r in rows}) > 1,
-        "vacuum": len({round((r.vacuum or 0.0) / 10e3) for r in rows if r.spine_length > 0.01}) > 2,
-        "rate": any(r.hold is not None and r.hold <= 0 for r in rows),
+        "unload": bool((s.branch < 0).any()),
+        "orientation": bool(np.isfinite(trials.orientation).any()),
+        "markers": bool(np.isfinite(trials.markers).any()),
+        "elongation": bool((trials.pressures.min(axis=1) > s.pressure_gap).any()),
+        "roll": len(np.unique(np.round(trials.get("roll_deg", 0.0)))) > 1,
+        "tip_mass": len(np.unique(np.round(trials.get("tip_mass", 0.0), 3))) > 1,
+        "vacuum": len(np.unique(np.round(vacuum / 10e3))) > 2,
+        "rate": bool((trials.get("hold") <= 0).any()),
     }
 
 

@@ -87,15 +87,19 @@ def unseen_states(diagnosed: CaseLike, other: CaseLike) -> Campaign:
     except BadCase as e:
         raise BadHoldout(str(e)) from e
     with_tip = found.take(~found.pushed)
-    if not len(with_tip) or all(r.tip is None or r.protocol == "stiffness" for r in diagnosed.table):
+    if not len(with_tip) or not diagnosed.table.with_tip.any():
         which = "the held-out campaign" if not len(with_tip) else "the diagnosed campaign"
         raise BadHoldout(
             f"a held-out test compares tips, and {which} has none: stiffness trials alone cannot be held out, "
             "nor tested on a bending run; diagnose and hold out bending or elongation runs"
         )
     # no two readings have the same tip, pressures and spine length to the last digit
-    known = {(r.tip, r.pressures, r.spine_length) for r in diagnosed.table}
-    if shared := sum((r.tip, r.pressures, r.spine_length) in known for r in with_tip.rows):
+    known, read = (
+        [tuple(r) for r in np.column_stack([t.tip, t.pressures, t.spine_length]).tolist()]
+        for t in (diagnosed.table, with_tip.trials)
+    )
+    seen = set(known)
+    if shared := sum(r in seen for r in read):
         raise BadHoldout(
             f"{shared} of its {len(with_tip)} states are among those diagnosed, so the fit saw them; "
             "give a campaign that is not among the inputs"

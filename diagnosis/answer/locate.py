@@ -90,7 +90,7 @@ def _marker(p: Prepared, missed: Array, k: int) -> Array:
 def _specimens(p: Prepared, missed: Array, floor: float, rng: np.random.Generator) -> Iterator[tuple[str, Cell, float]]:
     """A cell for each specimen and spine length of the stiffness trials; `missed` (states,) and `floor`: m of deflection."""
     missed, s = missed[p.states.pushed], p.states.take(p.states.pushed)
-    body = np.array([r.specimen == "body" for r in s.rows], np.int64)
+    body = (s.trials.get("specimen") == "body").astype(np.int64)
     length = levels(s.spine_length, SPINE_GAP)
     for specimen, k in np.unique(np.column_stack([body, length]), axis=0):
         own = (body == specimen) & (length == k)
@@ -149,7 +149,7 @@ def numerical_error(robot: Robot, states: Campaign) -> float:
         return float("nan")
     _, first = np.unique(states.condition, return_index=True)
     try:
-        rods = rods_of(robot, settings(robot, [states.rows[i] for i in first]))
+        rods = rods_of(robot, settings(robot, states.trials.take(first)))
         converged, stepped = solve(rods, FINE), solve(rods, PAPER)
     except ModelError:
         return float("nan")

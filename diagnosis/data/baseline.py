@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from recordings.trials import TrialRow
-
-from ..arrays import Array
+from ..arrays import Array, Ints
 
 
 @dataclass(frozen=True)
@@ -31,14 +29,12 @@ class Baseline:
     varied: Mapping[str, tuple[float, Baseline]] = field(default_factory=dict)
     """Parameter -> a small step in its unit, and what the simulator predicts that far from the robot as it is described."""
 
-    def of(self, rows: Sequence[TrialRow], every: Sequence[TrialRow]) -> Baseline:
-        """The predictions of some `rows` of the table, which has `every` row."""
-        place = {id(row): i for i, row in enumerate(every)}
-        own = np.array([place[id(row)] for row in rows], np.int64)
+    def take(self, own: Ints) -> Baseline:
+        """The predictions of some states, by their rows in the table (m,)."""
         return replace(
             self, spine_length=self.spine_length[own], pressure=self.pressure[own], tip=self.tip[own],
             orientation=self.orientation[own], markers=self.markers[own],
-            varied={name: (step, there.of(rows, every)) for name, (step, there) in self.varied.items()},
+            varied={name: (step, there.take(own)) for name, (step, there) in self.varied.items()},
         )  # fmt: skip
 
     def columns(self) -> dict[str, Array]:

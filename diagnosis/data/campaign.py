@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from model.condition import States, conditions
 from model.robot import Robot
-from recordings.trials import TrialRow
+from recordings.trials import Table
 
 from ..arrays import Array, Ints, Mask
 
@@ -19,11 +18,13 @@ from ..arrays import Array, Ints, Mask
 class Campaign:
     """n states as measured, in the order in which they happened, those of the robot before those of stiffness trials; SI, rad.
 
-    The model has the same as `States`: there what a row does not state has its default (here it is None in `rows`), vented
-    chambers are at 0 Pa (here: as read), and a trial in which the spine changes is several, numbered from 0.
+    The model has the same as `States`: there what a state does not have has its default (here it is NaN), vented chambers are at
+    0 Pa (here: as read), and a trial in which the spine changes is several, numbered from 0.
     """
 
-    rows: tuple[TrialRow, ...]
+    trials: Table
+    row: Ints
+    """Index of each state among the rows of the case's table."""
     condition: Ints
     """States of equal number were meant to be the same."""
     kind: Ints
@@ -32,57 +33,51 @@ class Campaign:
     """Pa within which pressures count as one setting."""
 
     def __len__(self) -> int:
-        return len(self.rows)
+        return len(self.trials)
 
     def take(self, rows: Mask) -> Campaign:
         """The states picked by a mask."""
-        kept = tuple(r for r, k in zip(self.rows, rows, strict=True) if k)
-        return Campaign(kept, self.condition[rows], self.kind[rows], self.pressure_gap)
+        return Campaign(self.trials.take(rows), self.row[rows], self.condition[rows], self.kind[rows], self.pressure_gap)
 
     @cached_property
     def pushed(self) -> Mask:
         """(n,) states of stiffness trials: force and deflection of a cantilever, no tip."""
-        return np.array([r.protocol == "stiffness" for r in self.rows], bool)
+        return self.trials.pushed
 
     @cached_property
     def trial(self) -> Ints:
         """(n,) number of the trial."""
-        return np.array([r.trial for r in self.rows], np.int64)
+        return self.trials.trial
 
     @cached_property
     def spine_length(self) -> Array:
         """(n,) m."""
-        return np.clip([r.spine_length for r in self.rows], 0.0, None)
+        return np.clip(self.trials.spine_length, 0.0, None)
 
     @cached_property
     def pressure(self) -> Array:
         """(n, chambers) Pa gauge; 0 for pushes."""
-        of_robot = [r.pressures for r, pushed in zip(self.rows, self.pushed, strict=True) if not pushed]
-        out = np.zeros((len(self), len((of_robot or [r.pressures for r in self.rows] or [(0.0,)])[0])))
-        if of_robot:
-            out[~self.pushed] = of_robot
-        return out
+        return np.where(self.pushed[:, None], 0.0, self.trials.pressures)
 
     @cached_property
     def branch(self) -> Array:
         """(n,) 1 load, -1 unload."""
-        return np.array([-1.0 if r.branch == "unload" else 1.0 for r in self.rows])
+        return np.where(self.trials.get("branch") == "unload", -1.0, 1.0)
 
     @cached_property
     def time(self) -> Array:
         """(n,) s; NaN where not recorded."""
-        return np.array([np.nan if r.t is None else r.t for r in self.rows])
+        return self.trials.get("t")
 
     @cached_property
     def tip(self) -> Array:
         """(n, 3) m, base frame; NaN for pushes."""
-        tips = [(np.nan,) * 3 if pushed else r.tip for r, pushed in zip(self.rows, self.pushed, strict=True)]
-        return np.array(tips, float).reshape(len(self), 3)
+        return np.where(self.pushed[:, None], np.nan, self.trials.tip)
 
     @cached_property
     def roll(self) -> Array:
         """(n,) rad, by which the body was turned in its mount."""
-        return np.radians([r.roll_deg or 0.0 for r in self.rows])
+        return np.radians(self.trials.get("roll_deg", 0.0))
 
     @cached_property
     def main(self) -> Mask:
@@ -92,12 +87,12 @@ class Campaign:
     @cached_property
     def deflection(self) -> Array:
         """(n,) m; 0 for states of the robot."""
-        return np.array([(r.deflection or 0.0) if p else 0.0 for r, p in zip(self.rows, self.pushed, strict=True)])
+        return np.where(self.pushed, self.trials.get("deflection", 0.0), 0.0)
 
     @cached_property
     def repeat(self) -> Ints:
         """(n,) number of the repeat of the sweep."""
-        return np.array([r.repeat for r in self.rows], np.int64)
+        return self.trials.get("repeat").astype(np.int64)
 
     @cached_property
     def inflated(self) -> Mask:
@@ -134,19 +129,18 @@ def spread_over(count: int, most: int) -> Ints:
     return np.unique(np.linspace(0, count - 1, min(most, count)).astype(np.int64))
 
 
-def tip_masses(robot: Robot, rows: Sequence[TrialRow]) -> Array:
+def tip_masses(robot: Robot, trials: Table) -> Array:
     """(n,) kg; the robot's own where none is recorded."""
-    return np.array([robot.tip_mass if r.tip_mass is None else r.tip_mass for r in rows])
+    return trials.get("tip_mass", robot.tip_mass)
 
 
-def settings(robot: Robot, rows: Sequence[TrialRow], vented: bool = False) -> States:
-    """What was asked of the robot in each row, a trial of its own; `vented`: without its pressures. Raises `BadCondition`."""
-    pressures = np.array([r.pressures for r in rows])
+def settings(robot: Robot, trials: Table, vented: bool = False) -> States:
+    """What was asked of the robot in each state, a trial of its own; `vented`: without its pressures. Raises `BadCondition`."""
     return conditions(
         robot,
-        np.clip([r.spine_length for r in rows], 0.0, None),
-        np.zeros((len(rows), len(robot.actuators.azimuths_deg))) if vented else pressures,
-        tip_masses(robot, rows),
-        np.radians([r.roll_deg or 0.0 for r in rows]),
-        np.array([r.tip_force for r in rows]),
+        np.clip(trials.spine_length, 0.0, None),
+        np.zeros((len(trials), len(robot.actuators.azimuths_deg))) if vented else trials.pressures,
+        tip_masses(robot, trials),
+        np.radians(trials.get("roll_deg", 0.0)),
+        trials.tip_force,
     )

@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from model.robot import Robot
-from recordings.trials import Table, TrialRow
+from recordings.trials import Table
 
 from ..arrays import Array, Ints, Mask
 from ..errors import BadCase
@@ -43,34 +43,39 @@ class Case:
 def states(case: CaseLike) -> tuple[Campaign, tuple[str, ...]]:
     """The states with a tip and those of stiffness trials, and concerns about the table; raises `BadCase`."""
     robot = case.robot
-    of_robot = [r for r in case.table if r.protocol != "stiffness" and r.tip is not None]
-    of_trials = pushes.rows(case.table)
-    if not of_robot and not of_trials:
+    table, row = case.table, np.arange(len(case.table))
+    of_robot, of_trials = row[table.with_tip], row[pushes.complete(table)]
+    if not of_robot.size and not of_trials.size:
         raise BadCase(
-            f"none of the {len(case.table)} rows has a tip position, or force and deflection of a stiffness trial: "
+            f"none of the {len(table)} rows has a tip position, or force and deflection of a stiffness trial: "
             "record a bending, elongation or stiffness run"
         )
-    usable = [r for r in of_robot if np.isfinite((*r.tip, r.spine_length, *r.pressures)).all()]  # type: ignore[misc]
-    usable_pushes = [r for r in of_trials if np.isfinite((r.spine_length, r.force, r.deflection)).all()]  # type: ignore[arg-type]
+    usable, usable_pushes = of_robot[finite(table)[of_robot]], of_trials[np.isfinite(table.spine_length[of_trials])]
     every, good = len(of_robot) + len(of_trials), len(usable) + len(usable_pushes)
     if not good:
         raise BadCase(f"all {every} states have values that are not finite: nothing can be compared")
     concerns = [f"{every - good} of {every} states have values that are not finite and are left out"] if good < every else []
-    plausible.require_plausible(robot, usable + usable_pushes)
-    pushes.require_plausible(robot, usable_pushes)
-    arrays = _arrays(usable, usable_pushes)
-    concerns += _concerns(arrays, robot.spine is not None) if usable else ()
-    return arrays, (*concerns, *pushes.concerns(arrays, bool(usable)))
+    plausible.require_plausible(robot, table.take(np.concatenate([usable, usable_pushes])))
+    pushes.require_plausible(robot, table.take(usable_pushes))
+    arrays = _arrays(table, usable, usable_pushes)
+    concerns += _concerns(arrays, robot.spine is not None) if len(usable) else ()
+    return arrays, (*concerns, *pushes.concerns(arrays, bool(len(usable))))
 
 
-def _arrays(of_robot: list[TrialRow], of_trials: list[TrialRow]) -> Campaign:
-    rows = (*of_robot, *of_trials)
-    none = np.zeros(len(rows), np.int64)
-    s = Campaign(rows, none, none, pressure_gap(of_robot))
+def _arrays(table: Table, of_robot: Ints, of_trials: Ints) -> Campaign:
+    """The campaign of these rows of a table, those of the robot and those of stiffness trials."""
+    row, pushed = np.concatenate([of_robot, of_trials]), table.take(of_trials)
+    none = np.zeros(len(row), np.int64)
+    s = Campaign(table.take(row), row, none, none, pressure_gap(table.take(of_robot)))
     own = s.take(~s.pushed)
-    kind = _behind(_kinds(own), pushes.kinds(of_trials))
+    kind = _behind(_kinds(own), pushes.kinds(pushed))
     condition = _conditions(replace(own, kind=kind[: len(own)]))
-    return replace(s, kind=kind, condition=_behind(condition, pushes.conditions(of_trials, s.spine_length[s.pushed])))
+    return replace(s, kind=kind, condition=_behind(condition, pushes.conditions(pushed)))
+
+
+def finite(trials: Table) -> Mask:
+    """(n,) states whose tip, spine length and pressures are all numbers."""
+    return np.asarray(np.isfinite(np.column_stack([trials.tip, trials.spine_length, trials.pressures])).all(axis=1))
 
 
 def _behind(first: Ints, second: Ints) -> Ints:
@@ -82,7 +87,7 @@ def _conditions(s: Campaign) -> Ints:
     """(n,) number of each state's condition: spine length, highest pressure, branch, kind and hold; and the pressure of each
     chamber, where chambers of equal highest pressure were set to different ones."""
     # settled readings wait as long as it takes, holds of 2, 5 and 10 s were meant to differ
-    hold = levels(np.log1p([r.hold or 0.0 for r in s.rows]), 0.4)
+    hold = levels(np.log1p(s.trials.get("hold", 0.0)), 0.4)
     level, branch = levels(s.highest, s.pressure_gap), s.branch.astype(np.int64)
     found = distinct(levels(s.spine_length, SPINE_GAP), level, branch, s.kind, hold)
     settings = np.zeros(s.pressure.shape, np.int64)
@@ -96,22 +101,21 @@ def _conditions(s: Campaign) -> Ints:
 def _kinds(s: Campaign) -> Ints:
     """(n,) number of each state's kind of experiment, 0 the most frequent: protocol, chambers of its sweep, tip mass, roll, force
     at the tip, vacuum, and the rate of a trial that was read while ramping. What a row does not state counts as 0."""
-    rows = s.rows
-    while_ramping = np.array([r.hold is not None and r.hold <= 0 for r in rows])
-    rate = np.array([abs(r.rate or 0.0) for r in rows])
-    inflated, ramp = s.inflated.copy(), np.zeros(len(rows))
+    trials = s.trials
+    while_ramping, rate = trials.get("hold") <= 0, np.abs(trials.get("rate", 0.0))
+    inflated, ramp = s.inflated.copy(), np.zeros(len(trials))
     for t in np.unique(s.trial):
         # A sweep is of one kind: near zero pressure no chamber stands out, and at its ends it stands still.
         own = s.trial == t
         inflated[own] = _sweeps(inflated[own], s.highest[own], s.pressure_gap)
         ramp[own] = rate[own].max() if while_ramping[own].any() else 0.0
     return by_frequency(
-        np.unique([r.protocol for r in rows], return_inverse=True)[1],
+        np.unique(trials.get("protocol"), return_inverse=True)[1],
         distinct(inflated),
-        levels(np.array([r.tip_mass or 0.0 for r in rows]), MASS_GAP),
-        levels(np.array([r.roll_deg or 0.0 for r in rows]), ROLL_GAP),
-        *(levels(along_axis, FORCE_GAP) for along_axis in np.array([r.tip_force for r in rows]).reshape(-1, 3).T),
-        _vacuums(np.array([r.vacuum or 0.0 for r in rows]), s.spine_length),
+        levels(trials.get("tip_mass", 0.0), MASS_GAP),
+        levels(trials.get("roll_deg", 0.0), ROLL_GAP),
+        *(levels(along_axis, FORCE_GAP) for along_axis in trials.tip_force.T),
+        _vacuums(trials.get("vacuum", 0.0), s.spine_length),
         levels(ramp, RATE_GAP),
     )
 

@@ -16,7 +16,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -135,11 +134,7 @@ class FirstCalibration:
         if not any(self.shift):
             return states
 
-        def here(point: tuple[float, ...]) -> Any:
-            return tuple((np.array(point) - self.shift).tolist())
-
-        rows = (r if r.tip is None else replace(r, tip=here(r.tip), markers=tuple(map(here, r.markers))) for r in states.rows)
-        return replace(states, rows=tuple(rows))
+        return replace(states, trials=states.trials.moved([-s for s in self.shift]))
 
 
 def calibrate_first(robot: Robot, states: Campaign, effects: Collection[str] = ()) -> FirstCalibration:
@@ -210,8 +205,7 @@ def _weight_explains(robot: Robot, states: Campaign, most: float) -> bool:
 
 def _with_payload(robot: Robot, states: Campaign, mass: float) -> Campaign:
     """The states with `mass` (kg) added at the tip."""
-    hung = (tip_masses(robot, states.rows) + mass).tolist()
-    return replace(states, rows=tuple(replace(r, tip_mass=m) for r, m in zip(states.rows, hung, strict=True)))
+    return replace(states, trials=states.trials.replaced({"tip_mass": tip_masses(robot, states.trials) + mass}))
 
 
 def _counted(robot: Robot, states: Campaign) -> tuple[float, float, float]:
@@ -264,7 +258,7 @@ class _Misfit:
     """Residuals of a robot with numbers theta (8,), and their derivatives: forward differences by those that move the rod."""
 
     def __init__(self, robot: Robot, states: Campaign) -> None:
-        self._robot, self._states, self._asked = robot, states, settings(robot, states.rows)
+        self._robot, self._states, self._asked = robot, states, settings(robot, states.trials)
         self._unit = FIRST_LOSS_SCALE * robot.length
         self._last: tuple[Array, Array] = (np.full(len(NAMES), np.nan), np.zeros(0))
 
@@ -304,7 +298,7 @@ def _missed(robot: Robot, states: Campaign, theta: Array, asked: States) -> Arra
 def _rms(robot: Robot, states: Campaign, theta: Array) -> float:
     """m, s sqrt(mean rho(d^2 / s^2)) over the states: the rms of distances d that are small, while large ones count less."""
     scale = FIRST_LOSS_SCALE * robot.length
-    squared = (_missed(robot, states, theta, settings(robot, states.rows)) ** 2).sum(axis=1) / scale**2
+    squared = (_missed(robot, states, theta, settings(robot, states.trials)) ** 2).sum(axis=1) / scale**2
     return scale * float(np.sqrt(np.mean(2 * (np.sqrt(1 + squared) - 1))))
 
 

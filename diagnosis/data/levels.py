@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
-from recordings.trials import TrialRow
+from recordings.trials import Table
 
 from ..arrays import Array, Ints
 
@@ -43,12 +41,15 @@ def by_frequency(*columns: NDArray[np.generic]) -> Ints:
     return rank[index].astype(np.int64)
 
 
-def pressure_gap(rows: Sequence[TrialRow]) -> float:
+def pressure_gap(trials: Table) -> float:
     """Pa within which pressures count as one setting: 3 kPa, less where the whole range is small."""
-    highest = max((max(r.pressures) for r in rows), default=0.0)
-    scatter = [r.sd.get(f"p{int(np.argmax(r.pressures)) + 1}", np.nan) for r in rows]  # of the highest chamber's samples
-    spread = [value for value in scatter if np.isfinite(value)]
-    fine = max(OF_RANGE * highest, OF_SCATTER * float(np.median(spread)) if spread else 0.0)
+    if not len(trials):
+        return PRESSURE_GAP
+    pressures = trials.pressures
+    every = np.column_stack([trials.get(f"sd_p{k + 1}") for k in range(pressures.shape[1])])
+    scatter = every[np.arange(len(trials)), pressures.argmax(axis=1)]  # of the highest chamber's samples
+    spread = scatter[np.isfinite(scatter)]
+    fine = max(OF_RANGE * float(pressures.max()), OF_SCATTER * float(np.median(spread)) if spread.size else 0.0)
     return min(PRESSURE_GAP, fine) if fine > 0 else PRESSURE_GAP
 
 

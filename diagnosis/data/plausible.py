@@ -12,15 +12,15 @@ nothing else can explain it, with its column, the value, what it looks like and 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from collections.abc import Iterator
 
 import numpy as np
 
 from model.robot import Robot
 from model.section import body_area, body_mass, body_second_moment
-from recordings.trials import TrialRow
+from recordings.trials import Table
 
+from ..arrays import Ints
 from ..errors import BadCase
 from .plausible_pressures import Pressures, implausible_pressures, implausible_roll
 from .pushes import implausible_pushes
@@ -30,54 +30,53 @@ STRAIGHT, TURNED = 0.9, 75.0
 """Robot lengths and degrees: a body bent along an arc so that its tip lies 75 degrees off its axis is 0.74 lengths away."""
 
 
-def require_plausible(robot: Robot, rows: Iterable[TrialRow], name: str = "") -> None:
+def require_plausible(robot: Robot, table: Table, name: str = "") -> None:
     """Raises `BadCase`, one line for each thing that is wrong, each beginning with `name` (file or files)."""
-    if found := implausible_values(robot, rows):
+    if found := implausible_values(robot, table):
         raise BadCase("\n".join(f"{name}: {text}" if name else text for text in found))
 
 
-def implausible_values(robot: Robot, rows: Iterable[TrialRow]) -> tuple[str, ...]:
+def implausible_values(robot: Robot, table: Table) -> tuple[str, ...]:
     """One message for each implausible value: column, value, what it looks like, what to write; empty when there is none."""
-    every = list(rows)
-    if not every:
+    if not len(table):
         return ()
-    tips = [r for r in every if r.protocol != "stiffness" and r.tip is not None]
-    tips = [r for r in tips if np.isfinite((*r.tip, r.spine_length, *r.pressures)).all()]  # type: ignore[misc]
-    of_tips = _of_tips(robot, tips) if tips else ()
-    found = (_spines(robot, every), _masses(robot, every), *of_tips, *implausible_pushes(robot, every))
+    tips = table.take(table.with_tip & np.isfinite(table.spine_length))
+    of_tips = _of_tips(robot, tips) if len(tips) else ()
+    found = (_spines(robot, table), _masses(robot, table), *of_tips, *implausible_pushes(robot, table))
     return tuple(filter(None, found))
 
 
-def _of_tips(robot: Robot, rows: list[TrialRow]) -> Iterator[str]:
-    """Messages about rows with a tip, of no stiffness trial; some are empty."""
-    there, expected = {len(r.pressures) for r in rows}, len(robot.actuators.azimuths_deg)
+def _of_tips(robot: Robot, states: Table) -> Iterator[str]:
+    """Messages about states with a tip, of no stiffness trial; some are empty."""
+    there, expected = set(pressures_of_each(states).tolist()), len(robot.actuators.azimuths_deg)
     if there != {expected}:
         yield (
             f"rows with {', '.join(map(str, sorted(there)))} pressures for a robot with {expected} chambers: tables of "
             "different robots cannot be used together; write one column p1.. for each of robot.yaml's azimuths_deg"
         )
-    factor, note = _distances(robot, rows)
+    factor, note = _distances(robot, states)
     yield note
     if not factor or there != {expected}:
         return
-    rows = [replace(r, tip=tuple((np.array(r.tip) / factor).tolist())) for r in rows]
-    pressures = Pressures.of(robot, rows)
+    states = states.replaced({axis: states.get(axis) / factor for axis in "xyz"})
+    pressures = Pressures.of(robot, states)
     yield from implausible_pressures(robot, pressures)
     yield implausible_roll(robot, pressures)
-    resting = [r for r, rests in zip(rows, pressures.resting, strict=True) if rests]
-    yield _resting_tip(robot, resting) if resting else ""
-    yield _orientation(rows, resting)
+    resting = states.take(pressures.resting)
+    yield _resting_tip(robot, resting) if len(resting) else ""
+    yield _orientation(states, resting)
 
 
-def where(row: TrialRow) -> str:
-    """The name of a row in messages."""
-    return f"trial {row.trial} step {row.step}"
+def pressures_of_each(states: Table) -> Ints:
+    """(n,) number of pressures of each state: up to the last that was measured."""
+    pressures = states.pressures
+    return np.where(np.isnan(pressures), 0, np.arange(1, pressures.shape[1] + 1)).max(axis=1, initial=0)
 
 
 # ------------------------------------------------------------------ lengths
-def _distances(robot: Robot, rows: list[TrialRow]) -> tuple[float, str]:
+def _distances(robot: Robot, states: Table) -> tuple[float, str]:
     """How many of the tips' unit make one m (0: unknown), and a message about it; empty where there is nothing to say."""
-    distance = np.linalg.norm([r.tip for r in rows], axis=1)  # type: ignore[arg-type]
+    distance = np.linalg.norm(states.tip, axis=1)
     worst = int(np.argmax(distance))
     # no tip of a rod that stretches by less than half is further from its base
     farthest = 1.5 * robot.length + tracked_beyond(robot)
@@ -85,8 +84,8 @@ def _distances(robot: Robot, rows: list[TrialRow]) -> tuple[float, str]:
         return 1.0, ""
     far = int((distance > farthest).sum())
     head = (
-        f"{where(rows[worst])}, columns x, y, z: the tip lies {distance[worst]:.3g} m from the base of a robot that is "
-        f"{robot.length:g} m long ({far} of {len(rows)} states)"
+        f"{states.place(worst)}, columns x, y, z: the tip lies {distance[worst]:.3g} m from the base of a robot that is "
+        f"{robot.length:g} m long ({far} of {len(states)} states)"
     )
     unit = nearest(float(np.median(distance)) / robot.length, LENGTH_UNITS, within=1.6)
     if unit is None:
@@ -99,12 +98,12 @@ def tracked_beyond(robot: Robot) -> float:
     return float(np.linalg.norm([p.value for p in robot.effects.get("marker_offset", {}).values()]))
 
 
-def _spines(robot: Robot, rows: list[TrialRow]) -> str:
-    lengths = np.array([r.spine_length for r in rows])
+def _spines(robot: Robot, table: Table) -> str:
+    lengths = table.spine_length
     if not np.nanmax(lengths) > 1.001 * robot.length:
         return ""
     worst = int(np.nanargmax(lengths))
-    head = f"{where(rows[worst])}, column spine_length: {lengths[worst]:g} m, longer than the robot ({robot.length:g} m)"
+    head = f"{table.place(worst)}, column spine_length: {lengths[worst]:g} m, longer than the robot ({robot.length:g} m)"
     times = float(lengths[worst]) / robot.length
     # a longer spine is another unit rather than another robot
     if times < 4.0:
@@ -115,22 +114,23 @@ def _spines(robot: Robot, rows: list[TrialRow]) -> str:
 
 
 # ------------------------------------------------------------------ masses
-def _masses(robot: Robot, rows: list[TrialRow]) -> str:
+def _masses(robot: Robot, table: Table) -> str:
     """Grams: a thousand times robot.yaml's tip mass, or a weight under which the body would be twice as long."""
-    heaviest = max(rows, key=lambda r: r.tip_mass or 0.0)
-    mass, described, carried = heaviest.tip_mass or 0.0, robot.tip_mass, robot.youngs_modulus * body_area(robot) / 9.81
+    masses = table.get("tip_mass", 0.0)
+    heaviest = int(np.argmax(masses))
+    mass, described, carried = float(masses[heaviest]), robot.tip_mass, robot.youngs_modulus * body_area(robot) / 9.81
     if not (mass > carried or (described > 0 and abs(mass / described / 1000 - 1) < 0.05)):
         return ""
     beside = f"robot.yaml has {described:g} kg" if described > 0 else f"the body would be twice as long under {carried:.3g} kg"
-    return f"{where(heaviest)}, column tip_mass: {mass:g} kg, {beside}: looks like g; masses are in kg: divide by 1000"
+    return f"{table.place(heaviest)}, column tip_mass: {mass:g} kg, {beside}: looks like g; masses are in kg: divide by 1000"
 
 
 # ------------------------------------------------------------------ frame and orientation
-def _resting_tip(robot: Robot, resting: list[TrialRow]) -> str:
-    """A message where the median tip of the rows without pressure (`resting`) is near the base, or not along +z from it."""
-    tip = np.median([r.tip for r in resting], axis=0)  # type: ignore[arg-type]
+def _resting_tip(robot: Robot, resting: Table) -> str:
+    """A message where the median tip of the states without pressure (`resting`) is near the base, or not along +z from it."""
+    tip = np.median(resting.tip, axis=0)
     away = float(np.linalg.norm(tip)) / robot.length  # robot lengths from the base
-    place = f"{where(resting[0])}, columns x, y, z: at rest the tip lies at ({tip[0]:.3g}, {tip[1]:.3g}, {tip[2]:.3g}) m"
+    place = f"{resting.place(0)}, columns x, y, z: at rest the tip lies at ({tip[0]:.3g}, {tip[1]:.3g}, {tip[2]:.3g}) m"
     meant = f"at rest it must be near (0, 0, {robot.length:g}) m, the robot's length along +z from its base"
     if away < 0.05:  # no soft arm at rest is curled up this far
         return f"{place}: looks like the displacement from the rest position; {meant}: add {robot.length:g} to z"
@@ -155,27 +155,27 @@ def weight_ratio(robot: Robot) -> float:
     return weight * robot.length**2 / (robot.youngs_modulus * body_second_moment(robot))
 
 
-def _orientation(rows: list[TrialRow], resting: list[TrialRow]) -> str:
-    turned = [r for r in rows if r.orientation is not None]
-    if not turned:
+def _orientation(states: Table, resting: Table) -> str:
+    turned, still = (s.take(~np.isnan(s.orientation[:, 0])) for s in (states, resting))
+    if not len(turned):
         return ""
-    lengths = np.linalg.norm([r.orientation for r in turned], axis=1)  # type: ignore[arg-type]
+    lengths = np.linalg.norm(turned.orientation, axis=1)
     worst = int(np.argmax(np.abs(lengths - 1)))
     # rounding to two digits makes less
     if abs(lengths[worst] - 1) > 0.05:
         return (
-            f"{where(turned[worst])}, columns qw, qx, qy, qz: {_numbers(turned[worst])} has norm "
+            f"{turned.place(worst)}, columns qw, qx, qy, qz: {_numbers(turned, worst)} has norm "
             f"{lengths[worst]:.3g}, must be 1: looks like angles or a rotation vector; write a unit quaternion, w first"
         )
-    still = [r for r in resting if r.orientation is not None] or turned
+    still = still if len(still) else turned
     # qz: bending and sagging turn about x and y, not about z
-    if not float(np.median([abs(r.orientation[3]) for r in still])) > 0.8:  # type: ignore[index]
+    if not float(np.median(np.abs(still.orientation[:, 3]))) > 0.8:
         return ""
     return (
-        f"{where(still[0])}, columns qw, qx, qy, qz: {_numbers(still[0])} of a robot at rest: looks like the "
+        f"{still.place(0)}, columns qw, qx, qy, qz: {_numbers(still, 0)} of a robot at rest: looks like the "
         "order x, y, z, w; at rest the tip has the base's orientation, (1, 0, 0, 0): write w first, not last"
     )
 
 
-def _numbers(row: TrialRow) -> str:
-    return f"({', '.join(f'{c:.3g}' for c in row.orientation or ())})"
+def _numbers(states: Table, state: int) -> str:
+    return f"({', '.join(f'{c:.3g}' for c in states.orientation[state])})"

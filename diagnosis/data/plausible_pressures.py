@@ -16,7 +16,7 @@ from model.body import body_of
 from model.condition import HIGHEST_PRESSURE
 from model.robot import Robot
 from model.section import body_area, body_mass, combined_modulus
-from recordings.trials import TrialRow
+from recordings.trials import Table
 
 from ..arrays import Array, Ints, Mask
 from .levels import MASS_GAP, ROLL_GAP, SPINE_GAP, VACUUM_GAP, distinct, levels
@@ -37,7 +37,7 @@ of that which a body at ambient stays below."""
 class Pressures:
     """n states: what was read, and what a beam would do."""
 
-    rows: tuple[TrialRow, ...]
+    states: Table
     pressure: Array
     """(n, chambers) as the table has them."""
     displacement: Array
@@ -50,18 +50,17 @@ class Pressures:
     """(n,) without pressure, be it gauge or absolute."""
 
     @classmethod
-    def of(cls, robot: Robot, rows: list[TrialRow]) -> Pressures:
-        """Of rows with a tip in m and a pressure for each chamber."""
-        pressure = np.array([r.pressures for r in rows])
-        setting, tip = setting_of_each(rows), np.array([r.tip for r in rows])
+    def of(cls, robot: Robot, states: Table) -> Pressures:
+        """Of states with a tip in m and a pressure for each chamber."""
+        pressure, setting, tip = states.pressures, setting_of_each(states), states.tip
         rising = np.lexsort((np.abs(pressure).max(axis=1), setting))
         low = rising[np.unique(setting[rising], return_index=True)[1]][setting]
         displacement = tip - tip[low]
-        ratio = _ratio(robot, displacement, expected_displacement(robot, rows, pressure - pressure[low]))
+        ratio = _ratio(robot, displacement, expected_displacement(robot, states.spine_length, pressure - pressure[low]))
         # in mbar or a larger unit, no soft robot has such large numbers
         implausible = ratio > FARTHEST and np.abs(pressure).max() < 20e3
         unit = 1 / units_near(1 / ratio, _units(robot), 1.0)[0].per_si if implausible else 1.0
-        return cls(tuple(rows), pressure, displacement, unit, ratio, _resting(pressure * unit))
+        return cls(states, pressure, displacement, unit, ratio, _resting(pressure * unit))
 
 
 def _units(robot: Robot) -> tuple[Unit, ...]:
@@ -71,16 +70,15 @@ def _units(robot: Robot) -> tuple[Unit, ...]:
     return PRESSURE_UNITS if own.name in {u.name for u in PRESSURE_UNITS} else (own,)
 
 
-def setting_of_each(rows: list[TrialRow]) -> Ints:
-    """(n,) index of each row's setting: spine length, tip mass, roll and vacuum; only pressure differs within one."""
-    states = np.array([(r.spine_length, r.tip_mass or 0.0, r.roll_deg or 0.0, r.vacuum or 0.0) for r in rows])
-    gaps = (SPINE_GAP, MASS_GAP, ROLL_GAP, VACUUM_GAP)
-    return distinct(*(levels(column, gap) for column, gap in zip(states.T, gaps, strict=True)))
+def setting_of_each(states: Table) -> Ints:
+    """(n,) index of each state's setting: spine length, tip mass, roll and vacuum; only pressure differs within one."""
+    gaps = {"spine_length": SPINE_GAP, "tip_mass": MASS_GAP, "roll_deg": ROLL_GAP, "vacuum": VACUUM_GAP}
+    return distinct(*(levels(states.get(name, 0.0), gap) for name, gap in gaps.items()))
 
 
-def expected_displacement(robot: Robot, rows: list[TrialRow], pressure: Array) -> Array:
-    """(n,) m: tip's displacement of a straight beam of two parts (with spine, without) under pressures (n, chambers) Pa."""
-    body, spine = body_of(robot), np.clip([r.spine_length for r in rows], 0.0, robot.length)
+def expected_displacement(robot: Robot, spine_length: Array, pressure: Array) -> Array:
+    """(n,) m: tip's displacement of a straight beam, with a spine of (n,) m in its first part, under (n, chambers) Pa."""
+    body, spine = body_of(robot), np.clip(spine_length, 0.0, robot.length)
     push = pressure * robot.area_factor_at(spine)[:, None]
     azimuth = np.radians(robot.actuators.azimuths_deg)
     moment = np.hypot(push @ (body.mean_arm * np.cos(azimuth)), push @ (body.mean_arm * np.sin(azimuth)))
@@ -120,7 +118,7 @@ def implausible_pressures(robot: Robot, s: Pressures) -> Iterator[str]:
     """Another unit, or absolute pressures."""
     row, chamber = np.unravel_index(int(np.argmax(np.abs(s.pressure))), s.pressure.shape)
     highest = float(s.pressure[row, chamber])
-    place = f"trial {s.rows[row].trial} step {s.rows[row].step}, column p{chamber + 1}"
+    place = f"{s.states.place(int(row))}, column p{chamber + 1}"
     # Models miss by a factor of three, so two units may come into question.
     if abs(highest) > HIGHEST_PRESSURE and robot.chambers is None:
         words = robot.actuators.words
@@ -164,22 +162,22 @@ def implausible_pressures(robot: Robot, s: Pressures) -> Iterator[str]:
 
 def _at_its_length(robot: Robot, s: Pressures) -> bool:
     """Whether the body at its least pressures is shorter than that much gauge pressure would make it: it is at ambient."""
-    resting = [r for r, rests in zip(s.rows, s.resting, strict=True) if rests]
-    if not resting:
+    resting = s.states.take(s.resting)
+    if not len(resting):
         return False
     low = (s.pressure * s.unit)[s.resting]
-    by_gauge = float(np.median(expected_displacement(robot, resting, low))) / robot.length
+    by_gauge = float(np.median(expected_displacement(robot, resting.spine_length, low))) / robot.length
     if by_gauge < VISIBLE_STRETCH:
         return False
     weight = body_mass(robot) / 2 + robot.tip_mass
     by_weight = weight * abs(robot.gravity[2]) / (robot.youngs_modulus * body_area(robot))
-    longer = float(np.median([np.linalg.norm(r.tip) for r in resting])) / robot.length - 1  # type: ignore[arg-type]
+    longer = float(np.median(np.linalg.norm(resting.tip, axis=1))) / robot.length - 1
     return longer < STRETCH_SHARE * by_gauge + by_weight
 
 
 def implausible_roll(robot: Robot, s: Pressures) -> str:
     """A message where the tip turns about the axis by 57 times what roll_deg says, as it is in rad; else empty."""
-    roll = np.array([r.roll_deg or 0.0 for r in s.rows])
+    roll = s.states.get("roll_deg", 0.0)
     if not 0 < np.abs(roll).max() < 2 * np.pi + 0.01:
         return ""
     push = (s.pressure @ robot.bending_directions) * np.exp(1j * np.radians(roll))
@@ -203,9 +201,9 @@ def implausible_roll(robot: Robot, s: Pressures) -> str:
     if not seen or not all(abs(_wrapped(rolled[one] - missed[one])) < 15.0 for one in rolled):
         return ""
     most = max(rolled, key=abs)
-    first = s.rows[int(np.argmax(roll == most))]
+    first = s.states.place(int(np.argmax(roll == most)))
     return (
-        f"trial {first.trial} step {first.step}, column roll_deg: {most:g}, but the direction of bending turns "
+        f"{first}, column roll_deg: {most:g}, but the direction of bending turns "
         f"by {np.degrees(most):.0f} degrees: looks like rad; roll_deg is in degrees: multiply by 57.2958"
     )
 

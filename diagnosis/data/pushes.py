@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
 from model.robot import Robot
 from model.section import annulus_second_moment, body_second_moment
-from recordings.trials import TrialRow
+from recordings.trials import Table
 
-from ..arrays import Array, Ints
+from ..arrays import Array, Ints, Mask
 from ..errors import BadCase
 from .campaign import Campaign
 from .levels import SPINE_GAP, VACUUM_GAP, by_frequency, distinct, levels, step_gap
@@ -24,64 +24,70 @@ IMPLAUSIBLE_FORCE_RATIO = {"body": 30.0, "spine": 300.0}
 """Ratios of force measured to force expected: a body's modulus is known within a few, a jammed spine's may be a guess."""
 
 
-def rows(table: Iterable[TrialRow]) -> list[TrialRow]:
-    """Rows with a force and the deflection it belongs to."""
-    return [r for r in table if r.protocol == "stiffness" and r.force is not None and r.deflection is not None]
+def complete(table: Table) -> Mask:
+    """(n,) states of stiffness trials with a force and the deflection it belongs to."""
+    return np.asarray(table.pushed & np.isfinite(table.get("force")) & np.isfinite(table.get("deflection")))
 
 
-def _length(robot: Robot, row: TrialRow) -> float:
-    """m of the cantilever."""
-    return robot.length if row.specimen == "body" else row.spine_length
+def _of_body(given: Table) -> Mask:
+    return np.asarray(given.get("specimen") == "body")
 
 
-def require_plausible(robot: Robot, given: list[TrialRow]) -> None:
-    """Raises `BadCase` for rows that no stiffness trial of this robot gives."""
-    for r in given:
-        where, long = f"trial {r.trial} step {r.step}", _length(robot, r)
-        if r.specimen != "body" and robot.spine is None:
-            raise BadCase(
-                f"{where}: a stiffness trial of a spine, but robot {robot.name!r} has none: add the spine's moduli to robot.yaml"
-            )
-        if long < SHORTEST:
-            raise BadCase(f"{where}: a stiffness trial of a spine of {long:g} m: check spine_length (m), or write specimen body")
-        if abs(r.deflection or 0.0) > FARTHEST * long:
-            raise BadCase(
-                f"{where}: deflection {r.deflection:g} m of a cantilever of {long:g} m; beam theory holds up to "
-                f"{FARTHEST:g} of its length: check the unit (m), or leave the row out"
-            )
+def _lengths(robot: Robot, given: Table) -> Array:
+    """(n,) m of the cantilevers."""
+    return np.where(_of_body(given), robot.length, given.spine_length)
 
 
-def implausible_pushes(robot: Robot, table: Iterable[TrialRow]) -> Iterator[str]:
+def require_plausible(robot: Robot, given: Table) -> None:
+    """Raises `BadCase` for states that no stiffness trial of this robot gives."""
+    long, deflection = _lengths(robot, given), given.get("deflection")
+    if robot.spine is None and (of_spine := np.flatnonzero(~_of_body(given))).size:
+        raise BadCase(
+            f"{given.place(of_spine[0])}: a stiffness trial of a spine, but robot {robot.name!r} has none: add the spine's "
+            "moduli to robot.yaml"
+        )
+    for i in np.flatnonzero(long < SHORTEST)[:1].tolist():
+        raise BadCase(
+            f"{given.place(i)}: a stiffness trial of a spine of {long[i]:g} m: check spine_length (m), or write specimen body"
+        )
+    for i in np.flatnonzero(np.abs(deflection) > FARTHEST * long)[:1].tolist():
+        raise BadCase(
+            f"{given.place(i)}: deflection {deflection[i]:g} m of a cantilever of {long[i]:g} m; beam theory holds up to "
+            f"{FARTHEST:g} of its length: check the unit (m), or leave the row out"
+        )
+
+
+def implausible_pushes(robot: Robot, table: Table) -> Iterator[str]:
     """Messages about deflections longer than the cantilever, and about forces of another unit."""
-    finite = [r for r in rows(table) if np.isfinite((r.force, r.deflection)).all()]  # type: ignore[arg-type]
+    finite = table.take(complete(table))
     for specimen in ("body", "spine"):
-        own = [r for r in finite if r.specimen == specimen and _length(robot, r) >= SHORTEST]
-        if not own or (specimen == "spine" and robot.spine is None):
+        own = finite.take((finite.get("specimen") == specimen) & (_lengths(robot, finite) >= SHORTEST))
+        if not len(own) or (specimen == "spine" and robot.spine is None):
             continue
-        deflection, long = np.array([(abs(r.deflection or 0.0), _length(robot, r)) for r in own]).T
+        deflection, long = np.abs(own.get("deflection")), _lengths(robot, own)
         worst = int(np.argmax(deflection / long))
         if deflection[worst] > long[worst]:
             yield (
-                f"trial {own[worst].trial} step {own[worst].step}, column deflection: {deflection[worst]:g} m of a cantilever of "
-                f"{long[worst]:g} m: looks like mm; deflections are in m: divide by 1000"
+                f"{own.place(worst)}, column deflection: {deflection[worst]:g} m of a cantilever of {long[worst]:g} m: looks "
+                "like mm; deflections are in m: divide by 1000"
             )
         else:
             yield from _forces(robot, specimen, own, deflection, long)
 
 
-def _forces(robot: Robot, specimen: str, own: list[TrialRow], deflection: Array, long: Array) -> Iterator[str]:
+def _forces(robot: Robot, specimen: str, own: Table, deflection: Array, long: Array) -> Iterator[str]:
     """The slope of force over deflection against 3 E I / L^3."""
     if robot.spine is not None and specimen == "spine":
         bending = robot.spine.modulus_at(long) * annulus_second_moment(robot.spine.radius)
     else:
         bending = np.full(len(own), robot.youngs_modulus * body_second_moment(robot))
-    expected, force = 3 * bending / long**3 * deflection, np.array([r.force for r in own], float)
+    expected, force = 3 * bending / long**3 * deflection, own.get("force")
     if len(own) < 3 or np.ptp(expected) == 0 or np.ptp(force) == 0 or abs(np.corrcoef(force, expected)[0, 1]) < 0.9:
         return
     ratio, limit = abs(float(np.polyfit(expected, force, 1)[0])), IMPLAUSIBLE_FORCE_RATIO[specimen]
     worst = int(np.argmax(np.abs(force)))
     place, needed = (
-        f"trial {own[worst].trial} step {own[worst].step}",
+        own.place(worst),
         f"{expected[worst]:.3g} N expected from robot.yaml's modulus",
     )
     if ratio > limit and (unit := nearest(ratio, FORCE_UNITS, within=10.0)) is not None:
@@ -96,16 +102,15 @@ def _forces(robot: Robot, specimen: str, own: list[TrialRow], deflection: Array,
         )
 
 
-def kinds(given: list[TrialRow]) -> Ints:
-    """Number of each row's kind of experiment, specimen and vacuum; 0 for most."""
-    body = np.array([r.specimen == "body" for r in given], np.int64)
-    return by_frequency(body, levels(np.array([r.vacuum or 0.0 for r in given]), VACUUM_GAP))
+def kinds(given: Table) -> Ints:
+    """Number of each state's kind of experiment, specimen and vacuum; 0 for most."""
+    return by_frequency(_of_body(given).astype(np.int64), levels(given.get("vacuum", 0.0), VACUUM_GAP))
 
 
-def conditions(given: list[TrialRow], spine: Array) -> Ints:
-    """Number of each row's condition: kind, spine length, branch and step of deflection."""
-    deflection, trial = np.array([r.deflection for r in given], float), np.array([r.trial for r in given])
-    branch = np.array([r.branch == "unload" for r in given], np.int64)
+def conditions(given: Table) -> Ints:
+    """Number of each state's condition: kind, spine length, branch and step of deflection."""
+    deflection, trial, spine = given.get("deflection"), given.trial, np.clip(given.spine_length, 0.0, None)
+    branch = (given.get("branch") == "unload").astype(np.int64)
     same = distinct(kinds(given), levels(spine, SPINE_GAP), branch)
     level = np.zeros(len(given), np.int64)
     for one in np.unique(same):

@@ -18,7 +18,6 @@ from model.effects.parameters import ParameterInfo
 from model.effects.spec import EffectSpec
 from model.prediction.campaign import predict_campaign
 from model.robot import Robot
-from recordings.trials import TEXTS
 
 from ..arrays import Array, Mask
 from ..data.baseline import Baseline
@@ -189,9 +188,7 @@ def observable_effects(robot: Robot, design: States, catalogue: Mapping[str, Eff
 
 def table_columns(states: Campaign) -> dict[str, NDArray[np.generic]]:
     """The table's columns of the states, spine lengths not below zero, vented chambers at zero gauge."""
-    cells = [row.cells() for row in states.rows]
-    names = dict.fromkeys(name for row in cells for name in row)
-    table = {name: np.array([row.get(name, "" if name in TEXTS else np.nan) for row in cells]) for name in names}
+    table = {name: states.trials[name] for name in states.trials.columns}
     pressures = {f"p{i}": column for i, column in enumerate(with_vented_at_zero(states).T, 1)}
     return table | {"spine_length": states.spine_length} | pressures
 

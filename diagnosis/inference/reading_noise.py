@@ -158,7 +158,7 @@ def _usual(floor: NoiseComponents) -> float:
 
 def resting(states: Campaign) -> Mask:
     """(n,) states that were read at rest, not while ramping."""
-    return np.array([r.hold is None or r.hold > 0 for r in states.rows])
+    return ~(states.trials.get("hold") <= 0)
 
 
 def pressure_response(forward: ForwardModel, states: Campaign, made: Parameters, slope: Array) -> Array:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,7 @@ from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
 from model.effects.spec import EffectSpec
 from model.robot import Robot
-from recordings.trials import TEXTS, Table, TrialRow
+from recordings.trials import Table
 
 from ..answer.experiments import Experiment, candidate_experiments, columns
 from ..data.case import Case, CaseLike, states
@@ -59,12 +58,8 @@ def foreseen(robot: Robot, table: Columns, seed: int = 1) -> Case:
     for name in "xyz":
         own = observed.channel == name
         read[name][observed.row[own]] = values[own] + DEFAULT_NOISE["tip"] * rng.standard_normal(int(own.sum()))
-    rows = []
-    for i in range(len(design)):
-        cells: dict[str, Any] = {n: str(c[i]) if n in TEXTS else c[i].item() for n, c in read.items()}
-        known = {n: v for n, v in cells.items() if v != "" and v == v}
-        rows.append(TrialRow.from_cells({"step": i + 1, "protocol": "bending", **known}))
-    return Case(robot, Table(tuple(rows)))
+    n = len(design)
+    return Case(robot, Table({"step": np.arange(1, n + 1), "protocol": np.full(n, "bending"), **read}))
 
 
 def of_case(case: CaseLike, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> Planned:
@@ -99,6 +94,5 @@ def _with(case: Case, e: Experiment, seed: int) -> Case:
     """The case with an experiment behind it."""
     chambers = len(case.robot.actuators.azimuths_deg)
     more = foreseen(case.robot, columns(e.parameters, chambers, ("x", "y", "z", *e.channels)), seed)
-    last, end = max(r.trial for r in case.table), max(r.t for r in case.table)
-    rows = tuple(replace(r, trial=r.trial + last, t=r.t + end + 60.0) for r in more.table)
-    return Case(case.robot, Table((*case.table.rows, *rows)))
+    later = more.table.replaced({"t": more.table["t"] + case.table["t"].max() + 60.0})
+    return Case(case.robot, Table.joined([case.table, later]))

@@ -52,9 +52,9 @@ class Stops:
 
     def take(self, cell: tuple[int, int], table: Table) -> None:
         """The states of a run that was completed."""
-        for row in table:
-            if row.tip is not None:
-                self._tips.setdefault((cell, row.trial, row.step), []).append(np.array(row.tip))
+        states = table.take(~np.isnan(table.get("x")))
+        for trial, step, tip in zip(states.trial.tolist(), states.get("step").tolist(), states.tip, strict=True):
+            self._tips.setdefault((cell, trial, step), []).append(tip)
 
     def after(self, done: Done) -> str:
         """Why the campaign must not go on after a run."""

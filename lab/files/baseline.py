@@ -20,7 +20,6 @@ from model.effects.tolerance import AREA
 from model.errors import ModelError, nearest
 from model.robot import Robot
 from model.simulators import GROUP, OWN, Forward, Readings
-from recordings.trials import Table, TrialRow
 
 from .config import ConfigError
 from .inputs import Case
@@ -57,8 +56,8 @@ def _by_step(path: Path, found: Columns, case: Case) -> NDArray[np.int64]:
     twice = next((k for k in dict.fromkeys(keys) if keys.count(k) > 1), None)
     if twice is not None:
         raise ConfigError(f"{path}: trial {twice[0]:g} step {twice[1]:g} is predicted twice; keep one")
-    line = {key: i for i, key in enumerate(keys)}
-    place = np.array([line.get((float(r.trial), float(r.step)), -1) for r in case.table])
+    line, table = {key: i for i, key in enumerate(keys)}, case.table
+    place = np.array([line.get((float(t), float(s)), -1) for t, s in zip(table.trial, table["step"], strict=True)])
     if (place < 0).all():
         raise ConfigError(f"{path}: predicts none of the {len(place)} states of the table; match its columns trial and step")
     return place
@@ -74,7 +73,7 @@ def _by_state(path: Path, found: Columns, case: Case) -> NDArray[np.int64]:
             f"spine_length (m) and p1..p{len(pressures)} (Pa)"
         )
     theirs = np.column_stack([np.asarray(found[name], float) for name in pressures])
-    highest, measured = float(np.nanmax(theirs)), max((max(r.pressures) for r in case.table), default=0.0)
+    highest, measured = float(np.nanmax(theirs)), float(np.nanmax(case.table.pressures, initial=0.0))
     # a file whose pressures are this small has another unit
     if measured > PRESSURE_WITHIN and highest < 0.01 * measured:
         raise ConfigError(
@@ -82,13 +81,12 @@ def _by_state(path: Path, found: Columns, case: Case) -> NDArray[np.int64]:
         )
     spine = np.asarray(found.get("spine_length", np.zeros(len(theirs))), float)
     others = [name for name in ("tip_mass", "roll_deg") if name in found]
-    place = np.full(len(case.table), -1)
-    for i, row in enumerate(case.table):
-        far = np.abs(theirs - np.array(row.pressures)).max(axis=1) / PRESSURE_WITHIN
-        far = np.maximum(far, np.abs(spine - max(row.spine_length, 0.0)) / SPINE_WITHIN)
+    place, table = np.full(len(case.table), -1), case.table
+    own, lengths, given = table.pressures, np.clip(table.spine_length, 0.0, None), {n: table.get(n, 0.0) for n in others}
+    for i in range(len(table)):
+        far = np.maximum(np.abs(theirs - own[i]).max(axis=1) / PRESSURE_WITHIN, np.abs(spine - lengths[i]) / SPINE_WITHIN)
         for name in others:
-            own = getattr(row, name)
-            far[np.asarray(found[name], float) != (0.0 if own is None else own)] = np.inf
+            far[np.asarray(found[name], float) != given[name][i]] = np.inf
         nearest = int(np.nanargmin(far)) if np.isfinite(far).any() else 0
         place[i] = nearest if far[nearest] <= 1.0 else -1
     if (place < 0).all():
@@ -101,7 +99,7 @@ def _by_state(path: Path, found: Columns, case: Case) -> NDArray[np.int64]:
 
 def _baseline(name: str, found: Columns, place: NDArray[np.int64], case: Case) -> Baseline:
     """Columns of a file, or what a simulator made, in the order of the case's table."""
-    rows, chambers = case.table.rows, len(case.robot.actuators.azimuths_deg)
+    table, chambers = case.table, len(case.robot.actuators.azimuths_deg)
     seen = place >= 0
 
     def column(of: str, default: Array) -> Array:
@@ -109,29 +107,27 @@ def _baseline(name: str, found: Columns, place: NDArray[np.int64], case: Case) -
             return default
         return np.where(seen, np.asarray(found[of], float)[np.maximum(place, 0)], default)
 
-    nothing = np.full(len(rows), np.nan)
+    nothing = np.full(len(table), np.nan)
     markers = len(case.robot.markers)
     return Baseline(
         name,
-        column("spine_length", np.array([max(r.spine_length, 0.0) for r in rows])),
-        np.column_stack([column(f"p{i + 1}", np.array([r.pressures[i] for r in rows])) for i in range(chambers)]),
+        column("spine_length", np.clip(table.spine_length, 0.0, None)),
+        np.column_stack([column(f"p{i + 1}", table.pressures[:, i]) for i in range(chambers)]),
         np.column_stack([column(axis, nothing) for axis in "xyz"]),
         np.column_stack([column(f"q{k}", nothing) for k in "wxyz"]),
         np.stack([np.column_stack([column(f"m{k + 1}{axis}", nothing) for axis in "xyz"]) for k in range(markers)], axis=1)
         if markers
-        else np.zeros((len(rows), 0, 3)),
+        else np.zeros((len(table), 0, 3)),
     )
 
 
 def _demand_plausible(name: str, made: Baseline, case: Case) -> None:
     """A prediction in mm, or with z upside down, looks as a measurement would."""
-    rows: list[TrialRow] = []
-    for i, row in enumerate(case.table):
-        if np.isfinite(made.tip[i]).all():
-            x, y, z = made.tip[i].tolist()
-            rows.append(replace(row, tip=(x, y, z), orientation=None, markers=(), pressures=tuple(made.pressure[i].tolist())))
+    measured = {n: c for n, c in case.table.values.items() if n[0] not in "mq"}
+    predicted = dict(zip("xyz", made.tip.T, strict=True)) | {f"p{i}": p for i, p in enumerate(made.pressure.T, 1)}
+    states = replace(case.table, values=measured | predicted).take(np.asarray(np.isfinite(made.tip).all(axis=1)))
     try:
-        require_plausible(case.robot, Table(tuple(rows)), name)
+        require_plausible(case.robot, states, name)
     except DiagnosisError as e:
         raise ConfigError(str(e)) from e
 
@@ -195,7 +191,7 @@ def from_simulator(
     unknown = [p for p in own.parameters if p not in scale]
     if unknown:
         raise ConfigError(f"simulator {name}: parameter {unknown[0]!r} is not known; `lab effects --json` lists the names")
-    settings = np.array([_setting(r, case) for r in case.table])
+    settings = _settings(case)
     distinct, place = _distinct(settings)
     states = [distinct[i : i + 8] for i in range(0, len(distinct), 8)]
     steps = [(p, 0.1 * scale[p]) for p in own.parameters] if varied else []
@@ -231,9 +227,11 @@ def _distinct(settings: Array) -> tuple[Array, NDArray[np.int64]]:
     return settings[kept], place
 
 
-def _setting(row: TrialRow, case: Case) -> tuple[float, ...]:
-    mass = case.robot.tip_mass if row.tip_mass is None else row.tip_mass
-    return (max(row.spine_length, 0.0), *row.pressures, mass, float(np.radians(row.roll_deg or 0.0)), *row.tip_force)
+def _settings(case: Case) -> Array:
+    """(n, 1 + chambers + 5): spine length, pressures, mass, roll (rad) and force at the tip of each state."""
+    table = case.table
+    mass, roll = table.get("tip_mass", case.robot.tip_mass), np.radians(table.get("roll_deg", 0.0))
+    return np.column_stack([np.clip(table.spine_length, 0.0, None), table.pressures, mass, roll, table.tip_force])
 
 
 def _columns(name: str, read: Readings, part: Array, markers: int) -> Columns:

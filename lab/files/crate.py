@@ -61,7 +61,7 @@ def write_crate(
     actions = _made(graph, recordings)
     root = {
         "@id": "./", "@type": "Dataset", "name": name, "license": license or NO_LICENSE,
-        "description": f"{len(table)} states in {len({r.trial for r in table})} trials of a soft continuum robot"
+        "description": f"{len(table)} states in {len(set(table.trial.tolist()))} trials of a soft continuum robot"
         + (f", {len(recordings)} recordings" if recordings else ""),
         "datePublished": datetime.now(UTC).date().isoformat(),
         "hasPart": [{"@id": f["@id"]} for f in graph], "about": [{"@id": r["@id"]} for r in robot[:1]],

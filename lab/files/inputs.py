@@ -20,7 +20,7 @@ from recordings.campaign.resumed import campaigns, merged
 from recordings.file.reader import Recording
 from recordings.file.verify import verify
 from recordings.table_file import read_csv
-from recordings.trials import Table, TrialRow
+from recordings.trials import Table
 
 from ..console import note
 from .config import ConfigError, Source, check, parse_yaml, read_yaml
@@ -48,15 +48,15 @@ class Case:
 
     def of(self, *protocols: str) -> Table:
         """The rows of these protocols."""
-        return Table(tuple(r for r in self.table if r.protocol in protocols))
+        return self.table.of_protocols(*protocols)
 
     @property
     def tips(self) -> tuple[States, NDArray[np.float64], NDArray[np.int64]]:
         """States with a tip: conditions, tips (n, 3) m in the base frame, trial numbers (n,)."""
-        rows = [r for r in self.table if r.tip is not None and r.protocol != "stiffness"]
-        if not rows:
+        states = self.table.take(self.table.with_tip)
+        if not len(states):
             raise ConfigError("the input contains no state with a tip position; record a bending or elongation run")
-        return settings(self.robot, rows), np.array([r.tip for r in rows]), np.array([r.trial for r in rows])
+        return settings(self.robot, states), states.tip, states.trial
 
 
 def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
@@ -89,11 +89,11 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
             )
     for file, table in parts:
         _demand_plausible(robot, table, file)
-    rows = Table.joined(table for _, table in parts).rows
+    table = Table.joined(table for _, table in parts)
     doubts = tuple(f"{file}: {doubt}" for file, table in parts for doubt in table.warnings)
     units = {column: unit for _, table in parts for column, unit in table.sensor_units.items()}
-    doubts += doubtful(robot, rows, source.name)
-    return Case(robot, Table(rows, warnings=doubts, sensor_units=units), source.text.decode())
+    doubts += doubtful(robot, table, source.name)
+    return Case(robot, replace(table, warnings=doubts, sensor_units=units), source.text.decode())
 
 
 def _demand_case(path: Path) -> None:
@@ -129,10 +129,9 @@ def _in_time(groups: Sequence[Sequence[Recording]]) -> list[tuple[Sequence[Recor
     for group in groups:
         table = merged(group)
         begun = (min(r.start_wall_ns for r in group) - min(r.start_wall_ns for r in groups[0])) / 1e9
-        last = max((r.t for r in out[-1][1]), default=0.0) if out else 0.0
+        last = out[-1][1].get("t").max(initial=0.0) if out else 0.0
         shift = max(begun, last) if begun > 0 else 0.0
-        rows = tuple(replace(r, t=r.t + shift) for r in table) if shift else table.rows
-        out.append((group, replace(table, rows=rows)))
+        out.append((group, table.replaced({"t": table.get("t") + shift}) if shift and len(table) else table))
     return out
 
 
@@ -199,13 +198,13 @@ CLIPPED = (
 def marked_notes(table: Table) -> list[str]:
     """One line that names the states on whose way the rig's limits clipped set-points, and one for each doubt about states."""
     notes = [("set-points were clipped to the rig's limits before", table.clipped, CLIPPED)]
-    notes += [(f"{text} in", tuple(row for row in table.doubtful if row.doubt == doubt), "") for doubt, text in DOUBTS.items()]
-    return [f"{text} {len(rows)} of {len(table)} states: {_named(rows)}{more}" for text, rows, more in notes if rows]
+    notes += [(f"{text} in", table.get("doubt") == doubt, "") for doubt, text in DOUBTS.items()]
+    return [f"{text} {own.sum()} of {len(table)} states: {_named(table, own)}{more}" for text, own, more in notes if own.any()]
 
 
-def _named(rows: Sequence[TrialRow]) -> str:
-    more = f" and {len(rows) - 5} more" if len(rows) > 5 else ""
-    return ", ".join(f"trial {row.trial} step {row.step}" for row in rows[:5]) + more
+def _named(table: Table, own: NDArray[np.bool_]) -> str:
+    states = np.flatnonzero(own).tolist()
+    return ", ".join(table.place(i) for i in states[:5]) + (f" and {len(states) - 5} more" if len(states) > 5 else "")
 
 
 def _names(recordings: Sequence[Recording]) -> str:

@@ -45,8 +45,8 @@ def find(run: Path) -> Broken:
     if len(names) > 1 and not _beside(journal, names[-1][0]).exists() and last < names[-1][1]:
         names.pop()  # the crash came before the file was there
     recordings = [_open(_beside(journal, name), progress.campaign) for name, _ in names]
-    rows = merged(recordings)
-    held = {trial: sum(row.trial == trial for row in rows) for trial in progress.done}
+    table = merged(recordings)
+    held = {trial: int((table.trial == trial).sum()) for trial in progress.done}
     finished = 0
     while finished < progress.finished and (
         finished + 1 in progress.skipped or held[finished + 1] == progress.done[finished + 1]
@@ -57,7 +57,7 @@ def find(run: Path) -> Broken:
     if missing:
         raise ConfigError(f"{first.path}: has no {', '.join(missing)} attached; it cannot be resumed")
     return Broken(
-        journal, progress, finished, Table(tuple(row for row in rows if row.trial <= finished)),
+        journal, progress, finished, table.take(table.trial <= finished),
         labels_of(first), attached(first, "protocol.yaml"), first.attachments["robot.yaml"],
     )  # fmt: skip
 

@@ -24,7 +24,7 @@ from diagnosis.data.campaign import settings
 from model.effects import ForwardModel
 from model.errors import ModelError
 from model.robot import Robot
-from recordings.trials import TrialRow
+from recordings.trials import Table, TrialRow
 
 from ..files.config import ConfigError
 from .reading import at_rest
@@ -165,7 +165,7 @@ class Stands:
         Raises ConfigError where the model finds no equilibrium.
         """
         try:
-            model = ForwardModel.of_single_states(robot).at(settings(robot, rows, vented=True), np.array(robot.markers))
+            model = ForwardModel.of_single_states(robot).at(settings(robot, Table.of(rows), vented=True), np.array(robot.markers))
             read = model.read(np.zeros(len(model.parameters)))
         except ModelError as e:
             raise ConfigError(f"straight: at rest: {e}") from e

@@ -186,7 +186,7 @@ def imported(
         start = float(np.nanmax(q.t))
         read_files.append((series, q, tuple(own)))
     if wanted.straight == "at rest":
-        notes += doubtful_gravity(robot, [s.row for s in states])
+        notes += doubtful_gravity(robot, Table.of(s.row for s in states))
     if wanted.straight in ("first state", "at rest"):
         states = _mounted(states, robot, wanted.straight, wanted.sensor)
     elif any(wanted.sensor) and wanted.straight == "as recorded":
@@ -209,7 +209,7 @@ def imported(
     if wanted.stiffness is not None:
         rows += _pushes(rows, read_files, wanted)
     try:
-        table = Table(tuple(TrialRow.from_cells(r.cells()) for r in rows))
+        table = Table.of(TrialRow.from_cells(r.cells()) for r in rows)
     except RecordingError as e:
         raise ConfigError(f"the table made by the map is none: {e}") from e
     return Imported(table, tuple(read_files), tuple(notes))
@@ -470,7 +470,7 @@ def _numbered(states: Sequence[_State], counted: Mapping[str, Name], notes: list
     trials = [[s.row for s in states if s.group == g] for g in groups]
     rows: list[TrialRow] = []
     before: dict[tuple[int, ...], list[tuple[int, int]]] = {}
-    gap = pressure_gap([r for own in trials for r in own])
+    gap = pressure_gap(Table.of(r for own in trials for r in own))
     again = []
     for trial, (own, kind) in enumerate(zip(trials, _kinds(trials), strict=True), 1):
         others = before.setdefault(kind, [])
@@ -506,7 +506,7 @@ def _falling(trial: Sequence[TrialRow], gap: float) -> list[bool]:
 def _kinds(trials: Sequence[Sequence[TrialRow]]) -> list[tuple[int, ...]]:
     """What trials that repeat each other have in common: how far each chamber is inflated, spine, mass and roll."""
     highest = np.array([np.max([r.pressures for r in own], axis=0) for own in trials])
-    gap = pressure_gap([r for own in trials for r in own])
+    gap = pressure_gap(Table.of(r for own in trials for r in own))
     settings = [levels(chamber, gap) for chamber in highest.T]
     first = [own[0] for own in trials]
     settings.append(levels(np.array([r.spine_length for r in first]), SPINE_GAP))

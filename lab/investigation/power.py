@@ -22,6 +22,7 @@ from model.errors import ModelError
 from model.robot import Robot
 from protocols.parameters import RobotFacts
 from protocols.planned import planned_rows
+from recordings.trials import counted
 
 from ..campaign.design import campaign_of
 from ..campaign.planned import planned_table
@@ -90,13 +91,12 @@ def run(asked: Asked, each: int, seed: int, more: bool, effects: Path | None, as
 
 def _plan(case: Case) -> str:
     """What is planned, or was measured, in one line."""
-    robot, rows = case.robot, case.table.rows
+    robot, table = case.robot, case.table
     words = robot.actuators.words
-    highest = max((max(r.pressures) for r in rows), default=0.0)
+    highest = float(np.nanmax(table.pressures, initial=0.0))
     open_end = "" if robot.max_pressure is not None else ", and robot.yaml states no max_pressure"
-    number = len({r.trial for r in rows})
-    trials = f"{number} trial{'s' if number > 1 else ''}"
-    return f"plan: {len(rows)} states in {trials}, {words.kind} up to {words.number(highest)} {words.unit}{open_end}"
+    states, trials = counted(len(table), "state"), counted(len(np.unique(table.trial)), "trial")
+    return f"plan: {states} in {trials}, {words.kind} up to {words.number(highest)} {words.unit}{open_end}"
 
 
 def _planned(a: Asked) -> tuple[Robot, Columns | None]:

@@ -51,7 +51,7 @@ def answers(lines: Iterator[str]) -> Iterator[dict[str, Any]]:
         asked = json.loads(line)
         try:
             if "rows" in asked:
-                table = Table(tuple(TrialRow.from_json(text) for text in asked["rows"]))
+                table = Table.of(TrialRow.from_json(text) for text in asked["rows"])
                 yield {"gaps": gaps(Case(robot, table), known)}
             else:
                 now = asked["now"]
@@ -67,18 +67,13 @@ def gaps(case: Case, known: bool) -> list[dict[str, Any] | None]:
 
     `known`: robot.yaml states an uncertainty, so that there is an interval.
     """
-    if not any(row.tip is not None and row.protocol != "stiffness" for row in case.table):
+    if not case.table.with_tip.any():
         return [None] * len(case.table)
     found = expected(case, stated_by(case.robot), intervals=True)
-    place = {id(row): k for k, row in enumerate(found.rows)}
-    out: list[dict[str, Any] | None] = []
-    for row in case.table:
-        k = place.get(id(row))
-        if k is None or row.tip is None:
-            out.append(None)
-        else:
-            gap = (np.array(row.tip) - found.prediction.tip[k]).tolist()
-            out.append({**_place(found.prediction, k, known), "gap": gap})
+    out: list[dict[str, Any] | None] = [None] * len(case.table)
+    for k, row in enumerate(found.row.tolist()):
+        gap = (found.table.tip[k] - found.prediction.tip[k]).tolist()
+        out[row] = {**_place(found.prediction, k, known), "gap": gap}
     return out
 
 

@@ -116,11 +116,12 @@ def stiffness_curves(table: Table, measured: Mapping[float, Estimate], reference
     """Force over deflection of each trial, and the modulus it gives over the spine's length next to a reference."""
 
     def pushes(axis: Axes) -> None:
-        trials = sorted({r.trial for r in table if r.force is not None})
+        read = table.take(np.isfinite(table.get("force")) & np.isfinite(table.get("deflection")))
+        trials = np.unique(read.trial)
         for trial, colour in zip(trials, colours(len(trials)), strict=True):
-            rows = [r for r in table if r.trial == trial and r.force is not None and r.deflection is not None]
-            way, force = [1e3 * (r.deflection or 0.0) for r in rows], [r.force or 0.0 for r in rows]
-            axis.plot(way, force, "o-", ms=3, lw=1, color=colour, label=f"{rows[0].spine_length * 100:.0f} cm")
+            own = read.take(read.trial == trial)
+            label = f"{own.spine_length[0] * 100:.0f} cm"
+            axis.plot(1e3 * own["deflection"], own["force"], "o-", ms=3, lw=1, color=colour, label=label)
         axis.set_xlabel("deflection after contact, mm")
         axis.set_ylabel("force, N")
         legend_below(axis, "spine")

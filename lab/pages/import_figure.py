@@ -15,7 +15,7 @@ from matplotlib.collections import PathCollection
 from diagnosis.data.levels import pressure_gap
 from model.actuators import Words
 from model.robot import Robot
-from recordings.trials import TrialRow
+from recordings.trials import Table
 
 from ..imports.table import Imported
 from .figures import save
@@ -30,8 +30,8 @@ COLUMNS, MOST_GROUPS = 4, 7
 
 def draw(made: Imported, robot: Robot, path: Path) -> None:
     """Write the picture of an import (.svg, .png or .pdf)."""
-    rows = [r for r in made.table if r.protocol != "stiffness" and r.tip is not None]
-    groups = _groups(rows)
+    states = made.table.take(made.table.with_tip)
+    groups = _groups(states)
     most = sorted(groups, key=lambda g: -len(groups[g]))[:MOST_GROUPS]
     shown = {g: own for g, own in groups.items() if g in most}
     lines = -(-(len(shown) + 1) // COLUMNS)
@@ -40,11 +40,11 @@ def draw(made: Imported, robot: Robot, path: Path) -> None:
     figure = plt.figure(figsize=(10, 5.0 + 2.7 * lines), layout="constrained")
     grid = figure.add_gridspec(2, 1, height_ratios=(5.0, 2.7 * lines))
     over_time, planes = (figure.add_subfigure(grid[k]) for k in (0, 1))
-    _over_time(made, rows, words, *over_time.subplots(2, 1, sharex=True))
+    _over_time(made, states, words, *over_time.subplots(2, 1, sharex=True))
     panels = planes.subplots(lines, columns, squeeze=False).ravel()
-    dots = _side(rows, robot, panels[0])
+    dots = _side(states, robot, panels[0])
     for panel, (group, own) in zip(panels[1:], shown.items(), strict=False):
-        _top(own, group, rows, robot, panel)
+        _top(states.take(np.array(own)), group, states, robot, panel)
     for panel in panels[1 + len(shown) :]:
         panel.set_axis_off()
     planes.colorbar(dots, ax=panels.tolist(), label=f"highest {words.axis}")
@@ -56,19 +56,17 @@ def draw(made: Imported, robot: Robot, path: Path) -> None:
     save(figure, path)
 
 
-def _groups(rows: Sequence[TrialRow]) -> Mapping[tuple[int, ...], Sequence[TrialRow]]:
-    """States by the chambers inflated, from 1, in the order in which they come; without those at rest."""
-    gap = pressure_gap(rows)
-    out: dict[tuple[int, ...], list[TrialRow]] = {}
-    for row in rows:
-        highest = max(row.pressures)
-        if highest > gap:
-            group = tuple(k for k, p in enumerate(row.pressures, 1) if p > 0.5 * highest)
-            out.setdefault(group, []).append(row)
+def _groups(states: Table) -> Mapping[tuple[int, ...], Sequence[int]]:
+    """Indices of the states by the chambers inflated, from 1, in the order in which they come; without those at rest."""
+    gap, out = pressure_gap(states), dict[tuple[int, ...], list[int]]()
+    for i, pressures in enumerate(states.pressures):
+        if pressures.max() > gap:
+            group = tuple((np.flatnonzero(pressures > 0.5 * pressures.max()) + 1).tolist())
+            out.setdefault(group, []).append(i)
     return out
 
 
-def _over_time(made: Imported, rows: Sequence[TrialRow], words: Words, pressure: Axes, tip: Axes) -> None:
+def _over_time(made: Imported, states: Table, words: Words, pressure: Axes, tip: Axes) -> None:
     for number, (_, q, cuts) in enumerate(made.files):
         # more are not seen
         every = max(1, len(q.t) // 4000)
@@ -84,44 +82,43 @@ def _over_time(made: Imported, rows: Sequence[TrialRow], words: Words, pressure:
             t = q.t[cut.rows]
             for ax in (pressure, tip):
                 ax.axvspan(t[0], max(t[-1], t[0] + 1e-6), color="tab:orange", alpha=0.35, lw=0)
-    at, highest = [r.t for r in rows], [max(r.pressures) / words.pascal for r in rows]
-    pressure.plot(at, highest, "o", ms=3, mfc="none", color="tab:orange", label="state")
-    begins = [r.t - (r.hold or 0.0) for k, r in enumerate(rows) if not k or rows[k - 1].trial != r.trial]
+    t = states.get("t")
+    pressure.plot(t, states.pressures.max(axis=1) / words.pascal, "o", ms=3, mfc="none", color="tab:orange", label="state")
+    begins = (t - states.get("hold", 0.0))[np.diff(states.trial, prepend=-1) != 0]
     for ax in (pressure, tip):
         for k, begin in enumerate(begins):
             ax.axvline(begin, color="tab:blue", lw=0.6, label=None if k else "trial begins")
-    pressure.set(ylabel=words.axis, title=f"{len(rows)} states in {len(begins)} trials")
+    pressure.set(ylabel=words.axis, title=f"{len(states)} states in {len(begins)} trials")
     tip.set(ylabel="tip minus its median, mm", xlabel="time, s")
     pressure.legend(**BESIDE)
     tip.legend(**BESIDE)
 
 
-def _side(rows: Sequence[TrialRow], robot: Robot, ax: Axes) -> PathCollection:
+def _side(states: Table, robot: Robot, ax: Axes) -> PathCollection:
     """All tips, by their distance from the axis."""
-    x, y, z = 1e3 * np.array([r.tip for r in rows], np.float64).T
+    x, y, z = 1e3 * states.tip.T
     ax.plot([0, 0], [0, robot.length * 1e3], color="0.6", lw=3, solid_capstyle="butt")
-    dots = ax.scatter(np.hypot(x, y), z, c=[max(r.pressures) / robot.actuators.words.pascal for r in rows], s=14, cmap="viridis")
+    highest = states.pressures.max(axis=1) / robot.actuators.words.pascal
+    dots = ax.scatter(np.hypot(x, y), z, c=highest, s=14, cmap="viridis")
     ax.set_title("side; grey: straight robot", fontsize="small")
-    width = 1e3 * max(0.7 * robot.length, 1.1 * max(float(np.hypot(*r.tip[:2])) for r in rows if r.tip))
+    width = 1e3 * max(0.7 * robot.length, 1.1 * float(np.hypot(*states.tip[:, :2].T).max()))
     ax.set(xlabel="from the axis, mm", ylabel="z, mm", xlim=(-0.05 * width, width))
     ax.set_aspect("equal")
     return dots
 
 
-def _top(own: Sequence[TrialRow], group: Sequence[int], rows: Sequence[TrialRow], robot: Robot, ax: Axes) -> None:
+def _top(own: Table, group: Sequence[int], states: Table, robot: Robot, ax: Axes) -> None:
     """Tips of the states of one group, and the direction in which the chambers push them."""
     pascal = robot.actuators.words.pascal
-    highest = [max(r.pressures) / pascal for r in rows]
-    x, y, _ = 1e3 * np.array([r.tip for r in own], np.float64).T
-    size = 1.1 * 1e3 * max(float(np.abs([r.tip[:2] for r in rows if r.tip]).max()), 1e-3)
-    towards = robot.bending_directions
-    pushed = {
-        round(r.roll_deg or 0.0): complex(np.dot(r.pressures, towards) * np.exp(1j * np.radians(r.roll_deg or 0.0)))
-        for r in own
-        if len(r.pressures) == len(towards)
-    }
+    highest = states.pressures.max(axis=1) / pascal
+    x, y, _ = 1e3 * own.tip.T
+    size = 1.1 * 1e3 * max(float(np.abs(states.tip[:, :2]).max()), 1e-3)
+    towards, roll = robot.bending_directions, own.get("roll_deg", 0.0)
+    known = own.pressures.shape[1] == len(towards)
+    pushes = (own.pressures @ towards) * np.exp(1j * np.radians(roll)) if known else np.zeros(0)
+    pushed = dict(zip(np.round(roll).tolist(), pushes.tolist(), strict=False))
     # pressures whose push across the axis is weaker have no direction
-    weak = 0.1 * max(sum(r.pressures) for r in own)
+    weak = 0.1 * float(own.pressures.sum(axis=1).max())
     for push in (p / abs(p) for p in pushed.values() if abs(p) > weak):
         ax.annotate(
             "",
@@ -129,7 +126,7 @@ def _top(own: Sequence[TrialRow], group: Sequence[int], rows: Sequence[TrialRow]
             (0, 0),
             arrowprops={"arrowstyle": "->", "color": "0.6"},
         )
-    ax.scatter(x, y, c=[max(r.pressures) / pascal for r in own], s=14, cmap="viridis", vmin=min(highest), vmax=max(highest))
+    ax.scatter(x, y, c=own.pressures.max(axis=1) / pascal, s=14, cmap="viridis", vmin=highest.min(), vmax=highest.max())
     ax.set_title(" + ".join(f"p{c}" for c in group), fontsize="small")
     ax.set(xlabel="x, mm", ylabel="y, mm", xlim=(-size, size), ylim=(-size, size))
     ax.set_aspect("equal")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -39,12 +40,20 @@ def sensors(table: Table, words: Words) -> list[Panel]:
 
 
 def _panel(axis: Axes, table: Table, column: str, over: str, pascal: float) -> None:
-    lengths = sorted({row.spine_length for row in table})
+    lengths = np.unique(table.spine_length).tolist()
+    value, spread = table[column], table.get(f"sd_{column}", 0.0)
+    places = np.arange(1, len(table) + 1) if over == "state" else table.pressures.max(axis=1) / pascal
     for length, colour in zip(lengths, colours(len(lengths)), strict=True):
-        rows = [(k, r) for k, r in enumerate(table, 1) if r.spine_length == length and column in r.sensors]
-        places = [k if over == "state" else max(r.pressures) / pascal for k, r in rows]
-        value, spread = [r.sensors[column] for _, r in rows], [r.sd.get(column, 0.0) for _, r in rows]
-        axis.errorbar(places, value, spread, fmt="o", ms=3.5, lw=0.8, capsize=2, color=colour, label=f"{100 * length:.0f} cm")
+        own = (table.spine_length == length) & np.isfinite(value)
+        shown: dict[str, Any] = {
+            "fmt": "o",
+            "ms": 3.5,
+            "lw": 0.8,
+            "capsize": 2,
+            "color": colour,
+            "label": f"{100 * length:.0f} cm",
+        }
+        axis.errorbar(places[own], value[own], spread[own], **shown)
     axis.set_ylabel(label(table, column))
     axis.set_xlabel(over)
     if over == "state":
@@ -57,8 +66,7 @@ def numbers(table: Table) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Head and rows of a table: each quantity's range over the states."""
     rows = []
     for column in quantities(table):
-        value = np.array([row.sensors[column] for row in table if column in row.sensors])
-        spread = np.array([row.sd[column] for row in table if column in row.sd])
+        value, spread = (c[np.isfinite(c)] for c in (table[column], table.get(f"sd_{column}")))
         noise = f"{np.sqrt(np.mean(spread**2)):.3g}" if len(spread) else ""
         rows.append((label(table, column), str(len(value)), *(f"{v:.6g}" for v in (value.min(), value.mean(), value.max())),
                      noise))  # fmt: skip

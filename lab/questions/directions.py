@@ -11,15 +11,16 @@ Robots with odd chambers, twists and loads do such things too, so nothing is ref
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.data.case import finite
 from diagnosis.data.plausible_pressures import Pressures, setting_of_each
 from model.robot import Robot
-from recordings.trials import TrialRow
+from recordings.trials import Table
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -35,15 +36,15 @@ NOTHING = 0.1
 """Share of what other chambers do below which one may not be connected."""
 
 
-def doubtful_directions(robot: Robot, rows: Iterable[TrialRow]) -> tuple[str, ...]:
+def doubtful_directions(robot: Robot, table: Table) -> tuple[str, ...]:
     """What to ask about a table whose tips (m) go elsewhere than its pressures push them: one message, or none."""
-    tips = [r for r in rows if r.protocol != "stiffness" and r.tip is not None and np.isfinite((*r.tip, *r.pressures)).all()]
-    if not tips or {len(r.pressures) for r in tips} != {len(robot.bending_directions)}:
+    tips = table.take(table.with_tip & finite(table))
+    if not len(tips) or tips.pressures.shape[1] != len(robot.bending_directions):
         return ()
     kind = setting_of_each(tips)
-    own = [tips[i] for i in np.flatnonzero(kind == np.bincount(kind).argmax())]
+    own = tips.take(kind == np.bincount(kind).argmax())
     seen = Pressures.of(robot, own)
-    towards = robot.bending_directions * np.exp(1j * np.radians([[r.roll_deg or 0.0] for r in own]))
+    towards = robot.bending_directions * np.exp(1j * np.radians(own.get("roll_deg", 0.0)))[:, None]
     aside = seen.displacement[:, 0] + 1j * seen.displacement[:, 1]
     push = (seen.pressure * towards).sum(axis=1)
     # each actuator against its own highest, so that one in another unit does not hide the others

@@ -17,7 +17,7 @@ from model.condition import conditions
 from model.effects import ForwardModel
 from model.errors import BadCondition
 from model.robot import Robot
-from recordings.trials import TrialRow
+from recordings.trials import Table
 
 Array = NDArray[np.float64]
 
@@ -31,13 +31,13 @@ BENT, ALONG = (0.05, 0.3), 0.7
 along the axis that is no longer bending: an arc that turns by up to 0.6 rad has 0.2."""
 
 
-def doubtful_places(robot: Robot, rows: Sequence[TrialRow]) -> Iterator[str]:
+def doubtful_places(robot: Robot, table: Table) -> Iterator[str]:
     """What to ask about the points of a table (m)."""
-    kept = [r for r in rows if r.protocol != "stiffness" and r.tip is not None]
-    if not kept or len({len(r.markers) for r in kept}) != 1:
+    kept = table.take(table.with_tip)
+    if not len(kept):
         return
-    count = len(kept[0].markers)
-    places = np.array([[*r.markers, r.tip] for r in kept], np.float64)
+    places = np.concatenate([kept.markers, kept.tip[:, None]], axis=1)
+    count = places.shape[1] - 1
     arcs = np.full(count + 1, np.nan)  # of markers that robot.yaml does not know
     arcs[: min(count, len(robot.markers))] = robot.markers[:count]
     arcs[-1] = robot.length
@@ -47,7 +47,7 @@ def doubtful_places(robot: Robot, rows: Sequence[TrialRow]) -> Iterator[str]:
         return
     yield from _too_far(robot, kept, places, arcs, names)
     if robot.tendons is not None:
-        yield from _along(np.array([r.pressures for r in kept]), places, arcs, names)
+        yield from _along(kept.pressures, places, arcs, names)
 
 
 def _order(places: Array, arcs: Array, names: Sequence[str]) -> str:
@@ -66,9 +66,9 @@ def _order(places: Array, arcs: Array, names: Sequence[str]) -> str:
     return f"{names[i]} moves {ratio:.2g} times as far as {names[j]}: was it taken for {where}?"
 
 
-def _too_far(robot: Robot, rows: Sequence[TrialRow], places: Array, arcs: Array, names: Sequence[str]) -> Iterator[str]:
+def _too_far(robot: Robot, states: Table, places: Array, arcs: Array, names: Sequence[str]) -> Iterator[str]:
     """About a point that is farther from the base than the body between them is long."""
-    stretch = _stretch(robot, rows)
+    stretch = _stretch(robot, states.pressures)
     more = LONGER if robot.chambers is None else STRETCHED
     for k, name in enumerate(names):
         tip = name == "the tip"
@@ -78,7 +78,7 @@ def _too_far(robot: Robot, rows: Sequence[TrialRow], places: Array, arcs: Array,
         if (far := away > most).sum() < FEWEST:
             continue
         yield (
-            f"{name} is up to {1e3 * np.nanmax(away):.0f} mm from the base, in {int(far.sum())} of {len(rows)} states farther "
+            f"{name} is up to {1e3 * np.nanmax(away):.0f} mm from the base, in {int(far.sum())} of {len(states)} states farther "
             f"than the {1e3 * arcs[k] * stretch:.0f} mm of body between them: check its columns x, y, z (exchanged axes, unit), "
             + ("the length of the robot, and where on it the tracked point sits (marker_offset)" if tip else "and markers")
         )
@@ -105,9 +105,8 @@ def _along(tensions: Array, places: Array, arcs: Array, names: Sequence[str]) ->
         )
 
 
-def _stretch(robot: Robot, rows: Sequence[TrialRow]) -> float:
-    """Largest ratio of the body's length under the pressures of rows to its length, twice the excess the model predicts."""
-    pressures = np.array([r.pressures for r in rows])
+def _stretch(robot: Robot, pressures: Array) -> float:
+    """Largest ratio of the body's length under pressures (n, chambers) Pa to its length, twice the excess the model predicts."""
     if pressures.shape[1] != len(robot.bending_directions) or robot.tendons is not None:
         return 1.0
     most = np.argsort(-np.nan_to_num(pressures.sum(axis=1)), kind="stable")[:MOST]

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.data.campaign import settings, spread_over
+from diagnosis.data.case import finite
 from diagnosis.data.plausible import weight_ratio
 from diagnosis.data.plausible_pressures import Pressures
 from diagnosis.judgement import UPSIDE_DOWN_GAIN
@@ -17,7 +18,7 @@ from model.errors import BadCondition
 from model.robot import Robot
 from model.rods import FINE, solve
 from model.section import rods_of
-from recordings.trials import TrialRow
+from recordings.trials import Table
 
 from .directions import ASIDE, doubtful_directions
 from .numbers import doubtful_numbers
@@ -37,15 +38,14 @@ MOST = 60
 """States that are compared."""
 
 
-def doubtful(robot: Robot, rows: Sequence[TrialRow], robot_name: str) -> tuple[str, ...]:
+def doubtful(robot: Robot, table: Table, robot_name: str) -> tuple[str, ...]:
     """One message for each doubt; `robot_name`: where the robot was read."""
-    tips = [r for r in rows if r.protocol != "stiffness" and r.tip is not None]
-    tips = [r for r in tips if np.isfinite((*r.tip, r.spine_length, *r.pressures)).all()]  # type: ignore[misc]
-    fits = bool(tips) and {len(r.pressures) for r in tips} == {len(robot.bending_directions)}
+    tips = table.take(table.with_tip & finite(table))
+    fits = len(tips) > 0 and tips.pressures.shape[1] == len(robot.bending_directions)
     seen = Pressures.of(robot, tips) if fits else None
     of_robot = (*doubtful_numbers(robot), *(_gravity(robot, seen) if seen else ()))
     of_pressures = (*_gain(robot, seen), *_above(robot, seen)) if seen else ()
-    of_table = (*of_pressures, *doubtful_directions(robot, rows), *doubtful_places(robot, rows))
+    of_table = (*of_pressures, *doubtful_directions(robot, table), *doubtful_places(robot, table))
     return (*(f"{robot_name}: {text}" for text in of_robot), *of_table)
 
 
@@ -76,14 +76,14 @@ def _gravity(robot: Robot, seen: Pressures) -> Iterator[str]:
 
     A wrong modulus changes how far it sags, by a factor, but not the side; along the axis nothing sags, and nothing is asked.
     """
-    resting = [r for r, rests in zip(seen.rows, seen.resting, strict=True) if rests][:MOST]
-    if robot.effects or not resting:
+    resting = seen.states.take(np.flatnonzero(seen.resting)[:MOST])
+    if robot.effects or not len(resting):
         return
     try:
         asked = settings(robot, resting, vented=True)
     except BadCondition:  # the states do not fit this robot, which is said elsewhere
         return
-    tips = np.array([r.tip for r in resting])
+    tips = resting.tip
     away: dict[tuple[int, int], Array] = {}
     for turn in TURNS:
         found = solve(rods_of(_turned(robot, turn), asked), FINE)
@@ -107,21 +107,21 @@ def _gravity(robot: Robot, seen: Pressures) -> Iterator[str]:
         )
 
 
-def doubtful_gravity(robot: Robot, rows: Sequence[TrialRow]) -> Iterator[str]:
-    """About rows, with a tip, that are to be moved to where the model stands at rest, which hides a wrong direction of gravity.
+def doubtful_gravity(robot: Robot, states: Table) -> Iterator[str]:
+    """About states, with a tip, that are to be moved to where the model stands at rest, which hides a wrong direction of gravity.
 
     Compared is what no shift changes: how far the tip moves from rest, and where tip and markers stand to each other at rest.
     """
-    seen = Pressures.of(robot, [rows[i] for i in spread_over(len(rows), MOST)])
-    read = np.array([[r.tip, *r.markers[: len(robot.markers)]] for r in seen.rows], np.float64)
+    seen = Pressures.of(robot, states.take(spread_over(len(states), MOST)))
+    read = np.concatenate([seen.states.tip[:, None], seen.states.markers[:, : len(robot.markers)]], axis=1)
     known = np.asarray(np.isfinite(read).all(axis=(1, 2)))
     if not (known & seen.resting).any() or read.shape[1] != 1 + len(robot.markers):
         return
     try:
-        asked = settings(robot, seen.rows)
+        asked = settings(robot, seen.states)
     except BadCondition:  # the states do not fit this robot, which is said elsewhere
         return
-    area = float(np.mean(robot.area_factor_at([r.spine_length for r in seen.rows])))
+    area = float(np.mean(robot.area_factor_at(seen.states.spine_length)))
     missed: dict[tuple[int, int], float] = {}
     for turn in TURNS:
         there = _turned(robot, turn)

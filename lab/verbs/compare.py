@@ -39,7 +39,7 @@ def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_
         figure = in_a_row(tip_curves(c, words), folder / "compare.png")
         measured = in_a_row(sensors(case.table, words), folder / "sensors.png") if quantities(case.table) else None
     if as_json:
-        data: dict[str, Any] = {**c.table.as_dict(), "unsolved": c.unsolved, "clipped": len(case.table.clipped)}
+        data: dict[str, Any] = {**c.table.as_dict(), "unsolved": c.unsolved, "clipped": int(case.table.clipped.sum())}
         data["figure"] = str(figure) if figure else None
         data["sensors"] = str(measured) if measured else None
         print(json.dumps(data, indent=1))

@@ -142,12 +142,12 @@ def _answer(case: Case, robot: Path | None, comparisons: Comparisons, executor: 
 
 def _of_robot(case: Case) -> Case:
     """A case without stiffness trials, of which a simulator in the rod's place tells nothing."""
-    rows = tuple(r for r in case.table if r.protocol != "stiffness")
-    if not rows:
+    table = case.table.take(~case.table.pushed)
+    if not len(table):
         raise ConfigError("all rows are of stiffness trials, whose baseline is the rod: leave --baseline and --simulator out")
-    if len(rows) < len(case.table):
-        note([f"{len(case.table) - len(rows)} rows of stiffness trials are left out: their baseline is the rod"])
-    return replace(case, table=replace(case.table, rows=rows))
+    if len(table) < len(case.table):
+        note([f"{len(case.table) - len(table)} rows of stiffness trials are left out: their baseline is the rod"])
+    return replace(case, table=table)
 
 
 def _baseline(case: Case, comparisons: Comparisons, weighed: Mapping[str, EffectSpec]) -> Baseline | None:
@@ -166,9 +166,9 @@ def _baseline(case: Case, comparisons: Comparisons, weighed: Mapping[str, Effect
         name, own = simulator(str(comparisons.simulator), case.robot)
         with Screen(f"simulating with {name}") as screen:
             made = from_simulator(name, own, case, weighed, screen.progress)
-    lost = [r for r, tip in zip(case.table, made.tip, strict=True) if r.tip is not None and not np.isfinite(tip).all()]
+    lost = int((~np.isnan(case.table.get("x")) & ~np.isfinite(made.tip).all(axis=1)).sum())
     if lost:
-        note([f"{made.name} predicts no tip for {len(lost)} of {len(case.table)} states; they are left out"])
+        note([f"{made.name} predicts no tip for {lost} of {len(case.table)} states; they are left out"])
     return made
 
 

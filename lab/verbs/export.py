@@ -161,7 +161,7 @@ def _crate(inputs: Sequence[Path], folder: Path, forms: Forms, as_json: bool) ->
 
 def _report(files: Sequence[Path], as_json: bool, table: Table | None = None) -> None:
     if as_json:
-        clipped = {} if table is None else {"clipped": len(table.clipped)}
+        clipped = {} if table is None else {"clipped": int(table.clipped.sum())}
         print(json.dumps({"files": [str(path) for path in files], **clipped}, indent=1))
         return
     if table is not None:

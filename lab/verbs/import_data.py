@@ -13,6 +13,7 @@ from diagnosis.data.plausible import implausible_values
 from model.robot import Robot
 from recordings.own_files import copied, replaced
 from recordings.table_file import write_csv
+from recordings.trials import counted
 
 from ..console import Screen, note, out
 from ..files.config import ConfigError, load
@@ -36,10 +37,10 @@ def import_files(inputs: Sequence[Path], map_path: Path, robot_path: Path | None
     demand_units(wanted, robot.actuators.words, f"{map_path}: ")
     with Screen("import", quiet=as_json) as screen:
         made = imported(inputs, wanted, robot, screen.progress)
-    found = implausible_values(robot, made.table.rows)
+    found = implausible_values(robot, made.table)
     if found:
         raise ConfigError("\n".join(f"{map_path}: {text}" for text in found))
-    made = replace(made, notes=(*made.notes, *doubtful(robot, made.table.rows, str(robot_path))))
+    made = replace(made, notes=(*made.notes, *doubtful(robot, made.table, str(robot_path))))
     write_case(made, robot, robot_path, map_path, folder)
     told(made, robot, folder, as_json)
     return 0
@@ -58,7 +59,7 @@ def write_case(made: Imported, robot: Robot, robot_path: Path, map_path: Path, f
 
 def told(made: Imported, robot: Robot, folder: Path, as_json: bool) -> None:
     """What was made, and of what."""
-    trials = len({r.trial for r in made.table})
+    trials = len(set(made.table.trial.tolist()))
     written = [str(folder / name) for name in ("robot.yaml", "trials.csv", MAP, PICTURE)]
     if as_json:
         files = {"files": written, "read": [str(q.path) for _, q, _ in made.files]}
@@ -66,7 +67,7 @@ def told(made: Imported, robot: Robot, folder: Path, as_json: bool) -> None:
         print(json.dumps(files | about, indent=1))
         return
     note(made.notes)
-    out.print(f"{len(made.table)} states in {trials} trials")
+    out.print(f"{counted(len(made.table), 'state')} in {counted(trials, 'trial')}")
     out.print(f"written: {', '.join(written)}", soft_wrap=True)
     out.print(f"look at {folder / PICTURE}, then: {shlex.join(('lab', 'diagnose', str(folder)))}", soft_wrap=True)
 
@@ -119,7 +120,7 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, as_json
     made = None
     try:
         made = imported(inputs, load(folder / MAP, Map), robot)
-        found = (*implausible_values(robot, made.table.rows), *doubtful(robot, made.table.rows, str(robot_path)))
+        found = (*implausible_values(robot, made.table), *doubtful(robot, made.table, str(robot_path)))
         told_of += [f"check: {text}" for text in (*found, *(n for n in made.notes if n.startswith(NOT_READ)))]
         from ..pages.import_figure import draw
 

@@ -35,7 +35,7 @@ from recordings.campaign.resumed import metadata as campaign
 from recordings.errors import BadMessage, RecordingError
 from recordings.events import Request
 from recordings.file.writer import Recorder
-from recordings.trials import Table
+from recordings.trials import Table, counted
 
 from ..console import Screen, answer, clock, err, note, out
 from ..files.all_protocols import file_of, found_protocols, protocol_from_file
@@ -389,7 +389,7 @@ def run(
         answer({"file": str(result.file), "outcome": result.outcome, "rows": len(result.table), "lost": lost,
                           "safe": result.safe, "resume": again})  # fmt: skip
     else:
-        out.print(f"{result.outcome}: {len(result.table)} states in {result.file}")
+        out.print(f"{result.outcome}: {counted(len(result.table), 'state')} in {result.file}")
         for topic, n in lost.items():
             out.print(f"  lost on {topic}: {n} samples")
         note([*marked_notes(result.table), *beyond_plan(len(result.table), j.plan.states)])
@@ -408,7 +408,7 @@ def run(
         raise result.error
     if not result.safe or (result.error is not None and (result.asked or not result.displaced)):
         return 1
-    return 3 if lost or result.displaced or result.table.doubtful else 0
+    return 3 if lost or result.displaced or result.table.doubtful.any() else 0
 
 
 def resume_command(file: Path, rig_path: Path, own: Path | None = None) -> str:
@@ -543,9 +543,9 @@ def execute(
     rig.notices.extend(recorder.displaced)
     if recorder.path != file:
         announce(j.rig_path, recorder.path)
-    rows = (*(broken.table if broken is not None else ()), *trials.rows)
+    table = Table.stacked([*([] if broken is None else [broken.table]), Table.of(trials.rows)])
     asked_to_end = interrupts.stopping()
-    return Outcome(recorder.path, outcome, Table(rows), lost, report, error, asked_to_end, recorder.displaced)
+    return Outcome(recorder.path, outcome, table, lost, report, error, asked_to_end, recorder.displaced)
 
 
 @contextlib.contextmanager

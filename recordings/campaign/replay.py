@@ -77,7 +77,7 @@ def _table(
         f"trial {row.trial} step {row.step}: was read again; the last reading counts" for number, row in rows if number in again
     ]
     kept = marked((row for number, row in rows if number not in again), recording.marks)
-    return Table(tuple(without_drift(kept, drifts)), warnings=tuple(doubts), sensor_units=units_of(recording))
+    return Table.of(without_drift(kept, drifts), tuple(doubts), units_of(recording))
 
 
 def units_of(recording: Recording) -> dict[str, str]:

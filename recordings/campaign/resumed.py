@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from ..errors import Damaged
 from ..file.reader import Recording
-from ..trials import Table, TrialRow
+from ..trials import Table
 from .replay import table_of, units_of
 
 
@@ -49,7 +49,7 @@ def merged(recordings: Sequence[Recording]) -> Table:
     backwards).
     """
     parts = sorted(recordings, key=lambda recording: (first_trial(recording), _span(recording)[0]))
-    rows: list[TrialRow] = []
+    kept: list[Table] = []
     doubts: list[str] = []
     shift = 0.0
     for number, recording in enumerate(parts):
@@ -57,12 +57,12 @@ def merged(recordings: Sequence[Recording]) -> Table:
             before = parts[number - 1]
             ended = (_span(before)[1] - before.start_wall_ns) / 1e9
             shift = max((recording.start_wall_ns - parts[0].start_wall_ns) / 1e9, shift + ended)
-            rows = [row for row in rows if row.trial < first_trial(recording)]
+            kept = [table.take(table.trial < first_trial(recording)) for table in kept]
         table = table_of(recording)
-        rows += [replace(row, t=row.t + shift) if shift else row for row in table]
+        kept.append(table.replaced({"t": table.get("t") + shift}) if shift and len(table) else table)
         doubts += table.warnings
     units = {column: unit for recording in parts for column, unit in units_of(recording).items()}
-    return Table(tuple(rows), warnings=tuple(doubts), sensor_units=units)
+    return replace(Table.stacked(kept), warnings=tuple(doubts), sensor_units=units)
 
 
 def _span(recording: Recording) -> tuple[int, int]:

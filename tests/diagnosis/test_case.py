@@ -38,7 +38,7 @@ def sweep(repeats: int = 3, lengths: tuple[float, ...] = (0.0, 0.15, 0.3), unloa
 
 
 def case(rows: list[TrialRow]) -> Measured:
-    return Measured(ROBOT, Table(tuple(rows)))
+    return Measured(ROBOT, Table.of(rows))
 
 
 def test_repeats_of_a_state_are_found_by_what_was_meant() -> None:
@@ -117,7 +117,7 @@ def test_chambers_swept_one_after_another_in_a_trial_are_repeats_of_themselves()
 @pytest.mark.parametrize(("scatter", "gap"), [(50.0, 0.8e3), (500.0, 1.5e3), (5e3, 3e3)])
 def test_a_narrow_range_is_told_apart_finely_but_not_finer_than_its_scatter(scatter: float, gap: float) -> None:
     rows = [replace(row(1, i, 0.0, 2.5e3 * i), sd={"p1": scatter, "p9": scatter}) for i in range(1, 17)]
-    assert pressure_gap(rows) == pytest.approx(gap) and pressure_gap([row(1, 1, 0.0, 250e3)]) == 3e3
+    assert pressure_gap(Table.of(rows)) == pytest.approx(gap) and pressure_gap(Table.of([row(1, 1, 0.0, 250e3)])) == 3e3
 
 
 def test_steps_of_2500_pa_are_states_of_their_own_where_40_kpa_is_the_most() -> None:

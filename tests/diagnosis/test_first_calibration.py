@@ -36,7 +36,7 @@ def softer(robot: Robot, factor: float) -> Robot:
 
 def moved(case: Measured, shift: tuple[float, float, float]) -> Measured:
     rows = [replace(r, tip=tuple((np.array(r.tip) + shift).tolist())) for r in case.table.rows]  # type: ignore[arg-type]
-    return replace(case, table=replace(case.table, rows=tuple(rows)))
+    return replace(case, table=Table.of(rows))
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +86,7 @@ def by_groups(case: Measured, told: Robot) -> Measured:
         at = conditions(ROBOT, r.spine_length, own)
         (x, y, z), *_ = solve(rods_of(ROBOT.with_area_factor(1.5), at), FINE).tip.tolist()
         rows.append(replace(r, pressures=own, tip=(x, y, z)))
-    return replace(case, robot=told, table=replace(case.table, rows=tuple(rows)))
+    return replace(case, robot=told, table=Table.of(rows))
 
 
 def test_a_robot_that_stands_upside_down_is_found(case: Measured) -> None:
@@ -109,7 +109,7 @@ def exchanged(case: Measured, place: int) -> Measured:
     made = by_groups(case, ROBOT)
     order = np.argsort(orders(ROBOT.chambers.azimuths_deg)[place])
     rows = [replace(r, pressures=tuple(r.pressures[i] for i in order)) for r in made.table.rows]
-    return replace(made, table=replace(made.table, rows=tuple(rows)))
+    return replace(made, table=Table.of(rows))
 
 
 @pytest.mark.parametrize("place", [0, *(pytest.param(k, marks=pytest.mark.long) for k in (1, 2))])
@@ -193,7 +193,7 @@ def test_a_payload_on_an_arm_across_gravity_is_no_modulus(monkeypatch: pytest.Mo
     at = conditions(arm, 0.0, plan)
     tip = solve(rods_of(arm, replace(at, tip_mass=at.tip_mass + 0.03)), FINE).trusted().tip
     seen = tuple(replace(r, tip=tuple(t)) for r, t in zip(rows, tip.tolist(), strict=True))
-    own = states(Measured(arm, Table(seen)))[0]
+    own = states(Measured(arm, Table.of(seen)))[0]
     assert calibrate_first(arm, own).robot is arm
     monkeypatch.setattr(first_calibration, "_weight_explains", lambda robot, own, most: False)
     assert calibrate_first(arm, own).adjusted

@@ -11,6 +11,7 @@ from diagnosis.diagnose import diagnose
 from diagnosis.inference.on_baseline import SHARE
 from diagnosis.inference.prepare import Prepared, prepare
 from model.effects import CATALOGUE
+from recordings.trials import Table
 from tests.diagnosis.small_campaigns import FEW, Measured, measured, quick
 from tests.diagnosis.test_case import ROBOT, states
 
@@ -91,7 +92,7 @@ def test_states_it_does_not_predict_are_left_out_and_it_may_have_been_asked_besi
     lost[4] = np.nan
     assert len(prepared(case, replace(made, tip=lost)).problem.observed) == len(prepared(case, made).problem.observed) - 3
     rows = tuple(replace(r, pressures=tuple(p + 2e3 * (p > 0) for p in r.pressures)) for r in case.table)
-    beside = replace(case, table=replace(case.table, rows=rows))
+    beside = replace(case, table=Table.of(rows))
     there = replace(made, pressure=np.array([r.pressures for r in rows]), tip=rod_tips(beside))
     p = prepared(case, there)
     assert p.tip(p.given) == pytest.approx(tips, abs=2e-6)
@@ -112,7 +113,7 @@ def test_a_simulator_that_is_right_where_the_rod_is_not_is_left_as_it_is() -> No
     case = measured(3, 2)
     more = bent_otherwise(case, 4e-3) - rod_tips(case)
     rows = tuple(replace(r, tip=tuple((np.array(r.tip) + d).tolist())) for r, d in zip(case.table, more, strict=True))
-    bent = replace(case, table=replace(case.table, rows=rows))
+    bent = replace(case, table=Table.of(rows))
     answer = diagnose(bent, replace(quick(SOME), baseline=baseline(bent, bent_otherwise(case, 4e-3))))
     assert answer.attribute.verdict == "none"
     assert answer.detail["baseline"]["share"] == pytest.approx(0.0, abs=0.1)

@@ -17,7 +17,7 @@ from model.robot import Robot, load_robot
 from model.rods import FINE, solve
 from model.section import rods_of
 from model.stated import Stated
-from recordings.trials import TrialRow
+from recordings.trials import Table, TrialRow
 
 ROBOT = load_robot(Path(__file__).parents[2] / "examples/paper/robot.yaml")
 LEVELS = (0.0, 60e3, 120e3, 180e3, 240e3)
@@ -100,7 +100,7 @@ def w_last(r: TrialRow) -> TrialRow:
 )  # fmt: skip
 def test_another_unit_or_frame_is_named_with_what_to_write(change: Change, words: list[str]) -> None:
     with pytest.raises(BadCase) as caught:
-        require_plausible(ROBOT, [change(r) for r in sweep()], "a/trials.csv")
+        require_plausible(ROBOT, Table.of(change(r) for r in sweep()), "a/trials.csv")
     text = str(caught.value)
     assert all(word in text for word in words), text
     assert all(line.startswith("a/trials.csv: ") for line in text.splitlines())
@@ -108,30 +108,30 @@ def test_another_unit_or_frame_is_named_with_what_to_write(change: Change, words
 
 def test_each_thing_that_is_wrong_gets_one_line() -> None:
     wrong = [pressures(1e-3)(positions(1000.0)(w_last(r))) for r in sweep()]
-    found = implausible_values(ROBOT, wrong)
+    found = implausible_values(ROBOT, Table.of(wrong))
     assert len(found) == 3 and all(any(word in line for line in found) for word in ("mm", "kPa", "x, y, z, w"))
 
 
 def test_a_roll_in_rad_is_seen_by_where_the_tip_goes() -> None:
     rows = sweep(rolls=(0.0, 40.0, 120.0), spines=(0.0,))
-    assert implausible_values(ROBOT, rows) == ()
-    (text,) = implausible_values(ROBOT, [replace(r, roll_deg=float(np.radians(r.roll_deg or 0.0))) for r in rows])
+    assert implausible_values(ROBOT, Table.of(rows)) == ()
+    (text,) = implausible_values(ROBOT, Table.of([replace(r, roll_deg=float(np.radians(r.roll_deg or 0.0))) for r in rows]))
     assert "roll_deg: 2.0944" in text and "looks like rad" in text and "multiply by 57.2958" in text
 
 
 def test_a_modulus_in_another_unit_is_refused_with_what_would_fit() -> None:
     stiff = {name: 1000 * getattr(ROBOT, name) for name in ("youngs_modulus", "shear_modulus")}
     spineless = sweep(spines=(0.0,))
-    (said,) = implausible_values(ROBOT.model_copy(update=stiff), spineless)
+    (said,) = implausible_values(ROBOT.model_copy(update=stiff), Table.of(spineless))
     assert "youngs_modulus" in said and "times as far" in said and "2.7e+05 Pa would fit" in said and "outer_radius" in said
 
 
 def test_a_chamber_that_does_nothing_and_pressures_far_above_the_robots_are_asked_about() -> None:
     told = lab.load_robot(Path(__file__).parents[2] / "examples/three_chambers/robot.yaml")
     rows = [r for k in (1, 2, 3) for r in three(told, k, 0.0 if k == 2 else 1.0)]
-    assert "column p2" in (said := " ".join(doubtful_directions(told, rows))) and "connected" in said
+    assert "column p2" in (said := " ".join(doubtful_directions(told, Table.of(rows)))) and "connected" in said
     high = [replace(r, pressures=tuple(6.895 * p for p in r.pressures)) for k in (1, 2, 3) for r in three(told, k, 1.0)]
-    said = " ".join(doubtful(told, high, "robot.yaml"))
+    said = " ".join(doubtful(told, Table.of(high), "robot.yaml"))
     assert "552 kPa" in said and "max_pressure of 80 kPa" in said and "unit" in said
 
 
@@ -152,7 +152,7 @@ def test_a_modulus_that_is_far_off_is_no_other_unit(factor: float) -> None:
     guessed = ROBOT.model_copy(
         update={"youngs_modulus": ROBOT.youngs_modulus * factor, "shear_modulus": ROBOT.shear_modulus * factor}
     )
-    assert implausible_values(guessed, sweep()) == ()
+    assert implausible_values(guessed, Table.of(sweep())) == ()
 
 
 @pytest.mark.parametrize(
@@ -171,7 +171,7 @@ def test_a_modulus_that_is_far_off_is_no_other_unit(factor: float) -> None:
          "rolls in degrees", "one roll"],
 )  # fmt: skip
 def test_an_unusual_campaign_is_left_alone(rows: tuple[TrialRow, ...]) -> None:
-    assert implausible_values(ROBOT, rows) == () and doubtful_directions(ROBOT, rows) == ()
+    assert implausible_values(ROBOT, Table.of(rows)) == () and doubtful_directions(ROBOT, Table.of(rows)) == ()
 
 
 def test_a_tip_that_weights_move_while_regulators_hum_is_no_other_unit() -> None:
@@ -180,13 +180,13 @@ def test_a_tip_that_weights_move_while_regulators_hum_is_no_other_unit() -> None
         replace(r, pressures=tuple(rng.normal(0, 40.0, 9).tolist()), tip=(-0.03 * i, 0.0, 0.39), tip_mass=0.1 * i)
         for i, r in enumerate(sweep())
     ]
-    assert implausible_values(ROBOT, rows) == ()
+    assert implausible_values(ROBOT, Table.of(rows)) == ()
 
 
 def test_a_body_too_limp_to_stand_may_hang_anywhere() -> None:
     hanging = [replace(r, tip=(0.05, 0.0, -0.37)) for r in sweep(levels=(0.0,))]
-    assert any("the wrong way" in text for text in implausible_values(ROBOT, hanging))
-    assert implausible_values(LIMP, hanging) == ()
+    assert any("the wrong way" in text for text in implausible_values(ROBOT, Table.of(hanging)))
+    assert implausible_values(LIMP, Table.of(hanging)) == ()
 
 
 def test_a_point_tracked_beyond_the_end_may_be_farther_away() -> None:
@@ -196,15 +196,15 @@ def test_a_point_tracked_beyond_the_end_may_be_farther_away() -> None:
 
     rows = tuple(map(beyond, sweep(levels=(0.0, 60e3))))
     stated = {"marker_offset": {"z": Stated(value=0.5 * ROBOT.length, unit="m")}}
-    assert "m from the base of a robot" in " ".join(implausible_values(ROBOT, rows))
-    assert implausible_values(ROBOT.model_copy(update={"effects": stated}), rows) == ()
+    assert "m from the base of a robot" in " ".join(implausible_values(ROBOT, Table.of(rows)))
+    assert implausible_values(ROBOT.model_copy(update={"effects": stated}), Table.of(rows)) == ()
 
 
 def test_a_level_body_that_sags_is_left_alone() -> None:
     level = ROBOT.model_copy(update={"gravity": (-9.81, 0.0, 0.0), "youngs_modulus": 1.2e5, "shear_modulus": 4e4})
     rows = sweep(level, spines=(0.0,), levels=(0.0, 10e3, 20e3))
     assert rows[0].tip is not None and rows[0].tip[0] < -0.1
-    assert implausible_values(level, rows) == () and doubtful_directions(level, rows) == ()
+    assert implausible_values(level, Table.of(rows)) == () and doubtful_directions(level, Table.of(rows)) == ()
 
 
 @pytest.mark.parametrize(
@@ -219,9 +219,9 @@ def test_a_level_body_that_sags_is_left_alone() -> None:
 def test_a_robot_that_bends_oddly_is_not_asked_about_its_columns(effects: dict[str, dict[str, Stated]]) -> None:
     odd = ROBOT.model_copy(update={"effects": effects})
     rows = [row for chambers in ((9, 1, 2), (3, 4, 5), (6, 7, 8)) for row in sweep(odd, chambers=chambers, spines=(0.0,))]
-    assert doubtful_directions(ROBOT, rows) == ()
+    assert doubtful_directions(ROBOT, Table.of(rows)) == ()
     changed = [replace(r, pressures=(*r.pressures[3:6], *r.pressures[:3], *r.pressures[6:])) for r in rows]
-    assert "the tip does not go to where the pressures push it" in " ".join(doubtful_directions(ROBOT, changed))
+    assert "the tip does not go to where the pressures push it" in " ".join(doubtful_directions(ROBOT, Table.of(changed)))
 
 
 # ------------------------------------------------------------------ pushes
@@ -247,13 +247,13 @@ def pushes(force: float = 1.0, deflection: float = 1.0, modulus: float = 1.0) ->
     ],
 )
 def test_a_push_in_another_unit_is_named(rows: list[TrialRow], words: list[str]) -> None:
-    (text,) = implausible_values(ROBOT, rows)
+    (text,) = implausible_values(ROBOT, Table.of(rows))
     assert all(word in text for word in words), text
 
 
 @pytest.mark.parametrize("modulus", [0.1, 0.5, 3.0, 10.0])
 def test_a_modulus_that_is_to_be_found_is_no_other_unit_of_force(modulus: float) -> None:
-    assert implausible_values(ROBOT, pushes(modulus=modulus)) == ()
+    assert implausible_values(ROBOT, Table.of(pushes(modulus=modulus))) == ()
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.0, 1.5])
@@ -261,10 +261,10 @@ def test_a_body_that_sags_upwards_is_asked_about(factor: float) -> None:
     level = ROBOT.model_copy(update={"gravity": (-9.81, 0.0, 0.0)})
     rows = sweep(level, spines=(0.0,), levels=(0.0, 10e3, 20e3))
     told = level.with_modulus(factor)
-    assert doubtful(told, rows, "robot.yaml") == ()
+    assert doubtful(told, Table.of(rows), "robot.yaml") == ()
     across = ((0.0, 0.0, 9.81), (0.0, -9.81, 0.0)) if factor >= 1 else ()  # a body twice as soft sags by as much too far
     for wrong in ((9.81, 0.0, 0.0), *across):
-        (said,) = doubtful(told.model_copy(update={"gravity": wrong}), rows, "robot.yaml")
+        (said,) = doubtful(told.model_copy(update={"gravity": wrong}), Table.of(rows), "robot.yaml")
         stated = ", ".join(f"{g:g}" for g in wrong)
         assert said.startswith(f"robot.yaml: gravity [{stated}] m/s^2: at rest the tip is") and "with [-9.81, 0, 0]" in said
 
@@ -272,6 +272,6 @@ def test_a_body_that_sags_upwards_is_asked_about(factor: float) -> None:
 def test_a_resting_tip_far_from_where_the_model_stands_is_asked_about() -> None:
     rows = sweep(ROBOT, spines=(0.0,), levels=(0.0, 10e3, 20e3))
     nearer = [replace(r, tip=tuple(0.7 * x for x in r.tip or ())) for r in rows]
-    assert doubtful(ROBOT, rows, "robot.yaml") == ()
-    said = " ".join(doubtful(ROBOT, nearer, "robot.yaml"))
+    assert doubtful(ROBOT, Table.of(rows), "robot.yaml") == ()
+    said = " ".join(doubtful(ROBOT, Table.of(nearer), "robot.yaml"))
     assert "at rest the tip is" in said and "check which marker is the tip" in said

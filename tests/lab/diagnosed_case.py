@@ -131,7 +131,7 @@ def folder(path: Path, rows: Sequence[TrialRow], robot: Path | None = None) -> P
     """A case folder, of the paper's robot if no other is given."""
     path.mkdir(parents=True, exist_ok=True)
     shutil.copy(robot or paper_robot(), path / "robot.yaml")
-    write_csv(Table(tuple(rows)), path / "trials.csv")
+    write_csv(Table.of(rows), path / "trials.csv")
     return path
 
 

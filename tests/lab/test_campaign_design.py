@@ -253,7 +253,7 @@ def test_wrong_usage_is_told(tmp_path: Path, cli: Cli) -> None:
 
 # ------------------------------------------------------------------ stop rules, hands, journal
 def row(x: float) -> Table:
-    return Table((TrialRow(1, 1, "bending", 1, "load", 0.0, 0.0, (0.0,), tip=(x, 0.0, 0.4)),))
+    return Table.of([TrialRow(1, 1, "bending", 1, "load", 0.0, 0.0, (0.0,), tip=(x, 0.0, 0.4))])
 
 
 def test_each_stop_rule_says_why(tmp_path: Path) -> None:

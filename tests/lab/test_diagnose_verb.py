@@ -294,6 +294,6 @@ def test_rows_without_numbers_are_left_out_and_counted(tmp_path: Path) -> None:
     rows[3] = replace(rows[3], tip=(float("nan"), 0.0, 0.4))
     one = {"chamber_azimuth": CATALOGUE["chamber_azimuth"]}
     wanted = Options(quantify=False, experiments=False, catalogue=one)
-    found = diagnose(Case(ROBOT, Table(tuple(rows))), wanted)
+    found = diagnose(Case(ROBOT, Table.of(rows)), wanted)
     assert any("1 of 7 states" in c for c in found.concerns)
     assert found.attribute.verdict == "unknown"

@@ -59,7 +59,7 @@ def test_who_ran_it_is_the_agent_of_the_recording(tmp_path: Path) -> None:
     (tmp_path / "robot.yaml").write_text("name: finger\n")
     found = info(RECORDING)
     ran = {name: replace(found, metadata={"labels": {"operator": "Lin Ø."}}) for name in ("a.mcap", "b.mcap")}
-    write_crate(tmp_path / "crate", [tmp_path / "robot.yaml"], Table(()), {**ran, "c.mcap": found}, "runs", None)
+    write_crate(tmp_path / "crate", [tmp_path / "robot.yaml"], Table(), {**ran, "c.mcap": found}, "runs", None)
     crate = ROCrate(tmp_path / "crate")
     agents = [crate.get(f"#recorded-{letter}.mcap").get("agent") for letter in "abc"]
     assert [agent and (agent.type, agent["name"]) for agent in agents] == [("Person", "Lin Ø.")] * 2 + [None]

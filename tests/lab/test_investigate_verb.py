@@ -84,7 +84,7 @@ def test_a_run_that_fails_leaves_what_is_known_and_the_line_to_go_on_with(
     virtual_lab: VirtualLab, tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fails(rig: object, job: object, place: Path, *more: object, **named: object) -> Outcome:
-        return Outcome(place / "none.mcap", "failed", Table(()), {}, True, NotReached("1 usable samples"))
+        return Outcome(place / "none.mcap", "failed", Table(), {}, True, NotReached("1 usable samples"))
 
     monkeypatch.setattr("lab.investigation.laboratory.execute", fails)
     file, why = little(tmp_path / "case"), tmp_path / "why"
@@ -138,7 +138,7 @@ def offered() -> dict[str, Experiment]:
     """The whole menu: what is offered after a campaign that read tips on the way up and nothing else."""
     robot = ROBOT.model_copy(update={"markers": (0.1, 0.2, 0.3)})
     rows = [replace(r, orientation=None) for r in campaign({}) if r.branch == "load"]
-    return {e.id: e for e in candidate_experiments(robot, states(Case(robot, Table(tuple(rows))))[0])}
+    return {e.id: e for e in candidate_experiments(robot, states(Case(robot, Table.of(rows)))[0])}
 
 
 def written(folder: Path, e: Experiment, **changes: object) -> Path:

@@ -72,7 +72,7 @@ def test_the_diagnosis_asks_about_tensions_that_are_ten_times_too_large() -> Non
         for i, (p, tip) in enumerate(zip(pulls, found.tip + noise, strict=True))
     ]  # fmt: skip
     few = Options(quantify=False, experiments=False, catalogue={"base_tilt": CATALOGUE["base_tilt"]})
-    answer = diagnose(Case(robot, Table(tuple(rows))), few)
+    answer = diagnose(Case(robot, Table.of(rows)), few)
     (said,) = (c for c in answer.concerns if "times as stiff as that of robot.yaml" in c)
     assert "unit of the tensions" in said
 
@@ -83,7 +83,7 @@ def test_a_heavy_arm_that_sags_across_its_axis_may_move_along_it(across: float, 
         TrialRow(1, i, "bending", 1, "load", 9.0 * i, 0.0, (1e3 * i, 0.0, 0.0, 0.0), tip=(across, 0.0, 0.2 - 0.01 * i))
         for i in range(6)
     ]
-    said = [text for text in doubtful_places(robot_from_dict(TENDONS), rows) if "along z" in text]
+    said = [text for text in doubtful_places(robot_from_dict(TENDONS), Table.of(rows)) if "along z" in text]
     assert bool(said) == asked
 
 

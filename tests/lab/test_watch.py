@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-import numpy as np
 import pytest
 import yaml
 from commands import Cli
@@ -159,7 +158,7 @@ def test_gaps_told_are_those_of_compare(run: tuple[dict[str, Any], Path], real_l
     demand_equal(known, file)
     case = read_case([file])
     found = expected(case, stated_by(case.robot), intervals=True)
-    measured = np.array([row.tip for row in found.rows])
+    measured = found.table.tip
     assert [g["tip"] for g in known["gaps"]] == found.prediction.tip.tolist()
     assert [g["gap"] for g in known["gaps"]] == (measured - found.prediction.tip).tolist()
 

@@ -135,7 +135,7 @@ def test_its_state_is_concluded_as_it_was_then_to_the_last_bit() -> None:
     assert compare(recording).equal
     rows = [again.row.to_json() for again in replay_states(recording) if again.row is not None]
     assert hashlib.sha256("\n".join(rows).encode()).hexdigest() == ROWS
-    assert Table(tuple(e.row for e in recording.trials))["x"] == pytest.approx([0.0993], abs=1e-4)
+    assert Table.of(e.row for e in recording.trials)["x"] == pytest.approx([0.0993], abs=1e-4)
 
 
 def test_a_field_that_came_later_is_nan_or_zero_and_the_rest_is_as_it_was() -> None:

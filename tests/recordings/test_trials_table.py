@@ -23,7 +23,7 @@ PUSH = replace(ROW, step=2, protocol="stiffness", tip=None, orientation=None, sp
 
 
 def written(tmp_path: Path, *rows: TrialRow) -> tuple[Path, list[str]]:
-    write_csv(Table(rows), tmp_path / "trials.csv")
+    write_csv(Table.of(rows), tmp_path / "trials.csv")
     return tmp_path / "trials.csv", (tmp_path / "trials.csv").read_text().splitlines()
 
 
@@ -130,7 +130,7 @@ def test_a_stiffness_row_needs_force_and_deflection_and_others_a_tip(tmp_path: P
 
 def test_asking_for_a_column_that_is_not_there_names_those_that_are() -> None:
     with pytest.raises(BadTable, match="no column q; the table has trial, step"):
-        Table((ROW,))["q"]
+        Table.of([ROW])["q"]
 
 
 @pytest.mark.parametrize(
