@@ -1,10 +1,16 @@
-"""Which version of the software this is."""
+"""Which version of the software this is, and what a recording says about where it comes from."""
 
 from __future__ import annotations
 
+import platform
 import subprocess
+from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # the packages' names are checked before any of them is imported, see `neighbours`
+    from drivers.interfaces import Identity
 
 NAME = "softlab"
 
@@ -40,3 +46,16 @@ def version_text() -> str:
     if not git["commit"]:
         return f"{NAME} {installed()}"
     return f"{NAME} {installed()} ({git['commit'][:12]}{', changed' if git['changed'] == 'yes' else ''})"
+
+
+PACKAGES = ("softlab", "ur_rtde", "pyserial", "pymodbus", "dynamixel-sdk", "pytrinamic", "numpy", "scipy", "mcap")
+
+
+def provenance(identities: Mapping[str, Identity]) -> dict[str, dict[str, str]]:
+    """Return the metadata records of a recording by name: versions, git state, host, identities of the instruments."""
+    return {
+        "versions": {"python": platform.python_version(), **{p: installed(p) for p in PACKAGES}},
+        "source": source(),
+        "host": {"system": platform.platform(), "name": platform.node()},
+        "instruments": {n: " ".join(x for x in (i.maker, i.model, i.serial, i.firmware) if x) for n, i in identities.items()},
+    }

@@ -21,7 +21,7 @@ MODULES = {
     "diagnosis.data.levels": 1,
     "diagnosis.diagnose": 1,
     "lab.api": 5,
-    "lab.campaign.order": 1,
+    "lab.campaign.design": 1,
     "model.calibration": 2,
     "model.condition": 1,
     "model.effects.spec": 1,

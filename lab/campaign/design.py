@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
-from collections.abc import Callable, Iterator, Mapping
+import random
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, get_origin
@@ -25,7 +26,63 @@ from ..files.campaign_file import CampaignFile, Part, load_campaign
 from ..files.config import ConfigError, Loc, Source, in_units
 from ..files.rig_file import RigFile, load_rig
 from ..verbs.run import Job, job
-from .order import changes, ordered
+
+Cell = tuple[int, int]
+"""Number of the protocol in the file, and of its condition."""
+Slot = tuple[int, Cell]
+"""A block and what is done in it."""
+
+
+def ordered(hands: Sequence[Sequence[Hashable]], blocks: int, seed: int, grouped: bool) -> list[Slot]:
+    """All runs in order; `hands`: of each protocol the set-up of each of its conditions.
+
+    >>> ordered([["light", "light", "heavy"]], 2, 1, True)
+    [(1, (0, 1)), (1, (0, 0)), (2, (0, 1)), (2, (0, 0)), (1, (0, 2)), (2, (0, 2))]
+    """
+    rng = random.Random(seed)
+    cells = [[(part, k) for k in range(len(own))] for part, own in enumerate(hands)]
+    if not grouped:
+        return [(block, cell) for own in cells for block in range(1, blocks + 1) for cell in _shuffled(own, rng)]
+    plots = [
+        {setup: [(part, k) for k, s in enumerate(own) if s == setup] for setup in dict.fromkeys(own)}
+        for part, own in enumerate(hands)
+    ]
+    return [
+        (block, cell)
+        for own, order in zip(plots, fewest_changes([list(p) for p in plots], rng), strict=True)
+        for setup in order
+        for block in range(1, blocks + 1)
+        for cell in _shuffled(own[setup], rng)
+    ]
+
+
+def _shuffled(cells: Sequence[Cell], rng: random.Random) -> list[Cell]:
+    return rng.sample(cells, len(cells))
+
+
+def fewest_changes(parts: Sequence[Sequence[Hashable]], rng: random.Random) -> list[list[Hashable]]:
+    """The set-ups of each part in random order, such that as many parts as possible begin with the set-up that the one before
+    ended with."""
+    best: Mapping[Hashable, tuple[int, list[list[Hashable]]]] = {None: (0, [])}
+    for part in parts:
+        mixed = rng.sample(list(part), len(part))
+        found: dict[Hashable, tuple[int, list[list[Hashable]]]] = {}
+        for first in mixed:
+            for last in mixed if len(mixed) == 1 else [s for s in mixed if s != first]:
+                order = [first, *(s for s in mixed if s not in (first, last)), *([last] if last != first else [])]
+                for before, (kept, orders) in best.items():
+                    score = kept + (before == first and bool(orders))
+                    if last not in found or score > found[last][0]:
+                        found[last] = (score, [*orders, order])
+        best = found
+    return max(best.values(), key=lambda scored: scored[0])[1]
+
+
+def changes(runs: Sequence[Sequence[Hashable]]) -> int:
+    """How often a person's hands are needed for the set-ups of these runs in order, the first included."""
+    flat = [setup for setups_of_run in runs for setup in setups_of_run]
+    return sum(k == 0 or s != flat[k - 1] for k, s in enumerate(flat))
+
 
 SHOWN = 180
 """Characters of a condition in a label."""

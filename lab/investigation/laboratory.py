@@ -15,13 +15,13 @@ from diagnosis.investigate import Foretold, NotDone
 from protocols.errors import ProtocolError, Stopped
 from recordings.own_files import replaced
 
-from ..campaign.hands import Prepared
 from ..console import Screen, err
 from ..files.config import ConfigError, Source
 from ..files.inputs import Case, read_case
 from ..files.rig_file import RigFile
 from ..live.beside import Page
 from ..rig.assembly import Rig
+from ..rig.operator import Prepared
 from ..verbs.run import Job, Outcome, connect, execute, job
 
 FORETOLD, PROTOCOL = "foretold.json", "protocol.yaml"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import secrets
 import socket
 import threading
@@ -17,13 +18,47 @@ from typing import Any
 from recordings.errors import RecordingError
 from recordings.file.tail import Piece, Tail
 
-from . import http
 from .about import About, about, robot_text, shown
 from .asking import Model, NoModel
-from .feed import following, played
 from .foxglove_server import Foxglove
 from .picture import Picture
-from .viewers import Steer, Viewers
+from .viewers import LARGEST_HEAD, Steer, Viewers
+
+AT_ONCE = 256
+"""Pieces that are read in one go while the beginning of a long run is caught up with."""
+
+
+async def following(tail: Tail, over: Callable[[], bool]) -> AsyncIterator[list[Piece]]:
+    """What is in the file, then what comes, until it is finished; or until nothing more comes once `over`."""
+    while not tail.contents.finished:
+        if tail.grown():
+            yield await asyncio.to_thread(tail.read)
+        elif over():
+            return
+        else:
+            await asyncio.sleep(0.02)
+
+
+async def played(tail: Tail, speed: float) -> AsyncIterator[list[Piece]]:
+    """The pieces of a recording at `speed` times rig time (inf: at once); ends where nothing more can be read."""
+    begin, first = time.monotonic(), None
+    due: list[Piece] = []
+    while pieces := await asyncio.to_thread(tail.read):
+        for piece in pieces:
+            first = piece.until if first is None else first
+            wait = begin + (piece.until - first) / 1e9 / speed - time.monotonic()
+            if wait > 0.05 or (due and math.isfinite(speed) and wait > 0):
+                if due:
+                    yield due
+                    due = []
+                await asyncio.sleep(max(wait, 0.0))
+            due.append(piece)
+            if len(due) >= AT_ONCE:
+                yield due
+                due = []
+    if due:
+        yield due
+
 
 LOOPBACK = "127.0.0.1"
 ASK = 0.2
@@ -112,7 +147,7 @@ class Show:
             asyncio.run(self._run(stay))
 
     async def _run(self, stay: bool) -> None:
-        server = await asyncio.start_server(self._viewers.serve, sock=self._at.listening, limit=http.LARGEST_HEAD)
+        server = await asyncio.start_server(self._viewers.serve, sock=self._at.listening, limit=LARGEST_HEAD)
         async with server:
             try:
                 while (part := await self._next()) is not None:

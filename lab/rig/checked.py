@@ -1,17 +1,21 @@
-"""What `lab check --move` found, kept beside rig.yaml: a run says when its rig was last seen to do what it is told."""
+"""What is kept beside rig.yaml: when the rig last passed `lab check --move`, and which recording its run writes."""
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
+import os
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from recordings.bounded import read_bounded
 from recordings.own_files import replaced
 
+from ..files.config import ConfigError
 from ..files.rig_file import RigFile
 
 
@@ -73,3 +77,22 @@ def last(rig_path: Path, rig: RigFile) -> Checked | str:
         return f"{rig_path} never passed lab check --move, which fakes can do without"
     except (OSError, ValueError, KeyError, TypeError):
         return f"{place(rig_path)} cannot be read"
+
+
+def announce(rig: Path, recording: Path) -> None:
+    """From now on the rig's run writes this recording; where the line cannot be written, nothing is announced."""
+    with contextlib.suppress(OSError):
+        replaced(rig.with_suffix(".recording"), os.fsencode(recording.resolve()) + b"\n")
+
+
+def recording_of(rig: Path) -> Path:
+    """The newest recording of a rig's runs; raises ConfigError when none is known."""
+    if not rig.exists():
+        raise ConfigError(f"{rig}: no such file; give a recording, or the rig.yaml of a run")
+    line = rig.with_suffix(".recording")
+    if not line.exists():
+        raise ConfigError(f"{rig}: no run of it is known ({line.name} is not there); give its recording instead")
+    found = Path(os.fsdecode(read_bounded(line, 5000, ConfigError).strip()))  # bytes
+    if not found.is_file():
+        raise ConfigError(f"{line}: names {found}, which is not there; give the recording instead")
+    return found

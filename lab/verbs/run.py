@@ -49,15 +49,14 @@ from ..live.about import PLAN
 from ..live.beside import Page, page_where
 from ..options import JSON, LABELS, Verb, given_labels, option, rig, settings
 from ..rig.assembly import Rig
-from ..rig.checked import last
-from ..rig.current import announce
+from ..rig.checked import announce, last
 from ..rig.interrupts import Interrupts
 from ..rig.keys import HELP, Keys, Line
 from ..rig.limits import SLACK, problems, wiring
 from ..rig.losses import newly_lost
 from ..rig.margins import ACTIVE, margins
-from ..rig.provenance import provenance
 from ..rig.rehearsal import rehearse
+from ..version import provenance
 
 LONGEST_PLAN = 30 * 86400.0
 """s of rig time; a plan beyond it is a mistake in its parameters, such as a rate that is far too low."""

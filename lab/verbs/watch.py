@@ -19,7 +19,7 @@ from ..live.beside import opened_in_browser
 from ..live.foxglove_server import LAYOUT, Foxglove
 from ..live.show import LOOPBACK, Part, Place, Show, place
 from ..options import ANY_SIZE, JSON, Verb, option
-from ..rig.current import recording_of
+from ..rig.checked import recording_of
 
 LOOK = 0.2
 """Host seconds between two looks at whether another run of the rig has begun."""

@@ -13,14 +13,13 @@ import pytest
 import yaml
 from commands import Cli
 
-from lab.campaign.design import Campaign, campaign_of
-from lab.campaign.hands import Prepared
+from lab.campaign.design import Campaign, campaign_of, changes, fewest_changes, ordered
 from lab.campaign.journal import Done, Journal, read
-from lab.campaign.order import changes, fewest_changes, ordered
 from lab.campaign.planned import planned_table
-from lab.campaign.stops import Stops
+from lab.campaign.session import Stops
 from lab.files.campaign_file import Stop
 from lab.files.config import ConfigError
+from lab.rig.operator import Prepared
 from model.effects.design import design_from_columns
 from protocols.bench import Setup
 from protocols.cycles import Cycles

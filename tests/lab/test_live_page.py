@@ -19,9 +19,8 @@ from lab.console import seconds_left
 from lab.files.example import paper_robot
 from lab.live import show as shown
 from lab.live.about import PLAN, About, about
-from lab.live.feed import following
 from lab.live.picture import SAME_MOMENT, Picture
-from lab.live.show import Part, Show, place
+from lab.live.show import Part, Show, following, place
 from lab.live.viewers import event
 from recordings.file.contents import Contents
 from recordings.file.tail import Tail
@@ -167,7 +166,7 @@ def test_numbers_that_are_none_are_null_and_end_nothing(tmp_path: Path) -> None:
 
 
 def test_a_long_run_is_caught_up_with_whole_also_when_nothing_more_comes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lab.live.feed.AT_ONCE", 3)
+    monkeypatch.setattr("lab.live.show.AT_ONCE", 3)
     recorder = started(tmp_path / "run.mcap")
     for k in range(20):
         recorder.push("/vacuum", 1.0 + k, (20e3,))

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 import timing
-from lab.live import http, viewers
+from lab.live import viewers
 from lab.live.show import Place, place
 from lab.live.viewers import Viewers
 
@@ -75,7 +75,7 @@ def served(steer: viewers.Steer | None) -> Iterator[Door]:
     hall = Viewers(at.token, lambda: HELLO, steer)
 
     async def serve() -> None:
-        server = await asyncio.start_server(hall.serve, sock=at.listening, limit=http.LARGEST_HEAD)
+        server = await asyncio.start_server(hall.serve, sock=at.listening, limit=viewers.LARGEST_HEAD)
         ready.set()
         with contextlib.suppress(asyncio.CancelledError):
             async with server:
@@ -97,7 +97,7 @@ def status(answer: bytes) -> int:
 
 
 def test_the_page_is_whole_and_asks_for_nothing_beyond_itself(door: Door) -> None:
-    for name in http.PAGE:
+    for name in viewers.PAGE:
         connection = HTTPConnection("127.0.0.1", door.port, timeout=ANSWER_WITHIN)
         connection.request("GET", f"/{door.at.token}/{name}")
         found = connection.getresponse()
@@ -150,7 +150,7 @@ def test_a_bad_request_gets_one_short_line(door: Door, request_: str, expected: 
 
 
 def test_who_sends_slowly_or_nothing_is_let_go(door: Door, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(http, "HEAD_WITHIN", 0.2)
+    monkeypatch.setattr(viewers, "HEAD_WITHIN", 0.2)
     with door.wire() as silent, door.wire() as slow:
         slow.sendall(b"GET / HTTP/1.1\r\nA: ")
         assert status(all_of(silent)) == 408 and status(all_of(slow)) == 408

@@ -10,8 +10,7 @@ from diagnosis.diagnose import Options, diagnose
 from lab.files.inputs import Case
 from lab.questions.numbers import doubtful_numbers
 from lab.questions.places import doubtful_places
-from lab.rig.repeats import Repeats
-from lab.rig.watch import STUCK
+from lab.rig.watch import STUCK, Repeats
 from model.effects import CATALOGUE
 from model.prediction import Predictor
 from model.robot import robot_from_dict

@@ -19,7 +19,7 @@ from virtual_lab import VirtualLab, go_on, journal_says, lab, meanwhile, press_c
 
 import timing
 from lab.files.inputs import read_case
-from lab.rig.current import recording_of
+from lab.rig.checked import recording_of
 from lab.verbs import run as run_verb
 from lab.verbs.fakes import PATIENT_SETTLE
 from recordings.campaign.journal import read
