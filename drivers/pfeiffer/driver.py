@@ -17,7 +17,6 @@ from timing import Clock
 from ..configs import GaugeConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, WrongDevice
 from ..interfaces import GaugeSample, Identity
-from ..retries import Retries
 from ..serial_line import SerialLine, meeting, show
 from ..spec import Driver
 
@@ -82,7 +81,6 @@ class PfeifferGauge:
         self._clock = clock
         self._line = SerialLine(name, config.port, config.baud, config.timeout, skip_echo=True)
         self._wire = _Wire(self._line)
-        self._retries = Retries(self._line)
         self._lock = timing.RLock()
         self._readings = 0
 
@@ -116,7 +114,7 @@ class PfeifferGauge:
 
     def take_notices(self) -> list[str]:
         """See the module `interfaces`."""
-        return self._retries.notices()
+        return self._line.take_notices()
 
     def _meet(self) -> Identity:
         model = self._query("gauge type", protocol.read_gauge_type)
@@ -157,7 +155,7 @@ class PfeifferGauge:
 
     def _query(self, what: str, query: Query[T]) -> T:
         """Ask, once more after silence or noise."""
-        return self._retries.twice(lambda: self._ask(what, query))
+        return self._line.twice(lambda: self._ask(what, query))
 
     def _ask(self, what: str, query: Query[T]) -> T:
         address = self._config.address

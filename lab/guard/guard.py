@@ -25,7 +25,7 @@ from timing import RigClock
 from ..files.rig_file import RigFile
 from .door import TAKE_WITHIN, Door
 from .hosted import under_guard
-from .instruments import ACTUATORS, COMMANDS, ENERGISING, POLLED, owned_names
+from .instruments import ACTUATORS, COMMANDS, ENERGISING, POLLED, PollRate, owned_names
 from .landing import Instruments, Landing
 from .last_used import forget, remember
 from .latch import Latch, RigLocked
@@ -351,13 +351,14 @@ class Guard:
 
         Another device than expected, and a line that is lost, land the rig while it is energised.
         """
+        rate = PollRate(name, getattr(self.rig.instruments, name), self.rig.poll)
         while self.running:
             due = timing.now() + 1 / self.rig.poll
             if name in self.own.opened:
                 sample: Any
                 try:
                     with self.own.locks[name]:
-                        sample = self._checked(name, self.own.drivers[name].read())  # before the next set-point is told
+                        sample = self._checked(name, rate.timed(self.own.drivers[name].read))  # before the next set-point is told
                 except InstrumentError as e:
                     sample = e
                     if isinstance(e, WrongDevice) and self.energised:
@@ -365,7 +366,7 @@ class Guard:
                     if isinstance(e, Unreachable):
                         self._lose(name, e)
                 self.tell((name, sample))
-                for text in getattr(self.own.drivers[name], "take_notices", list)():
+                for text in (*getattr(self.own.drivers[name], "take_notices", list)(), *rate.notices()):
                     self.tell(Event("notice", text))
             timing.sleep(max(0.0, due - timing.now()))
 

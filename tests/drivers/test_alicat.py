@@ -214,7 +214,7 @@ def test_an_answer_that_lost_a_digit_is_no_reading(fake: AlicatFake, regulators:
 
     fake._frame = short  # type: ignore[method-assign]
     assert regulators.read().measured[1] == pytest.approx(0.0, abs=1e3)
-    assert regulators._retries.total == 1
+    assert regulators._line.quality.repeats == 1
 
 
 def test_a_sweep_that_takes_too_long_is_stale(opened: Make, fake: AlicatFake) -> None:
@@ -242,7 +242,7 @@ def test_what_a_breakout_box_puts_behind_a_line_costs_no_retry(opened: Make, fak
     for _ in range(20):
         regulators.read()
     regulators.set((100.0,) * 3)
-    assert regulators._retries.total == 0
+    assert regulators._line.quality.repeats == 0
 
 
 def test_settings_are_read_while_another_thread_polls(regulators: Alicat) -> None:
