@@ -14,7 +14,7 @@ import timing
 from timing import Clock
 
 from ..chambers import ChamberMap
-from ..errors import BadReply, DeviceFault, InstrumentError, StaleReading, WrongDevice
+from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, StaleReading, WrongDevice
 from ..interfaces import Identity, PressureSample
 from ..pressure_limits import VENTED, PressureLimits
 from ..serial_line import SerialLine
@@ -207,11 +207,16 @@ class Alicat:
 
     def _lock_panels(self) -> None:
         for channel, unit in enumerate(self._units):
-            if self._twice(unit.lock):
+            try:
+                locked = self._twice(unit.lock)
+            except NoReply:  # firmware that ignores the command answers everything else
+                self._twice(unit.poll)
+                locked = False
+            if locked:
                 self._locked.add(channel)
             else:
                 self._notice(
-                    f"unit {unit.letter} does not say that its front panel is locked (command L, status {LOCKED}): nobody may "
+                    f"unit {unit.letter} does not lock its front panel (command {unit.letter}L, status {LOCKED}): nobody may "
                     "change its settings during a run"
                 )
 

@@ -454,6 +454,18 @@ def test_panels_are_locked_while_open_and_unlocked_at_the_end(regulators: Alicat
     assert all(unit.panel("unit", "kPa") for unit in fake.device.values())
 
 
+@pytest.mark.parametrize("answer", ["?", ""], ids=["rejected", "ignored"])
+def test_a_unit_that_does_not_lock_its_panel_is_used_with_a_warning(opened: Make, fake: AlicatFake, answer: str) -> None:
+    fake.faults.extra["no_lock"] = {"B": answer}
+    regulators = opened(timeout=0.1)
+    (notice,) = regulators.take_notices()
+    assert "unit B does not lock its front panel (command BL" in notice
+    regulators.confirm_settings()
+    regulators.set((1e3,) * 3)
+    assert regulators.take_notices() == []
+    assert fake.device["A"].locked and not fake.device["B"].locked
+
+
 def test_a_panel_that_somebody_unlocks_is_checked_and_locked_again(regulators: Alicat, fake: AlicatFake) -> None:
     fake.device["B"].locked = False
     asked = len(fake.requests)
