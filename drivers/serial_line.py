@@ -19,7 +19,7 @@ import serial
 
 import timing
 
-from .errors import BadReply, InstrumentError, NoReply, NotReady, Unreachable, WrongDevice
+from .errors import BadReply, InstrumentError, NoReply, NotReady, Refused, Unreachable, WrongDevice
 from .line_quality import LineQuality
 from .stop_first import SLICE, StopFirst
 
@@ -269,6 +269,9 @@ class SerialLine(SerialPort):
         """Make a harmless request, and repeat it once on a disturbed line."""
         try:
             answer = request()
+        except Refused:
+            self.quality.count(False)
+            raise
         except (NoReply, BadReply):
             self.quality.count(True)
             self.listen(self.timeout)  # an answer that is only late must not be taken for the next one's

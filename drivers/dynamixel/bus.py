@@ -20,7 +20,7 @@ from dynamixel_sdk import COMM_RX_CORRUPT, COMM_RX_TIMEOUT, COMM_SUCCESS, PortHa
 
 import timing
 
-from ..errors import BadReply, NoReply
+from ..errors import BadReply, NoReply, Refused
 from ..serial_line import SerialPort
 
 ATTEMPTS = 3
@@ -95,6 +95,8 @@ class Servo(SerialPort):
         super().__init__(name, port, baud, timeout, longest_read=LONGEST_READ)
         self.id = servo_id
         self.alert = False
+        self._odd = ""
+        """What was odd about the last answer, where its checksum was right."""
         self._packets = Protocol2PacketHandler()
         self._marks = itertools.cycle(MARKS)
         self._behind = True
@@ -140,6 +142,7 @@ class Servo(SerialPort):
                 return [], result, 0
             data, result, error = self._status(port)
             wrong = result == COMM_SUCCESS and not error & ~ALERT and len(data) != size
+            self._odd = f"{len(data)} bytes" if wrong else ""
             return data, COMM_RX_CORRUPT if wrong else result, error
 
         return bytes(self._exchange(f"read of {size} bytes at {address}", call))
@@ -162,7 +165,7 @@ class Servo(SerialPort):
     def _exchange(self, what: str, call: Callable[[_Port], Exchange[T]], attempts: int = ATTEMPTS) -> T:
         """Do one request and its answer, again after silence or noise."""
         with self._bus() as port:
-            value, result, error = None, COMM_RX_TIMEOUT, 0
+            value, result, error, self._odd = None, COMM_RX_TIMEOUT, 0, ""
             for attempt in range(attempts):
                 if self._behind and not self._catch_up(port):
                     break
@@ -171,7 +174,7 @@ class Servo(SerialPort):
                 try:
                     value, result, error = call(port)
                 except IndexError:  # the SDK trips over an answer that is shorter than it should be
-                    value, result, error = None, COMM_RX_CORRUPT, 0
+                    value, result, error, self._odd = None, COMM_RX_CORRUPT, 0, "too few bytes"
                 # the servo received a damaged instruction, which is worth repeating
                 if result == COMM_SUCCESS and error & ~ALERT != 3:
                     self.quality.sent(len(port.request))
@@ -183,13 +186,18 @@ class Servo(SerialPort):
                 timing.sleep(self.timeout)
                 port.clearPort()
         where = self._where
+        if result == COMM_RX_CORRUPT and self._odd:  # its checksum was right
+            raise Refused(
+                self.name,
+                f"{where} answers a {what} with {self._odd}; check that it is an X servo, and the only one with this id",
+            )
         if result == COMM_RX_CORRUPT:
             raise BadReply(self.name, f"damaged answer from {where} to a {what}, {attempts} times; check cable and baud rate")
         if result != COMM_SUCCESS:
             raise self._no_reply(what, result)
         self.alert = bool(error & ALERT)
         if refusal := error & ~ALERT:
-            raise BadReply(self.name, f"{where} refuses a {what}: {REFUSALS.get(refusal, f'error {refusal}')}")
+            raise Refused(self.name, f"{where} refuses a {what}: {REFUSALS.get(refusal, f'error {refusal}')}")
         return value  # type: ignore[return-value]
 
     @property

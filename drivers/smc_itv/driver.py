@@ -339,7 +339,7 @@ class SmcItv:
         hint = {
             OUT_OF_RANGE: "the unit allows less than full_scale in rig.yaml",
             UNKNOWN_COMMAND: "it did not understand the request; check the cable",
-        }.get(answer, f"expected a number from 0 to {STEPS}; check the cable and the port")
+        }.get(answer, f"expected a number from 0 to {STEPS}; see the unit's manual for that answer, else check cable and port")
         return BadReply(self.name, f"{self.config.ports[channel]} answers {show(request)} with {show(answer)}; {hint}")
 
 

@@ -19,7 +19,7 @@ from pytrinamic.tmcl import TMCLCommand, TMCLReply, TMCLRequest, TMCLStatus
 
 import timing
 
-from ..errors import BadReply, InstrumentError, NoReply
+from ..errors import BadReply, InstrumentError, NoReply, Refused
 from ..serial_line import SerialPort
 from .parameters import Global
 
@@ -44,6 +44,8 @@ class Axis(SerialPort):
         self._address, self._host, self._motor = address, host, motor
         self._behind = False
         """Whether answers to earlier questions may still come."""
+        self._other_host: int | None = None
+        """To whom the module's last answer was addressed, where that was not this host."""
         self.caught_up = False
         """The line was caught up since the driver cleared this, so that `restarted` may have missed a restart."""
         self._tick = 0
@@ -119,7 +121,13 @@ class Axis(SerialPort):
                 line.write(request.to_buffer())
                 self.quality.sent(FRAME_BYTES)
                 reply, heard = self._reply(line, request)
-                if reply is None and heard:
+                if reply is None and self._other_host is not None:
+                    failure = Refused(
+                        self.name,
+                        f"{where} answers {what} to host {self._other_host}, not {self._host}: correct `host` in rig.yaml, or "
+                        f"the module's host address (global parameter {Global.HOST_ADDRESS})",
+                    )
+                elif reply is None and heard:
                     failure = BadReply(self.name, f"damaged answer from {where} to {what}; check cable and baud rate")
                 elif reply is None:
                     failure = NoReply(self.name, f"no answer from {where} to {what}; check its power, address and baud rate")
@@ -131,9 +139,11 @@ class Axis(SerialPort):
                     )
                 elif reply.status < DONE:
                     reason = TMCLStatus.get_name(reply.status)
-                    failure = BadReply(self.name, f"{where} refuses {what}: status {reply.status}, {reason}")
+                    refusal = f"{where} refuses {what}: status {reply.status}, {reason}"
                     if reply.status != TMCLStatus.WRONG_CHECKSUM:
+                        failure = Refused(self.name, refusal)
                         break
+                    failure = BadReply(self.name, refusal)
                 else:
                     self.quality.count(attempt > 0)
                     return int(to_signed_32(reply.value))
@@ -144,6 +154,7 @@ class Axis(SerialPort):
 
     def _reply(self, line: serial.Serial, request: TMCLRequest) -> tuple[TMCLReply | None, bool]:
         """The next answer, None on silence; and whether anything but the echo of the request came."""
+        self._other_host = None
         heard, window, echo = False, b"", request.to_buffer()
         began, count = timing.now(), 0
         give_up = began + self.timeout
@@ -158,6 +169,8 @@ class Axis(SerialPort):
                 if reply.reply_address == self._host and reply.is_checksum_correct():
                     self.quality.answered(began, count)
                     return reply, True
+                if reply.is_checksum_correct() and (reply.module_address, reply.command) == (self._address, request.command):
+                    self._other_host = reply.reply_address
                 window = window[1:]
         return None, heard or bool(window)
 
