@@ -22,6 +22,7 @@ from drivers.errors import InstrumentError, Unreachable, WrongDevice
 from drivers.interfaces import Identity
 from timing import RigClock
 
+from ..files.adapters import Adapters
 from ..files.rig_file import RigFile
 from .door import TAKE_WITHIN, Door
 from .hosted import under_guard
@@ -93,6 +94,7 @@ class Guard:
             self.own.drivers["arm"] = self.under_force
         own = self.own
         self.settings = Settings(own.drivers)
+        self.adapters = Adapters(rig)
         instruments = Instruments(own.drivers, own.opened, self.open, own.busy.__contains__, own.lost)
         self.landing = Landing(self.rig.safe, instruments, self.rig.clock.speed, self._confirmed_late)
         self.running = True
@@ -152,7 +154,10 @@ class Guard:
         if not name:
             return own[method]()
         if method == "open":
-            return self.open(name)
+            self.adapters.check(name)  # here and not in `open`: a landing vents and stops whatever is there
+            identity = self.open(name)
+            self.adapters.learn(name, identity)
+            return identity
         if method == "close":
             return self.close_one(name)
         if name not in self.own.drivers or method not in COMMANDS[name]:
@@ -325,6 +330,8 @@ class Guard:
         """
         if self.handed_over:
             raise self._refusal()
+        for name in self.own.opened:
+            self.adapters.check(name)
         self.landing.end()
         for name in tuple(self.own.lost):
             self.open(name)

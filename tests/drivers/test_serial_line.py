@@ -20,6 +20,8 @@ from drivers.dynamixel.bus import Servo
 from drivers.errors import BadReply, NoReply, NotReady, Unreachable
 from drivers.serial_line import SerialLine, SerialPort
 from drivers.tmcl.bus import Axis
+from drivers.usb_adapter import adapter
+from tests.sim_fakes.plugged import Plugged
 
 
 @dataclass
@@ -257,3 +259,13 @@ def test_a_notice_of_late_answers_says_what_the_adapters_timer_is_set_to(
         line.quality.answered(timing.now() - 0.016, 10)
     (told,) = line.take_notices()
     assert re.search(said, told)
+
+
+def test_an_adapter_is_known_by_its_serial_number_or_by_its_socket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    port = tmp_path / "ttyUSB0"
+    (tmp_path / "by-id").symlink_to(port)
+    plugged = Plugged(monkeypatch, [str(port)])
+    assert adapter(str(tmp_path / "by-id")) == "0403:6014 serial number FT1"
+    plugged.numbered = False
+    assert adapter(str(port)) == "0403:6014 at USB socket 1-FT1"
+    assert adapter(str(tmp_path / "ttyS0")) == ""
