@@ -15,6 +15,7 @@ from collections.abc import Callable
 from pydantic import Field
 from pymodbus import FramerType, ModbusException
 from pymodbus.client import ModbusSerialClient
+from pymodbus.pdu import ExceptionResponse
 
 import timing
 from timing import Clock
@@ -29,6 +30,8 @@ from .stream import PERIOD, FrameParser, GapCounter
 
 BAUD = 19200
 DEVICE_ID = 9
+NO_SUCH_REGISTER = 2
+"""Modbus exception of a device that has none at this address."""
 REG_FIRMWARE, REG_SERIAL, REG_OUTPUT = 500, 510, 410
 STREAM_ON = 0x0200
 STOP = b"\xff" * 50
@@ -251,6 +254,12 @@ class FT300S:
 
     def _registers(self, client: ModbusSerialClient, first: int, count: int) -> list[int]:
         answer = client.read_holding_registers(first, count=count, device_id=DEVICE_ID)
+        if isinstance(answer, ExceptionResponse) and answer.exception_code != NO_SUCH_REGISTER:
+            raise NotReady(
+                self.name,
+                f"device {DEVICE_ID} on {self.config.port} refuses to tell registers {first} to {first + count - 1} now (Modbus "
+                f"exception {answer.exception_code}); power-cycle it, then open it again",
+            )
         if answer.isError() or len(answer.registers) != count:
             raise WrongDevice(
                 self.name,

@@ -22,10 +22,11 @@ from drivers.errors import InstrumentError, Unreachable, WrongDevice
 from drivers.interfaces import Identity
 from timing import RigClock
 
+from ..files.adapters import Adapters
 from ..files.rig_file import RigFile
 from .door import TAKE_WITHIN, Door
 from .hosted import under_guard
-from .instruments import ACTUATORS, COMMANDS, ENERGISING, POLLED, owned_names
+from .instruments import ACTUATORS, COMMANDS, ENERGISING, POLLED, PollRate, owned_names
 from .landing import Instruments, Landing
 from .last_used import forget, remember
 from .latch import Latch, RigLocked
@@ -93,6 +94,7 @@ class Guard:
             self.own.drivers["arm"] = self.under_force
         own = self.own
         self.settings = Settings(own.drivers)
+        self.adapters = Adapters(rig)
         instruments = Instruments(own.drivers, own.opened, self.open, own.busy.__contains__, own.lost)
         self.landing = Landing(self.rig.safe, instruments, self.rig.clock.speed, self._confirmed_late)
         self.running = True
@@ -152,7 +154,10 @@ class Guard:
         if not name:
             return own[method]()
         if method == "open":
-            return self.open(name)
+            self.adapters.check(name)  # here and not in `open`: a landing vents and stops whatever is there
+            identity = self.open(name)
+            self.adapters.learn(name, identity)
+            return identity
         if method == "close":
             return self.close_one(name)
         if name not in self.own.drivers or method not in COMMANDS[name]:
@@ -325,6 +330,8 @@ class Guard:
         """
         if self.handed_over:
             raise self._refusal()
+        for name in self.own.opened:
+            self.adapters.check(name)
         self.landing.end()
         for name in tuple(self.own.lost):
             self.open(name)
@@ -351,13 +358,14 @@ class Guard:
 
         Another device than expected, and a line that is lost, land the rig while it is energised.
         """
+        rate = PollRate(name, getattr(self.rig.instruments, name), self.rig.poll)
         while self.running:
             due = timing.now() + 1 / self.rig.poll
             if name in self.own.opened:
                 sample: Any
                 try:
                     with self.own.locks[name]:
-                        sample = self._checked(name, self.own.drivers[name].read())  # before the next set-point is told
+                        sample = self._checked(name, rate.timed(self.own.drivers[name].read))  # before the next set-point is told
                 except InstrumentError as e:
                     sample = e
                     if isinstance(e, WrongDevice) and self.energised:
@@ -365,7 +373,7 @@ class Guard:
                     if isinstance(e, Unreachable):
                         self._lose(name, e)
                 self.tell((name, sample))
-                for text in getattr(self.own.drivers[name], "take_notices", list)():
+                for text in (*getattr(self.own.drivers[name], "take_notices", list)(), *rate.notices()):
                     self.tell(Event("notice", text))
             timing.sleep(max(0.0, due - timing.now()))
 

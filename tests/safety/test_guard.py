@@ -333,3 +333,14 @@ def test_twenty_signals_during_the_clean_up_still_end_safe(house: House, tmp_pat
     assert "stopped" in output and "Traceback" not in output
     (file,) = tmp_path.glob("*.mcap")
     assert read_case([file]).robot is not None
+
+
+def test_an_instrument_that_is_read_at_less_than_half_of_poll_is_named_once_with_the_remedies(small: House) -> None:
+    small.change_instrument("spine", timeout=1.0)
+    with small.opened() as rig:
+        assert until(lambda: rig.counts.get("/spine", 0) > 30) and not any("`poll" in text for text in rig.notices)
+        small.fakes.lines["spine"].faults.delay = 0.15
+        assert until(lambda: any("`poll" in text for text in rig.notices))
+        timing.sleep(5.0)
+        (told,) = [text for text in rig.notices if "`poll" in text]
+        assert told.startswith("spine: ") and "`poll: 20` Hz" in told and "latency timer" in told
