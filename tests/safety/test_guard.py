@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,10 +20,11 @@ from lab.console import Screen
 from lab.files.inputs import read_case
 from lab.files.rig_file import load_rig
 from lab.guard import new_guard
-from lab.guard.child import PRIORITY, SESSION
+from lab.guard.child import start_child
 from lab.guard.guard import Guard
 from lab.guard.latch import RigLocked
 from lab.guard.messages import RigLanded
+from lab.guard.place import FIRST
 from lab.rig.actuators import ActuatorsLost
 from lab.rig.assembly import Rig
 from lab.verbs.fakes import PATIENT
@@ -201,14 +203,27 @@ def test_a_refused_command_raises_what_landed_the_rig_and_no_error_is_its_own_ca
 
 
 @pytest.mark.real
-def test_the_guard_and_its_session_come_first_where_the_system_allows_it(rig: Rig) -> None:
-    pid = rig.actuators.pid
-    assert os.getsid(pid) == pid  # no Ctrl-C of the terminal reaches it
-    may = subprocess.run(["nice", "-n", str(PRIORITY), "true"], capture_output=True, text=True, check=False).stderr == ""
-    assert os.getpriority(os.PRIO_PROCESS, pid) == (PRIORITY if may else os.getpriority(os.PRIO_PROCESS, 0))
-    scheduled = Path(f"/proc/{pid}/autogroup")
-    if may and scheduled.exists():
-        assert scheduled.read_text().endswith(f" nice {SESSION}\n")
+def test_what_holds_instruments_comes_first_from_its_start_where_the_system_allows_it() -> None:
+    child = start_child("code", stdin=subprocess.PIPE)  # a module that knows nothing of places, and waits
+    try:
+        assert os.getsid(child.pid) == child.pid  # no Ctrl-C of the terminal reaches it
+        first = ["nice", "-n", str(FIRST.process), "true"]
+        may = subprocess.run(first, capture_output=True, text=True, check=False).stderr == ""
+        assert os.getpriority(os.PRIO_PROCESS, child.pid) == (FIRST.process if may else os.getpriority(os.PRIO_PROCESS, 0))
+        scheduled = Path(f"/proc/{child.pid}/autogroup")
+        if may and scheduled.exists():
+            assert scheduled.read_text().endswith(f" nice {FIRST.session}\n")
+    finally:
+        child.kill()
+        child.communicate()
+
+
+@pytest.mark.parametrize("module", ["lab.guard.process", "lab.guard.hosted", "lab.guard.new_guard", "lab.rig.hosted_stream"])
+def test_what_holds_instruments_is_ready_without_the_libraries_that_compute(module: str) -> None:
+    slow = {"numpy", "pandas", "scipy", "numba", "matplotlib", "google.protobuf", "rich"}
+    code = f"import sys, {module}; from lab.files.all_drivers import drivers; drivers(); print(*{slow} & set(sys.modules))"
+    imported = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert imported == "\n"
 
 
 def test_a_rig_that_was_closed_leaves_no_file_open(small: House) -> None:
