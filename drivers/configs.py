@@ -16,7 +16,7 @@ and tells by it whether the instrument is on this computer alone."""
 class InstrumentConfig(BaseModel):
     """One instrument's table: no unknown keys, no NaN, unchangeable."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     driver: str = ""
     """The driver's registered name; rig.yaml must give it."""

@@ -42,7 +42,7 @@ class ConfigError(Exception):
 class FileTable(BaseModel):
     """A table of a file: no unknown keys, no NaN, unchangeable."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 def demand_writable(*paths: Path | None) -> None:
