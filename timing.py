@@ -98,7 +98,11 @@ class _Real:
 
     def readable(self, lines: Sequence[Any], longest: float) -> list[Any]:
         # not select or poll, which keep a line open that another thread closes meanwhile
-        with selectors.DefaultSelector() as selector:
+        try:
+            selector: selectors.BaseSelector = selectors.DefaultSelector()
+        except OSError:  # it takes a file descriptor, and none is left; a guard must hear all the same
+            selector = selectors.PollSelector()
+        with selector:
             for line in lines:
                 selector.register(line, selectors.EVENT_READ)
             return [key.fileobj for key, _ in selector.select(None if longest == math.inf else max(0.0, longest))]

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import resource
 import signal
 import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from multiprocessing import Pipe
 from pathlib import Path
 
 import pytest
@@ -21,9 +24,10 @@ from lab.files.inputs import read_case
 from lab.files.rig_file import load_rig
 from lab.guard import new_guard
 from lab.guard.child import start_child
+from lab.guard.door import names_of_path, owners
 from lab.guard.guard import Guard
 from lab.guard.latch import RigLocked
-from lab.guard.messages import RigLanded
+from lab.guard.messages import RigLanded, Start
 from lab.guard.place import FIRST
 from lab.rig.actuators import ActuatorsLost
 from lab.rig.assembly import Rig
@@ -78,6 +82,57 @@ def test_a_frozen_program_is_landed_and_finds_out_when_it_wakes(house: House, tm
     assert program.returncode == 1
     assert "no heartbeat" in output and "no heartbeat" in journal(house)
     assert "was lost" not in output  # the guard was sound: the program itself had been away
+
+
+@pytest.mark.real
+def test_a_guard_without_a_file_descriptor_left_hears_that_its_program_is_silent(small: House, rig: Rig) -> None:
+    inflate(rig, small)
+    before = resource.prlimit(rig.actuators.pid, resource.RLIMIT_NOFILE)
+    resource.prlimit(rig.actuators.pid, resource.RLIMIT_NOFILE, (3, before[1]))
+    rig.actuators.pulse._ended.set()  # no heartbeat any more
+    try:
+        assert small.vented()
+    finally:
+        resource.prlimit(rig.actuators.pid, resource.RLIMIT_NOFILE, before)
+
+
+@pytest.mark.parametrize("failing", ["lab.guard.pulse.Listener.take", "lab.guard.limit_monitor.LimitMonitor.check"])
+def test_a_watch_of_the_guard_that_fails_lands_the_rig(
+    small: House, rig: Rig, monkeypatch: pytest.MonkeyPatch, failing: str
+) -> None:
+    inflate(rig, small)
+
+    def fails(*_: object) -> None:
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    monkeypatch.setattr(failing, fails)
+    assert small.vented()
+    monkeypatch.undo()
+    assert until(lambda: "Too many open files" in journal(small))
+    with pytest.raises(RigLanded, match="watch on the program|polling of"):
+        rig.actuators.call("pressure", "set", (20e3, 20e3, 20e3))
+
+
+@pytest.mark.real
+@pytest.mark.parametrize("after", [0, 1], ids=["before it says which rig", "while the guard takes it over"])
+def test_a_guard_whose_program_ends_while_it_starts_ends_without_a_traceback(small: House, after: int) -> None:
+    commands, theirs = Pipe()
+    reports, their_reports = Pipe(duplex=False)
+    their_pulse, pulse = os.pipe()
+    given = (theirs.fileno(), their_pulse, their_reports.fileno())
+    guard = start_child("lab.guard.process", given, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    for end in (theirs, their_reports):
+        end.close()
+    os.close(their_pulse)
+    if after:
+        rig = load_rig(small.rig)
+        commands.send(Start(rig.model_dump_json(), str(rig.path), timing.now(), False, "a test"))
+    for end in (commands, reports):
+        end.close()
+    os.close(pulse)
+    said, _ = guard.communicate(timeout=60)
+    assert said == b"" and guard.returncode == 1 - after
+    assert owners(names_of_path(small.rig)) == []
 
 
 @pytest.mark.long
