@@ -249,7 +249,8 @@ class SerialLine:
             if got:
                 raise BadReply(self.name, f"expected an answer {wanted} on {self.port}, got only {show(got)}; check the cable")
             self._silent = True
-            raise NoReply(self.name, f"no answer on {self.port} in time; check its power, cable, address and baud rate")
+            remedy = timing.busy_or("check its power, cable, address and baud rate")
+            raise NoReply(self.name, f"no answer on {self.port} in time; {remedy}")
 
     @contextlib.contextmanager
     def _guarded(self) -> Iterator[serial.Serial]:
@@ -262,4 +263,6 @@ class SerialLine:
                 try:
                     yield self._serial
                 except serial.SerialTimeoutException as e:
-                    raise NoReply(self.name, f"{self.port} accepts no bytes within {self.timeout} s; check the cable") from e
+                    raise NoReply(
+                        self.name, f"{self.port} accepts no bytes within {self.timeout} s; " + timing.busy_or("check the cable")
+                    ) from e

@@ -7,12 +7,16 @@ those that hold instruments come first.
 
 from __future__ import annotations
 
+import contextlib
+import math
+import os
 import signal
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any
 
 import timing
@@ -47,6 +51,14 @@ def how_it_ended(process: Child, within: float | None = None) -> str:
     """In words, after at most `within` host seconds."""
     code = process.wait(within)
     return f"signal {-code} ({signal.Signals(-code).name})" if code < 0 else f"code {code}"
+
+
+def processor_time(process: Child) -> float:
+    """Seconds that a process has had up to now; NaN where the system does not say."""
+    with contextlib.suppress(OSError, ValueError, IndexError):
+        ticks = Path(f"/proc/{process.pid}/stat").read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()[11:13]
+        return sum(map(int, ticks)) / os.sysconf("SC_CLK_TCK")
+    return math.nan
 
 
 def begin_child() -> list[int]:

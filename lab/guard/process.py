@@ -99,7 +99,7 @@ class ProgramWatch(timing.Thread):
         if guard.energised and silent > guard.rig.safe.heartbeat:
             guard.land(
                 f"no heartbeat from the program for {silent:.1f} s, {guard.rig.safe.heartbeat:g} s allowed by "
-                "safe.heartbeat of the rig: the computer may be too busy, end other programs"
+                "safe.heartbeat of the rig; " + timing.busy_or("find out what held the program up")
             )
         if now > self._next_beat:
             self._next_beat = now + BEAT_BACK

@@ -91,8 +91,8 @@ class UnderForce:
                 raise StaleReading(
                     "force",
                     f"the arm was held for {self._stood:.1f} s during a motion, because samples came later than "
-                    f"limits.max_age_in_motion = {self._limits.max_age_in_motion:g} s; check the sensor's cable and "
-                    "adapter, and the load on the computer",
+                    f"limits.max_age_in_motion = {self._limits.max_age_in_motion:g} s; "
+                    + timing.busy_or("check the sensor's cable and adapter"),
                 )
             if self._flows():
                 self._waits = False
