@@ -21,7 +21,7 @@ from typing import Any
 
 import timing
 
-from .place import FIRST, Place, put_in_place
+from ..priority import FIRST, Place, put_in_place
 
 Child = subprocess.Popen[bytes]
 

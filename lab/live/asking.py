@@ -8,7 +8,7 @@ import json
 import sys
 from typing import Any
 
-from ..guard.place import BEHIND, put_in_place
+from ..priority import BEHIND, put_in_place
 
 
 class NoModel(RuntimeError):

@@ -20,7 +20,7 @@ from typing import IO
 from recordings.json_text import read_json
 
 from ..guard.child import start_child
-from ..guard.place import BEHIND
+from ..priority import BEHIND
 from .show import LOOPBACK, place
 
 BY = "page"

@@ -26,9 +26,9 @@ from ..files.all_drivers import found_drivers
 from ..files.config import ConfigError
 from ..files.inputs import Case, read_case
 from ..files.rig_file import load_rig
-from ..guard.place import BEHIND
 from ..options import Verb, option
 from ..pages.demo_report import SIZES, Seal, write
+from ..priority import BEHIND
 from ..processes import processes
 from ..rig.assembly import Rig
 from .check import check

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..guard.door import Landed, land, names_of_path, owners
-from ..guard.place import coming_first
 from ..guard.report import SafeReport, SafeStep
 from ..options import JSON, OneOf, Verb, option
+from ..priority import coming_first
 
 if TYPE_CHECKING:
     from ..files.rig_file import RigFile

@@ -28,7 +28,7 @@ from lab.guard.door import names_of_path, owners
 from lab.guard.guard import Guard
 from lab.guard.latch import RigLocked
 from lab.guard.messages import RigLanded, Start
-from lab.guard.place import FIRST
+from lab.priority import FIRST
 from lab.rig.actuators import ActuatorsLost
 from lab.rig.assembly import Rig
 from lab.verbs.fakes import PATIENT

@@ -10,7 +10,7 @@ from typing import Any
 
 import timing
 from lab.guard.child import new_process
-from lab.guard.place import Place
+from lab.priority import Place
 
 HOLDERS = {"lab.guard.process", "lab.guard.hosted", "lab.rig.hosted_stream"}
 """Modules whose processes hold instruments."""
