@@ -143,7 +143,8 @@ class SerialPort:
             try:
                 yield self._serial
             except serial.SerialTimeoutException as e:
-                raise NoReply(self.name, f"{self.port} accepts no bytes within {self.timeout} s; check the cable") from e
+                remedy = timing.busy_or("check the cable")
+                raise NoReply(self.name, f"{self.port} accepts no bytes within {self.timeout} s; {remedy}") from e
             except (OSError, termios.error) as e:
                 if isinstance(e, InstrumentError):
                     raise
@@ -297,4 +298,5 @@ class SerialLine(SerialPort):
             if got:
                 raise BadReply(self.name, f"expected an answer {wanted} on {self.port}, got only {show(got)}; check the cable")
             self._silent = True
-            raise NoReply(self.name, f"no answer on {self.port} in time; check its power, cable, address and baud rate")
+            remedy = timing.busy_or("check its power, cable, address and baud rate")
+            raise NoReply(self.name, f"no answer on {self.port} in time; {remedy}")

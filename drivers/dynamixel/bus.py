@@ -207,8 +207,8 @@ class Servo(SerialPort):
     def _no_reply(self, what: str, result: int) -> NoReply:
         return NoReply(
             self.name,
-            f"no answer from {self._where} to a {what} ({self._packets.getTxRxResult(result)}); check the servo's power, id, "
-            "baud rate and protocol (2.0, register 13)",
+            f"no answer from {self._where} to a {what} ({self._packets.getTxRxResult(result)}); "
+            + timing.busy_or("check the servo's power, id, baud rate and protocol (2.0, register 13)"),
         )
 
     def _catch_up(self, port: _Port) -> bool:

@@ -130,7 +130,9 @@ class FT300S:
         if sample is None or age > self.config.max_age:
             what = "no frame has arrived" if sample is None else f"the newest frame is {age:.2f} s old"
             raise StaleReading(
-                self.name, f"{what}, limit {self.config.max_age:g} s; check power and cable, then open the sensor again"
+                self.name,
+                f"{what}, limit {self.config.max_age:g} s; "
+                + timing.busy_or("check power and cable, then open the sensor again"),
             )
         self._demand_in_range(sample.raw)
         return sample
@@ -165,8 +167,8 @@ class FT300S:
             if not come:
                 raise StaleReading(
                     self.name,
-                    f"only {len(readings)} of {samples} frames arrived for the zero within {within:.1f} s; check power and "
-                    "cable, then open the sensor again",
+                    f"only {len(readings)} of {samples} frames arrived for the zero within {within:.1f} s; "
+                    + timing.busy_or("check power and cable, then open the sensor again"),
                 )
             taken = readings[:samples]
             if samples > 1 and len(set(taken)) == 1:

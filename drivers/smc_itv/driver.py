@@ -307,7 +307,7 @@ class SmcItv:
                 raise NoReply(
                     self.name,
                     f"answers on {self.config.ports[channel]} are late or missing and cannot be matched to requests until it "
-                    f"has been quiet for {QUIET:g} s; check its cable and adapter",
+                    f"has been quiet for {QUIET:g} s; " + timing.busy_or("check its cable and adapter"),
                 )
         line.flush()
         line.write(request + END)
@@ -331,7 +331,7 @@ class SmcItv:
                 break
             answer = text
         if not answer:
-            raise NoReply(self.name, f"the answer on {self.config.ports[channel]} was lost; check its cable")
+            raise NoReply(self.name, f"the answer on {self.config.ports[channel]} was lost; " + timing.busy_or("check its cable"))
         del self._behind[channel]
         return answer
 

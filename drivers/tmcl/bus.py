@@ -130,7 +130,8 @@ class Axis(SerialPort):
                 elif reply is None and heard:
                     failure = BadReply(self.name, f"damaged answer from {where} to {what}; check cable and baud rate")
                 elif reply is None:
-                    failure = NoReply(self.name, f"no answer from {where} to {what}; check its power, address and baud rate")
+                    remedy = timing.busy_or("check its power, address and baud rate")
+                    failure = NoReply(self.name, f"no answer from {where} to {what}; {remedy}")
                 elif reply.module_address != self._address or reply.command != command:
                     failure = BadReply(
                         self.name,

@@ -161,7 +161,7 @@ class UR5State:
             raise StaleReading(
                 self.name,
                 f"newest state is {age:.2f} s old, limit {self.config.max_age:g} s; "
-                f"check the cable to {self.config.host} and the controller",
+                + timing.busy_or(f"check the cable to {self.config.host} and the controller"),
             )
         check_plausible(self.name, self.config.host, newest[1])
         return newest[1]

@@ -90,7 +90,7 @@ class Guard:
         self.under_force: UnderForce | None = None
         if "arm" in self.own.drivers:
             arm = self.own.drivers["arm"]
-            self.under_force = UnderForce(arm, self.rig.limits, self._begin_motion, self._say_waiting, self._not_stopped)
+            self.under_force = UnderForce(arm, self.rig.limits, self._begin_motion, self._say_waiting, self.land)
             self.own.drivers["arm"] = self.under_force
         own = self.own
         self.settings = Settings(own.drivers)
@@ -141,6 +141,17 @@ class Guard:
         for name in POLLED:
             if name in self.own.drivers:
                 timing.Thread(target=self._poll, args=(name,), name=f"poll-{name}", daemon=True).start()
+
+    def go_on(self, what: str, look: Callable[[], None], over: Callable[[], bool]) -> None:
+        """Look again and again until it is `over`. A look that fails for a reason that it does not know lands a rig that is
+        energised, since its safety rests on it."""
+        while not over():
+            try:
+                look()
+            except Exception as e:  # noqa: BLE001
+                if self.energised:
+                    self.land(f"{what} failed: {type(e).__name__}: {e}; run again, and report this if it comes back")
+                timing.sleep(LOOK)
 
     # -- commands
     def do(self, name: str, method: str, args: tuple[Any, ...]) -> Any:
@@ -304,7 +315,12 @@ class Guard:
             if self.landed:
                 return
             self.landed, self._cause = why, error
-            timing.Thread(target=go, name="land", daemon=True).start()
+            try:
+                timing.Thread(target=go, name="land", daemon=True).start()
+                return
+            except RuntimeError:  # the computer has no room for one more thread
+                pass
+        go()
 
     def hand_over(self, by: str) -> SafeReport:
         """Land for somebody else, and for good: no command is taken any more, whatever a person confirms. While nothing is
@@ -354,28 +370,28 @@ class Guard:
 
     # -- threads
     def _poll(self, name: str) -> None:
-        """Read one instrument `poll` times a second and tell the program the sample, or the error in its place.
-
-        Another device than expected, and a line that is lost, land the rig while it is energised.
-        """
+        """Read one instrument `poll` times a second and tell the program the sample, or the error in its place."""
         rate = PollRate(name, getattr(self.rig.instruments, name), self.rig.poll)
-        while self.running:
-            due = timing.now() + 1 / self.rig.poll
-            if name in self.own.opened:
-                sample: Any
-                try:
-                    with self.own.locks[name]:
-                        sample = self._checked(name, rate.timed(self.own.drivers[name].read))  # before the next set-point is told
-                except InstrumentError as e:
-                    sample = e
-                    if isinstance(e, WrongDevice) and self.energised:
-                        self.land(str(e), e)
-                    if isinstance(e, Unreachable):
-                        self._lose(name, e)
-                self.tell((name, sample))
-                for text in (*getattr(self.own.drivers[name], "take_notices", list)(), *rate.notices()):
-                    self.tell(Event("notice", text))
-            timing.sleep(max(0.0, due - timing.now()))
+        self.go_on(f"the polling of {name}", lambda: self._read(name, rate), lambda: not self.running)
+
+    def _read(self, name: str, rate: PollRate) -> None:
+        """Another device than expected, and a line that is lost, land the rig while it is energised."""
+        due = timing.now() + 1 / self.rig.poll
+        if name in self.own.opened:
+            sample: Any
+            try:
+                with self.own.locks[name]:
+                    sample = self._checked(name, rate.timed(self.own.drivers[name].read))  # before the next set-point is told
+            except InstrumentError as e:
+                sample = e
+                if isinstance(e, WrongDevice) and self.energised:
+                    self.land(str(e), e)
+                if isinstance(e, Unreachable):
+                    self._lose(name, e)
+            self.tell((name, sample))
+            for text in (*getattr(self.own.drivers[name], "take_notices", list)(), *rate.notices()):
+                self.tell(Event("notice", text))
+        timing.sleep(max(0.0, due - timing.now()))
 
     def _checked(self, name: str, sample: Any) -> Any:
         """The reading, or the error that takes its place. What is wrong with it is acted on here: if a pause is enough, the
@@ -404,9 +420,6 @@ class Guard:
 
     def _say_waiting(self, text: str) -> None:
         self.tell(Event("waiting", text))
-
-    def _not_stopped(self, error: InstrumentError) -> None:
-        self.land(f"no force samples, and the arm does not accept the stop: {error}", error)
 
     # -- the end
     def finish(self) -> str:

@@ -191,7 +191,7 @@ def _row(
         if row["samples"] == 0:
             row |= {
                 "ok": False,
-                "problem": f"opened, and no sample in {span:.1f} s; check its cable, and that it sends",
+                "problem": f"opened, and no sample in {span:.1f} s; " + timing.busy_or("check its cable, and that it sends"),
             }
     config = table_of(rig.file.instruments, name)
     row["limits"] = {k: v for k, v in config.model_dump(mode="json").items() if k.startswith("max_")}
