@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.robot import Robot
-from recordings.states.rules import AMBIENT
+from recordings.ambient import AMBIENT
 from recordings.trials import unit_of
 
 from ..files.config import ConfigError, check

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from model.actuators import Words
-from recordings.states.rules import AMBIENT, BRANCHES
+from recordings.ambient import AMBIENT
+from recordings.states.rules import BRANCHES
 from recordings.trials import TEXTS
 
 from ..files.config import ConfigError
