@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from importlib import import_module
 
-from .options import Verb, unknown
+from .options import Result, Verb, unknown
 
 OK, FAILED, USAGE = 0, 1, 2
 
@@ -146,7 +146,27 @@ def _run(words: Sequence[str]) -> int:
         from recordings.file.budget import lift
 
         lift()
-    return declared(a.verb).call(a)
+    return perform(declared(a.verb).call, a)
+
+
+def perform(call: Callable[[argparse.Namespace], Result], a: argparse.Namespace) -> int:
+    """Do a verb, print its result as JSON or for a person, and return the exit code; raises the result's error."""
+    from .console import answer, out
+
+    out.quiet = as_json = getattr(a, "json", None) is True
+    try:
+        result = call(a)
+    finally:
+        out.quiet = False
+    if as_json or result.show is None:
+        answer(result.data, one_line=result.then is not None)
+    else:
+        result.show()
+    if result.then is not None:
+        result.then()
+    if result.error is not None:
+        raise result.error
+    return result.code
 
 
 if __name__ == "__main__":

@@ -60,6 +60,11 @@ out = PlainConsole()
 err = PlainConsole(stderr=True)
 
 
+def questions() -> PlainConsole:
+    """Return where a person who must answer reads the question: not among the JSON of a program."""
+    return err if out.quiet else out
+
+
 def styled(text: str, style: str) -> Text:
     """Text in a style, for a table's cell or a part of a line."""
     return Text(plain(text), style)
@@ -70,10 +75,11 @@ def complain(text: str) -> None:
     err.print(text, soft_wrap=True)
 
 
-def answer(result: object) -> None:
-    """Print the result as JSON, for a program that reads it."""
+def answer(result: object, one_line: bool = False) -> None:
+    """Print the result as JSON, for a program that reads it; None prints nothing."""
     try:
-        print(json.dumps(result, indent=1), flush=True)
+        if result is not None:
+            print(json.dumps(result, indent=None if one_line else 1), flush=True)
     except OSError:
         out.on_broken_pipe()
 
@@ -127,7 +133,7 @@ class Screen:
 
     def __init__(self, title: str, speed: float = 1.0, quiet: bool = False) -> None:
         self._title, self._speed = plain(title), speed
-        self.quiet = quiet
+        self.quiet = quiet = quiet or out.quiet
         self._progress = _Bar(
             TextColumn("{task.description}", markup=False), BarColumn(bar_width=30),
             TextColumn("{task.percentage:3.0f} %", markup=False), TimeElapsedColumn(),

@@ -47,12 +47,27 @@ Options = Sequence[Option | OneOf]
 
 
 @dataclass(frozen=True)
+class Result:
+    """What a verb came to: as JSON has it, as a person reads it, and the exit code."""
+
+    data: object = None
+    """As JSON has it."""
+    show: Callable[[], object] | None = None
+    """Prints it for a person; None: the JSON is for persons, too, or all has been printed where there is none."""
+    code: int = 0
+    error: BaseException | None = None
+    """Raised once the result is printed."""
+    then: Callable[[], object] | None = None
+    """What goes on from then on until a person ends it."""
+
+
+@dataclass(frozen=True)
 class Verb:
     """What the command needs beyond the verb's group and summary, which are in the table of `lab.cli`."""
 
     name: str
-    call: Callable[[argparse.Namespace], int]
-    """The function: takes the parsed arguments, returns the exit code."""
+    call: Callable[[argparse.Namespace], Result]
+    """The function: takes the parsed arguments; with --json, `console.out` prints nothing while it works."""
     options: Options
     examples: tuple[str, str]
     page: str

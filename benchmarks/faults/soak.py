@@ -133,7 +133,7 @@ def main() -> int:
             except Exception as e:  # noqa: BLE001 - what a soak is for
                 what, outcome, wrong = "?", "crashed", f"{type(e).__name__}: {e}"
             ends[outcome] = ends.get(outcome, 0) + 1
-            if Latch(rig).read() is not None and safe(rig, as_json=False, clear=True) != 0:
+            if Latch(rig).read() is not None and safe(rig, clear=True).code != 0:
                 wrong = wrong or "still locked after the fault was over"
             if wrong:
                 bad.append(f"run {len(seen) + 1} ({what}): {wrong}")

@@ -45,7 +45,7 @@ def work(todo: Job, line: Connection) -> Result:
     """One experiment, or one unlocking."""
     path = Path(todo.rig)
     if not todo.protocol:
-        code = safe(path, as_json=True, clear=True)
+        code = safe(path, clear=True).code
         return Result(error="" if code == 0 else "still locked", locked=Latch(path).read() is not None)
     error: Exception | None = None
     report, ended, rows = SafeReport(), 0.0, 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import secrets
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -17,29 +17,30 @@ from protocols.planned import cycles, setups
 from recordings.campaign.labels import labels
 from recordings.errors import BadMessage
 
-from ..console import Screen, answer, clock, err, out
+from ..console import Screen, clock, err, out
 from ..files.campaign_file import OWN_LABELS
 from ..files.config import ConfigError
 from ..files.units import shown
-from ..options import JSON, LABELS, Verb, given_labels, option, rig
+from ..options import JSON, LABELS, Result, Verb, given_labels, option, rig
 from ..rig.margins import Margin, margins
 from ..rig.operator import preparations
 from .design import Campaign, campaign_of
 from .folder import FILE, demand_same, fill, folder_of
-from .journal import Journal
+from .journal import Done, Journal
 from .planned import planned_table
 from .session import Ended, Session
 
 MOST_SEED = 2**31
 
 
-def plan(path: Path, rig_path: Path, as_json: bool) -> int:
-    """Print what a campaign will do; connects to nothing. Raises ConfigError."""
-    c = _checked(path, rig_path, as_json)
-    said = plan_dict(c)
-    if as_json:
-        answer(said)
-        return 0
+def plan(path: Path, rig_path: Path) -> Result:
+    """What a campaign will do; connects to nothing. Raises ConfigError."""
+    c = _checked(path, rig_path)
+    data = plan_dict(c)
+    return Result(data, lambda: _show_plan(c, data))
+
+
+def _show_plan(c: Campaign, said: Mapping[str, Any]) -> None:
     sheet = Sheet(box=None, pad_edge=False)
     for column in ("run", "block", "protocol", "condition", "about", "hands"):
         sheet.add_column(column)
@@ -70,7 +71,6 @@ def plan(path: Path, rig_path: Path, as_json: bool) -> int:
             out.print(f"  {named}: {count} pressure cycles, up to {shown(highest, 'Pa')}", soft_wrap=True)
     for margin in _margins(c):
         out.print(f"  {margin}", soft_wrap=True)
-    return 0
 
 
 def _margins(c: Campaign) -> list[Margin]:
@@ -79,9 +79,9 @@ def _margins(c: Campaign) -> list[Margin]:
     return margins(whole, c.runs[0].job.rig, c.robot)
 
 
-def _checked(path: Path, rig_path: Path, as_json: bool) -> Campaign:
+def _checked(path: Path, rig_path: Path) -> Campaign:
     """The campaign of a file; where that gives no seed, one is drawn."""
-    with Screen("checking all runs", quiet=as_json) as screen:
+    with Screen("checking all runs") as screen:
         return campaign_of(path, rig_path, secrets.randbelow(MOST_SEED), screen.progress)
 
 
@@ -127,32 +127,25 @@ def plan_dict(c: Campaign) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def run(
-    path: Path,
-    rig_path: Path,
-    folder: Path | None,
-    said: Sequence[tuple[str, str]],
-    as_json: bool,
-    watched: bool = False,
-) -> int:
-    """Begin a campaign; returns the exit code. `said`: further labels. Raises ConfigError."""
-    c = _checked(path, rig_path, as_json)
+def run(path: Path, rig_path: Path, folder: Path | None, said: Sequence[tuple[str, str]], watched: bool = False) -> Result:
+    """Begin a campaign. `said`: further labels. Raises ConfigError."""
+    c = _checked(path, rig_path)
     own_labels = _labels(said)
     place = folder or Path(c.file.campaign)
     place.mkdir(parents=True, exist_ok=True)
     with Journal.begin(place, c.file.campaign, c.digest, own_labels) as journal:
         fill(place, c)
-        return _session(c, place, journal, as_json, watched)
+        return _session(c, place, journal, watched)
 
 
-def resume(place: Path, rig_path: Path, said: Sequence[tuple[str, str]], as_json: bool, watched: bool = False) -> int:
-    """Go on with the campaign of a folder, or of a file in it; returns the exit code. Raises ConfigError, BadJournal."""
+def resume(place: Path, rig_path: Path, said: Sequence[tuple[str, str]], watched: bool = False) -> Result:
+    """Go on with the campaign of a folder, or of a file in it. Raises ConfigError, BadJournal."""
     folder = folder_of(place)
     with Journal.reopen(folder) as journal:
-        c = _checked(folder / FILE, rig_path, as_json)
+        c = _checked(folder / FILE, rig_path)
         demand_same(folder, c, journal.done.design)
         journal.done.labels |= _labels(said)
-        return _session(c, folder, journal, as_json, watched)
+        return _session(c, folder, journal, watched)
 
 
 def _labels(said: Sequence[tuple[str, str]]) -> dict[str, str]:
@@ -170,30 +163,23 @@ def resume_command(folder: Path, rig_path: Path) -> str:
     return shlex.join(["lab", "campaign", "--resume", str(folder), "--rig", str(rig_path)])
 
 
-def _session(c: Campaign, folder: Path, journal: Journal, as_json: bool, watched: bool) -> int:
+def _session(c: Campaign, folder: Path, journal: Journal, watched: bool) -> Result:
     try:
-        ended = Session(c, folder, journal, quiet=as_json, watched=watched).go()
+        ended = Session(c, folder, journal, watched=watched).go()
     except Exception:
-        if not as_json:
-            out.print(f"go on with: {resume_command(folder, c.rig_path)}", soft_wrap=True)
+        out.print(f"go on with: {resume_command(folder, c.rig_path)}", soft_wrap=True)
         raise
-    _tell(c, folder, journal, ended, as_json)
-    if ended.error is not None:
-        raise ended.error
-    if not ended.safe or not (ended.completed or ended.displaced):
-        return 1
-    return 3 if journal.done.lost or ended.displaced else 0
-
-
-def _tell(c: Campaign, folder: Path, journal: Journal, ended: Ended, as_json: bool) -> None:
     done = journal.done
     again = None if ended.completed else resume_command(folder, c.rig_path)
-    if as_json:
-        told = {"folder": str(folder), "completed": ended.completed, "why": ended.why, "runs_done": len(done.completed),
-                "runs": len(c.runs), "rows": done.rows, "lost": done.lost, "safe": ended.safe, "hands": ended.asked,
-                "resume": again}  # fmt: skip
-        answer(told)
-        return
+    data = {"folder": str(folder), "completed": ended.completed, "why": ended.why, "runs_done": len(done.completed),
+            "runs": len(c.runs), "rows": done.rows, "lost": done.lost, "safe": ended.safe, "hands": ended.asked,
+            "resume": again}  # fmt: skip
+    cut_short = not (ended.completed or ended.displaced)
+    code = 1 if cut_short or not ended.safe else 3 if done.lost or ended.displaced else 0
+    return Result(data, lambda: _show(c, folder, done, ended, again), code, ended.error)
+
+
+def _show(c: Campaign, folder: Path, done: Done, ended: Ended, again: str | None) -> None:
     word = "completed" if ended.completed else f"ended: {ended.why}"
     out.print(f"{word}: {len(done.completed)} of {len(c.runs)} runs, {done.rows} states in {folder}", soft_wrap=True)
     if done.lost:
@@ -204,15 +190,15 @@ def _tell(c: Campaign, folder: Path, journal: Journal, ended: Ended, as_json: bo
         out.print(f"go on with: {again}", soft_wrap=True)
 
 
-def _campaign(a: argparse.Namespace) -> int:
+def _campaign(a: argparse.Namespace) -> Result:
     said = given_labels(a)
     if (a.file is None) == (a.resume is None):
         raise ConfigError("give a campaign's file, or the folder of one with --resume")
     if a.resume is not None:
         if a.plan or a.out is not None:
             raise ConfigError("--resume goes on with the campaign as it is in its folder: do not give --plan or --out")
-        return resume(a.resume, a.rig, said, a.json, a.watch)
-    return plan(a.file, a.rig, a.json) if a.plan else run(a.file, a.rig, a.out, said, a.json, a.watch)
+        return resume(a.resume, a.rig, said, a.watch)
+    return plan(a.file, a.rig) if a.plan else run(a.file, a.rig, a.out, said, a.watch)
 
 
 VERBS = (

@@ -147,13 +147,13 @@ class PartOfScreen(Screen):
 class Session:
     """One process's share of a campaign."""
 
-    def __init__(self, campaign: Campaign, folder: Path, journal: Journal, quiet: bool, watched: bool = False) -> None:
-        self.campaign, self.folder, self.journal, self.quiet = campaign, folder, journal, quiet
+    def __init__(self, campaign: Campaign, folder: Path, journal: Journal, watched: bool = False) -> None:
+        self.campaign, self.folder, self.journal = campaign, folder, journal
         self.watched = watched
         self._page: Page | None = None
         self.hands = Prepared()
         self.stops = Stops(campaign.file.stop, campaign.chambers)
-        self.screen = Screen(campaign.file.campaign, campaign.runs[0].job.rig.clock.speed, quiet=quiet)
+        self.screen = Screen(campaign.file.campaign, campaign.runs[0].job.rig.clock.speed)
         self._rig: Rig | None = None
         self._open: list[str] = []
         self._safe = True
@@ -290,10 +290,10 @@ class Session:
         rig = Rig(job.rig)
         self._rig = rig
         rig.operator = self.hands.over(rig.operator)
-        connect(rig, needs, quiet=self.quiet)
+        connect(rig, needs)
         self._open = rig.needed(needs)
         unchecked = last(self.campaign.rig_path, job.rig)
-        if isinstance(unchecked, str) and not self.quiet and not self._said:
+        if isinstance(unchecked, str) and not self._said:
             self._said = True
             out.print(f"{UNCHECKED}: {unchecked}; lab check --move --rig {self.campaign.rig_path}", soft_wrap=True)
         return rig

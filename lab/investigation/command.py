@@ -21,7 +21,7 @@ from protocols.errors import ProtocolError, Stopped
 from recordings.errors import RecordingError
 from recordings.own_files import replaced
 
-from ..console import Screen, answer, err, out
+from ..console import Screen, err, out
 from ..files.config import ConfigError
 from ..files.inputs import read_case, same_robot
 from ..files.own_effects import catalogue
@@ -35,6 +35,7 @@ from ..options import (
     OWN_EFFECTS,
     ROBOT,
     WORKERS,
+    Result,
     Verb,
     given_labels,
     inputs,
@@ -75,14 +76,12 @@ class Wanted:
 class _Weighing:
     """Progress of one diagnosis after the other; a run in between has its own."""
 
-    def __init__(self, quiet: bool) -> None:
-        self._quiet = quiet
-        self._screen: Screen | None = None
+    _screen: Screen | None = None
 
     def step(self, name: str, share: float) -> None:
         """See Screen.step."""
         if self._screen is None:
-            self._screen = Screen("weighing hypotheses", quiet=self._quiet).__enter__()
+            self._screen = Screen("weighing hypotheses").__enter__()
         self._screen.step(name, share)
 
     def stop(self) -> None:
@@ -92,8 +91,8 @@ class _Weighing:
             screen.__exit__(None, None, None)
 
 
-def run(w: Wanted, as_json: bool) -> int:
-    """Investigate; 0 when it came to its end, 3 when samples were lost on the way, 1 when a run failed or was stopped.
+def run(w: Wanted) -> Result:
+    """Investigate; code 0 when it came to its end, 3 when samples were lost on the way, 1 when a run failed or was stopped.
 
     Raises ConfigError, RecordingError, InstrumentError.
     """
@@ -118,18 +117,16 @@ def run(w: Wanted, as_json: bool) -> int:
         w.without,
         w.settings,
         labels,
-        lambda f: _foretold(f, as_json),
-        as_json,
+        _foretold,
     )
     rounds: list[Round] = []
-    weighing = _Weighing(as_json)
-    say = Screen("", quiet=as_json).say
+    weighing = _Weighing()
+    say = Screen("").say
 
     def diagnosed(r: Round) -> None:
         weighing.stop()
         rounds.append(r)
-        if not as_json:
-            _show(r)
+        _show(r)
 
     ended: BaseException | None = None
     found: Investigation | None = None
@@ -152,20 +149,18 @@ def run(w: Wanted, as_json: bool) -> int:
             raise ended or Stopped("stopped by the operator")
         found = Investigation(tuple(rounds), f"broken off: {ended or 'by the operator'}")
     _keep(w, found, at.inputs)
-    if as_json:
-        told = {**found.to_dict(), "folder": str(w.folder), "inputs": [str(p) for p in at.inputs], "lost": at.lost}
-        answer(told)
-    else:
-        out.print(found.answer.statement)
-        out.print(f"{found.ended}; all of it: {w.folder / PAGE}", soft_wrap=True)
-    if ended is not None:
-        unreadable = at.begun if isinstance(ended, (ProtocolError, RecordingError)) and not isinstance(ended, Stopped) else ""
-        if not as_json:
+    stopped = isinstance(ended, (Stopped, KeyboardInterrupt))
+    unreadable = at.begun if isinstance(ended, (ProtocolError, RecordingError)) and not stopped else ""
+    story = found
+
+    def show() -> None:
+        out.print(story.answer.statement)
+        out.print(f"{story.ended}; all of it: {w.folder / PAGE}", soft_wrap=True)
+        if ended is not None:
             out.print(f"go on with: {_again(w, at.inputs, unreadable)}", soft_wrap=True)
-        if not isinstance(ended, (Stopped, KeyboardInterrupt)):
-            raise ended
-        return 1
-    return 1 if not at.safe else 3 if at.lost else 0
+
+    data = {**found.to_dict(), "folder": str(w.folder), "inputs": [str(p) for p in at.inputs], "lost": at.lost}
+    return Result(data, show, 1 if ended is not None or not at.safe else 3 if at.lost else 0, None if stopped else ended)
 
 
 def _again(w: Wanted, inputs: Sequence[Path], unreadable: str = "") -> str:
@@ -201,9 +196,7 @@ def _show(r: Round) -> None:
     out.print(f"After {r.minutes:g} min of experiments: {leading}", soft_wrap=True)
 
 
-def _foretold(f: Foretold, quiet: bool) -> None:
-    if quiet:
-        return
+def _foretold(f: Foretold) -> None:
     p = f.proposal
     hands = f", {p.hands_min:g} of them by hand" if p.hands_min else ""
     out.print(f"Next: {p.do}; {p.expected_bits:.2f} bits expected, about {p.cost_min:g} min{hands}", soft_wrap=True)
@@ -223,11 +216,11 @@ def _minutes(text: str) -> float:
         raise argparse.ArgumentTypeError(str(e)) from e
 
 
-def _investigate(a: argparse.Namespace) -> int:
+def _investigate(a: argparse.Namespace) -> Result:
     menu = not a.no_hands, tuple(a.without), tuple(a.set)
     labels = tuple(given_labels(a))
     wanted = Wanted(tuple(a.inputs), a.rig, a.out, a.budget, a.experiments, a.robot, a.effects, *menu, labels, a.workers, a.watch)
-    return run(wanted, a.json)
+    return run(wanted)
 
 
 VERBS = (

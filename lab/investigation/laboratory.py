@@ -44,11 +44,10 @@ class RigLaboratory:
         settings: Sequence[str],
         labels: Mapping[str, str],
         told: Callable[[Foretold], None],
-        quiet: bool,
     ) -> None:
         self._inputs, self._robot, self._folder = list(inputs), robot, folder
         self._rig_path, self._rig = rig_path, rig
-        self._hands, self._labels, self._told, self._quiet = hands, labels, told, quiet
+        self._hands, self._labels, self._told = hands, labels, told
         self._without, self._settings = frozenset(without), list(settings)
         self._prepared = Prepared()
         self._jobs: dict[str, Job | str] = {}
@@ -115,7 +114,7 @@ class RigLaboratory:
             rig = open_.enter_context(Rig(j.rig))
             rig.operator = self._prepared.over(rig.operator)
             connect(rig, j.experiment.needs, quiet=True)
-            screen = Screen(j.experiment.name, j.rig.clock.speed, quiet=self._quiet)
+            screen = Screen(j.experiment.name, j.rig.clock.speed)
             if self.page is not None:
                 self.page.part(f"Investigation {self._folder.name}. Experiment {place.name}", more=True)
             result = execute(rig, j, place, screen, page=self.page)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import json
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,7 @@ from ..files.config import ConfigError, load
 from ..files.inputs import read_case
 from ..files.own_effects import catalogue
 from ..files.rig_file import load_rig
-from ..options import ANY_SIZE, JSON, OWN_EFFECTS, Verb, option, rig, settings
+from ..options import ANY_SIZE, JSON, OWN_EFFECTS, Result, Verb, option, rig, settings
 from ..rig.limits import wiring
 from ..verbs.run import protocol_plan
 
@@ -54,8 +54,8 @@ class Asked:
     robot: Path | None
 
 
-def run(asked: Asked, each: int, seed: int, more: bool, effects: Path | None, as_json: bool) -> int:
-    """Print what can be told apart, by drawing `each` worlds of every cause; `more`: also what each further experiment brings.
+def run(asked: Asked, each: int, seed: int, more: bool, effects: Path | None) -> Result:
+    """What can be told apart, by drawing `each` worlds of every cause; `more`: also what each further experiment brings.
 
     Raises ConfigError.
     """
@@ -66,7 +66,7 @@ def run(asked: Asked, each: int, seed: int, more: bool, effects: Path | None, as
     weighed = {id: spec for id, spec in weighed.items() if possible(robot, spec)}
     note(f"not considered: {why}" for why in left_out)
     try:
-        with Screen("drawing worlds", quiet=as_json) as screen:
+        with Screen("drawing worlds") as screen:
             case = foreseen(robot, table, seed) if table is not None else _measured(asked)
             whole = 3 if more else 2
             design = of_case(case, weighed)
@@ -81,12 +81,7 @@ def run(asked: Asked, each: int, seed: int, more: bool, effects: Path | None, as
                 brings = additions(case, weighed, seed=seed, progress=lambda s: screen.progress((2 + s) / whole, 1.0))
     except (DiagnosisError, ModelError) as e:
         raise ConfigError(str(e)) from e
-    if as_json:
-        print(json.dumps(_dict(found, brings, design), indent=1))
-        return 0
-    out.print(_plan(case), soft_wrap=True)
-    _show(found, brings)
-    return 0
+    return Result(_dict(found, brings, design), partial(_show, _plan(case), found, brings))
 
 
 def _plan(case: Case) -> str:
@@ -157,7 +152,8 @@ def _dict(found: dict[str, Power], brings: tuple[Addition, ...], design: Planned
     }
 
 
-def _show(found: dict[str, Power], brings: tuple[Addition, ...]) -> None:
+def _show(plan: str, found: dict[str, Power], brings: tuple[Addition, ...]) -> None:
+    out.print(plan, soft_wrap=True)
     clean, cluttered = found["clean"], found["cluttered"]
     sheet = Sheet(title="How often the cause would be named, by its size (thirds of 0.5 to 1.5 plausible scales)",
                   title_justify="left")  # fmt: skip
@@ -196,9 +192,9 @@ def _show(found: dict[str, Power], brings: tuple[Addition, ...]) -> None:
     out.print("linear about the robot as described; pairs of causes and causes outside the catalogue are not drawn")
 
 
-def _power(a: argparse.Namespace) -> int:
+def _power(a: argparse.Namespace) -> Result:
     asked = Asked(a.protocol, tuple(a.set), a.campaign, tuple(a.case), a.rig, a.robot)
-    return run(asked, a.worlds, a.seed, not a.no_additions, a.effects, a.json)
+    return run(asked, a.worlds, a.seed, not a.no_additions, a.effects)
 
 
 VERBS = (

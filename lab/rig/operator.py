@@ -22,7 +22,7 @@ from protocols.bench import Operator, Setup
 from protocols.errors import ProtocolError, Stopped
 from recordings.json_text import read_json
 
-from ..console import out
+from ..console import questions
 from ..files.rig_file import UNIX
 
 MOUNTS = {
@@ -48,16 +48,16 @@ class Console:
 
     def prepare(self, setup: Setup) -> None:
         """See Operator.prepare."""
-        out.print(f"Prepare: {preparations(setup)}.")
+        questions().print(f"Prepare: {preparations(setup)}.")
         if not sys.stdin.isatty():
-            out.print("(not a terminal: assumed to be prepared)")
+            questions().print("(not a terminal: assumed to be prepared)")
             return
         if _typed("Enter when ready, q to stop: ") == "q":
             raise Stopped("not prepared; nothing moved")
 
     def confirm(self, trouble: str) -> None:
         """See Operator.confirm; where nobody can type, nobody can confirm."""
-        out.print(f"Paused, vented and stopped: {trouble}")
+        questions().print(f"Paused, vented and stopped: {trouble}")
         if not sys.stdin.isatty():
             raise Stopped(f"paused: {trouble}; nobody can confirm that it is fixed (not a terminal)")
         if _typed("Enter when it is fixed and nobody is in the cell, q to stop: ") == "q":

@@ -21,13 +21,13 @@ from protocols.errors import ProtocolError, Stopped
 from recordings.file.writer import Recorder
 from recordings.states.demands import too_far
 
-from ..console import Screen, answer, err, out, styled
+from ..console import Screen, err, out, questions, styled
 from ..files.adapters import adapters_now, place
 from ..files.config import ConfigError, unit_of
 from ..files.rig_file import RigFile, load_rig, table_of
 from ..files.units import shown
 from ..guard.latch import Latch
-from ..options import JSON, Verb, option, rig
+from ..options import JSON, Result, Verb, option, rig
 from ..rig.assembly import Rig
 from ..rig.checked import Moved, keep
 from ..rig.interrupts import Interrupts
@@ -38,7 +38,7 @@ LOOK = 0.05
 """Host seconds between two looks at what has come."""
 
 
-def check(rig_path: Path, seconds: float, as_json: bool, move: bool = False, yes: bool = False) -> int:
+def check(rig_path: Path, seconds: float, move: bool = False, yes: bool = False) -> Result:
     """Connect to everything, count samples for `seconds` of host time, and say what is missing and what to do.
 
     With `move` try each actuator by a little; a person is asked once unless `yes`.
@@ -53,7 +53,7 @@ def check(rig_path: Path, seconds: float, as_json: bool, move: bool = False, yes
 
         def note(name: str, result: Identity | InstrumentError) -> None:
             outcome[name] = result
-            if not as_json and not isinstance(result, InstrumentError):
+            if not isinstance(result, InstrumentError):
                 out.print(f"  {name}: {result.maker} {result.model} {result.serial}".rstrip(), style="dim")
 
         failures = rig.open_all(note)
@@ -62,15 +62,13 @@ def check(rig_path: Path, seconds: float, as_json: bool, move: bool = False, yes
         rows = [_row(rig, name, outcome[name], before, lost_before, span) for name in rig.names]
         rig.notices += _misplaced(rig)
         if robot is not None and all(r["ok"] for r in rows):
-            moved = _moved(rig, robot, as_json)
+            moved = _moved(rig, robot)
             keep(rig_path, file, moved, adapters_now(file, rig.identities))
     lost = sum(r.get("lost", 0) for r in rows)
     for text in rig.notices:
         err.print(f"warning: {text}")
-    if as_json:
-        told = {"rig": rig.file.name, "seconds": span, "instruments": rows, "warnings": rig.notices}
-        answer(told | ({"moved": [asdict(m) for m in moved]} if move else {}))
-    else:
+
+    def show() -> None:
         out.print(_table(rig.file.name, rows, span))
         for f in failures:
             err.print(f"missing: {f}")
@@ -78,8 +76,11 @@ def check(rig_path: Path, seconds: float, as_json: bool, move: bool = False, yes
             err.print(f"silent: {r['instrument']}: {r['problem']}")
         if locked := Latch(rig_path).read():
             err.print(f"locked: {locked}. Nothing can be run until `lab safe --clear --rig {rig_path}`")
+
+    data = {"rig": rig.file.name, "seconds": span, "instruments": rows, "warnings": rig.notices}
     failed = not all(r["ok"] for r in rows) or not all(m.ok for m in moved)
-    return 1 if failed else (3 if lost else 0)
+    data |= {"moved": [asdict(m) for m in moved]} if move else {}
+    return Result(data, show, 1 if failed else (3 if lost else 0))
 
 
 def _may_move(file: RigFile, yes: bool) -> Robot:
@@ -95,7 +96,7 @@ def _may_move(file: RigFile, yes: bool) -> Robot:
         raise ConfigError(
             "--move: cannot ask for confirmation (not a terminal); add --yes when nobody is within reach of the rig"
         )
-    out.print(
+    questions().print(
         f"This inflates each channel to {STEP / 1e3:g} kPa, homes the spine and moves it by 1 cm, opens the valve and moves the "
         f"arm by 5 mm. The robot must hang free with {robot.tip_mass * 1e3:g} g at its tip, with nobody within reach."
     )
@@ -104,18 +105,17 @@ def _may_move(file: RigFile, yes: bool) -> Robot:
     return robot
 
 
-def _moved(rig: Rig, robot: Robot, as_json: bool) -> list[Moved]:
+def _moved(rig: Rig, robot: Robot) -> list[Moved]:
     """Try what the rig has, land it, and tell each outcome; the landing is the last of them."""
     from ..rig.moves import moves
 
     seen: list[Moved] = []
-    screen = Screen("check", rig.clock.speed, quiet=as_json)
+    screen = Screen("check", rig.clock.speed)
     markers = len(getattr(rig.file.instruments.mocap, "markers", ()) or ())
 
     def tell(result: Moved) -> None:
         seen.append(result)
-        if not as_json:
-            out.print(f"  {result.what}: {'ok' if result.ok else 'FAILED'}: {result.text}")
+        out.print(f"  {result.what}: {'ok' if result.ok else 'FAILED'}: {result.text}")
 
     with tempfile.TemporaryDirectory() as folder, Interrupts(screen.say, rig.actuators.pulse) as interrupts:
         now = rig.clock.now()
@@ -219,7 +219,7 @@ def _table(title: str, rows: list[dict[str, Any]], span: float) -> Table:
 VERBS = (
     Verb(
         "check",
-        lambda a: check(a.rig, a.seconds, a.json, a.move, a.yes),
+        lambda a: check(a.rig, a.seconds, a.move, a.yes),
         options=(
             JSON,
             rig(),

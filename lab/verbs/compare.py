@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from rich.table import Table as Sheet
 
@@ -19,13 +17,13 @@ from ..files.config import ConfigError, load
 from ..files.example import paper_robot
 from ..files.inputs import marked_notes, read_case
 from ..files.own_effects import stated_by
-from ..options import ANY_SIZE, INPUTS, JSON, ROBOT, Verb, option
+from ..options import ANY_SIZE, INPUTS, JSON, ROBOT, Result, Verb, option
 from ..pages.figures import in_a_row, tip_curves
 from ..pages.sensors_figure import quantities, sensors
 
 
-def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_json: bool) -> int:
-    """Print the error table; with a folder also draw the curves."""
+def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None) -> Result:
+    """The error table; with a folder also draw the curves."""
     case = read_case(inputs, robot)
     note(case.table.warnings)
     try:
@@ -38,20 +36,19 @@ def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_
         words = case.robot.actuators.words
         figure = in_a_row(tip_curves(c, words), folder / "compare.png")
         measured = in_a_row(sensors(case.table, words), folder / "sensors.png") if quantities(case.table) else None
-    if as_json:
-        data: dict[str, Any] = {**c.table.as_dict(), "unsolved": c.unsolved, "clipped": int(case.table.clipped.sum())}
-        data["figure"] = str(figure) if figure else None
-        data["sensors"] = str(measured) if measured else None
-        print(json.dumps(data, indent=1))
-        return 0
-    out.print(sheet(c.table, case.robot))
-    note(marked_notes(case.table))
-    if c.unsolved:
-        out.print(f"{c.unsolved} states have no trusted equilibrium in the model and are left out")
-    for path in (figure, measured):
-        if path:
-            out.print(f"figure: {path}")
-    return 0
+
+    def show() -> None:
+        out.print(sheet(c.table, case.robot))
+        note(marked_notes(case.table))
+        if c.unsolved:
+            out.print(f"{c.unsolved} states have no trusted equilibrium in the model and are left out")
+        for path in (figure, measured):
+            if path:
+                out.print(f"figure: {path}")
+
+    pictures = {"figure": str(figure) if figure else None, "sensors": str(measured) if measured else None}
+    data = {**c.table.as_dict(), "unsolved": c.unsolved, "clipped": int(case.table.clipped.sum()), **pictures}
+    return Result(data, show)
 
 
 def sheet(table: ErrorTable, robot: Robot) -> Sheet:
@@ -83,7 +80,7 @@ def _of_the_paper(robot: Robot) -> bool:
 VERBS = (
     Verb(
         "compare",
-        lambda a: compare(a.inputs, a.robot, a.out, a.json),
+        lambda a: compare(a.inputs, a.robot, a.out),
         options=(
             JSON,
             ANY_SIZE,

@@ -12,7 +12,7 @@ from model.effects import CATALOGUE
 
 from ..files.all_protocols import found_protocols
 from ..files.protocol_keys import protocol_keys
-from ..options import Verb, option
+from ..options import Result, Verb, option
 from .fakes import effect_names
 
 SHELLS = ("bash", "zsh")
@@ -32,7 +32,7 @@ _lab_set() { compadd -S = -- %s }
 """What is offered for a protocol (a name or a file) and for a key of `--set`, by the destination of the argument."""
 
 
-def completion(shell: str, top: argparse.ArgumentParser) -> int:
+def completion(shell: str, top: argparse.ArgumentParser) -> Result:
     """Print the completion of `top` for a shell."""
     protocols = found_protocols().usable
     keys = {key.name for p in protocols.values() for key in protocol_keys(p.parameters, {})}
@@ -46,7 +46,7 @@ def completion(shell: str, top: argparse.ArgumentParser) -> int:
             action.complete = shtab.DIRECTORY if action.dest in FOLDERS else shtab.FILE  # type: ignore[attr-defined]
     functions = FUNCTIONS[shell] % (" ".join(protocols), " ".join(sorted(keys)))
     sys.stdout.write(shtab.complete(top, shell, preamble=functions) + "\n")
-    return 0
+    return Result()
 
 
 def arguments(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:

@@ -26,7 +26,7 @@ from ..files.all_drivers import found_drivers
 from ..files.config import ConfigError
 from ..files.inputs import Case, read_case
 from ..files.rig_file import load_rig
-from ..options import Verb, option
+from ..options import Result, Verb, option
 from ..pages.demo_report import SIZES, Seal, write
 from ..priority import BEHIND
 from ..processes import processes
@@ -72,8 +72,8 @@ class Story:
         return do()
 
 
-def demo(folder: Path, seed: int | None, speed: float, effect: str | None = None) -> int:
-    """Run the story; 0 when every step succeeded and every replayed number equals the live one.
+def demo(folder: Path, seed: int | None, speed: float, effect: str | None = None) -> Result:
+    """Run the story; code 0 when every step succeeded and every replayed number equals the live one.
 
     `effect` as `ID[=SIZE]` is withheld instead of a drawn one.
 
@@ -90,7 +90,7 @@ def demo(folder: Path, seed: int | None, speed: float, effect: str | None = None
         runs = _on_the_rig(story, folder, seed, speed, seal)
         if runs is not None:
             ready()
-    return 1 if runs is None else _conclude(story, folder, runs, seal)
+    return Result(code=1) if runs is None else _conclude(story, folder, runs, seal)
 
 
 def _clear(folder: Path) -> None:
@@ -107,7 +107,7 @@ def _on_the_rig(story: Story, folder: Path, seed: int, speed: float, seal: Seal)
     fakes = story.step(f"Fake instruments at {speed:g} times real speed", lambda: _fakes(folder, seed, speed, seal))
     with fakes:
         rig_path = folder / "rig.yaml"
-        if story.step("lab check", lambda: check(rig_path, 2.0, False)) == 1:
+        if not story.step("lab check", lambda: _checked(rig_path)):
             return None
         with Rig(load_rig(rig_path)) as rig:
             connect(rig, rig.names, quiet=True)
@@ -115,7 +115,7 @@ def _on_the_rig(story: Story, folder: Path, seed: int, speed: float, seal: Seal)
             return [story.step(f"lab run {name}", partial(_run, rig, rig_path, folder, name, how)) for name, how in jobs]
 
 
-def _conclude(story: Story, folder: Path, runs: list[Outcome], seal: Seal) -> int:
+def _conclude(story: Story, folder: Path, runs: list[Outcome], seal: Seal) -> Result:
     """What the files alone are needed for."""
     files = [r.file for r in runs]
     equal = story.step("lab replay: the same numbers from the files alone", lambda: _replay(files))
@@ -135,7 +135,14 @@ def _conclude(story: Story, folder: Path, runs: list[Outcome], seal: Seal) -> in
     out.print("The fakes have ended; to run a proposal, start others: lab fakes --speed 20 --rig rig/rig.yaml", soft_wrap=True)
     out.print(f"Open {page}", soft_wrap=True)
     out.print(f"Done in {time.monotonic() - story.began:.0f} s.")
-    return 0 if equal and all(r.error is None and r.safe for r in runs) else 1
+    return Result(code=0 if equal and all(r.error is None and r.safe for r in runs) else 1)
+
+
+def _checked(rig_path: Path) -> bool:
+    result = check(rig_path, 2.0)
+    assert result.show is not None
+    result.show()
+    return result.code != 1
 
 
 @contextmanager

@@ -38,7 +38,7 @@ from ..files.config import ConfigError, demand_writable, in_units
 from ..files.inputs import UNCONFIRMED_GUESSES, Case, marked_notes, read_case, unconfirmed_guesses
 from ..files.own_effects import catalogue
 from ..next_step import FIRST, command, nothing_next, worth_doing
-from ..options import ANY_SIZE, INPUTS, OWN_EFFECTS, ROBOT, SCHEDULER, WORKERS, Verb, option
+from ..options import ANY_SIZE, INPUTS, OWN_EFFECTS, ROBOT, SCHEDULER, WORKERS, Result, Verb, option
 from ..processes import for_case
 
 
@@ -75,7 +75,7 @@ def diagnose(
     comparisons: Comparisons | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
-) -> int:
+) -> Result:
     """Diagnose recordings or a case folder, on cores of this machine or (`scheduler`) on a Dask cluster.
 
     Raises ConfigError, BadEffect, RecordingError.
@@ -112,7 +112,7 @@ def diagnose(
 
         write(answer, case, inputs, outputs.report.resolve(), outputs.protocols)
         out.print(f"report: {outputs.report}")
-    return 0
+    return Result()
 
 
 def _answer(case: Case, robot: Path | None, comparisons: Comparisons, executor: Executor) -> Diagnosis:
@@ -303,7 +303,7 @@ def _separated(p: Proposal) -> str:
     return f"{p.id} is expected to distinguish {pairs}."
 
 
-def _diagnose_verb(a: argparse.Namespace) -> int:
+def _diagnose_verb(a: argparse.Namespace) -> Result:
     others = Comparisons(a.reference, a.holdout, a.effects, a.baseline, a.simulator)
     return diagnose(a.inputs, a.robot, Outputs(a.json, a.report, a.protocols), others, a.workers, a.scheduler)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -17,12 +16,12 @@ from ..console import out as screen
 from ..files.config import load
 from ..files.example import paper_robot
 from ..files.own_effects import catalogue
-from ..options import JSON, OWN_EFFECTS, Verb, option
+from ..options import JSON, OWN_EFFECTS, Result, Verb, option
 from ..signatures import Signature, signatures
 
 
-def run(out: Path, robot: Robot | None = None, more: Path | None = None, as_json: bool = False) -> int:
-    """Print the catalogue and draw signatures.png into `out`; `more` is a file with effects of one's own.
+def run(out: Path, robot: Robot | None = None, more: Path | None = None) -> Result:
+    """The catalogue; draws signatures.png into `out`; `more` is a file with effects of one's own.
 
     Raises ConfigError, `BadEffect` when that file declares effects wrongly.
     """
@@ -34,12 +33,12 @@ def run(out: Path, robot: Robot | None = None, more: Path | None = None, as_json
     from ..pages.effects_figure import draw
 
     figure = draw(found, out / "signatures.png")
-    if as_json:
-        print(json.dumps({"schema": "effects/1", "figure": str(figure), "effects": [_as_dict(s) for s in found]}))
-        return 0
-    screen.print(_table(found, shown.name))
-    screen.print(f"signatures drawn in {figure}")
-    return 0
+
+    def show() -> None:
+        screen.print(_table(found, shown.name))
+        screen.print(f"signatures drawn in {figure}")
+
+    return Result({"schema": "effects/1", "figure": str(figure), "effects": [_as_dict(s) for s in found]}, show)
 
 
 def _table(found: list[Signature], robot: str) -> Table:
@@ -90,7 +89,7 @@ def _as_dict(s: Signature) -> dict[str, object]:
 VERBS = (
     Verb(
         "effects",
-        lambda a: run(a.out, load(a.robot, Robot) if a.robot else None, a.effects, a.json),
+        lambda a: run(a.out, load(a.robot, Robot) if a.robot else None, a.effects),
         options=(
             JSON,
             option("--out", type=Path, default=Path("out/effects"), metavar="FOLDER", help="folder for the picture"),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +24,7 @@ from ..files.arviz_file import write_inference
 from ..files.config import ConfigError, load
 from ..files.crate import write_crate
 from ..files.inputs import marked_notes, same_body, without_torn
-from ..options import ANY_SIZE, JSON, OneOf, Verb, inputs, option
+from ..options import ANY_SIZE, JSON, OneOf, Result, Verb, inputs, option
 
 DIAGNOSIS = "diagnosis.json"
 IN_A_CASE = ("map.yaml", "states.png", DIAGNOSIS, "diagnosis.html", "rig.yaml", "predicted.csv")
@@ -44,10 +43,10 @@ class Forms:
     name: str | None = None
 
 
-def export(inputs: Sequence[Path], folder: Path, forms: Forms, as_json: bool) -> int:
+def export(inputs: Sequence[Path], folder: Path, forms: Forms) -> Result:
     """Files of each stream, one case folder, an RO-Crate, or diagnoses for ArviZ; raises ConfigError."""
     with _made(folder):
-        return _export(without_torn(inputs), folder, forms, as_json)
+        return _export(without_torn(inputs), folder, forms)
 
 
 @contextlib.contextmanager
@@ -64,16 +63,16 @@ def _made(folder: Path) -> Iterator[None]:
         raise
 
 
-def _export(inputs: Sequence[Path], folder: Path, forms: Forms, as_json: bool) -> int:
+def _export(inputs: Sequence[Path], folder: Path, forms: Forms) -> Result:
     cases = [p for p in inputs if p.is_dir()]
     if forms.crate:
-        return _crate(inputs, folder, forms, as_json)
+        return _crate(inputs, folder, forms)
     if forms.arviz:
-        return _arviz(inputs, folder, as_json)
+        return _arviz(inputs, folder)
     if forms.case:
         if cases:
             raise ConfigError(f"{cases[0]}: is a case already; --case is for recordings")
-        return _case(inputs, folder, as_json)
+        return _case(inputs, folder)
     written: list[Path] = []
     for place in cases:
         if forms.streams != "mat":
@@ -84,11 +83,10 @@ def _export(inputs: Sequence[Path], folder: Path, forms: Forms, as_json: bool) -
         apart = len(recordings) > 1 and forms.streams != "mat"
         own = folder_in(folder, recording.path.stem) if apart else folder
         written += export_streams(recording, own, forms.streams)
-    _report(written, as_json)
-    return 0
+    return _written(written)
 
 
-def _arviz(inputs: Sequence[Path], folder: Path, as_json: bool) -> int:
+def _arviz(inputs: Sequence[Path], folder: Path) -> Result:
     """One NetCDF file for each case that was diagnosed."""
     written: list[Path] = []
     for place in inputs:
@@ -104,19 +102,16 @@ def _arviz(inputs: Sequence[Path], folder: Path, as_json: bool) -> int:
         except (DiagnosisError, UnicodeDecodeError) as e:
             raise ConfigError(f"{found}: {e}") from e
         written.append(write_inference(folder / f"{place.resolve().name}.nc", answer, load(place / "robot.yaml", Robot)))
-    _report(written, as_json)
-    return 0
+    return _written(written)
 
 
 def _columns(table: Table) -> dict[str, object]:
     return {name: table[name] for name in table.columns}
 
 
-def _case(files: Sequence[Path], folder: Path, as_json: bool) -> int:
-    recordings = [Recording.open(f) for f in files]
-    table = _joined_case(recordings, folder)
-    _report([folder / "robot.yaml", folder / "trials.csv"], as_json, table)
-    return 0
+def _case(files: Sequence[Path], folder: Path) -> Result:
+    table = _joined_case([Recording.open(f) for f in files], folder)
+    return _written([folder / "robot.yaml", folder / "trials.csv"], table)
 
 
 def _joined_case(recordings: Sequence[Recording], folder: Path) -> Table:
@@ -130,7 +125,7 @@ def _joined_case(recordings: Sequence[Recording], folder: Path) -> Table:
     return table
 
 
-def _crate(inputs: Sequence[Path], folder: Path, forms: Forms, as_json: bool) -> int:
+def _crate(inputs: Sequence[Path], folder: Path, forms: Forms) -> Result:
     """One folder with everything that a reader of a paper needs, described."""
     cases, files = [p for p in inputs if p.is_dir()], [p for p in inputs if not p.is_dir()]
     if len(cases) > 1:
@@ -153,26 +148,24 @@ def _crate(inputs: Sequence[Path], folder: Path, forms: Forms, as_json: bool) ->
     infos = {name: summary(path) for name, path in recordings.items()}
     name = forms.name or (cases[0] if cases else folder).resolve().name
     made = write_crate(folder, whole, table, infos, name, forms.license)
-    _report([made, *(folder / p.name for p in whole)], as_json, table)
-    if forms.license is None and not as_json:
-        note(["no licence is stated; add --license URL before you publish"])
-    return 0
+    advice = ["no licence is stated; add --license URL before you publish"] if forms.license is None else []
+    return _written([made, *(folder / p.name for p in whole)], table, advice)
 
 
-def _report(files: Sequence[Path], as_json: bool, table: Table | None = None) -> None:
-    if as_json:
-        clipped = {} if table is None else {"clipped": int(table.clipped.sum())}
-        print(json.dumps({"files": [str(path) for path in files], **clipped}, indent=1))
-        return
-    if table is not None:
-        note(marked_notes(table))
-    for path in files:
-        out.print(str(path))
+def _written(files: Sequence[Path], table: Table | None = None, advice: Sequence[str] = ()) -> Result:
+    def show() -> None:
+        note(marked_notes(table) if table is not None else ())
+        for path in files:
+            out.print(str(path))
+        note(advice)
+
+    clipped = {} if table is None else {"clipped": int(table.clipped.sum())}
+    return Result({"files": [str(path) for path in files], **clipped}, show)
 
 
-def _export_verb(a: argparse.Namespace) -> int:
+def _export_verb(a: argparse.Namespace) -> Result:
     streams: StreamFormat = "mat" if a.mat else "parquet" if a.parquet else "csv"
-    return export(a.inputs, a.out, Forms(a.case, a.crate, a.arviz, streams, a.license, a.name), a.json)
+    return export(a.inputs, a.out, Forms(a.case, a.crate, a.arviz, streams, a.license, a.name))
 
 
 VERBS = (

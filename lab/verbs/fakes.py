@@ -31,7 +31,7 @@ from ..files.example import paper_robot
 from ..files.packages import Found, Unusable, installed
 from ..files.rig_file import RigFile
 from ..files.units import to_si, unit_text
-from ..options import Option, Verb, option
+from ..options import Option, Result, Verb, option
 from ..rig.operator import process_of
 
 PATIENT: dict[str, Any] = {
@@ -58,7 +58,7 @@ PATIENT_SETTLE = ("settle.still_distance=5 mm", *PATIENT_PAUSES)
 """The same, and how still the tip must be."""
 
 
-def serve(a: argparse.Namespace) -> int:
+def serve(a: argparse.Namespace) -> Result:
     """Run until Ctrl-C."""
     if a.list_effects:
         sheet = Sheet(title="Effects of the virtual robot, for --effect ID[=SIZE]", title_justify="left")
@@ -68,7 +68,7 @@ def serve(a: argparse.Namespace) -> int:
         for e in list_effects():
             sheet.add_row(e.id, f"{e.scale:.4g}{unit_text(e.unit)}", e.physics)
         out.print(sheet)
-        return 0
+        return Result()
     _demand_free(a.rig)
     if err.is_terminal:
         err.print("Starting the fakes; compiling their physics takes up to a minute on a busy computer ..")
@@ -85,7 +85,7 @@ def serve(a: argparse.Namespace) -> int:
         else:
             out.print(rig_yaml(rig, str(a.robot or paper_robot())), soft_wrap=True)
         ended.wait()
-    return 0
+    return Result()
 
 
 def _demand_free(rig: Path | None) -> None:

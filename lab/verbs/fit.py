@@ -4,7 +4,6 @@ a robot.yaml that holds them."""
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +25,7 @@ from ..files.config import ConfigError
 from ..files.inputs import Case, read_case
 from ..files.own_effects import catalogue
 from ..files.robot_file import write_robot
-from ..options import ANY_SIZE, INPUTS, JSON, OWN_EFFECTS, ROBOT, Verb, option
+from ..options import ANY_SIZE, INPUTS, JSON, OWN_EFFECTS, ROBOT, Result, Verb, option
 from ..samples import drawn, write_samples
 
 
@@ -44,8 +43,8 @@ class WithEffects:
     """Learn what the model still misses."""
 
 
-def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_json: bool) -> int:
-    """Print the calibration; with a folder also write the calibrated robot.yaml."""
+def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None) -> Result:
+    """The calibration; with a folder also write the calibrated robot.yaml."""
     case = read_case(inputs, robot)
     note(case.table.warnings)
     if case.robot != case.robot.plain:
@@ -54,24 +53,24 @@ def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_json
              f"--with {','.join(case.robot.effects)}"]
         )  # fmt: skip
     try:
-        with Screen("calibrating", quiet=as_json) as screen:
+        with Screen("calibrating") as screen:
             result = calibrate(Case(case.robot.plain, case.table), screen.step)
     except (DiagnosisError, ModelError) as e:
         raise ConfigError(str(e)) from e
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
         write_robot(result.robot, folder / "robot.yaml", case.robot_text)
-    if as_json:
-        print(json.dumps(result.as_dict(), indent=1))
-    else:
+
+    def show() -> None:
         out.print(sheet(result))
         if result.area_factor is not None:
             out.print(baseline_line(result, result.area_factor))
-    return 0
+
+    return Result(result.as_dict(), show)
 
 
-def fit_with(inputs: Sequence[Path], robot: Path | None, asked: WithEffects, folder: Path | None, as_json: bool) -> int:
-    """Print area factor, effects and tolerances; with a folder also write robot.yaml and robots drawn from the posterior.
+def fit_with(inputs: Sequence[Path], robot: Path | None, asked: WithEffects, folder: Path | None) -> Result:
+    """Area factor, effects and tolerances; with a folder also write robot.yaml and robots drawn from the posterior.
 
     Raises ConfigError, BadEffect, RecordingError.
     """
@@ -84,7 +83,7 @@ def fit_with(inputs: Sequence[Path], robot: Path | None, asked: WithEffects, fol
     known, left_out = catalogue(case.robot, asked.file)
     note(left_out)
     try:
-        with Screen("fitting", quiet=as_json) as screen:
+        with Screen("fitting") as screen:
             found = fit_effects(case, asked.effects, known, screen.step, asked.residual)
     except BadEffect:
         raise
@@ -98,19 +97,17 @@ def fit_with(inputs: Sequence[Path], robot: Path | None, asked: WithEffects, fol
         if asked.samples:
             names, values, robots = drawn(found.robot, known, asked.samples, asked.seed)
             samples = write_samples(names, values, robots, folder_in(folder, "samples"), case.robot_text)
-            with Screen("writing robots", quiet=as_json) as screen:
+            with Screen("writing robots") as screen:
                 for k, _ in enumerate(samples, 1):
                     screen.progress(k, len(robots))
             written.append(folder / "samples" / "samples.csv")
-    if as_json:
-        print(json.dumps({**found.as_dict(), "files": [str(path) for path in written]}, indent=1))
-        return 0
-    out.print(effects_sheet(found))
-    for line in residual_lines(found):
-        out.print(line)
-    for path in written:
-        out.print(f"written: {path}")
-    return 0
+
+    def show() -> None:
+        out.print(effects_sheet(found))
+        for line in (*residual_lines(found), *(f"written: {path}" for path in written)):
+            out.print(line)
+
+    return Result({**found.as_dict(), "files": [str(path) for path in written]}, show)
 
 
 def effects_sheet(f: Fitted) -> Sheet:
@@ -196,14 +193,14 @@ def _names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
-def _fit_verb(a: argparse.Namespace) -> int:
+def _fit_verb(a: argparse.Namespace) -> Result:
     if a.with_effects is None and not a.residual:
         for name, given in (("--samples", a.samples), ("--effects", a.effects)):
             if given:
                 raise ConfigError(f"{name}: needs --with EFFECT[,EFFECT..]")
-        return fit(a.inputs, a.robot, a.out, a.json)
+        return fit(a.inputs, a.robot, a.out)
     asked = WithEffects(a.with_effects or (), a.effects, a.samples, a.seed, a.residual)
-    return fit_with(a.inputs, a.robot, asked, a.out, a.json)
+    return fit_with(a.inputs, a.robot, asked, a.out)
 
 
 VERBS = (

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import shlex
 from collections.abc import Sequence
 from dataclasses import replace
@@ -23,27 +22,26 @@ from ..imports.map_file import Map, Source, demand_units
 from ..imports.proposal import Guess, guess_text
 from ..imports.series import Series
 from ..imports.table import NOT_READ, Imported, imported
-from ..options import ANY_SIZE, JSON, Verb, inputs, option
+from ..options import ANY_SIZE, JSON, Result, Verb, inputs, option
 from ..questions.table import doubtful
 
 MAP, PICTURE = "map.yaml", "states.png"
 
 
-def import_files(inputs: Sequence[Path], map_path: Path, robot_path: Path | None, folder: Path, as_json: bool) -> int:
+def import_files(inputs: Sequence[Path], map_path: Path, robot_path: Path | None, folder: Path) -> Result:
     """Write CASE/robot.yaml, trials.csv, map.yaml and a picture of what was cut; raises ConfigError."""
     wanted = load(map_path, Map)
     robot_path = robot_path or map_path.parent / wanted.robot
     robot = load(robot_path, Robot)
     demand_units(wanted, robot.actuators.words, f"{map_path}: ")
-    with Screen("import", quiet=as_json) as screen:
+    with Screen("import") as screen:
         made = imported(inputs, wanted, robot, screen.progress)
     found = implausible_values(robot, made.table)
     if found:
         raise ConfigError("\n".join(f"{map_path}: {text}" for text in found))
     made = replace(made, notes=(*made.notes, *doubtful(robot, made.table, str(robot_path))))
     write_case(made, robot, robot_path, map_path, folder)
-    told(made, robot, folder, as_json)
-    return 0
+    return told(made, folder)
 
 
 def write_case(made: Imported, robot: Robot, robot_path: Path, map_path: Path, folder: Path) -> None:
@@ -57,19 +55,19 @@ def write_case(made: Imported, robot: Robot, robot_path: Path, map_path: Path, f
     draw(made, robot, folder / PICTURE)
 
 
-def told(made: Imported, robot: Robot, folder: Path, as_json: bool) -> None:
+def told(made: Imported, folder: Path) -> Result:
     """What was made, and of what."""
     trials = len(set(made.table.trial.tolist()))
     written = [str(folder / name) for name in ("robot.yaml", "trials.csv", MAP, PICTURE)]
-    if as_json:
-        files = {"files": written, "read": [str(q.path) for _, q, _ in made.files]}
-        about = {"states": len(made.table), "trials": trials, "columns": made.table.columns, "notes": made.notes}
-        print(json.dumps(files | about, indent=1))
-        return
-    note(made.notes)
-    out.print(f"{counted(len(made.table), 'state')} in {counted(trials, 'trial')}")
-    out.print(f"written: {', '.join(written)}", soft_wrap=True)
-    out.print(f"look at {folder / PICTURE}, then: {shlex.join(('lab', 'diagnose', str(folder)))}", soft_wrap=True)
+
+    def show() -> None:
+        note(made.notes)
+        out.print(f"{counted(len(made.table), 'state')} in {counted(trials, 'trial')}")
+        out.print(f"written: {', '.join(written)}", soft_wrap=True)
+        out.print(f"look at {folder / PICTURE}, then: {shlex.join(('lab', 'diagnose', str(folder)))}", soft_wrap=True)
+
+    about = {"states": len(made.table), "trials": trials, "columns": made.table.columns, "notes": made.notes}
+    return Result({"files": written, "read": [str(q.path) for _, q, _ in made.files], **about}, show)
 
 
 def _first_proposal(inputs: Sequence[Path], robot: Robot) -> tuple[Series, Guess]:
@@ -104,7 +102,7 @@ def grouped(proposed: Guess) -> dict[str, list[str]]:
     }
 
 
-def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, as_json: bool) -> int:
+def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path) -> Result:
     """Write FOLDER/map.yaml, proposed from headings and numbers, and a picture of what it makes of the file."""
     if robot_path is None:
         raise ConfigError(
@@ -116,41 +114,38 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, as_json
     folder.mkdir(parents=True, exist_ok=True)
     copied(robot_path, folder / "robot.yaml")
     replaced(folder / MAP, guess_text(proposed, Path("robot.yaml"), [series.path], series.form))
-    told_of = [f"check: {d}" for d in (*series.notes, *proposed.doubts)]
+    checks = [*series.notes, *proposed.doubts]
     made = None
     try:
         made = imported(inputs, load(folder / MAP, Map), robot)
         found = (*implausible_values(robot, made.table), *doubtful(robot, made.table, str(robot_path)))
-        told_of += [f"check: {text}" for text in (*found, *(n for n in made.notes if n.startswith(NOT_READ)))]
+        checks += (*found, *(n for n in made.notes if n.startswith(NOT_READ)))
         from ..pages.import_figure import draw
 
         draw(made, robot, folder / PICTURE)
     except ConfigError as e:
-        told_of.append(f"check: {e}")
-    if as_json:
-        checks = [t.removeprefix("check: ") for t in told_of]
-        about = {"map": str(folder / MAP), "reasons": proposed.reasons, "check": checks}
-        print(json.dumps(about | {"states": len(made.table) if made else 0}, indent=1))
-        return 0
-    for reason, keys in grouped(proposed).items():
-        out.print(f"{', '.join(keys):24s} {reason}")
-    note(told_of)
-    if made is not None:
-        out.print(
-            f"{len(made.table)} states; look at {folder / PICTURE} and {folder / MAP}, delete each # CHECK once settled, then:",
-            soft_wrap=True,
-        )
-    words = ("lab", "import", *map(str, inputs), "--map", str(folder / MAP), "--out", "CASE")
-    out.print(shlex.join(words), soft_wrap=True)
-    return 0
+        checks.append(str(e))
+    states = len(made.table) if made is not None else 0
+
+    def show() -> None:
+        for reason, keys in grouped(proposed).items():
+            out.print(f"{', '.join(keys):24s} {reason}")
+        note(f"check: {text}" for text in checks)
+        if made is not None:
+            look = f"look at {folder / PICTURE} and {folder / MAP}, delete each # CHECK once settled, then:"
+            out.print(f"{states} states; {look}", soft_wrap=True)
+        words = ("lab", "import", *map(str, inputs), "--map", str(folder / MAP), "--out", "CASE")
+        out.print(shlex.join(words), soft_wrap=True)
+
+    return Result({"map": str(folder / MAP), "reasons": proposed.reasons, "check": checks, "states": states}, show)
 
 
-def _import_verb(a: argparse.Namespace) -> int:
+def _import_verb(a: argparse.Namespace) -> Result:
     if a.guess:
-        return guess(a.inputs, a.robot, a.out, a.json)
+        return guess(a.inputs, a.robot, a.out)
     if a.map is None:
         raise ConfigError("--map: give the map.yaml that says what the columns are, or --guess to have one proposed")
-    return import_files(a.inputs, a.map, a.robot, a.out, a.json)
+    return import_files(a.inputs, a.map, a.robot, a.out)
 
 
 VERBS = (

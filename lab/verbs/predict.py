@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import csv
 import io
-import json
 import re
 import warnings
 from collections.abc import Mapping, Sequence
@@ -32,7 +31,7 @@ from ..console import Screen, note, out
 from ..files.config import ConfigError, demand_writable, load
 from ..files.number_table import Columns, read_numbers
 from ..files.own_effects import stated_by
-from ..options import JSON, OWN_EFFECTS, OneOf, Verb, option, settings
+from ..options import JSON, OWN_EFFECTS, OneOf, Result, Verb, option, settings
 from .run import protocol_plan
 
 Array = NDArray[np.float64]
@@ -55,7 +54,6 @@ PICTURES = (".svg", ".png", ".pdf")
 class Outputs:
     """Where a prediction goes besides the screen."""
 
-    json: bool = False
     csv: Path | None = None
     figure: Path | None = None
 
@@ -71,12 +69,12 @@ class Wanted:
     max_pressure: float | None = None
 
 
-def predict(robot: Robot, states: Columns, outputs: Outputs, effects: Path | None = None) -> int:
+def predict(robot: Robot, states: Columns, outputs: Outputs, effects: Path | None = None) -> Result:
     """Predict states, those of a trial in their order. Raises ConfigError, ModelError."""
     _writable(outputs)
     catalogue = stated_by(robot, effects)
     _demand_columns(robot, states)
-    with Screen("predicting", quiet=outputs.json):
+    with Screen("predicting"):
         found = _with_known_intervals(robot, _predicted(robot, states, catalogue))
     bent = states["protocol"] != "stiffness" if "protocol" in states else np.ones(len(found.tip), bool)
     kept = {name: column[bent] for name, column in states.items() if name != "protocol"}
@@ -94,15 +92,14 @@ def predict(robot: Robot, states: Columns, outputs: Outputs, effects: Path | Non
             outputs.figure.resolve(),
             robot.actuators.words,
         )
-    if outputs.json:
-        print(json.dumps({**_head(robot, outputs), "states": rows}, indent=1))
-        return 0
-    out.print(_sheet(robot, kept, found))
-    _tell(robot, outputs, len(rows))
-    lost = int((~found.converged).sum())
-    if lost:
-        out.print(f"{lost} of {len(rows)} states have no trusted equilibrium: no tip is given")
-    return 0
+
+    def show() -> None:
+        out.print(_sheet(robot, kept, found))
+        _tell(robot, outputs, len(rows))
+        if unsolved := int((~found.converged).sum()):
+            out.print(f"{unsolved} of {len(rows)} states have no trusted equilibrium: no tip is given")
+
+    return Result({**_head(robot, outputs), "states": rows}, show)
 
 
 def _predicted(robot: Robot, states: Columns, catalogue: Mapping[str, EffectSpec]) -> Prediction:
@@ -118,7 +115,7 @@ def _predicted(robot: Robot, states: Columns, catalogue: Mapping[str, EffectSpec
     return predict_campaign(robot, {"trial": number, **states}, catalogue, intervals=True)
 
 
-def invert(robot: Robot, targets_path: Path, wanted: Wanted, outputs: Outputs, effects: Path | None = None) -> int:
+def invert(robot: Robot, targets_path: Path, wanted: Wanted, outputs: Outputs, effects: Path | None = None) -> Result:
     """Pressures and spine lengths for wanted tips. Raises ConfigError, ModelError."""
     _writable(outputs)
     table = read_numbers(targets_path, ("x", "y", "z", "wx", "wy", "wz"), "", "x, y, z (m)")
@@ -127,7 +124,7 @@ def invert(robot: Robot, targets_path: Path, wanted: Wanted, outputs: Outputs, e
     fixed = None if wanted.spine_length is None else (wanted.spine_length, wanted.spine_length)
     try:
         limits = limits_of(robot, wanted.groups, wanted.max_pressure, fixed)
-        with Screen(robot.actuators.words.say("searching pressures"), quiet=outputs.json) as screen:
+        with Screen(robot.actuators.words.say("searching pressures")) as screen:
             at = Predictor(robot, stated_by(robot, effects))
             found = inverse(at, place, limits, weight, lambda share: screen.progress(share, 1.0))
         found = replace(found, prediction=_with_known_intervals(robot, found.prediction))
@@ -140,19 +137,19 @@ def invert(robot: Robot, targets_path: Path, wanted: Wanted, outputs: Outputs, e
         from ..pages.prediction_figure import targets
 
         targets(place, found, outputs.figure.resolve())
-    if outputs.json:
-        print(json.dumps({**_head(robot, outputs), "targets": rows}, indent=1))
-        return 0
-    out.print(_inverse_sheet(place, found, robot))
-    _tell(robot, outputs, len(rows))
-    missed = np.flatnonzero(~found.reached)
-    if missed.size:
-        nearest = ", ".join(f"{i + 1} ({MM * found.miss[i]:.1f} mm)" for i in missed[:10].tolist())
-        out.print(
-            f"{missed.size} of {len(rows)} targets cannot be reached within the limits; distance of the nearest point that "
-            f"can: {nearest}{' ..' if missed.size > 10 else ''}"
-        )
-    return 0
+
+    def show() -> None:
+        out.print(_inverse_sheet(place, found, robot))
+        _tell(robot, outputs, len(rows))
+        missed = np.flatnonzero(~found.reached)
+        if missed.size:
+            nearest = ", ".join(f"{i + 1} ({MM * found.miss[i]:.1f} mm)" for i in missed[:10].tolist())
+            out.print(
+                f"{missed.size} of {len(rows)} targets cannot be reached within the limits; distance of the nearest point that "
+                f"can: {nearest}{' ..' if missed.size > 10 else ''}"
+            )
+
+    return Result({**_head(robot, outputs), "targets": rows}, show)
 
 
 def table_states(path: Path, words: Words) -> Columns:
@@ -389,8 +386,8 @@ def _groups(text: str) -> tuple[tuple[int, ...], ...]:
         raise argparse.ArgumentTypeError(f"{text!r}: write chambers between commas and groups between blanks") from None
 
 
-def _predict_verb(a: argparse.Namespace) -> int:
-    outputs, robot = Outputs(a.json, a.out, a.figure), load(a.robot, Robot)
+def _predict_verb(a: argparse.Namespace) -> Result:
+    outputs, robot = Outputs(a.out, a.figure), load(a.robot, Robot)
     if a.inverse is not None:
         return invert(robot, a.inverse, Wanted(a.spine_length, a.groups, a.max_pressure), outputs, a.effects)
     by_table = a.table is not None

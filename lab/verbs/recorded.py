@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import json
 import math
 import os
 import sys
@@ -27,25 +26,24 @@ from ..console import note, out
 from ..files.config import ConfigError, parse_yaml
 from ..files.inputs import attached, without_torn
 from ..files.units import UnitError, to_si, unit_text
-from ..options import ANY_SIZE, JSON, Verb, option
+from ..options import ANY_SIZE, JSON, Result, Verb, option
 from .repair import SHOWN
 
 
-def info(files: Sequence[Path], as_json: bool) -> int:
-    """Print what recordings hold; 3 when the end of one is missing, parts make no sense, or samples were lost."""
+def info(files: Sequence[Path]) -> Result:
+    """What recordings hold; 3 when the end of one is missing, parts make no sense, or samples were lost."""
     found = [(file, summary(file)) for file in files]
-    if as_json:
-        _print_json([(file, s.to_dict()) for file, s in found])
-    else:
+
+    def show() -> None:
         for file, s in found:
             _show(file, s)
-    return 0 if all(s.complete for _, s in found) else 3
+
+    return Result(_by_file([(file, s.to_dict()) for file, s in found]), show, 0 if all(s.complete for _, s in found) else 3)
 
 
-def _print_json(found: Sequence[tuple[Path, dict[str, Any]]]) -> None:
+def _by_file(found: Sequence[tuple[Path, dict[str, Any]]]) -> object:
     """Of one file what it holds, of several a list that names them."""
-    several = [{"file": str(file), **values} for file, values in found]
-    print(json.dumps(several if len(found) > 1 else found[0][1], indent=1))
+    return [{"file": str(file), **values} for file, values in found] if len(found) > 1 else found[0][1]
 
 
 def _show(file: Path, s: Info) -> None:
@@ -153,7 +151,7 @@ def replayed(file: Path) -> tuple[Comparison, str]:
     return hold_against(recording, states), hashlib.sha256("\n".join(rows).encode()).hexdigest()
 
 
-def play(file: Path, speed: float) -> int:
+def play(file: Path, speed: float) -> Result:
     """Print every message as a JSON line, in the order of time, at `speed` times rig time; an abrupt file too."""
     if not speed > 0:
         raise ConfigError(f"--speed {speed:g}: must be above 0, as a multiple of rig time")
@@ -163,30 +161,31 @@ def play(file: Path, speed: float) -> int:
     except BrokenPipeError:
         # Whoever read has seen enough; without this the interpreter complains once more while it ends.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    return 0
+    return Result()
 
 
-def replay(files: Sequence[Path], as_json: bool) -> int:
-    """Print whether the rows concluded from the samples equal those of the live run to the last bit; 1 when not."""
+def replay(files: Sequence[Path]) -> Result:
+    """Whether the rows concluded from the samples equal those of the live run to the last bit; 1 when not."""
     found = [(file, *replayed(file)) for file in without_torn(files)]
-    if as_json:
-        _print_json([
-            (file, {"live": r.live, "replayed": r.replayed, "equal": r.equal, "sha256": digest, "differences": r.differences})
-            for file, r, digest in found
-        ])  # fmt: skip
-    else:
+
+    def show() -> None:
         for file, result, digest in found:
             name = f"{file}: " if len(found) > 1 else ""
             for line in result.differences[:20]:
                 out.print(f"{name}{line}")
             word = "bit-identical to the live run's" if result.equal else f"{len(result.differences)} differ from the live run's"
             out.print(f"{name}{result.replayed} rows recomputed, {word}; sha256 {digest}", soft_wrap=True)
-    return 0 if all(result.equal for _, result, _ in found) else 1
+
+    data = _by_file([
+        (file, {"live": r.live, "replayed": r.replayed, "equal": r.equal, "sha256": digest, "differences": r.differences})
+        for file, r, digest in found
+    ])  # fmt: skip
+    return Result(data, show, 0 if all(result.equal for _, result, _ in found) else 1)
 
 
-def _replay_verb(a: argparse.Namespace) -> int:
+def _replay_verb(a: argparse.Namespace) -> Result:
     if not a.play:
-        return replay(a.files, a.json)
+        return replay(a.files)
     if len(a.files) > 1:
         raise ConfigError("--play: give one recording")
     return play(a.files[0], a.speed)
@@ -197,7 +196,7 @@ FILES = option("files", nargs="+", type=Path, metavar="FILE")
 VERBS = (
     Verb(
         "info",
-        lambda a: info(a.files, a.json),
+        lambda a: info(a.files),
         options=(JSON, ANY_SIZE, FILES),
         examples=("lab info runs/sweep.mcap", "lab info runs/*.mcap --json"),
         page="docs/explanations/recordings.md",

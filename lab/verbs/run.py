@@ -37,7 +37,7 @@ from recordings.events import Request
 from recordings.file.writer import Recorder
 from recordings.trials import Table, counted
 
-from ..console import Screen, answer, clock, err, note, out
+from ..console import Screen, clock, err, note, out
 from ..files.all_protocols import file_of, found_protocols, protocol_from_file
 from ..files.config import ConfigError, Lines, Source, check, parse_yaml, read_yaml
 from ..files.inputs import marked_notes, same_body
@@ -47,14 +47,14 @@ from ..files.resume import Broken, find
 from ..files.rig_file import RigFile, load_rig
 from ..live.about import PLAN
 from ..live.beside import Page, page_where
-from ..options import JSON, LABELS, Verb, given_labels, option, rig, settings
+from ..options import JSON, LABELS, Result, Verb, given_labels, option, rig, settings
 from ..rig.assembly import Rig
 from ..rig.checked import announce, last
 from ..rig.interrupts import Interrupts
 from ..rig.keys import HELP, Keys, Line
 from ..rig.limits import SLACK, problems, wiring
 from ..rig.losses import newly_lost
-from ..rig.margins import ACTIVE, margins
+from ..rig.margins import ACTIVE, Margin, margins
 from ..rig.rehearsal import rehearse
 from ..version import provenance
 
@@ -223,12 +223,11 @@ def _with(source: Source, settings: list[str]) -> Source:
     return Source(source.name, data, source.lines)
 
 
-def plan(protocol: str, rig_path: Path, settings: list[str], whole: bool, as_json: bool, rehearsing: bool = False) -> int:
-    """Print limits, duration and steps; connects to nothing. `whole`: each repeat, not the first with their number;
+def plan(protocol: str, rig_path: Path, settings: list[str], whole: bool, rehearsing: bool = False) -> Result:
+    """Limits, duration and steps; connects to nothing. `whole`: each repeat, not the first with their number;
     `rehearsing`: do the protocol's `run` at the desk, too."""
     j = job(protocol, rig_path, settings)
-    p = j.plan
-    speed = j.rig.clock.speed
+    p, speed = j.plan, j.rig.clock.speed
     asked = margins(p, j.rig, j.rig.body)
     if not any(m.name in ACTIVE for m in asked):
         note(
@@ -238,11 +237,12 @@ def plan(protocol: str, rig_path: Path, settings: list[str], whole: bool, as_jso
             ]
         )
     done = _rehearsed(j) if rehearsing else None
-    if as_json:
-        told = [asdict(m) for m in asked]
-        answer({**plan_dict(p), "largest": told, "clock_speed": speed, "host_seconds": p.seconds / speed,
-                          **({} if done is None else {"rehearsal": done})})  # fmt: skip
-        return 0
+    largest = [asdict(m) for m in asked]
+    data = {**plan_dict(p), "largest": largest, "clock_speed": speed, "host_seconds": p.seconds / speed}
+    return Result(data | ({} if done is None else {"rehearsal": done}), lambda: _show_plan(p, speed, asked, whole, done))
+
+
+def _show_plan(p: Plan, speed: float, asked: Sequence[Margin], whole: bool, done: Mapping[str, Any] | None) -> None:
     times = f"about {clock(p.seconds)} of the rig's time, {clock(p.seconds / speed)} of yours"
     out.print(f"{p.protocol}: {len(p.steps)} steps, {times}", soft_wrap=True)
     if speed != 1:
@@ -262,7 +262,6 @@ def plan(protocol: str, rig_path: Path, settings: list[str], whole: bool, as_jso
     if done is not None:
         out.print(f"rehearsal: run ends; states read: {done['states']}, trials: {done['trials']}", soft_wrap=True)
         note(done["differs"])
-    return 0
 
 
 def _rehearsed(j: Job) -> dict[str, Any]:
@@ -302,8 +301,8 @@ def folded(steps: Sequence[Step]) -> tuple[Sequence[Step], int]:
     return (steps[:period], len(labels) // period) if period and not len(labels) % period else (steps, 1)
 
 
-def keys(protocol: str, rig_path: Path | None, as_json: bool) -> int:
-    """Print what can be set of a protocol: key, unit, default (for the robot of the rig, where one is given), limits."""
+def keys(protocol: str, rig_path: Path | None) -> Result:
+    """What can be set of a protocol: key, unit, default (for the robot of the rig, where one is given), limits."""
     source = source_of(protocol)
     experiment = _experiment(source.table.get("protocol", protocol), None, source.name)
     defaults: dict[str, Any] = {}
@@ -311,16 +310,16 @@ def keys(protocol: str, rig_path: Path | None, as_json: bool) -> int:
         rig = load_rig(rig_path)
         defaults = _defaults(experiment, _known(rig, rig.body))
     found = protocol_keys(experiment.parameters, defaults)
-    if as_json:
-        answer({"protocol": experiment.name, "keys": [asdict(key) for key in found]})
-        return 0
-    out.print(f"Keys of {experiment.name}: unit, default, what is allowed, meaning")
-    for key in found:
-        out.print(str(key), soft_wrap=True)
-        if key.meaning:
-            out.print(Padding(key.meaning, (0, 0, 0, 4), expand=False))
-    out.print("Write numbers with their unit: --set 'average=2 s'. A number without one is in SI units.", soft_wrap=True)
-    return 0
+
+    def show() -> None:
+        out.print(f"Keys of {experiment.name}: unit, default, what is allowed, meaning")
+        for key in found:
+            out.print(str(key), soft_wrap=True)
+            if key.meaning:
+                out.print(Padding(key.meaning, (0, 0, 0, 4), expand=False))
+        out.print("Write numbers with their unit: --set 'average=2 s'. A number without one is in SI units.", soft_wrap=True)
+
+    return Result({"protocol": experiment.name, "keys": [asdict(key) for key in found]}, show)
 
 
 def plan_dict(p: Plan) -> dict[str, Any]:
@@ -351,12 +350,11 @@ def run(
     rig_path: Path,
     settings: list[str],
     folder: Path | None,
-    as_json: bool,
     resume: Path | None,
     watched: bool = False,
     said: Sequence[tuple[str, str]] = (),
-) -> int:
-    """Run a protocol or resume a run, print what came out, and return the exit code. `said`: labels, name and text."""
+) -> Result:
+    """Run a protocol or resume a run. `said`: labels, name and text."""
     try:
         own_labels = labels(said)
     except BadMessage as e:
@@ -374,40 +372,39 @@ def run(
     folder = broken.journal.parent if broken is not None else folder or Path(".")
     folder.mkdir(parents=True, exist_ok=True)
     with Rig(j.rig) as rig:
-        connect(rig, j.experiment.needs, quiet=as_json)
-        if isinstance(none := last(rig_path, j.rig), str) and not as_json:
+        connect(rig, j.experiment.needs)
+        if isinstance(none := last(rig_path, j.rig), str):
             out.print(f"{UNCHECKED}: {none}; lab check --move --rig {rig_path}", soft_wrap=True)
-        screen = Screen(j.experiment.name, j.rig.clock.speed, quiet=as_json)
+        screen = Screen(j.experiment.name, j.rig.clock.speed)
         with page_where(watched, screen.say) as page:
             result = execute(rig, j, folder, screen, broken, page)
     lost = result.lost
     again = None if result.outcome == "completed" else resume_command(result.file, rig_path, j.experiment.source)
     for text in rig.notices:
         err.print(f"warning: {text}")
-    if as_json:
-        answer({"file": str(result.file), "outcome": result.outcome, "rows": len(result.table), "lost": lost,
-                          "safe": result.safe, "resume": again})  # fmt: skip
-    else:
-        out.print(f"{result.outcome}: {counted(len(result.table), 'state')} in {result.file}")
-        for topic, n in lost.items():
-            out.print(f"  lost on {topic}: {n} samples")
-        note([*marked_notes(result.table), *beyond_plan(len(result.table), j.plan.states)])
-        if not result.safe:
-            err.print("The safe state is not confirmed: use the vent valve and the emergency stop.", style="red")
-        if again is not None:
-            out.print(f"go on with: {again}", soft_wrap=True)
+    data = {"file": str(result.file), "outcome": result.outcome, "rows": len(result.table), "lost": lost,
+            "safe": result.safe, "resume": again}  # fmt: skip
     if isinstance(result.error, NotReached) and j.rig.clock.speed > 1:
-        note(
-            [
-                f"the clock of this rig runs at {j.rig.clock.speed:g} times real speed; a computer that cannot keep up reads too "
-                f"few samples: start the fakes with a smaller --speed, such as {slower(j.rig.clock.speed):g}"
-            ]
-        )
-    if result.error is not None and not isinstance(result.error, Stopped):
-        raise result.error
-    if not result.safe or (result.error is not None and (result.asked or not result.displaced)):
-        return 1
-    return 3 if lost or result.displaced or result.table.doubtful.any() else 0
+        note([
+            f"the clock of this rig runs at {j.rig.clock.speed:g} times real speed; a computer that cannot keep up reads too "
+            f"few samples: start the fakes with a smaller --speed, such as {slower(j.rig.clock.speed):g}"
+        ])  # fmt: skip
+    cut_short = result.error is not None and (result.asked or not result.displaced)
+    lossy = lost or result.displaced or result.table.doubtful.any()
+    code = 1 if cut_short or not result.safe else 3 if lossy else 0
+    error = None if isinstance(result.error, Stopped) else result.error
+    return Result(data, lambda: _show_outcome(j, result, again), code, error)
+
+
+def _show_outcome(j: Job, result: Outcome, again: str | None) -> None:
+    out.print(f"{result.outcome}: {counted(len(result.table), 'state')} in {result.file}")
+    for topic, n in result.lost.items():
+        out.print(f"  lost on {topic}: {n} samples")
+    note([*marked_notes(result.table), *beyond_plan(len(result.table), j.plan.states)])
+    if not result.safe:
+        err.print("The safe state is not confirmed: use the vent valve and the emergency stop.", style="red")
+    if again is not None:
+        out.print(f"go on with: {again}", soft_wrap=True)
 
 
 def slower(speed: float) -> float:
@@ -436,6 +433,7 @@ def job_again(broken: Broken, rig_path: Path, own: Experiment | None = None, rig
 
 def connect(rig: Rig, needs: Sequence[str], quiet: bool = False) -> None:
     """Open what an experiment with these needs uses; raises the first InstrumentError after all were tried."""
+    quiet = quiet or out.quiet
 
     def announce(name: str, result: Identity | InstrumentError) -> None:
         if not (quiet or isinstance(result, InstrumentError)):
@@ -612,12 +610,12 @@ def _make_safe(rig: Rig, screen: Screen, as_planned: bool) -> bool:
     return report.confirmed
 
 
-def _plan_verb(a: argparse.Namespace) -> int:
+def _plan_verb(a: argparse.Namespace) -> Result:
     if a.keys:
-        return keys(a.protocol, a.rig, a.json)
+        return keys(a.protocol, a.rig)
     if a.rig is None:
         raise ConfigError("--rig: give the rig.yaml of the rig, or --keys for what can be set of the protocol")
-    return plan(a.protocol, a.rig, a.set, a.all, a.json, a.rehearse)
+    return plan(a.protocol, a.rig, a.set, a.all, a.rehearse)
 
 
 PROTOCOL = "stiffness, bending, elongation, cycles, one of a package, or a file (.yaml, .py)"
@@ -641,7 +639,7 @@ VERBS = (
     ),
     Verb(
         "run",
-        lambda a: run(a.protocol, a.rig, a.set, a.out, a.json, a.resume, a.watch, given_labels(a)),
+        lambda a: run(a.protocol, a.rig, a.set, a.out, a.resume, a.watch, given_labels(a)),
         options=(
             JSON,
             option("protocol", nargs="?", help=PROTOCOL),

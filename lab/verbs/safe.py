@@ -7,7 +7,6 @@ read back. What no guard owns is landed by this process, by what can be read of 
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import signal
 from collections.abc import Iterable
@@ -17,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..guard.door import Landed, land, names_of_path, owners
 from ..guard.report import SafeReport, SafeStep
-from ..options import JSON, OneOf, Verb, option
+from ..options import JSON, OneOf, Result, Verb, option
 from ..priority import coming_first
 
 if TYPE_CHECKING:
@@ -28,7 +27,7 @@ BY_HAND = "make it safe by hand"
 
 
 @dataclass
-class Result:
+class RigLanding:
     """What was reached at one rig."""
 
     steps: list[SafeStep] = field(default_factory=list)
@@ -64,22 +63,18 @@ class Result:
 
 
 @coming_first()
-def safe(rig_path: Path, as_json: bool, clear: bool = False) -> int:
-    """0 only when every actuator was read back safe, and the rig is not locked afterwards."""
+def safe(rig_path: Path, clear: bool = False) -> Result:
+    """Code 0 only when every actuator was read back safe, and the rig is not locked afterwards."""
     result = _landed(rig_path, clear)
-    if as_json:
-        _warn(result.notes)
-        print(json.dumps(result.told, indent=1))
-    else:
-        _show(rig_path, result)
-    return result.code
+    _warn(result.notes)
+    return Result(result.told, lambda: _show(rig_path, result), result.code)
 
 
 @coming_first()
-def safe_all(as_json: bool) -> int:
+def safe_all() -> Result:
     """Land every rig of this computer that a guard owns or that was not left safe; 0 only when all are confirmed."""
     live = land()
-    told = {owner.rig: Result(list(answer.report.steps), locked=answer.locked) for owner, answer in live.answered}
+    told = {owner.rig: RigLanding(list(answer.report.steps), locked=answer.locked) for owner, answer in live.answered}
     notes = _ended(live)
     from ..console import out
     from ..guard.last_used import forget, remembered
@@ -93,20 +88,22 @@ def safe_all(as_json: bool) -> int:
                 _warn([str(e)])
                 forget(rig)
     _warn(notes)
-    if as_json:
-        print(json.dumps({"rigs": {path: result.told for path, result in told.items()}}, indent=1))
-    else:
+
+    def show() -> None:
         for path, result in told.items():
             out.print(f"{path}:")
+            _warn(result.notes)
             _show(Path(path), result)
         if not told:
             out.print("No rig of this computer is in use or was left unsafe.")
-    return max([1 if notes else 0, *(result.code for result in told.values())])
+
+    code = max([1 if notes else 0, *(result.code for result in told.values())])
+    return Result({"rigs": {path: result.told for path, result in told.items()}}, show, code)
 
 
-def _landed(rig_path: Path, clear: bool) -> Result:
+def _landed(rig_path: Path, clear: bool) -> RigLanding:
     """Land one rig. Raises ConfigError when no guard owns it and nothing can be read of it, or its fakes have ended."""
-    result = Result()
+    result = RigLanding()
     result.ask(names_of_path(rig_path), rig_path)
     # the rest is imported after the asking, which needs none of it
     from ..files.config import ConfigError
@@ -145,10 +142,9 @@ def _warn(notes: Iterable[str]) -> None:
         err.print(f"warning: {note}")
 
 
-def _show(rig_path: Path, result: Result) -> None:
+def _show(rig_path: Path, result: RigLanding) -> None:
     from ..console import out, styled
 
-    _warn(result.notes)
     for step in result.steps:
         found = "safe" if step.confirmed else styled("NOT CONFIRMED", "red")
         out.print(f"  {step.instrument}:", found, f"({step.text})")
@@ -184,7 +180,7 @@ def _ended(found: Landed) -> list[str]:
     return said
 
 
-def _land_rest(rig_path: Path, latch: Latch, result: Result, clear: bool) -> None:
+def _land_rest(rig_path: Path, latch: Latch, result: RigLanding, clear: bool) -> None:
     """Land what no guard has landed. Raises ConfigError when nothing of the rig can be read, FakesEnded for ended fakes."""
     from timing import RigClock
 
@@ -226,7 +222,7 @@ def _without(rig: RigFile, names: frozenset[str]) -> RigFile:
 VERBS = (
     Verb(
         "safe",
-        lambda a: safe_all(a.json) if a.all else safe(a.rig, a.json, a.clear),
+        lambda a: safe_all() if a.all else safe(a.rig, a.clear),
         options=(
             JSON,
             OneOf(

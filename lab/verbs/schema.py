@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from typing import Any
 
@@ -15,13 +14,13 @@ from ..files.campaign_file import CampaignFile
 from ..files.config import ConfigError
 from ..files.rig_file import RigFile
 from ..imports.map_file import Map
-from ..options import Verb, option
+from ..options import Result, Verb, option
 
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 
 
-def schema(name: str) -> int:
-    """Print the schema of a file, or of a protocol's file; raises ConfigError for another name."""
+def schema(name: str) -> Result:
+    """The schema of a file, or of a protocol's file; raises ConfigError for another name."""
     protocols = found_protocols()
     known: dict[str, type[BaseModel]] = {
         "rig": RigFile,
@@ -37,8 +36,7 @@ def schema(name: str) -> int:
     found = _with_units(known[name].model_json_schema())
     if name in protocols.usable:
         found["properties"] = {"protocol": {"const": name}, **found.get("properties", {})}
-    print(json.dumps({"$schema": DRAFT, **found}, indent=1))
-    return 0
+    return Result({"$schema": DRAFT, **found})
 
 
 def _with_units(node: Any) -> Any:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 
 from rich.table import Table as Sheet
@@ -16,7 +16,7 @@ from recordings.errors import BadMessage
 
 from ..console import clock, out
 from ..files.config import ConfigError
-from ..options import ANY_SIZE, JSON, Verb, option
+from ..options import ANY_SIZE, JSON, Result, Verb, option
 
 
 def _listed(found: Sequence[Run]) -> None:
@@ -49,7 +49,7 @@ def continued(found: Sequence[Run]) -> list[tuple[Run, Run]]:
     return pairs
 
 
-def runs(folder: Path, since: str, protocol: str, spine: float | None, as_json: bool, where: Sequence[str] = ()) -> int:
+def runs(folder: Path, since: str, protocol: str, spine: float | None, where: Sequence[str] = ()) -> Result:
     """List them, oldest first; `spine` in m; `where`: KEY=VALUE of labels."""
     if not folder.is_dir():
         raise ConfigError(f"{folder}: is not a folder")
@@ -62,9 +62,10 @@ def runs(folder: Path, since: str, protocol: str, spine: float | None, as_json: 
     except BadMessage as e:
         raise ConfigError(f"--where {e}") from e
     found = recorded(folder, since=since, protocol=protocol, spine=spine, where=said)
-    if as_json:
-        print(json.dumps([run.to_dict() for run in found], indent=1))
-        return 0
+    return Result([run.to_dict() for run in found], partial(_show, found))
+
+
+def _show(found: Sequence[Run]) -> None:
     sheet = Sheet()
     for column in (
         "recording",
@@ -95,13 +96,12 @@ def runs(folder: Path, since: str, protocol: str, spine: float | None, as_json: 
             out.print(f"{run.path}: {run.detail}")
         elif run.outcome == "abrupt" and not run.detail:
             out.print(f"{run.path}: the recording was not finished; `lab recover` writes a complete file from what can be read")
-    return 0
 
 
 VERBS = (
     Verb(
         "runs",
-        lambda a: runs(a.folder, a.since, a.protocol, a.spine, a.json, a.where),
+        lambda a: runs(a.folder, a.since, a.protocol, a.spine, a.where),
         options=(
             JSON,
             ANY_SIZE,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import ipaddress
-import json
 import signal
 import sys
 import threading
@@ -18,7 +17,7 @@ from ..files.config import ConfigError
 from ..live.beside import opened_in_browser
 from ..live.foxglove_server import LAYOUT, Foxglove
 from ..live.show import LOOPBACK, Part, Place, Show, place
-from ..options import ANY_SIZE, JSON, Verb, option
+from ..options import ANY_SIZE, JSON, Result, Verb, option
 from ..rig.checked import recording_of
 
 LOOK = 0.2
@@ -27,9 +26,7 @@ GOING_ON = 3.0
 """Host seconds since a recording last grew within which its run is taken to go on: it grows ten times a second."""
 
 
-def watch(
-    what: Path, speed: float | None, bind: str, port: int, browser: bool, as_json: bool, foxglove: int | None = None
-) -> int:
+def watch(what: Path, speed: float | None, bind: str, port: int, browser: bool, foxglove: int | None = None) -> Result:
     """Serve the page until Ctrl-C. `what`: a recording, or a rig.yaml whose runs are to be seen, the present one and those
     that follow it. `foxglove`: the port at which Foxglove finds the same."""
     if speed is not None and not speed > 0:
@@ -42,17 +39,24 @@ def watch(
         raise ConfigError(f"{what}: no run is going on; its last recording can be played: lab watch {file}")
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell starts background jobs with SIGINT ignored
     at = listening(bind, port)
-    with at.listening, contextlib.ExitStack() as more:
-        other = None if foxglove is None else more.enter_context(_foxglove(bind, foxglove))
-        _tell(file, going_on, at, other, as_json)
-        if browser and sys.stdout.isatty():
-            opened_in_browser(at.address)
-        show = Show(at, Part(file, more=what != file), None if going_on else speed or 1.0, foxglove=other)
-        if what != file:
-            threading.Thread(target=_follow, args=(show, what, file), name="watch-rig", daemon=True).start()
-        with contextlib.suppress(KeyboardInterrupt):
-            show.run(stay=True)
-    return 0
+    with contextlib.ExitStack() as until_known:
+        until_known.enter_context(at.listening)
+        other = None if foxglove is None else until_known.enter_context(_foxglove(bind, foxglove))
+        servers = until_known.pop_all()
+
+    def serve() -> None:
+        with servers:
+            if browser and sys.stdout.isatty():
+                opened_in_browser(at.address)
+            show = Show(at, Part(file, more=what != file), None if going_on else speed or 1.0, foxglove=other)
+            if what != file:
+                threading.Thread(target=_follow, args=(show, what, file), name="watch-rig", daemon=True).start()
+            with contextlib.suppress(KeyboardInterrupt):
+                show.run(stay=True)
+
+    found = {"address": at.address, "file": str(file), "live": going_on}
+    found |= {} if other is None else {"foxglove": other.address, "layout": str(LAYOUT)}
+    return Result(found, lambda: _tell(file, going_on, at, other), then=serve)
 
 
 def _follow(show: Show, rig: Path, file: Path) -> None:
@@ -65,12 +69,8 @@ def _follow(show: Show, rig: Path, file: Path) -> None:
                 file = newest
 
 
-def _tell(file: Path, going_on: bool, at: Place, other: Foxglove | None, as_json: bool) -> None:
+def _tell(file: Path, going_on: bool, at: Place, other: Foxglove | None) -> None:
     """Where to look."""
-    if as_json:
-        there = {} if other is None else {"foxglove": other.address, "layout": str(LAYOUT)}
-        print(json.dumps({"address": at.address, "file": str(file), "live": going_on, **there}), flush=True)
-        return
     said = "shows the run that goes on" if going_on else f"plays {file}"
     if other is not None:
         when = "" if going_on else "; the recording is played from the first subscription on"
@@ -119,7 +119,7 @@ def _goes_on(file: Path) -> bool:
 VERBS = (
     Verb(
         "watch",
-        lambda a: watch(a.what, a.speed, a.bind, a.port, not a.no_browser, a.json, a.foxglove),
+        lambda a: watch(a.what, a.speed, a.bind, a.port, not a.no_browser, a.foxglove),
         options=(
             JSON,
             ANY_SIZE,

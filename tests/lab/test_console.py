@@ -120,7 +120,7 @@ def test_the_table_of_lab_check_is_plain() -> None:
 
 
 def test_an_error_that_ends_the_command_is_plain(monkeypatch: pytest.MonkeyPatch, cli: Cli, tmp_path: Path) -> None:
-    def fail(files: object, as_json: bool) -> int:
+    def fail(files: object) -> int:
         raise DeviceFault("valve", HOSTILE)
 
     monkeypatch.setattr(recorded, "info", fail)
