@@ -22,7 +22,7 @@ from lab.files.all_protocols import found_protocols
 from lab.files.campaign_file import CampaignFile
 from lab.files.rig_file import RigFile
 from lab.imports.map_file import Map
-from lab.pages.glossary import TERMS
+from lab.pages.report import TERMS
 from model.effects import CATALOGUE
 from model.effects.history import History
 from model.effects.quantities import Quantities

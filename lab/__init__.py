@@ -67,7 +67,7 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     """A name of the front door, when it is first used: the command's own start does not wait for all of it."""
     if name in __all__:
-        from .neighbours import strangers
+        from .version import strangers
 
         if wrong := strangers():
             raise ImportError(wrong)

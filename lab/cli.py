@@ -29,8 +29,8 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
     "recordings": {
         "info": ("verbs.recorded", "what recordings hold: streams, rates, losses, provenance, outcome"),
         "runs": ("verbs.shelf", "list the recordings of a folder tree, with outcome and losses"),
-        "verify": ("verbs.repair", "compare every checksum, record and index of a recording"),
-        "recover": ("verbs.repair", "save all that can be read of a damaged or truncated recording"),
+        "verify": ("verbs.recorded", "compare every checksum, record and index of a recording"),
+        "recover": ("verbs.recorded", "save all that can be read of a damaged or truncated recording"),
         "replay": ("verbs.recorded", "compute the trials again from the recording alone and compare with the live run"),
         "export": ("verbs.export", "recordings and cases for other programs: CSV, Parquet, MATLAB, a case, an RO-Crate, ArviZ"),
         "import": ("verbs.import_data", "measurements of other programs as a case, by a map of their columns"),
@@ -102,7 +102,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # The matrices of fits and diagnoses are small: threads of the linear algebra would only wait for each other.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from .console import complain, plain_failures
-    from .neighbours import strangers
+    from .version import strangers
 
     if wrong := strangers():
         complain(wrong)

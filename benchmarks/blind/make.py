@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from lab.files.baseline import from_simulator, simulator
 from lab.files.config import ConfigError, check, parse_yaml
-from lab.files.example import paper_robot
 from lab.files.inputs import read_case
+from lab.files.robot_file import paper_robot
 from model.effects.catalogue import CATALOGUE
 from model.robot import Robot as Described
 from recordings.table_file import write_csv

@@ -24,10 +24,10 @@ from diagnosis.errors import DiagnosisError
 from lab.campaign.design import campaign_of
 from lab.campaign.journal import read as read_campaign_journal
 from lab.files.config import ConfigError, Source, check, parse_yaml
-from lab.files.example import paper_robot
 from lab.files.inputs import read_case
 from lab.files.resume import find
 from lab.files.rig_file import RigFile
+from lab.files.robot_file import paper_robot
 from lab.guard.latch import Latch
 from model.errors import ModelError
 from model.robot import Robot, load_robot

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from lab.files.example import paper_robot
+from lab.files.robot_file import paper_robot
 from lab.verbs.fakes import PATIENT, PATIENT_SETTLE
 from sim_fakes.rig import FakeRig
 

@@ -22,7 +22,7 @@ from ..files.campaign_file import OWN_LABELS
 from ..files.config import ConfigError
 from ..files.units import shown
 from ..options import JSON, LABELS, Result, Verb, given_labels, option, rig
-from ..rig.margins import Margin, margins
+from ..rig.limits import Margin, margins
 from ..rig.operator import preparations
 from .design import Campaign, campaign_of
 from .folder import FILE, demand_same, fill, folder_of
@@ -41,9 +41,7 @@ def plan(path: Path, rig_path: Path) -> Result:
 
 
 def _show_plan(c: Campaign, said: Mapping[str, Any]) -> None:
-    sheet = Sheet(box=None, pad_edge=False)
-    for column in ("run", "block", "protocol", "condition", "about", "hands"):
-        sheet.add_column(column)
+    sheet = Sheet("run", "block", "protocol", "condition", "about", "hands", box=None, pad_edge=False)
     tasks: list[str] = []
     for run in said["runs"]:
         before = f"run {run['run']}" if run["run"] else "the warm-up"

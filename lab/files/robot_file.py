@@ -222,3 +222,8 @@ class _Edited:
 
     def _indented(self, text: str, indent: str) -> str:
         return re.sub("(?m)^(?=.)", indent, text).replace("\n", self._newline)
+
+
+def paper_robot() -> Path:
+    """The robot.yaml of the paper's robot: examples/paper/robot.yaml, which an installed package holds as a copy."""
+    return Path(__file__).with_name("paper_robot.yaml").resolve()

@@ -47,6 +47,14 @@ def start_served(module: str, first: object) -> tuple[Child, Connection]:
     return process, ours
 
 
+def end_child(process: Child, within: float) -> None:
+    """See that a process ends; one that does not end by itself `within` host seconds is killed."""
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        process.wait(within)
+    process.kill()
+    process.wait(5.0)
+
+
 def how_it_ended(process: Child, within: float | None = None) -> str:
     """In words, after at most `within` host seconds."""
     code = process.wait(within)

@@ -8,7 +8,6 @@ ends. Run by `python -m lab.guard.hosted FD`.
 from __future__ import annotations
 
 import contextlib
-import subprocess
 from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any
@@ -18,7 +17,7 @@ from drivers.errors import InstrumentError, NoReply, NotReady, Unreachable
 from timing import RigClock
 
 from ..files.all_drivers import drivers
-from .child import Child, begin_child, how_it_ended, start_served
+from .child import Child, begin_child, end_child, how_it_ended, start_served
 from .instruments import make
 
 PING_PERIOD = 0.1
@@ -147,10 +146,7 @@ class Hosted:
             return
         if line is None:
             process.kill()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(0.1)
-        process.kill()
-        process.wait(2.0)
+        end_child(process, 0.1)
 
     def _ping(self, line: Connection) -> None:
         """Send a ping every PING_PERIOD while `line` is the one to the process, except while a call is being sent, which shows by

@@ -20,13 +20,12 @@ from drivers.errors import DeviceFault, InstrumentError
 from timing import RigClock
 
 from ..files.rig_file import RigFile
-from .awake import Awake
 from .child import begin_child
 from .force_limit import overload
 from .guard import LIVES_ON, Guard
 from .latch import RigLocked
 from .messages import Event, RigLanded, Start
-from .pulse import BEAT, FRESH, SIGNAL, Listener
+from .pulse import BEAT, FRESH, SIGNAL, Awake, Listener
 
 LOOK = 0.05
 """Longest host seconds between two looks at the pulse."""

@@ -7,7 +7,6 @@ import json
 import os
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from diagnosis.answer.result import Diagnosis, Ranked
@@ -45,32 +44,9 @@ from ..options import (
 )
 from ..pages import diagnosis_report, investigation_page
 from ..processes import for_case
-from .laboratory import RigLaboratory
+from .laboratory import RigLaboratory, Wanted
 
 STORY, ANSWER, PAGE, ANSWER_PAGE = "investigation.json", "diagnosis.json", "investigation.html", "diagnosis.html"
-
-
-@dataclass(frozen=True)
-class Wanted:
-    """What a person asked for."""
-
-    inputs: tuple[Path, ...]
-    rig: Path
-    folder: Path
-    minutes: float
-    """Of all experiments."""
-    experiments: int
-    robot: Path | None = None
-    effects: Path | None = None
-    hands: bool = True
-    without: tuple[str, ...] = ()
-    """Experiments that are not to be done, by id."""
-    settings: tuple[str, ...] = ()
-    """KEY=VALUE, for every experiment."""
-    labels: tuple[tuple[str, str], ...] = ()
-    workers: int | None = None
-    watched: bool = False
-    """On a page in the browser."""
 
 
 class _Weighing:
@@ -106,19 +82,7 @@ def run(w: Wanted) -> Result:
     weighed, left_out = catalogue(case.robot, w.effects)
     for why in left_out:
         err.print(f"note: not considered: {why}")
-    labels = {"investigation": w.folder.name, **dict(w.labels)}
-    at = RigLaboratory(
-        w.inputs,
-        w.robot,
-        w.rig,
-        rig,
-        w.folder,
-        w.hands,
-        w.without,
-        w.settings,
-        labels,
-        _foretold,
-    )
+    at = RigLaboratory(w, rig, _foretold)
     rounds: list[Round] = []
     weighing = _Weighing()
     say = Screen("").say
@@ -164,8 +128,7 @@ def run(w: Wanted) -> Result:
 
 
 def _again(w: Wanted, inputs: Sequence[Path], unreadable: str = "") -> str:
-    """What to type to go on with what is measured by now, as it was asked for. `unreadable`: an experiment that could not be
-    read on this rig and is left out from now on."""
+    """What to type to go on with what is measured by now; `unreadable`: an experiment that is left out from now on."""
     words = ["lab", "investigate", *map(str, inputs), "--rig", str(w.rig), "--out", f"{w.folder}-2"]
     for name, place in (("--robot", w.robot), ("--effects", w.effects)):
         words += [name, str(place)] if place is not None else []

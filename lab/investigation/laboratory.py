@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import yaml
@@ -29,26 +29,35 @@ NEEDED = {"markers": "markers on the body, named in rig.yaml under instruments.m
 """What an experiment takes beyond instruments, by its id."""
 
 
+@dataclass(frozen=True)
+class Wanted:
+    """What a person asked for."""
+
+    inputs: tuple[Path, ...]
+    rig: Path
+    folder: Path
+    minutes: float
+    """Of all experiments."""
+    experiments: int
+    robot: Path | None = None
+    effects: Path | None = None
+    hands: bool = True
+    without: tuple[str, ...] = ()
+    """Experiments that are not to be done, by id."""
+    settings: tuple[str, ...] = ()
+    """KEY=VALUE, for every experiment."""
+    labels: tuple[tuple[str, str], ...] = ()
+    workers: int | None = None
+    watched: bool = False
+    """On a page in the browser."""
+
+
 class RigLaboratory:
     """Does experiments on a rig and keeps everything in a folder, one below it for each."""
 
-    def __init__(
-        self,
-        inputs: Sequence[Path],
-        robot: Path | None,
-        rig_path: Path,
-        rig: RigFile,
-        folder: Path,
-        hands: bool,
-        without: Sequence[str],
-        settings: Sequence[str],
-        labels: Mapping[str, str],
-        told: Callable[[Foretold], None],
-    ) -> None:
-        self._inputs, self._robot, self._folder = list(inputs), robot, folder
-        self._rig_path, self._rig = rig_path, rig
-        self._hands, self._labels, self._told = hands, labels, told
-        self._without, self._settings = frozenset(without), list(settings)
+    def __init__(self, wanted: Wanted, rig: RigFile, told: Callable[[Foretold], None]) -> None:
+        self._wanted, self._rig, self._told = wanted, rig, told
+        self._inputs = list(wanted.inputs)
         self._prepared = Prepared()
         self._jobs: dict[str, Job | str] = {}
         self.begun = ""
@@ -66,9 +75,9 @@ class RigLaboratory:
 
     def refusal(self, proposal: Proposal) -> str:
         """See Laboratory."""
-        if proposal.id in self._without:
+        if proposal.id in self._wanted.without:
             return "not wanted"
-        if proposal.hands_min and not self._hands:
+        if proposal.hands_min and not self._wanted.hands:
             return f"takes {proposal.hands_min:g} min of somebody's hands"
         if proposal.id not in self._jobs:
             self._jobs[proposal.id] = self._job(proposal)
@@ -79,12 +88,12 @@ class RigLaboratory:
         """What is to be run, or why it cannot be."""
         try:
             given = Source(proposal.id, dict(proposal.protocol), {})
-            found = job(proposal.id, self._rig_path, self._settings, given, rig=self._rig)
+            found = job(proposal.id, self._wanted.rig, list(self._wanted.settings), given, rig=self._rig)
         except (ConfigError, ProtocolError) as e:
             return str(e).splitlines()[0]
         if proposal.id in NEEDED and not getattr(found.rig.instruments.mocap, "markers", None):
             return f"needs {NEEDED[proposal.id]}"
-        return replace(found, labels=self._labels)
+        return replace(found, labels={"investigation": self._wanted.folder.name, **dict(self._wanted.labels)})
 
     def perform(self, foretold: Foretold) -> Case:
         """See Laboratory. Raises what ended the run, `Stopped` when a person did."""
@@ -107,7 +116,7 @@ class RigLaboratory:
             raise result.error
         if not result.safe:
             raise Stopped("the safe state is not confirmed; nothing more is done")
-        return read_case(self._inputs, self._robot)
+        return read_case(self._inputs, self._wanted.robot)
 
     def _run(self, j: Job, place: Path) -> Outcome:
         with ExitStack() as open_:
@@ -116,7 +125,7 @@ class RigLaboratory:
             connect(rig, j.experiment.needs, quiet=True)
             screen = Screen(j.experiment.name, j.rig.clock.speed)
             if self.page is not None:
-                self.page.part(f"Investigation {self._folder.name}. Experiment {place.name}", more=True)
+                self.page.part(f"Investigation {self._wanted.folder.name}. Experiment {place.name}", more=True)
             result = execute(rig, j, place, screen, page=self.page)
             for text in rig.notices:
                 err.print(f"warning: {text}")
@@ -124,5 +133,5 @@ class RigLaboratory:
 
     def _place(self, id: str) -> Path:
         """A folder for the next experiment: those there are numbered."""
-        there = [int(p.name[:2]) for p in self._folder.glob("[0-9][0-9]-*") if p.is_dir()]
-        return self._folder / f"{max(there, default=0) + 1:02d}-{id}"
+        there = [int(p.name[:2]) for p in self._wanted.folder.glob("[0-9][0-9]-*") if p.is_dir()]
+        return self._wanted.folder / f"{max(there, default=0) + 1:02d}-{id}"

@@ -20,7 +20,6 @@ from diagnosis.power.worlds import Planned
 from model.effects.shows import possible
 from model.errors import ModelError
 from model.robot import Robot
-from protocols.parameters import RobotFacts
 from protocols.planned import planned_rows
 from recordings.trials import counted
 
@@ -32,8 +31,7 @@ from ..files.inputs import read_case
 from ..files.own_effects import catalogue
 from ..files.rig_file import load_rig
 from ..options import ANY_SIZE, JSON, OWN_EFFECTS, Result, Verb, option, rig, settings
-from ..rig.limits import wiring
-from ..verbs.run import protocol_plan
+from ..verbs.run import protocol_plan, robot_facts
 
 Columns = dict[str, NDArray[np.generic]]
 
@@ -107,22 +105,16 @@ def _planned(a: Asked) -> tuple[Robot, Columns | None]:
         c = campaign_of(a.campaign, a.rig, 1)
         return c.robot, planned_table(c, READ)
     assert a.protocol is not None
-    if a.rig is None and a.robot is None:
-        raise ConfigError("--protocol: give the rig, --rig RIG, or the robot alone, --robot ROBOT")
-    if a.rig is not None:
-        rig = load_rig(a.rig)
-        robot = rig.body if a.robot is None else load(a.robot, Robot)
-        chambers = wiring(rig, robot)
-        count, channels = chambers.count, chambers.channels
-    else:
-        assert a.robot is not None
+    rig = None if a.rig is None else load_rig(a.rig)
+    if a.robot is not None:
         robot = load(a.robot, Robot)
-        count = len(robot.actuators.azimuths_deg)
-        channels = tuple((c,) for c in range(1, count + 1))
-    _, parameters, plan = protocol_plan(
-        a.protocol, list(a.settings), RobotFacts(count, channels, robot.tip_mass, robot.spine is not None)
-    )
-    rows = planned_rows(plan, parameters, count)
+    elif rig is not None:
+        robot = rig.body
+    else:
+        raise ConfigError("--protocol: give the rig, --rig RIG, or the robot alone, --robot ROBOT")
+    known = robot_facts(robot, rig)
+    _, parameters, plan = protocol_plan(a.protocol, list(a.settings), known)
+    rows = planned_rows(plan, parameters, known.chambers)
     names = [n for n in rows[0] if n not in ("step", "vacuum") or (n == "vacuum" and robot.spine is not None)]
     told: Columns = {n: np.array([row[n] for row in rows]) for n in names}
     return robot, told | {n: np.full(len(rows), float(n == "qw")) for n in READ}

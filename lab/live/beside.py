@@ -74,8 +74,7 @@ class Page:
             os.write(self._pipe.fileno(), line.encode() + b"\n")
 
     def _listen(self, pipe: IO[bytes]) -> None:
-        """Pass on what is asked at the page until its process ends; what is no request is passed over, and what was meant
-        for an earlier run too."""
+        """Pass on what is asked at the page until its process ends, but nothing that was meant for an earlier run."""
         with pipe:
             # a line of up to 4096 bytes is written to a pipe whole or not at all
             while line := pipe.readline(4096):

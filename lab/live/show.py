@@ -278,8 +278,7 @@ class Show:
 
     # -- the model
     async def _ask(self, robot: str | None) -> None:
-        """Keep asking the model about what is new: the finished states, and where the tip should be now; ends with the
-        answers to the last of both."""
+        """Keep asking the model about finished states and the tip now; end with the answers to the last of both."""
         picture = self._picture
         assert picture is not None
         if robot is None:

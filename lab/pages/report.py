@@ -12,13 +12,43 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import yaml
 from jinja2 import Environment, FileSystemLoader
 from markupsafe import Markup
 
 from recordings.own_files import replaced
 
 from ..plain import plain
-from .glossary import TERMS, Term
+
+
+@dataclass(frozen=True)
+class Term:
+    """A term, words with the same meaning separated by commas, its unit, and what it means."""
+
+    text: str
+    unit: str
+    meaning: str
+
+    @property
+    def heading(self) -> str:
+        """Term and unit."""
+        return f"{self.text} [{self.unit}]" if self.unit else self.text
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """What a reader may meet."""
+        return tuple(self.text.split(", "))
+
+
+def _terms() -> tuple[Term, ...]:
+    found: dict[str, str] = yaml.safe_load(Path(__file__).with_name("glossary.yaml").read_text(encoding="utf-8"))
+    parts = ((re.fullmatch(r"(.*?)(?: \[(.*)\])?", heading), meaning) for heading, meaning in found.items())
+    return tuple(Term(part[1], part[2] or "", meaning) for part, meaning in parts if part is not None)
+
+
+TERMS = _terms()
+"""In the order of the alphabet."""
+
 
 IMAGES = {".svg": "image/svg+xml", ".png": "image/png"}
 NUMBER = re.compile(r"|none|[-+]?\d\S*( \.\. ([-+]?\d\S*|unbounded))?( \S+)?")

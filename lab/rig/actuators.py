@@ -24,7 +24,7 @@ from drivers.interfaces import Identity
 from timing import RigClock
 
 from ..files.rig_file import RigFile
-from ..guard.child import processor_time, start_child
+from ..guard.child import end_child, processor_time, start_child
 from ..guard.instruments import COMMANDS
 from ..guard.messages import Event, Start
 from ..guard.pulse import Pulse
@@ -224,11 +224,7 @@ class Actuators:
         if lives_on:
             LIVING_ON.append(self._process)
             return
-        try:
-            self._process.wait(5.0)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait(5.0)
+        end_child(self._process, 5.0)
 
 
 def _about() -> str:

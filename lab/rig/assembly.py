@@ -6,12 +6,14 @@ import contextlib
 import functools
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from typing import Any, Self
 
 import timing
+from drivers.chambers import ChamberMap
 from drivers.configs import InstrumentConfig
 from drivers.errors import InstrumentError
-from drivers.interfaces import Identity
+from drivers.interfaces import Identity, PressureSample
 from protocols.bench import Bench, Narrator, Operator, StandFrame
 from protocols.steering import Steering
 from recordings.errors import RecordingError
@@ -34,8 +36,22 @@ from .interrupts import Shielded
 from .limits import bodies, wiring, within_robot
 from .real_time import clock_of, demand_fakes, demand_running
 from .recovery import PatientOperator, Recovery
-from .streams import TOPICS, recorded
 from .watch import Vital, Watch, WatchedClock
+
+TOPICS = {
+    "pressure": "/pressure", "spine": "/spine", "valve": "/valve", "gauge": "/vacuum", "force": "/force", "mocap": "/tip",
+    "arm_state": "/arm",
+}  # fmt: skip
+"""The topic of each instrument's samples, whose attributes have the names of its fields; the lab's own sensors have theirs beside
+it."""
+
+
+def recorded(sample: Any, chambers: ChamberMap) -> Any:
+    """The sample as it is recorded: pressures by chamber (1..9) instead of by channel."""
+    if isinstance(sample, PressureSample):
+        return replace(sample, setpoint=chambers.by_chamber(sample.setpoint), measured=chambers.by_chamber(sample.measured))
+    return sample
+
 
 ORDER = ("gauge", "valve", "pressure", "spine", "force", "mocap", "arm_state", "arm")
 """The order of connecting: what only reads or holds nothing first, what moves last."""
@@ -170,8 +186,7 @@ class Rig:
         self._take(name, sample)
 
     def _guard_event(self, event: Event) -> None:
-        """Act on a message that the guard sends by itself (kinds: see `Event`): leave a landing or a pause in `vital`, where the
-        watch finds it, and record a warning."""
+        """Act on a message that the guard sends by itself, see `Event`: leave it for the watch, and record a warning."""
         if event.kind == "landed":
             self.vital.landed = event
         elif event.kind == "pause":

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import queue
-import subprocess
 import threading
 from multiprocessing.connection import Connection
 from typing import Any
@@ -20,7 +19,7 @@ from drivers.interfaces import ArmSample, Identity, Sink
 from timing import RigClock
 
 from ..files.all_drivers import drivers
-from ..guard.child import Child, begin_child, how_it_ended, start_served
+from ..guard.child import Child, begin_child, end_child, how_it_ended, start_served
 
 OPEN_WITHIN, CLOSE_WITHIN = 20.0, 5.0
 """Host seconds. A sound controller sends its state within one or two, and a busy computer may take ten to start a process; the
@@ -79,10 +78,7 @@ class HostedArmState:
             with contextlib.suppress(OSError):
                 line.send("close")
         if process is not None:
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                process.wait(CLOSE_WITHIN)
-            process.kill()
-            process.wait()
+            end_child(process, CLOSE_WITHIN)
         if receiver is not None:
             receiver.join(CLOSE_WITHIN)  # the process has ended, and with it the line: nobody reads what is closed now
         if line is not None:

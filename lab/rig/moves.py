@@ -145,8 +145,7 @@ def _arm(bench: Bench, rig: RigFile) -> str:
 
 # ------------------------------------------------------------------ pressure
 def _expected(bench: Bench, robot: Robot) -> tuple[Array, ...]:
-    """Where the tip should go from its place at rest, by the rod model at no spine: (3,) m in the base frame for each channel,
-    for 1 Pa; none where it cannot say (no cameras)."""
+    """Displacement of the tip by each channel, (3,) m per Pa in the base frame, by the rod at no spine; none without cameras."""
     if bench.mocap is None:
         return ()
     pressures = np.zeros((1 + len(bench.chambers.channels), bench.chambers.count))
@@ -218,8 +217,7 @@ def _pressures(bench: Bench) -> Array:
 
 
 def _compare(moved: Array, expected: Array, pressure: float, least: float | None) -> None:
-    """Compare the tip's displacement (m) with the model's; NotAsCommanded when direction or size is another. `least`: share of
-    it that must be seen; None: only more than expected is wrong."""
+    """Raise NotAsCommanded for a tip (m) that went elsewhere than the model's, beyond it, or by less than `least` of it."""
     size, should = math.hypot(*moved[:2]), math.hypot(*expected[:2])
     if size > MOST_RATIO * should + NOISE:
         raise NotAsCommanded(

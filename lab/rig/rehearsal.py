@@ -49,8 +49,8 @@ from ..console import Screen
 from ..files.all_drivers import drivers
 from ..files.packages import told_at
 from ..files.rig_file import RigFile
+from .assembly import TOPICS, recorded
 from .limits import bodies, wiring
-from .streams import TOPICS, recorded
 
 RATE = 100.0
 """Samples of each stream in a rig second."""

@@ -270,8 +270,7 @@ class Watch:
                 raise Suspended(DeviceFault("arm", "safeguard stop: somebody has opened the cell; close it and reset it"))
 
     def _lateness(self, name: str, now: float, late: bool) -> float:
-        """Host seconds for which a stream was late, less those for which it was not, never below 0. A stream that drips is late
-        most of the time, though never for long."""
+        """Host seconds for which a stream was late, less those for which it was not, never below 0: one that drips is late."""
         before, at = self._late.get(name, (0.0, now))
         took = min(now - at, OWN_SLEEP)  # of a command that took long nothing is known but its end
         count = before + took if late else max(0.0, before - took)

@@ -159,8 +159,7 @@ def _misplaced(rig: Rig) -> list[str]:
 
 
 def _listen(rig: Rig, before: dict[str, int], seconds: float) -> float:
-    """Let samples come for `seconds` of host time, and on until each instrument has brought one, for as long as a run would
-    wait for it; returns how long that was."""
+    """Let samples come for `seconds` of host time, and until each instrument has brought one; return how long that took."""
     began = timing.now()
     timing.sleep(max(0.0, seconds))
     awaited = [topic for name in rig.identities if (topic := rig.topic(name))]
@@ -200,9 +199,8 @@ def _row(
 
 
 def _table(title: str, rows: list[dict[str, Any]], span: float) -> Table:
-    table = Table(title=f"{title}: instruments, counted over {span:.1f} s", title_justify="left")
-    for column in ("instrument", "identity", "rate", "lost", "limits"):
-        table.add_column(column)
+    heading = f"{title}: instruments, counted over {span:.1f} s"
+    table = Table("instrument", "identity", "rate", "lost", "limits", title=heading, title_justify="left")
     for r in rows:
         if not r["ok"]:
             table.add_row(r["instrument"], styled("missing" if "samples" not in r else "silent", "red"), "", "", "")

@@ -14,9 +14,9 @@ from model.robot import Robot
 from ..comparison import comparison
 from ..console import note, out
 from ..files.config import ConfigError, load
-from ..files.example import paper_robot
 from ..files.inputs import marked_notes, read_case
 from ..files.own_effects import stated_by
+from ..files.robot_file import paper_robot
 from ..options import ANY_SIZE, INPUTS, JSON, ROBOT, Result, Verb, option
 from ..pages.figures import in_a_row, tip_curves
 from ..pages.sensors_figure import quantities, sensors
@@ -55,8 +55,8 @@ def sheet(table: ErrorTable, robot: Robot) -> Sheet:
     """The error table in mm; of the paper's robot with the paper's names of the axes, and in % of the robot's length."""
     paper = _of_the_paper(robot)
     named = ("x (paper: X)", "z (paper: Y)", "y (out of plane)") if paper else ("x", "y", "z")
-    t = Sheet(title="Measured against model: mean absolute error of the tip", title_justify="left")
     with_spine = robot.spine is not None
+    t = Sheet(title="Measured against model: mean absolute error of the tip", title_justify="left")
     for column in (*(("spine",) if with_spine else ()), "states", *named, "rms", "worst"):
         t.add_column(column, justify="right")
     for r in table.rows:

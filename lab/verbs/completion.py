@@ -10,8 +10,7 @@ import shtab
 
 from model.effects import CATALOGUE
 
-from ..files.all_protocols import found_protocols
-from ..files.protocol_keys import protocol_keys
+from ..files.all_protocols import found_protocols, protocol_keys
 from ..options import Result, Verb, option
 from .fakes import effect_names
 

@@ -31,7 +31,6 @@ from model.robot import Robot
 from recordings.errors import RecordingError
 from recordings.own_files import replaced
 
-from ..cluster import cluster
 from ..console import Screen, note, out
 from ..files.baseline import from_simulator, from_table, simulator
 from ..files.config import ConfigError, demand_writable, in_units
@@ -39,7 +38,7 @@ from ..files.inputs import UNCONFIRMED_GUESSES, Case, marked_notes, read_case, u
 from ..files.own_effects import catalogue
 from ..next_step import FIRST, command, nothing_next, worth_doing
 from ..options import ANY_SIZE, INPUTS, OWN_EFFECTS, ROBOT, SCHEDULER, WORKERS, Result, Verb, option
-from ..processes import for_case
+from ..processes import cluster, for_case
 
 
 @dataclass(frozen=True)
@@ -274,9 +273,8 @@ def show(d: Diagnosis, protocols: Path | None = None) -> None:
 
 def ranked(ranking: Sequence[Ranked], words: Words) -> Sheet:
     """The hypotheses as a table, most probable first."""
-    t = Sheet(title="What the data support", title_justify="left")
-    for column in ("hypothesis", "p", "log evidence", "unseen states", "size"):
-        t.add_column(column)
+    columns = ("hypothesis", "p", "log evidence", "unseen states", "size")
+    t = Sheet(*columns, title="What the data support", title_justify="left")
     for r in ranking:
         if r.probability < LEAST_STATED:
             continue
@@ -288,10 +286,9 @@ def ranked(ranking: Sequence[Ranked], words: Words) -> Sheet:
 
 
 def _proposals(d: Diagnosis) -> Sheet:
-    t = Sheet(title="What to do next, most information for its time first", title_justify="left")
     by_rig = d.words.by_rig
-    for column in ("name", "experiment", *(() if by_rig else ("states to apply",)), "information", "takes"):
-        t.add_column(column)
+    columns = ("name", "experiment", *(() if by_rig else ("states to apply",)), "information", "takes")
+    t = Sheet(*columns, title="What to do next, most information for its time first", title_justify="left")
     for p in d.next_experiment[:FIRST]:
         states = () if by_rig else (to_apply(p.protocol, d.words),)
         t.add_row(p.id if by_rig else f"{p.id}.csv", p.do, *states, f"{p.expected_bits:.2f} bits", f"{p.cost_min:.0f} min")

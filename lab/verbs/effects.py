@@ -14,8 +14,8 @@ from model.robot import Robot, load_robot
 from ..console import note, styled
 from ..console import out as screen
 from ..files.config import load
-from ..files.example import paper_robot
 from ..files.own_effects import catalogue
+from ..files.robot_file import paper_robot
 from ..options import JSON, OWN_EFFECTS, Result, Verb, option
 from ..signatures import Signature, signatures
 

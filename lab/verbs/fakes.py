@@ -27,9 +27,9 @@ from sim_fakes.virtual_robot import RobotTruth, list_effects
 from ..console import err, note, out
 from ..files.all_drivers import drivers, found_drivers
 from ..files.config import ConfigError, in_units, load, parse_yaml
-from ..files.example import paper_robot
 from ..files.packages import Found, Unusable, installed
 from ..files.rig_file import RigFile
+from ..files.robot_file import paper_robot
 from ..files.units import to_si, unit_text
 from ..options import Option, Result, Verb, option
 from ..rig.operator import process_of

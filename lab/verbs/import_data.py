@@ -71,8 +71,7 @@ def told(made: Imported, folder: Path) -> Result:
 
 
 def _first_proposal(inputs: Sequence[Path], robot: Robot) -> tuple[Series, Guess]:
-    """The first file of which a map can be proposed; raises ConfigError for the first one where there is none, or for one that
-    is given by its name."""
+    """The first file of which a map can be proposed; raises ConfigError where there is none, and for one named as a file."""
     failed: list[ConfigError] = []
     for path in inputs:
         for file in sorted(path.iterdir()) if path.is_dir() else [path]:

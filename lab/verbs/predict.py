@@ -24,7 +24,6 @@ from model.prediction.campaign import ASKED, predict_campaign
 from model.prediction.inverse import REACHED, Reached, inverse, limits_of
 from model.prediction.spread import states_uncertainty
 from model.robot import Robot
-from protocols.parameters import RobotFacts
 from protocols.planned import planned_rows
 
 from ..console import Screen, note, out
@@ -32,7 +31,7 @@ from ..files.config import ConfigError, demand_writable, load
 from ..files.number_table import Columns, read_numbers
 from ..files.own_effects import stated_by
 from ..options import JSON, OWN_EFFECTS, OneOf, Result, Verb, option, settings
-from .run import protocol_plan
+from .run import protocol_plan, robot_facts
 
 Array = NDArray[np.float64]
 
@@ -202,10 +201,9 @@ def _with_known_intervals(robot: Robot, found: Prediction) -> Prediction:
 
 def protocol_states(protocol: str, settings: list[str], robot: Robot) -> Columns:
     """The states that a protocol will read, as its plan has them; raises ConfigError for one that inflates nothing."""
-    count = len(robot.actuators.azimuths_deg)
-    facts = RobotFacts(count, tuple((c,) for c in range(1, count + 1)), robot.tip_mass, robot.spine is not None)
-    _, parameters, plan = protocol_plan(protocol, settings, facts)
-    rows = planned_rows(plan, parameters, count)
+    known = robot_facts(robot)
+    _, parameters, plan = protocol_plan(protocol, settings, known)
+    rows = planned_rows(plan, parameters, known.chambers)
     if not any(row[name] for row in rows for name in row if re.fullmatch(r"p\d+", name)):
         raise ConfigError(f"protocol {plan.protocol}: inflates no chamber, so there is no tip to predict")
     told = [name for name in rows[0] if name not in ("step", "repeat", "protocol") and (name != "vacuum" or robot.spine)]
@@ -214,36 +212,33 @@ def protocol_states(protocol: str, settings: list[str], robot: Robot) -> Columns
 
 def prediction_rows(states: Columns, found: Prediction) -> list[dict[str, Any]]:
     """One flat row a state: what was asked, then the reading and the ends of its interval, SI."""
-    low, high = found.interval()
     assert found.orientation_sd is not None and found.shape_sd is not None
-    rows = []
-    for i in range(len(found.tip)):
-        row: dict[str, Any] = {name: _cell(column[i]) for name, column in states.items()}
-        row |= _triple("xyz", found.tip[i], low[i], high[i])
-        row |= {f"q{k}": _cell(v) for k, v in zip("wxyz", found.orientation[i], strict=True)}
-        row |= {f"sd_r{k}": _cell(v) for k, v in zip("xyz", found.orientation_sd[i], strict=True)}
-        for m, (place, sd) in enumerate(zip(found.shape[i], found.shape_sd[i], strict=True), 1):
-            row |= _triple([f"m{m}{k}" for k in "xyz"], place, place - NORMAL_95 * sd, place + NORMAL_95 * sd)
-        rows.append(row)
-    return rows
+    columns = {**states, **_with_ends("xyz", found.tip, *found.interval())}
+    columns |= dict(zip(("qw", "qx", "qy", "qz"), found.orientation.T, strict=True))
+    columns |= dict(zip(("sd_rx", "sd_ry", "sd_rz"), found.orientation_sd.T, strict=True))
+    for m in range(found.shape.shape[1]):
+        place, half = found.shape[:, m], NORMAL_95 * found.shape_sd[:, m]
+        columns |= _with_ends([f"m{m + 1}{k}" for k in "xyz"], place, place - half, place + half)
+    return _rows(columns)
 
 
 def inverse_rows(wanted: Array, found: Reached) -> list[dict[str, Any]]:
     """One flat row a target: where it is, whether it can be reached, what to ask, where the tip will be, SI."""
-    low, high = found.prediction.interval(model_only=True)
-    rows = []
-    for i in range(len(wanted)):
-        row: dict[str, Any] = {f"target_{k}": _cell(v) for k, v in zip("xyz", wanted[i], strict=True)}
-        row |= {"reached": bool(found.reached[i]), "miss": _cell(found.miss[i])}
-        row |= {f"p{c}": _cell(p) for c, p in enumerate(found.pressures[i], 1)}
-        row["spine_length"] = _cell(found.spine_length[i])
-        rows.append(row | _triple("xyz", found.prediction.tip[i], low[i], high[i]))
-    return rows
+    columns: Columns = {f"target_{k}": wanted[:, i] for i, k in enumerate("xyz")}
+    columns |= {"reached": found.reached, "miss": found.miss}
+    columns |= {f"p{c}": pressure for c, pressure in enumerate(found.pressures.T, 1)}
+    columns["spine_length"] = found.spine_length
+    return _rows(columns | _with_ends("xyz", found.prediction.tip, *found.prediction.interval(model_only=True)))
 
 
-def _triple(names: Sequence[str], value: Array, low: Array, high: Array) -> dict[str, Any]:
-    row = {n: _cell(v) for n, v in zip(names, value, strict=True)}
-    return row | {f"{n}_{end}": _cell(v) for k, n in enumerate(names) for end, v in (("low", low[k]), ("high", high[k]))}
+def _with_ends(names: Sequence[str], value: Array, low: Array, high: Array) -> Columns:
+    """Columns of (n, 3) values, then of the ends of their intervals."""
+    ends = {f"{name}_{end}": of[:, k] for k, name in enumerate(names) for end, of in (("low", low), ("high", high))}
+    return {**dict(zip(names, value.T, strict=True)), **ends}
+
+
+def _rows(columns: Columns) -> list[dict[str, Any]]:
+    return [dict(zip(columns, map(_cell, row), strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
 def _cell(value: Any) -> Any:
@@ -346,10 +341,9 @@ def _inverse_sheet(wanted: Array, found: Reached, robot: Robot) -> Sheet:
     words, spine = robot.actuators.words, robot.spine is not None
     low, high = found.prediction.interval(model_only=True)
     drives = words.say("pressures").capitalize()
-    t = Sheet(title=f"{drives} for wanted tips (there: within {MM * REACHED:g} mm)", title_justify="left")
-    inputs = (*(("spine",) if spine else ()), words.say(f"{words.unit} (chambers)"))
-    for column in ("target, mm", "there", *inputs, "x, mm", "y, mm", "z, mm"):
-        t.add_column(column)
+    columns = ("target, mm", "there", *(("spine",) if spine else ()), words.say(f"{words.unit} (chambers)"))
+    title = f"{drives} for wanted tips (there: within {MM * REACHED:g} mm)"
+    t = Sheet(*columns, "x, mm", "y, mm", "z, mm", title=title, title_justify="left")
     for i in range(min(len(wanted), SHOWN)):
         target = " ".join("any" if np.isnan(v) else f"{MM * v:.1f}" for v in wanted[i])
         t.add_row(

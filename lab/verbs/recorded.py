@@ -1,4 +1,4 @@
-"""`lab info` and `replay`: what can be done with a recording alone."""
+"""`lab info`, `replay`, `verify` and `recover`: what can be done with a recording alone."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import math
 import os
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,10 @@ from recordings.campaign.replay import compare as hold_against
 from recordings.events import Request
 from recordings.file.player import play as played
 from recordings.file.reader import Recording
+from recordings.file.recover import Recovery
+from recordings.file.recover import recover as recovered
+from recordings.file.verify import verify as inspect
+from recordings.file.writer import LIBRARY
 from recordings.messages import is_stream
 
 from ..console import note, out
@@ -27,7 +32,9 @@ from ..files.config import ConfigError, parse_yaml
 from ..files.inputs import attached, without_torn
 from ..files.units import UnitError, to_si, unit_text
 from ..options import ANY_SIZE, JSON, Result, Verb, option
-from .repair import SHOWN
+
+SHOWN = 20
+"""Problems printed; all are in the JSON."""
 
 
 def info(files: Sequence[Path]) -> Result:
@@ -109,8 +116,7 @@ POLLED = ("/pressure", "/spine", "/vacuum", "/valve")
 
 
 def _rig_of(file: Path) -> tuple[float, dict[str, float]]:
-    """Speed of the rig's clock, and rates (Hz of rig time) that the attached rig.yaml states by topic; 1 and none where it
-    cannot be read."""
+    """Speed of the rig's clock, and rates (Hz of rig time) by topic, from the attached rig.yaml; 1 and none without one."""
     try:
         rig = parse_yaml(attached(Recording.open(file, truncated=True), "rig.yaml"), "rig.yaml").data
         speed = _number(rig, "clock", "speed", unit="1") or 1.0
@@ -191,6 +197,51 @@ def _replay_verb(a: argparse.Namespace) -> Result:
     return play(a.files[0], a.speed)
 
 
+def verify(file: Path) -> Result:
+    """Check every byte; 3 when something is wrong. Parts that no checksum covers are named."""
+    v = inspect(file)
+
+    def show() -> None:
+        for problem in v.problems[:SHOWN]:
+            out.print(f"byte {problem.at}: {problem.text}")
+        if len(v.problems) > SHOWN:
+            out.print(f"and {len(v.problems) - SHOWN} more; --json prints all")
+        compared = f"{v.chunks} chunks, {v.messages} messages, {v.checksums} checksums compared"
+        if not v.ok:
+            out.print(f"{file} is DAMAGED ({compared}); `lab recover {file}` keeps all that can be read")
+            return
+        out.print(f"{file} is {v.verdict}: {compared}")
+        if v.uncovered:
+            out.print(f"no checksum covers: {'; '.join(v.uncovered)}")
+
+    return Result(v.to_dict(), show, 0 if v.ok else 3)
+
+
+def recover(file: Path, target: Path | None) -> Result:
+    """Write what can be read to a new file; 3 when anything was lost."""
+    r = recovered(file, target)
+    return Result(r.to_dict(), partial(_show_recovered, r), 0 if r.complete else 3)
+
+
+def _show_recovered(r: Recovery) -> None:
+    out.print(f"{r.target}: {sum(r.messages.values())} messages, {r.seconds_kept:.3f} s")
+    if r.complete:
+        out.print("nothing was lost")
+        return
+    out.print(f"lost: {r.seconds_lost:.3f} s; {r.holes} places, {r.bytes_skipped} bytes could not be read")
+    for topic, n in r.lost.items():
+        out.print(f"  {topic}: {n} messages are missing")
+    if r.nameless:
+        out.print(f"  {r.nameless} messages of topics whose description is lost")
+    for topic in r.schemaless:
+        out.print(f"  {topic}: its schema is missing; its messages are kept without one")
+    if r.oversized:
+        out.print(f"left out: {r.oversized}")
+    if not r.finished:
+        ours = "up to 0.2 s of data" if r.library == LIBRARY else "what its recorder still held"
+        out.print(f"The recording ended abruptly: {ours} in memory was never written.")
+
+
 FILES = option("files", nargs="+", type=Path, metavar="FILE")
 
 VERBS = (
@@ -218,5 +269,29 @@ VERBS = (
         ),
         examples=("lab replay runs/sweep.mcap", "lab replay runs/sweep.mcap --play --speed 1"),
         page="docs/explanations/recordings.md",
+    ),
+    Verb(
+        "verify",
+        lambda a: verify(a.file),
+        options=(JSON, ANY_SIZE, option("file", type=Path)),
+        examples=("lab verify runs/sweep.mcap", "lab verify runs/sweep.mcap --json"),
+        page="docs/explanations/recordings.md",
+    ),
+    Verb(
+        "recover",
+        lambda a: recover(a.file, a.out),
+        options=(
+            JSON,
+            ANY_SIZE,
+            option("file", type=Path),
+            option(
+                "--out",
+                type=Path,
+                metavar="FILE",
+                help="the new file (default: <name>-recovered.mcap beside the old one)",
+            ),
+        ),
+        examples=("lab recover runs/sweep.mcap", "lab recover runs/sweep.mcap --out saved.mcap"),
+        page="docs/howto/resume.md",
     ),
 )

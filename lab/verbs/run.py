@@ -38,11 +38,10 @@ from recordings.file.writer import Recorder
 from recordings.trials import Table, counted
 
 from ..console import Screen, clock, err, note, out
-from ..files.all_protocols import file_of, found_protocols, protocol_from_file
+from ..files.all_protocols import file_of, found_protocols, protocol_from_file, protocol_keys
 from ..files.config import ConfigError, Lines, Source, check, parse_yaml, read_yaml
 from ..files.inputs import marked_notes, same_body
 from ..files.packages import told_at
-from ..files.protocol_keys import protocol_keys
 from ..files.resume import Broken, find
 from ..files.rig_file import RigFile, load_rig
 from ..live.about import PLAN
@@ -52,9 +51,8 @@ from ..rig.assembly import Rig
 from ..rig.checked import announce, last
 from ..rig.interrupts import Interrupts
 from ..rig.keys import HELP, Keys, Line
-from ..rig.limits import SLACK, problems, wiring
+from ..rig.limits import ACTIVE, SLACK, Margin, margins, problems, wiring
 from ..rig.losses import newly_lost
-from ..rig.margins import ACTIVE, Margin, margins
 from ..rig.rehearsal import rehearse
 from ..version import provenance
 
@@ -96,7 +94,7 @@ def job(
     """
     rig = load_rig(rig_path) if rig is None else rig
     robot = rig.body
-    known = _known(rig, robot)
+    known = robot_facts(robot, rig)
     experiment, parameters, plan = protocol_plan(protocol, settings, known, source, own)
     if not known.spine:
         experiment = replace(experiment, needs=tuple(n for n in experiment.needs if n not in OF_SPINE))
@@ -143,10 +141,11 @@ OF_SPINE = ("spine", "valve", "gauge")
 """Instruments that a robot without a spine does not need."""
 
 
-def _known(rig: RigFile, robot: Robot) -> RobotFacts:
-    """What protocols know of the robot; raises ConfigError when its chambers are not wired as it has them."""
-    chambers = wiring(rig, robot)
-    return RobotFacts(chambers.count, chambers.channels, robot.tip_mass, robot.spine is not None)
+def robot_facts(robot: Robot, rig: RigFile | None = None) -> RobotFacts:
+    """What protocols know of a robot with its rig, or with each chamber by itself; ConfigError for a rig wired otherwise."""
+    each = tuple((c,) for c in range(1, len(robot.actuators.azimuths_deg) + 1))
+    channels = each if rig is None else wiring(rig, robot).channels
+    return RobotFacts(len(each), channels, robot.tip_mass, robot.spine is not None)
 
 
 def source_of(protocol: str) -> Source:
@@ -308,7 +307,7 @@ def keys(protocol: str, rig_path: Path | None) -> Result:
     defaults: dict[str, Any] = {}
     if rig_path is not None:
         rig = load_rig(rig_path)
-        defaults = _defaults(experiment, _known(rig, rig.body))
+        defaults = _defaults(experiment, robot_facts(rig.body, rig))
     found = protocol_keys(experiment.parameters, defaults)
 
     def show() -> None:
@@ -552,8 +551,7 @@ def execute(
 
 @contextlib.contextmanager
 def _keys(steering: Steering, screen: Screen) -> Iterator[Callable[[], contextlib.AbstractContextManager[object]]]:
-    """Keys at the terminal ask something of the run, where there is one and a person looks at it; yields what lends the
-    terminal to somebody who asks that person a question."""
+    """Keys at a terminal ask something of the run; yields what lends the terminal to somebody who asks a question there."""
     if screen.quiet or not sys.stdin.isatty():
         yield contextlib.nullcontext
         return

@@ -66,20 +66,8 @@ def runs(folder: Path, since: str, protocol: str, spine: float | None, where: Se
 
 
 def _show(found: Sequence[Run]) -> None:
-    sheet = Sheet()
-    for column in (
-        "recording",
-        "start (UTC)",
-        "duration",
-        "protocol",
-        "spine, cm",
-        "states",
-        "outcome",
-        "lost",
-        "notes",
-        "labels",
-    ):
-        sheet.add_column(column)
+    columns = ("recording", "start (UTC)", "duration", "protocol", "spine, cm", "states", "outcome", "lost", "notes", "labels")
+    sheet = Sheet(*columns)
     for run in found:
         spines = ", ".join(f"{100 * length:g}" for length in run.spines)
         notes, labels = str(run.notes or ""), ", ".join(f"{k}={v}" for k, v in run.labels.items())

@@ -29,7 +29,7 @@ from diagnosis.criticism.stage_errors import StageError
 from diagnosis.inference.posterior import Posterior
 from diagnosis.judgement import BENCHMARK
 from lab.files.config import load
-from lab.files.example import paper_robot
+from lab.files.robot_file import paper_robot
 from model.effects.catalogue import CATALOGUE
 from model.robot import Robot
 from tests.diagnosis.toy import parameter, parameters

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.cli import main
-from lab.files.example import paper_robot
+from lab.files.robot_file import paper_robot
 from model.effects import CATALOGUE, EffectSpec, ForwardModel, design_from_columns
 from model.robot import load_robot
 from model.rotation import from_vector, multiply

@@ -17,8 +17,8 @@ from commands import SOUND, Cli
 from mcap.writer import Writer
 from virtual_lab import VirtualLab, settings
 
-from lab.files.example import paper_robot
 from lab.files.rig_file import load_rig
+from lab.files.robot_file import paper_robot
 from lab.guard import door, last_used
 from lab.guard.latch import Latch
 from lab.rig import operator

@@ -16,9 +16,8 @@ import pytest
 import timing
 from diagnosis.inference.executor import Executor, FirstLook
 from diagnosis.inference.search import Search
-from lab.cluster import cluster
 from lab.files.config import ConfigError
-from lab.processes import Processes, processes
+from lab.processes import Processes, cluster, processes
 from tests.diagnosis.toy import toy_problem
 
 
@@ -225,6 +224,6 @@ def test_a_worker_lost_in_the_middle_loses_nothing_of_what_was_sent_once(schedul
 
 
 def test_nobody_at_the_address_is_a_clear_answer(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lab.cluster.CONNECT_SECONDS", 1.0)
+    monkeypatch.setattr("lab.processes.CONNECT_SECONDS", 1.0)
     with pytest.raises(ConfigError, match="no scheduler answers"), cluster("tcp://127.0.0.1:9"):
         pass

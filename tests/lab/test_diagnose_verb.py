@@ -17,9 +17,9 @@ from pages import read_as_text
 
 from diagnosis.answer.result import Diagnosis
 from diagnosis.diagnose import Options, diagnose
-from lab.files.example import paper_robot
 from lab.files.inputs import Case
 from lab.files.own_effects import effects_from_file
+from lab.files.robot_file import paper_robot
 from lab.next_step import worth_doing
 from lab.verbs.diagnose import show
 from model.effects import CATALOGUE, with_effects

@@ -22,8 +22,7 @@ from benchmarks.browser import Browser
 from diagnosis.answer.result import Diagnosis
 from lab.files.inputs import read_case
 from lab.pages.diagnosis_report import alike, gap_numbers, names, write
-from lab.pages.glossary import TERMS
-from lab.pages.report import Report
+from lab.pages.report import TERMS, Report
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 QUIET = (

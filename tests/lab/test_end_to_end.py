@@ -13,8 +13,8 @@ from virtual_lab import VirtualLab, lab, meanwhile, press_ctrl_c, recorded, sett
 import timing
 from drivers.errors import InstrumentError
 from lab.calibration import calibrate
-from lab.files.example import paper_robot
 from lab.files.inputs import read_case
+from lab.files.robot_file import paper_robot
 from lab.rig.assembly import Rig
 from recordings.campaign.replay import table_of
 from recordings.file.reader import Recording

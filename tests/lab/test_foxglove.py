@@ -30,8 +30,8 @@ from websockets.sync.client import ClientConnection, connect
 
 import timing
 from lab.files.config import check, parse_yaml
-from lab.files.example import paper_robot
 from lab.files.own_effects import stated_by
+from lab.files.robot_file import paper_robot
 from lab.live import foxglove_server
 from lab.live.foxglove_server import EXPECTED, LAYOUT, Foxglove
 from lab.live.show import LOOPBACK, Part, Show, place

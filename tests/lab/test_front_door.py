@@ -17,11 +17,11 @@ from commands import Cli, run_there
 from virtual_lab import VirtualLab
 
 import lab
-import lab.neighbours
+import lab.version
 from drivers.alicat.wire import UNITS as WIRE
 from lab.cli import GROUPS, declared, main, parser
-from lab.files.example import paper_robot
-from lab.neighbours import strangers
+from lab.files.robot_file import paper_robot
+from lab.version import strangers
 from sim_fakes.alicat import UNITS
 
 ROOT = Path(__file__).parents[2]
@@ -247,7 +247,7 @@ def test_another_package_of_the_same_name_on_the_path_is_named(tmp_path: Path, w
 
 def test_a_package_that_was_written_over_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     assert strangers() == ""
-    monkeypatch.setattr(lab.neighbours, "_written", lambda: {"model": "another digest"})
+    monkeypatch.setattr(lab.version, "_written", lambda: {"model": "another digest"})
     assert "another package has written into" in strangers() and "model" in strangers()
 
 

@@ -22,8 +22,8 @@ from diagnosis.data.case import states
 from diagnosis.investigate import Investigation, Round
 from diagnosis.judgement import CERTAIN
 from lab.files.all_protocols import found_protocols
-from lab.files.example import paper_robot
 from lab.files.inputs import Case, read_case
+from lab.files.robot_file import paper_robot
 from lab.pages import investigation_page
 from lab.verbs.diagnose import write_protocols
 from lab.verbs.run import Outcome, protocol_plan

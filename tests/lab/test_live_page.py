@@ -16,7 +16,7 @@ from pages import events
 
 import timing
 from lab.console import seconds_left
-from lab.files.example import paper_robot
+from lab.files.robot_file import paper_robot
 from lab.live import show as shown
 from lab.live.about import PLAN, About, about
 from lab.live.picture import SAME_MOMENT, Picture

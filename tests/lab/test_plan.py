@@ -12,11 +12,10 @@ from commands import Cli
 
 from lab import console
 from lab.console import clock
-from lab.files.all_protocols import found_protocols
+from lab.files.all_protocols import found_protocols, protocol_keys
 from lab.files.config import ConfigError, load
-from lab.files.example import paper_robot
-from lab.files.protocol_keys import protocol_keys
 from lab.files.rig_file import load_rig
+from lab.files.robot_file import paper_robot
 from lab.rig.limits import expected_force, within_robot
 from lab.verbs.run import job
 from model.robot import Robot

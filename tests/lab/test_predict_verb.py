@@ -16,7 +16,7 @@ from virtual_lab import VirtualLab
 import lab
 from lab.cli import main
 from lab.files.config import ConfigError
-from lab.files.example import paper_robot
+from lab.files.robot_file import paper_robot
 from model.effects.nominal import stated_effects
 from tests.lab.diagnosed_case import campaign, folder
 

@@ -15,8 +15,8 @@ from commands import Cli
 
 from drivers.configs import HOSTS, PORTS
 from lab.files.config import ConfigError
-from lab.files.example import paper_robot
 from lab.files.rig_file import Instruments, NotInstalled, load_rig
+from lab.files.robot_file import paper_robot
 from lab.rig.real_time import at_real_speed, clock_of, demand_fakes
 
 Write = Callable[..., Path]

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from commands import Cli
 
-from lab.files.example import paper_robot
 from lab.files.inputs import marked_notes, read_case, same_body
+from lab.files.robot_file import paper_robot
 from lab.rig.losses import losses
 from lab.verbs.run import recording_of
 from recordings.campaign.info import info

@@ -15,9 +15,8 @@ from diagnosed_case import campaign, folder
 from pydantic import BaseModel, ConfigDict, Field
 
 from lab.files.config import ConfigError, check, load, parse_yaml
-from lab.files.example import paper_robot
 from lab.files.rig_file import RigFile
-from lab.files.robot_file import robot_yaml
+from lab.files.robot_file import paper_robot, robot_yaml
 from lab.files.units import KINDS, UnitError, to_si, written
 from lab.rig.checked import digest
 from lab.verbs.fakes import PATIENT, rig_yaml

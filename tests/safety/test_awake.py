@@ -8,7 +8,7 @@ import pytest
 from house import House
 
 import timing
-from lab.guard.awake import LONGEST_LOOK, Awake
+from lab.guard.pulse import LONGEST_LOOK, Awake
 from lab.rig.actuators import ActuatorsLost
 from lab.rig.assembly import Rig
 from lab.verbs.run import slower
