@@ -25,8 +25,8 @@ LAW_ERRORS = np.array([0.03, 0.1, 0.3])
 the first (decision 062)."""
 DISCREPANCY_SIZES, DISCREPANCY_WEIGHTS = np.array([0.0, 0.1, 0.25]), np.array([0.5, 0.3, 0.2])
 """Standard deviation of the smooth discrepancy next to effects of the catalogue, noise floors, and its prior."""
-DISCREPANCY_UNIT_RANGE = (0.2e-3, 2e-3)
-"""m; the noise floor in which the discrepancy is counted is kept within this range, so that neither very good nor very bad
+DISCREPANCY_UNIT_RANGE = (5e-4, 5e-3)
+"""Robot lengths; the noise floor in which the discrepancy is counted is kept within this range, so that neither very good nor very bad
 cameras decide how wrong laws are."""
 LEAST_NOISE_FLOOR = 1e-6
 """m; a table whose repeats agree better than any camera reads, as a simulator's do, has this noise floor."""

@@ -163,7 +163,7 @@ def prepare(
         known = beside_model = pushes.noise_floor
     else:
         known = max(min(repeated, beside_model), LEAST_NOISE_FLOOR)
-    unit = float(np.clip(beside_model / np.sqrt(3), *DISCREPANCY_UNIT_RANGE))
+    unit = float(np.clip(beside_model / np.sqrt(3), *np.multiply(robot.length, DISCREPANCY_UNIT_RANGE)))
     smooth, form_error_basis = _discrepancy_bases(robot, states, labels, unit, pushes)
     problem = Problem(
         MaskedForward(whole, kept),
