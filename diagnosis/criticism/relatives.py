@@ -81,7 +81,9 @@ def _camera_scale(r: Readings, v: Values) -> None:
 
 
 def _lens(r: Readings, v: Values) -> None:
-    _stretched(r, lambda place: _along(v["bend"], place) * (place[..., :2] ** 2).sum(axis=-1, keepdims=True) / (ASIDE * r.length) ** 2)
+    _stretched(
+        r, lambda place: _along(v["bend"], place) * (place[..., :2] ** 2).sum(axis=-1, keepdims=True) / (ASIDE * r.length) ** 2
+    )
 
 
 def _along(value: Array, place: Array) -> Array:

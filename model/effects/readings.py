@@ -35,7 +35,9 @@ class Readings:
 
     def first(self, n: int) -> Readings:
         """The readings of the first n states."""
-        return Readings(self.design, self.length, self.tip[:, :n], self.orientation[:, :n], self.markers[:, :n], self.force[:, :n])
+        return Readings(
+            self.design, self.length, self.tip[:, :n], self.orientation[:, :n], self.markers[:, :n], self.force[:, :n]
+        )
 
     def turn(self, vector: Array) -> None:
         """Turn the frame of all readings by a rotation vector (v, n or 1, 3) rad."""
