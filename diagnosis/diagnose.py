@@ -18,7 +18,7 @@ from model.effects.spec import EffectSpec
 
 from .answer import assemble
 from .answer.attribute import attribute, begin
-from .answer.calibration import calibration, simulator
+from .answer.calibration import alone_as_good, calibration, simulator
 from .answer.detail import detail
 from .answer.experiments import propose
 from .answer.headline import headline
@@ -36,7 +36,6 @@ from .answer.sentences import (
     statement,
     stiffness_sentence,
 )
-from .answer.shrink import rms
 from .answer.waterfall import Unseen, UnseenStates
 from .data.baseline import Baseline
 from .data.case import CaseLike, lacking, states
@@ -128,7 +127,8 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     scale = calibration(found)
     far = tuple(far_off(scale.stiffness)) if scale is not None and predicted is None else ()
     doubtful = bool(far or first.adjusted)
-    which = assemble.attribute_section(found, where.significant, held_out.rms_mm, held_out.shrink, doubtful)
+    alone = alone_as_good(scale, found)
+    which = assemble.attribute_section(found, where.significant, held_out.rms_mm, held_out.shrink, alone, doubtful)
     facts = Facts(
         found.decision, which.conclusion, where, assemble.budget_section(found), held_out.shrink, held_out.waterfall,
         which.rivals, next((x.do for x in proposals if x.separates), None), found.best.named, found.asking,
@@ -149,8 +149,6 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         *scatter(prepared.noise_components.excess_scatter),
     )
     changed = first.named or changed_by(facts)
-    best_mm = 1e3 * rms(prepared.gap(prepared.problem.observed - found.best.fit.predicted))
-    alone = scale is not None and any(x.left_mm <= best_mm for x in scale.alike)
     beyond = any(a.at_bound for a in (*first.adjusted, *([scale] if scale is not None else ())))
     closed = None if held_out.shrink is None else held_out.shrink.share_closed
     answer = Diagnosis(
@@ -166,7 +164,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         waterfall=held_out.waterfall,
         calibration=scale,
         headline=headline(
-            which, wanted.catalogue, words, facts.missing, closed_by_calibration(facts), closed, changed, beyond, alone
+            which, wanted.catalogue, words, facts.missing, closed_by_calibration(facts), closed, changed, beyond, bool(alone)
         ),
     )
     return Examined(answer, rivals, first)

@@ -170,7 +170,8 @@ def conditions(
     made = States(
         trial=number, trial_id=number, stiffness=no, body=no, unload=no, repeat=np.ones(n, np.int64), t=np.full(n, np.nan),
         rate=np.full(n, rate), hold=np.full(n, hold), sitting=np.zeros(n, np.int64), progress=np.full(n, 0.5),
-        vacuum=np.full(n, vacuum), nominal_vacuum=vacuum, used=full["pressure"] > USED * (robot.max_pressure or 0.0), deflection=zero, channels=TIP, **full,
+        vacuum=np.full(n, vacuum), nominal_vacuum=vacuum, used=full["pressure"] > USED * (robot.max_pressure or 0.0),
+        deflection=zero, channels=TIP, **full,
     )  # fmt: skip
     made.check(robot)
     return made

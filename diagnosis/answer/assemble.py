@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import get_args
 
@@ -38,11 +38,16 @@ def data_section(p: Prepared, table: Table) -> Data:
 
 
 def attribute_section(
-    f: Attribution, significant: bool, heldout: Mapping[Hypothesis, float], unseen: Shrink | None, doubtful: bool = False
+    f: Attribution,
+    significant: bool,
+    heldout: Mapping[Hypothesis, float],
+    unseen: Shrink | None,
+    alone: Sequence[str] = (),
+    doubtful: bool = False,
 ) -> Attribute:
     """Verdict and ranking; `heldout` is the mm rms of hypotheses on unseen states and `unseen` what they leave there,
-    `significant` whether the gap is above the noise floor anywhere, `doubtful` whether robot.yaml is so far from the data that
-    no cause is certain."""
+    `significant` whether the gap is above the noise floor anywhere, `alone` effects that do as well without calibration,
+    `doubtful` whether robot.yaml is so far from the data that no cause is certain."""
     listed, rest = f.posterior.ranking[:LISTED], f.posterior.ranking[LISTED:]
     ranked = []
     for named, probability in (*listed, *(x for x in rest if x[0] in (NONE, UNKNOWN))):
@@ -50,7 +55,7 @@ def attribute_section(
         size = values(sizes(f.prepared, candidate))
         ranked.append(Ranked(named, probability, candidate.log_evidence, heldout.get(named), size))
     d = f.decision
-    why = tuple(doubts(sizes(f.prepared, f.best), d.effects, unseen)) if d.probability >= CAUSE_PROBABILITY else ()
+    why = tuple(doubts(sizes(f.prepared, f.best), d.effects, unseen, alone)) if d.probability >= CAUSE_PROBABILITY else ()
     return Attribute(
         d.verdict, d.effects, d.probability, f.posterior.credible_set, tuple(ranked), f.cannot_tell_apart, f.asking,
         conclude(d, significant, f.asking, doubtful or bool(f.tense or why)), rivals(d, f.posterior), d.relatives, d.second,

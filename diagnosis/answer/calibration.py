@@ -73,6 +73,13 @@ def alike(f: Attribution, robot: Robot, states: Campaign) -> tuple[Alike, ...]:
     return tuple(sorted(found, key=lambda a: a.left_mm))
 
 
+def alone_as_good(c: Calibration | None, f: Attribution) -> tuple[str, ...]:
+    """Effects that are not named and alone, with robot.yaml's area factor, leave nothing above the noise floor."""
+    most = REDUCIBLE_RATIO * 1e3 * f.prepared.noise_floor
+    near = (a.parameter.partition(".")[0] for a in (c.alike if c is not None else ()) if a.left_mm <= most)
+    return tuple(effect for effect in near if effect not in f.decision.effects)
+
+
 def _alone(forward: ForwardModel, observed: Array, free: list[int], noise: float) -> tuple[Array, float]:
     """Parameters (k,) at the least squares of values (n,), in m with this noise, by those in `free`, the first without a prior;
     and the rms distance of tips that is left; infinite where rods do not stand."""

@@ -237,8 +237,8 @@ def _alike(f: Facts) -> str:
     each = [f"{alike_in_words(a, f.names, ids=True)} ({a.left_mm:.2f} mm remain)" for a in c.alike]
     others = ", ".join([*each, "the gain of the pressures, a radius of robot.yaml"])
     return (
-        f"With robot.yaml's area factor the same would be done by: {others}. To tell them apart: weigh what the tip carries, hang a "
-        "known mass on it without pressure, hold a gauge against the pressures, and measure a section."
+        f"With robot.yaml's area factor the same would be done by: {others}. To tell them apart: weigh what the tip carries, "
+        "hang a known mass on it without pressure, hold a gauge against the pressures, and measure a section."
     )
 
 

@@ -82,14 +82,16 @@ def rivals(d: Decision, posterior: Posterior) -> tuple[str, ...]:
     return tuple(dict.fromkeys(e for h in others for e in h if e not in d.effects))
 
 
-def doubts(sizes: Sequence[Size], effects: Sequence[str], unseen: Shrink | None) -> Iterator[str]:
-    """Why effects of these sizes are no certain cause, with what they leave of the gap on unseen states."""
+def doubts(sizes: Sequence[Size], effects: Sequence[str], unseen: Shrink | None, alone: Sequence[str] = ()) -> Iterator[str]:
+    """Why effects of these sizes are no certain cause, with what they leave of the gap on unseen states; `alone`: effects that do
+    as well without any calibration."""
     for effect in effects:
         own = [s for s in sizes if s.name.startswith(f"{effect}.") and s.role == "size"]
         if any(s.impossible for s in own):
             yield f"{effect} would have an impossible size"
         elif own and not any(s.certain for s in own):
             yield f"the size of {effect} is zero within its error"
+    yield from (f"{effect} alone would do the same without calibration" for effect in alone[:1])
     if unseen is not None and unseen.after_mm > max(LEFT_FLOORS * unseen.floor_mm, LEFT_SHARE * unseen.before_mm):
         yield f"{unseen.after_mm:.2g} mm remain on unseen states"
 

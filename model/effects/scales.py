@@ -19,6 +19,8 @@ from model.robot import Robot
 
 BALLOONING = "chamber_ballooning"
 """Effect whose size is that at a pressure."""
+NEAR = 0.6
+"""Share of robot.yaml's max_pressure from which states use all of it."""
 
 
 @dataclass(frozen=True)
@@ -61,8 +63,8 @@ def scales(robot: Robot, pressure: NDArray[np.float64] | None = None) -> Scales:
     """Scales of a robot whose states have these pressures (n, chambers), Pa; None: of any states.
 
     Its pressure is that of robot.yaml where it states one (`quoted_pressure`), or `max_pressure` where it states a size that is
-    quoted there; else the largest of the states, to two digits, so that noise does not change what a size means. Raises
-    `BadRobot` where such a size is stated without its pressure.
+    quoted there or states come near it; else the largest of the states, to two digits, so that noise does not change what a
+    size means. Raises `BadRobot` where such a size is stated without its pressure.
     """
     quoted = robot.quoted_pressure
     if quoted is None and (BALLOONING in robot.effects or pressure is None):
@@ -73,6 +75,8 @@ def scales(robot: Robot, pressure: NDArray[np.float64] | None = None) -> Scales:
             )
     if quoted is None:
         highest = 0.0 if pressure is None else float(np.abs(pressure).max(initial=0.0))
-        quoted = float(f"{highest:.2g}") if highest > 0 else robot.max_pressure or STANDARD.pressure
+        most = robot.max_pressure or STANDARD.pressure
+        near = robot.max_pressure is not None and NEAR * most <= highest <= most / NEAR
+        quoted = most if near or highest == 0 else float(f"{highest:.2g}")
     stiffness = robot.youngs_modulus * body_of(robot).mean_second
     return Scales(robot.length, stiffness, quoted, float(np.linalg.norm(robot.gravity)) or STANDARD.gravity)
