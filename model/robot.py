@@ -135,7 +135,7 @@ class Robot(BaseModel):
     max_pressure: FiniteFloat | None = Field(default=None, ge=1e3, le=2e6, json_schema_extra={"unit": "Pa"})
     """Highest pressure (gauge) of its chambers; nothing is inflated without it."""
     quoted_pressure: FiniteFloat | None = Field(default=None, gt=0, le=2e6, json_schema_extra={"unit": "Pa"})
-    """Pressure (gauge) at which `effects` that grow with it are stated; `max_pressure` unless given."""
+    """Gauge pressure at which `effects` that grow with it are stated; `max_pressure` unless given."""
     uncertainty: Uncertainty = Uncertainty()
     """How well its numbers are known."""
     effects: Table = Field(default={})

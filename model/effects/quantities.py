@@ -42,7 +42,7 @@ class Quantities:
     """Of its rods."""
     design: States
     scales: Scales = STANDARD
-    """Of the robot, which sizes of effects are multiples of."""
+    """Which sizes are multiples of."""
     pressure: Array
     """(v, n, chambers) Pa gauge in the chambers."""
     area_factor: Array
