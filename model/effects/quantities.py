@@ -132,13 +132,7 @@ class Quantities:
 
 
 def baseline(
-    robot: Robot,
-    body: Body,
-    layout: Layout,
-    design: States,
-    area_factor: Array,
-    direction: Array,
-    scales: Scales = STANDARD,
+    robot: Robot, body: Body, layout: Layout, design: States, area_factor: Array, direction: Array, scales: Scales = STANDARD
 ) -> Quantities:
     """The paper's model: nothing is changed. `area_factor` (n,); `direction` (2,) of an obstacle, should there be one."""
     n = len(design)

@@ -55,11 +55,5 @@ def readings(q: Quantities, shear: ShearSpine, solved: Array) -> Readings:
     force = np.zeros((v, n))
     if q.design.stiffness.any():
         force = force + cantilever_force(q, shear)
-    return Readings(
-        q.design,
-        q.robot.length,
-        solved[..., :3].copy(),
-        solved[..., at.ORIENTATION : at.ORIENTATION + 4].copy(),
-        markers.copy(),
-        force,
-    )
+    tip, turn = solved[..., :3].copy(), solved[..., at.ORIENTATION : at.ORIENTATION + 4].copy()
+    return Readings(q.design, q.robot.length, tip, turn, markers.copy(), force)
