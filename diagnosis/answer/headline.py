@@ -82,11 +82,13 @@ def headline(
     closed: float | None = None,
     calibrated: str = "",
     beyond: bool = False,
+    alone: bool = False,
 ) -> str:
     """The conclusion in at most 20 words, those of the robot's actuators.
 
     `missing` is what the table lacks, `by_calibration` the share of the reducible gap that calibration closes where that is
-    most of it, `calibrated` what it changed and `beyond` whether it reached its limit, `closed` the share that what is named
+    most of it, `calibrated` what it changed, `beyond` whether it reached its limit and `alone` whether one effect in its place
+    leaves no more than what is named does, `closed` the share that what is named
     closes on unseen states; None where that is unknown.
     """
     sure = f"(p = {a.probability:.2f})"
@@ -97,6 +99,8 @@ def headline(
     same = f" ({calibrated})" if calibrated else ""
     by = "" if by_calibration is None else f"Calibration closes {percent(by_calibration)} % of the gap{same}"
     if a.verdict == "effect":
+        if by and a.conclusion == "one of several" and alone:
+            return f"{by}; check these first."
         if by and a.conclusion == "one of several" and closed is not None and closed <= 0:
             return f"{by}; no effect closes the rest."
         text = f"{_says_all(a.effects, _sizes(a, a.effects), catalogue, words)} {sure}."
