@@ -24,15 +24,15 @@ from recordings.trials import HEAD, TAIL, Table, TrialRow
 
 from ..files.config import ConfigError
 from ..questions.table import doubtful_gravity
+from .clock import BETWEEN_RUNS
 from .columns import DAY
 from .formats import KNOWN, RECORDING, read
 from .map_file import AXES, Map, Name, named
 from .places import Jump, Stands, beside_at_rest, jumps, length_at_rest, lever_off, moves_within, strays, turn_off
-from .plateaus import Cut, cuts
-from .quantities import BETWEEN_RUNS, Quantities, quantities_of
+from .quantities import Quantities, quantities_of
 from .reading import EPOCH
 from .series import Series
-from .trials import trials_of_rows
+from .trials import Cut, cuts, trials_of_rows
 
 Array = NDArray[np.float64]
 
@@ -55,6 +55,8 @@ class Imported:
     files: tuple[tuple[Series, Quantities, tuple[Cut, ...]], ...]
     notes: tuple[str, ...]
     """What was left out, or taken for granted."""
+    questions: tuple[str, ...] = ()
+    """What a person has to check."""
 
 
 @dataclass(frozen=True)
@@ -212,7 +214,8 @@ def imported(
         table = Table(tuple(TrialRow.from_cells(r.cells()) for r in rows))
     except RecordingError as e:
         raise ConfigError(f"the table made by the map is none: {e}") from e
-    return Imported(table, tuple(read_files), tuple(notes))
+    questions = [f"{series.path.name}, {text}" for series, q, _ in every for text in q.questions]
+    return Imported(table, tuple(read_files), tuple(notes), tuple(questions))
 
 
 def _contradictions(rows: Sequence[TrialRow], length: float) -> Iterator[str]:

@@ -62,10 +62,11 @@ def told(made: Imported, robot: Robot, folder: Path, as_json: bool) -> None:
     written = [str(folder / name) for name in ("robot.yaml", "trials.csv", MAP, PICTURE)]
     if as_json:
         files = {"files": written, "read": [str(q.path) for _, q, _ in made.files]}
-        about = {"states": len(made.table), "trials": trials, "columns": made.table.columns, "notes": made.notes}
+        about = {"states": len(made.table), "trials": trials, "columns": made.table.columns, "notes": made.notes,
+                 "check": made.questions}  # fmt: skip
         print(json.dumps(files | about, indent=1))
         return
-    note(made.notes)
+    note((*made.notes, *(f"check: {text}" for text in made.questions)))
     out.print(f"{len(made.table)} states in {trials} trials")
     out.print(f"written: {', '.join(written)}", soft_wrap=True)
     out.print(f"look at {folder / PICTURE}, then: {shlex.join(('lab', 'diagnose', str(folder)))}", soft_wrap=True)
@@ -120,7 +121,7 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, as_json
     try:
         made = imported(inputs, load(folder / MAP, Map), robot)
         found = (*implausible_values(robot, made.table.rows), *doubtful(robot, made.table.rows, str(robot_path)))
-        told_of += [f"check: {text}" for text in (*found, *(n for n in made.notes if n.startswith(NOT_READ)))]
+        told_of += [f"check: {text}" for text in (*found, *made.questions, *(n for n in made.notes if n.startswith(NOT_READ)))]
         from ..pages.import_figure import draw
 
         draw(made, robot, folder / PICTURE)

@@ -24,7 +24,7 @@ from lab.files.config import ConfigError
 from lab.imports.formats import read
 from lab.imports.headings import heading, quantity
 from lab.imports.map_file import Plateaus, Source
-from lab.imports.plateaus import plateaus
+from lab.imports.trials import plateaus
 from recordings.table_file import read_csv
 from recordings.trials import Table
 
