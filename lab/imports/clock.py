@@ -15,6 +15,12 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+EPOCH = (6e8, 4.2e9)
+"""s since 1970, from 1989 to 2103."""
+LONG_STEP, MANY = 5.0, 200
+"""Step and number of rows from which times without a unit are not in s."""
+STEPS = {"ms": 5e3, "us": 5e6}
+"""Step below which such times are in this unit."""
 BETWEEN_RUNS = 60.0
 """s from the end of one run or file to the start of the next, where only each one's own time is known."""
 FAR, LEAST_GAP = 10.0, 2.0
@@ -62,6 +68,15 @@ def _usual(steps: Array) -> float:
     usual = float(np.median(steps))
     far = steps[steps > FAR * usual]
     return _usual(far) if len(far) > max(RARE[0], RARE[1] * len(steps)) else usual
+
+
+def unit_of_steps(times: Array) -> str:
+    """The unit of times of which nothing says it, where their steps are too long for s; else empty."""
+    times = times[np.isfinite(times)]
+    step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+    if step < LONG_STEP or len(times) <= MANY or times[0] >= EPOCH[0]:
+        return ""
+    return next((unit for unit, most in STEPS.items() if step < most), "ns")
 
 
 def gaps(t: Array) -> NDArray[np.bool_]:

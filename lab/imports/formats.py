@@ -18,6 +18,7 @@ from ..files.inputs import TABLES
 from .arrays import read_numpy
 from .columns import Judged, of_frame
 from .headings import heading
+from .joining import of_rows_in_turn
 from .map_file import Source
 from .matlab import read_matlab
 from .series import LARGEST, MOST_ELEMENTS, Series, cleaned, demand_bounded, leaves, of_judged, package, unique
@@ -44,7 +45,7 @@ def read(paths: Path | Sequence[Path], source: Source, named: Collection[str] | 
             remedy = REMEDIES.get(path.suffix.lower(), "export it as CSV")
             raise ConfigError(f"{path}: files of this kind are not read; known are {', '.join(KNOWN)}; {remedy}")
         found = reader(path, source)
-    found = cleaned(found, source.missing)
+    found = of_rows_in_turn(cleaned(found, source.missing))
     if not len(found):
         raise ConfigError(f"{path}: has no rows of numbers")
     if len(found.names) > MOST_COLUMNS:

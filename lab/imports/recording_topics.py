@@ -28,9 +28,10 @@ from recordings.file.reader import Recording
 from recordings.file.samples import message_class
 
 from ..files.config import ConfigError
+from .clock import EPOCH
+from .joining import at_times
 from .map_file import Map, Source
-from .reading import EPOCH
-from .series import Series, leaves, name_in
+from .series import Series, Texts, leaves, name_in
 
 Array = NDArray[np.float64]
 Decoder = Callable[[bytes], Any]
@@ -41,6 +42,8 @@ MOST_REASONS, MOST_SAID = 3, 160
 """Reasons that a note gives, and letters of each."""
 SHOWN = 12
 """Topics that a note lists."""
+OLDEST = 0.5
+"""s that the nearest message of a topic may be old."""
 FEWEST_OF_A_THING = 4
 """Messages about each thing, on average; a word that changes more often is no name."""
 ZSTD = b"\x28\xb5\x2f\xfd"
@@ -160,7 +163,7 @@ def read_topics(paths: Sequence[Path], source: Source, named: Collection[str] | 
     start = min(topic.times[0] for topic in topics.values())
     at = np.array(leading.times)
     # Seconds since the epoch where log times are, so that the next recording keeps its distance.
-    out: dict[str, Array] = {"time": at if start >= EPOCH[0] else at - start}
+    out: dict[str, Array | Texts] = {"time": at if start >= EPOCH[0] else at - start}
     if len(at) > 1 and not np.ptp(at):
         raise ConfigError(
             f"{path}: all {len(at)} messages of {leading.name} have the log time {at[0]:g} s, so that nothing says which "
@@ -168,7 +171,7 @@ def read_topics(paths: Sequence[Path], source: Source, named: Collection[str] | 
         )
     for topic in topics.values():
         for label, values in _continuous(topic.columns()).items():
-            out[label] = values if topic is leading else _at(at, np.array(topic.times), values)
+            out[label] = values if topic is leading else at_times(at, np.array(topic.times), values, OLDEST)
     return Series(path, out, "MCAP", notes=tuple(dict.fromkeys(notes)))
 
 
@@ -210,28 +213,6 @@ def _continuous(columns: dict[str, Array]) -> dict[str, Array]:
         parts[:, seen[1:]] *= np.where(np.cumsum(turned) % 2, -1.0, 1.0)
         columns |= dict(zip(names, parts, strict=True))
     return columns
-
-
-def _at(at: Array, times: Array, values: Array) -> Array:
-    """Values at other times, on the line between two readings; NaN where the nearest reading is older than half a second.
-
-    A count or a switch, whole numbers that mostly stand still, keeps its last reading. Where two readings are further apart than
-    half of all that the column ever passes through (an angle that has turned past 180 deg), the nearer one counts.
-    """
-    seen = np.isfinite(values)
-    if not seen.any():
-        return np.full(len(at), np.nan)
-    times, values = times[seen], values[seen]
-    after = np.clip(np.searchsorted(times, at), 0, len(times) - 1)
-    before = np.clip(after - 1, 0, None)
-    nearest = np.where(np.abs(times[after] - at) < np.abs(times[before] - at), after, before)
-    far = np.abs(times[nearest] - at) > 0.5
-    steps = np.diff(values)
-    if np.all(values == np.round(values)) and 2 * np.count_nonzero(steps) < steps.size:
-        last = np.clip(np.searchsorted(times, at, side="right") - 1, 0, None)
-        return np.where(far, np.nan, values[last])
-    leaps = np.abs(values[after] - values[before]) > 0.5 * np.ptp(values)
-    return np.where(far, np.nan, np.where(leaps, values[nearest], np.interp(at, times, values)))
 
 
 # ------------------------------------------------------------------ messages

@@ -45,6 +45,8 @@ class Series:
     """(n,) of a text table: where in the file each row stands."""
     notes: tuple[str, ...] = ()
     """What was left out."""
+    questions: tuple[str, ...] = ()
+    """What a person has to check."""
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))

@@ -24,13 +24,13 @@ from recordings.trials import HEAD, TAIL, Table, TrialRow
 
 from ..files.config import ConfigError
 from ..questions.table import doubtful_gravity
-from .clock import BETWEEN_RUNS
+from .clock import BETWEEN_RUNS, EPOCH
 from .columns import DAY
 from .formats import KNOWN, RECORDING, read
+from .joining import in_time, lag
 from .map_file import AXES, Map, Name, named
 from .places import Jump, Stands, beside_at_rest, jumps, length_at_rest, lever_off, moves_within, strays, turn_off
 from .quantities import Quantities, quantities_of
-from .reading import EPOCH
 from .series import Series
 from .trials import Cut, cuts, trials_of_rows
 
@@ -118,7 +118,7 @@ def _read(
     given: Sequence[Path], wanted: Map, drive: Words, progress: Callable[[float, float], None]
 ) -> tuple[list[tuple[Series, Quantities, Map]], list[str]]:
     """Every file, in the order of their times where these tell it, and notes."""
-    files, made = _recordings(files_of(given, wanted)), []
+    files, made, read_files = _recordings(files_of(given, wanted)), [], []
     unread: list[ConfigError] = []
     for number, (parts, own) in enumerate(files):
         progress(number, len(files))
@@ -129,9 +129,14 @@ def _read(
                 raise
             unread.append(e)
             continue
-        made.append((series, quantities_of(series, own, drive), own))
-    if not made:
+        read_files.append((series, own))
+    if not read_files:
         raise unread[0]
+    for series, own in in_time(read_files):
+        q = quantities_of(series, own, drive)
+        late = lag(q.t, q.pressures, q.tip) if series.questions else None
+        asked = [*series.questions, *q.questions, *([_lag_question(late)] if late is not None else [])]
+        made.append((series, replace(q, questions=tuple(asked)), own))
     said: dict[str, list[str]] = {}
     for series, q, _ in made:
         for text in (*series.notes, *q.notes):
@@ -148,6 +153,13 @@ def _read(
         elif apart:
             notes.append(f"files are read in the order of their names; by their times, unless over midnight, it is: {names}")
     return made, notes
+
+
+def _lag_question(late: float) -> str:
+    return (
+        f"the tip moves {abs(late):.3g} s {'after' if late > 0 else 'before'} the pressures change: do the clocks of these files "
+        f"differ? If so, write source: {{offset: {late:.3g}}} for the file of the pressures, under files"
+    )
 
 
 def imported(

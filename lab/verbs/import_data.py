@@ -17,7 +17,8 @@ from recordings.table_file import write_csv
 from ..console import Screen, note, out
 from ..files.config import ConfigError, load
 from ..imports.formats import KNOWN, read
-from ..imports.guess import guess_map
+from ..imports.guess import guess_map, lacks
+from ..imports.joining import experiments, joined, stream_of
 from ..imports.map_file import Map, Source, demand_units
 from ..imports.proposal import Guess, guess_text
 from ..imports.series import Series
@@ -73,20 +74,34 @@ def told(made: Imported, robot: Robot, folder: Path, as_json: bool) -> None:
 
 
 def _first_proposal(inputs: Sequence[Path], robot: Robot) -> tuple[Series, Guess]:
-    """The first file of which a map can be proposed; raises ConfigError for the first one where there is none, or for one that
-    is given by its name."""
+    """The first file of which a map can be proposed, or the first files that hold pressures and tip together; raises ConfigError
+    for the first one where there is none, or for one that is given by its name."""
     failed: list[ConfigError] = []
+    tables: list[Series] = []
     for path in inputs:
         for file in sorted(path.iterdir()) if path.is_dir() else [path]:
             if file.suffix.lower() not in KNOWN:
                 continue
             try:
                 series = read(file, Source())
-                return series, guess_map(series, robot)
+                if not lacks(series, robot):
+                    return series, guess_map(series, robot)
+                tables.append(series)
             except ConfigError as e:
                 if not path.is_dir():
                     raise
                 failed.append(e)
+    kinds = [lacks(series, robot) for series in tables]
+    if tables and not frozenset.intersection(*kinds):
+        streams = [stream_of(series, series.path.name)[0] for series in tables]
+        lead, others = experiments(streams, kinds, lambda kind: "tip" not in kind)[0]
+        series = joined(lead, others)
+        return series, guess_map(series, robot)
+    for series in tables:
+        try:
+            return series, guess_map(series, robot)
+        except ConfigError as e:
+            failed.append(e)
     if failed:
         raise failed[0]
     raise ConfigError(f"{', '.join(map(str, inputs))}: no file of a kind that is read ({', '.join(KNOWN)})")
