@@ -29,8 +29,9 @@ from .columns import DAY
 from .formats import KNOWN, RECORDING, read
 from .joining import in_time, lag
 from .map_file import AXES, Map, Name, named
-from .places import Jump, Stands, beside_at_rest, jumps, length_at_rest, lever_off, moves_within, strays, turn_off
+from .places import Jump, Stands, beside_at_rest, jumps, length_at_rest, lever_off, moves_within, other_order, strays, turn_off
 from .quantities import Quantities, quantities_of
+from .reading import at_rest
 from .series import Series
 from .trials import Cut, cuts, trials_of_rows
 
@@ -226,7 +227,9 @@ def imported(
         table = Table(tuple(TrialRow.from_cells(r.cells()) for r in rows))
     except RecordingError as e:
         raise ConfigError(f"the table made by the map is none: {e}") from e
-    questions = [f"{series.path.name}, {text}" for series, q, _ in every for text in q.questions]
+    rests = {series.path.name: _rest(q) for series, q, _ in every}
+    asked = other_order(rests, float(straight[2]), wanted.straight != "as recorded")
+    questions = [*asked, *(f"{series.path.name}, {text}" for series, q, _ in every for text in q.questions)]
     return Imported(table, tuple(read_files), tuple(notes), tuple(questions))
 
 
@@ -343,6 +346,14 @@ def _lever_note(sensor: float, off: float, without: float, best: float) -> str:
         f"the end of the body, but to {1e3 * without:.1f} mm where the map has it ({1e3 * sensor:.1f} mm): check sensor, frame "
         "and orientation"
     )
+
+
+def _rest(q: Quantities) -> Array:
+    """(1 + k, 3) m, the mean of tip and markers at rest; NaN of those that were not seen then."""
+    places = np.concatenate([q.tip[:, None], q.markers], axis=1)[at_rest(q.pressures)]
+    seen = np.isfinite(places).all(axis=2)
+    total = np.where(seen[:, :, None], places, 0.0).sum(axis=0)
+    return np.asarray(np.where(seen.any(axis=0)[:, None], total / np.maximum(seen.sum(axis=0), 1)[:, None], np.nan))
 
 
 # ------------------------------------------------------------------ frames

@@ -37,6 +37,8 @@ SAMPLE = 100
 MOST_COLUMNS = 5000
 DATA_SHARE = 0.5
 """Of the most numbers of a line, from which a line is data."""
+MOST_ABOVE = 3
+"""Lines of numbers that may stand above a heading."""
 COMMENT = re.compile(r"\s*(?:#+|%+|//+)\s*")
 MOST_NOTED = 5
 """Lines left out that are named."""
@@ -333,10 +335,21 @@ def _data_rows(
             f"{path}: no line below line {after} holds numbers; correct source.{'units' if source.units else 'heading'}" if after
             else f"{path}: no line holds numbers; is {separator!r} its separator (source.separator)?"
         )  # fmt: skip
+    data[: _numbers_above_headings(data, commented, words)] = False
     clean = np.flatnonzero(data & full & ~odd)
     behind = np.arange(len(odd)) > (clean[-1] if len(clean) else len(odd))
     data = np.asarray(data & ~(behind & (words & single)[:, of_numbers].any(axis=1)))  # without sums, means and the like
     return data, int(np.argmax(data))
+
+
+def _numbers_above_headings(data: NDArray[np.bool_], commented: NDArray[np.bool_], words: NDArray[np.bool_]) -> int:
+    """The line below which the table's own rows begin, where lines of numbers, of channels say, stand above a heading."""
+    rows = np.flatnonzero(data)
+    headed = ~data & ~commented & (words.sum(axis=1) >= DATA_SHARE * words.shape[1])
+    for k in range(min(MOST_ABOVE, len(rows) // 2), 0, -1):
+        if headed[rows[k - 1] : rows[k]].any():
+            return int(rows[k])
+    return 0
 
 
 def _is_cut_off(last: Sequence[str], above: pd.DataFrame) -> bool:

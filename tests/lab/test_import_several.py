@@ -65,6 +65,35 @@ def test_markers_exchanged_from_file_to_file_are_asked_about(tmp_path: Path) -> 
     assert not made.notes and tips(made.table)[STATES:] == pytest.approx(tips(made.table)[:STATES])
 
 
+@pytest.mark.parametrize("straight", ["as recorded", "at rest", "first row"])
+@pytest.mark.parametrize("loaded", [False, True])
+def test_markers_in_another_order_in_one_file_are_asked_about_whatever_is_mounted(
+    straight: str, loaded: bool, tmp_path: Path
+) -> None:
+    contents = {"a.csv": WHOLE, "b.csv": text(FEW, headings=NAMES, change=exchanged), "c.csv": WHOLE}
+    files: dict[str, Any] = {"b.csv": {"tip_mass": "20 g"}, "*": {}} if loaded else {}
+    made = read_all(tmp_path, contents, straight=straight, files=files)
+    (question,) = made.questions
+    assert "b.csv: at rest the tip stands where marker 1 does, marker 1 stands where the tip does in a.csv" in question
+
+
+def test_a_tip_behind_the_base_in_one_file_is_asked_about(tmp_path: Path) -> None:
+    """Of which base and tip are two markers, and only their difference is read."""
+
+    def of_two(k: int, cells: list[str], turned: bool) -> list[str]:
+        base, end = ["0.5", "0.5", "10"], [cells[4], cells[5], f"{float(cells[6]) + 10:.3f}"]
+        return [*cells[:4], *(base + end if turned else end + base)]
+
+    contents = {f"{name}.csv": text(FEW, headings=NAMES, change=lambda k, c, n=name: of_two(k, c, n == "b")) for name in "abc"}
+    points = {"tip": {"of": [list(NAMES[4:7])], "against": [list(NAMES[7:])]}}
+    columns = plain(**{n: c for n, c in COLUMNS.items() if n[0] in "tp"})
+    (question,) = read_all(tmp_path, contents, columns=columns, points=points).questions
+    assert "b.csv: at rest the tip is behind the base, 300 mm from where it is in a.csv" in question
+    turned = {"tip": {"of": [list(NAMES[7:])], "against": [list(NAMES[4:7])]}}
+    own = {"b.csv": {"points": turned}, "*": {}}
+    assert not read_all(tmp_path, contents, columns=columns, points=points, files=own).questions
+
+
 def test_a_marker_that_jumps_is_asked_about_and_one_that_bends_is_not(tmp_path: Path) -> None:
     def moved(k: int, cells: list[str]) -> list[str]:
         cells = with_middle(k, cells)
