@@ -13,7 +13,7 @@ have moved it elsewhere in the same data was measured on another marker, or afte
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -147,15 +147,15 @@ EXCHANGED, ELSEWHERE = 3.0, 0.5
 where it rests there, from which the order of columns is asked about."""
 
 
-def other_order(files: Mapping[str, Array], length: float, moved: bool) -> Iterator[str]:
+def other_order(files: Sequence[tuple[str, Array]], length: float, moved: bool) -> Iterator[str]:
     """What to ask about files whose points at rest, (1 + k, 3) m of the tip and the markers, stand where others do elsewhere.
 
     Each is held against the file that is nearest to all of them; `moved`: cameras may have been moved from file to file.
     """
-    usable = {name: rest for name, rest in files.items() if np.isfinite(rest).all()}
-    if len(usable) < 2 or len({rest.shape for rest in usable.values()}) > 1:
+    usable = [(name, rest) for name, rest in files if np.isfinite(rest).all()]
+    if len(usable) < 2 or len({rest.shape for _, rest in usable}) > 1:
         return
-    names, places = list(usable), np.array(list(usable.values()))
+    names, places = [name for name, _ in usable], np.array([rest for _, rest in usable])
     if moved and places.shape[1] > 1:
         places = places - places.mean(axis=1, keepdims=True)
     apart = np.linalg.norm(places[:, None] - places[None], axis=3).sum(axis=(1, 2))

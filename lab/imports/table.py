@@ -227,8 +227,9 @@ def imported(
         table = Table(tuple(TrialRow.from_cells(r.cells()) for r in rows))
     except RecordingError as e:
         raise ConfigError(f"the table made by the map is none: {e}") from e
-    rests = {series.path.name: _rest(q) for series, q, _ in every}
-    asked = other_order(rests, float(straight[2]), wanted.straight != "as recorded")
+    asked = other_order(
+        [(series.path.name, _rest(q)) for series, q, _ in every], float(straight[2]), wanted.straight != "as recorded"
+    )
     questions = [*asked, *(f"{series.path.name}, {text}" for series, q, _ in every for text in q.questions)]
     return Imported(table, tuple(read_files), tuple(notes), tuple(questions))
 
