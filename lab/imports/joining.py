@@ -17,7 +17,7 @@ from scipy.signal import correlate
 from ..files.config import ConfigError
 from ..files.units import KINDS
 from .clock import EPOCH, HALF_HOUR, LARGEST_CHANGE, period, timeline, unit_of_steps
-from .headings import heading, own_column, quantity, triples
+from .headings import heading, is_unit, own_column, quantity, triples
 from .map_file import Column, Map, Name
 from .reading import axes_of, name_of, numbers, seconds, unit_in
 from .series import Series, Texts, listed
@@ -191,10 +191,12 @@ def _apart(lead: Stream, other: Stream) -> str:
     spans = " and ".join(f"{s.label} ({s.span[0]:.10g} .. {s.span[1]:.10g} s)" for s in (lead, other))
     zones = [k * HALF_HOUR for k in range(-LARGEST_CHANGE, LARGEST_CHANGE + 1)]
     moved = [z for z in zones if min(lead.span[1], other.span[1] + z) > max(lead.span[0], other.span[0] + z)]
-    proposed = f"{min(moved, key=abs):g}" if moved and lead.absolute == other.absolute else "SECONDS"
+    zone = min(moved, key=abs) if moved and lead.absolute == other.absolute else None
+    start, why = lead.span[0] - other.span[0], "if both started together"
+    proposed, why = (start, why) if zone is None else (zone, "if one clock is set to another time zone")
     return (
-        f"{spans} have no time in common: state by how much the times of one are to be moved, files: {{{other.label!r}: "
-        f"{{source: {{offset: {proposed}}}}}, '*': {{}}}}, or {JOIN}"
+        f"{spans} have no time in common: state by how many s the times of one are to be moved, {why} files: {{{other.label!r}: "
+        f"{{source: {{offset: {proposed:.10g}}}}}, '*': {{}}}}, or {JOIN}"
     )
 
 
@@ -285,7 +287,9 @@ def _holds_places(series: Series) -> bool:
 
 
 def of_rows_in_turn(series: Series) -> Series:
-    """The same where columns take turns, row by row, in holding values: joined in time, to the rows that hold places."""
+    """The same where columns take turns, row by row, in holding values, or names of quantities do beside one column of values:
+    joined in time, to the rows that hold places."""
+    series = _by_name(series)
     groups = list(_in_turn(series))
     if not groups:
         return series
@@ -303,6 +307,23 @@ def of_rows_in_turn(series: Series) -> Series:
         f"{'time' if times else 'the order of rows'} to the {len(made)} rows of {streams[lead].label}"
     )
     return replace(made, columns={n: made.columns[n] for n in series.names}, notes=(note, *series.notes))
+
+
+def _by_name(series: Series) -> Series:
+    """A table of times, names and values with a column for each name; any other as it is."""
+    times = time_heading(series)
+    values = [n for n in series.numbers if n != times]
+    units = next((n for n, w in series.words.items() if all(map(is_unit, set(w.tolist())))), None)
+    names = [n for n in series.words if n != units]
+    if times is None or len(values) != 1 or len(names) != 1:
+        return series
+    named, held = series.words[names[0]], series.numbers[values[0]]
+    every = [n for n in dict.fromkeys(named.tolist()) if n]
+    if not 1 < len(every) <= MOST_STREAMS or (named[1:] != named[:-1]).mean() < TURNS or set(every) & {times}:
+        return series
+    columns = {times: series.numbers[times]} | {n: np.where(named == n, held, np.nan) for n in every}
+    stated = {n: str(series.words[units][np.argmax(named == n)]) for n in every} if units else {}
+    return replace(series, columns=columns, units={**series.units, **stated})
 
 
 def _part(series: Series, rows: NDArray[np.int64], names: Sequence[str]) -> Series:

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 SEPARATORS = ("\t", ";", "|", ",", " ")
 """In the order in which they are preferred where several split the lines as well."""
+WORD = 0.9
+"""Numbers that a word beside them outweighs where a separator is judged: half of a row may be words."""
 SAMPLE = 100
 """Lines by which separator and width are judged."""
 MOST_COLUMNS = 5000
@@ -238,7 +240,7 @@ def _form(path: Path, records: Sequence[Record], given: str | None, missing: Seq
             values = sum(map(looks_like_value, cells))
             other = sum(not looks_like_value(c) and not is_missing(c, missing) for c in cells)
             if values and len(cells) > 1:
-                score[len(cells)] = score.get(len(cells), 0.0) + values - other
+                score[len(cells)] = score.get(len(cells), 0.0) + values - WORD * other
         width, points = max(score.items(), key=lambda s: s[1], default=(0, 0.0))
         # blanks, of which a tab is one, must split the lines better than another separator
         if points > best[0] * (1.2 if separator == " " else 1.0):

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import Cli
-from foreign import ROBOT, by_map, plain, pressures, tips
+from foreign import ROBOT, by_map, plain, pressures, through, tips
 
 from benchmarks.faults.foreign_tables import PLATEAUS, sweep
 from lab.files.config import ConfigError
@@ -109,7 +109,7 @@ def test_files_with_dates_belong_together_that_have_time_in_common(tmp_path: Pat
             7200.0,
             r"have no time in common: .*'logger.csv': \{source: \{offset: -7200\}\}.* or join them in time",
         ),
-        (day, "Date", 86400.0 * 30, r"have no time in common: .*offset: SECONDS"),
+        (day, "Date", 86400.0 * 30, r"have no time in common: .* if both started together .*offset: -2592000"),
         (
             lambda t: f"{t:.3f}",
             "Time [s]",
@@ -127,11 +127,13 @@ def test_files_without_a_time_in_common_are_refused_with_the_remedy(
         by_map(files, **MAP | {"columns": MAP["columns"] | {"t": {"column": head}}})
 
 
-def test_dates_and_a_clock_from_zero_are_refused_and_so_are_runs_that_nothing_pairs(tmp_path: Path) -> None:
+def test_dates_and_a_clock_from_zero_need_a_stated_offset_and_runs_that_nothing_pairs_are_refused(tmp_path: Path) -> None:
     files = [table(tmp_path / "mocap.csv", TIPS, TIP)]
     files.append(table(tmp_path / "logger.csv", (1, 2, 3), ("Date", *PRESSURES[1:]), ROWS, day))
-    with pytest.raises(ConfigError, match="have no time in common"):
+    with pytest.raises(ConfigError, match="have no time in common") as refused:
         by_map(files, **MAP)
+    offset = float(str(refused.value).partition("offset: ")[2].partition("}")[0])
+    same(by_map(files, **MAP, files={"logger.csv": {"source": {"offset": offset}}, "*": {}}))
     files = two(tmp_path)
     files.append(table(tmp_path / "more.csv", (1, 2, 3), PRESSURES))
     with pytest.raises(ConfigError, match="no dates that say which belong together.* or join them in time first"):
@@ -211,6 +213,15 @@ def test_streams_in_rows_of_their_own_are_joined_within_their_own_period(tmp_pat
     assert np.isfinite(found.numbers["P1 [kPa]"][(ROWS[:, 0] < 31) | (ROWS[:, 0] > 40.2)]).mean() > 0.99
     made = by_map(tmp_path / "a.csv", **MAP)
     assert made.table["p2"].max() == pytest.approx(HELD[:, 2].max() * 1e3, abs=300)
+
+
+def test_values_under_their_names_in_rows_of_their_own_are_columns(tmp_path: Path) -> None:
+    names = ("P1", "P2", "P3", "Tip X", "Tip Y", "Tip Z")
+    lines = ["Time [s],Signal,Value,Unit"]
+    for r in ROWS:
+        lines += [f"{r[0] + k * 2e-3:.3f},{n},{r[k + 1]:.3f},{'kPa' if k < 3 else 'mm'}" for k, n in enumerate(names)]
+    _, made = through(tmp_path / "a.csv", "\n".join(lines) + "\n")
+    same(made)
 
 
 def test_columns_that_are_blank_for_other_reasons_stay_as_they_are(tmp_path: Path) -> None:
