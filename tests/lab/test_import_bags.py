@@ -18,7 +18,8 @@ from google.protobuf.descriptor_pb2 import FieldDescriptorProto
 from google.protobuf.timestamp_pb2 import Timestamp
 from mcap.writer import Writer
 
-from lab.imports.recording_topics import _at, _numbers
+from lab.imports.joining import at_times
+from lab.imports.recording_topics import OLDEST, _numbers
 from recordings.table_file import read_csv
 from recordings.trials import Table
 
@@ -305,4 +306,4 @@ def test_between_two_readings_a_place_moves_and_a_count_or_a_turned_angle_does_n
     values: list[float], between: list[float]
 ) -> None:
     times = np.arange(4.0) / 10
-    assert _at(times[:3] + 0.025, times, np.array(values, float)) == pytest.approx(between)
+    assert at_times(times[:3] + 0.025, times, np.array(values, float), OLDEST) == pytest.approx(between)
