@@ -213,12 +213,12 @@ def test_fields_of_protobuf_that_were_not_set_are_missing() -> None:
 
 def test_quaternions_of_either_sign_are_interpolated_as_the_turns_they_are(place: Path, importer: Importer) -> None:
     def imu(i: int, tip: dict[str, float], p: list[float]) -> list[Any]:
-        return [{k: (1 if i % 2 else -1) * v for k, v in zip("wxyz", (0.8, 0.0, 0.6, 0.0), strict=True)}]
+        return [{k: (1 if i % 2 else -1) * v for k, v in zip("wxyz", (0.96, 0.0, 0.28, 0.0), strict=True)}]
 
     odd = iter(range(10**6))  # each third message, of the sensor, comes half a period later
     path = bag_of(place / "bag.mcap", TIP, PRESSURE, ("/imu", imu), log_time=lambda ns: ns + PERIOD // 2 * (next(odd) % 3 == 2))
     importer(path, **{"states:": "orientation: {columns: [/imu.w, /imu.x, /imu.y, /imu.z]}\nstates:"})
-    assert table(place)["qw"] == pytest.approx([0.8] * 25)
+    assert table(place)["qw"] == pytest.approx([0.96] * 25)
 
 
 @pytest.mark.parametrize("packed", [False, True], ids=["another CDR", "each message packed"])
