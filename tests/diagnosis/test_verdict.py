@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from diagnosis.answer.calibration import origins
-from diagnosis.answer.headline import headline
+from diagnosis.answer.headline import MOST_WORDS, headline
 from diagnosis.answer.result import (
     Absorbed,
     Alike,
@@ -300,7 +300,11 @@ def test_what_else_would_do_what_an_area_factor_does_stands_beside_it_with_the_e
     for each in ("[tip_payload] +117 g (0.32 mm remain)", "[body_modulus] +25 % (0.40 mm remain)", "pressures", "radius"):
         assert each in told
     assert "weigh what the tip carries, hang a known mass on it without pressure, hold a gauge" in told
-    assert changed_by(replace(NOTHING, calibration=found)) == "a body 25 % stiffer or tip payload +117 g"
+    changed = changed_by(replace(NOTHING, calibration=found))
+    assert changed == "a body 25 % stiffer or tip payload +117 g"
+    for which in (attribute("none", "noise"), attribute("effect", "one of several", {}, "base_tilt")):
+        said = headline(which, CATALOGUE, by_calibration=1.0, calibrated=changed, alone=True)
+        assert f"({changed}) (p = 0.96)" in said and len(said.split()) <= MOST_WORDS
 
 
 @pytest.mark.parametrize(
