@@ -251,9 +251,11 @@ def _times(cells: Any, words: Sequence[str]) -> Array | None:
         return _dates(cells, words)
     seconds = np.array(cells.map({w: _clock(w) for w in words}), np.float64)
     steps = np.diff(seconds[np.isfinite(seconds)])
-    if steps.size and (steps < -DAY / 2).any():
+    hours = any(HOURS.fullmatch(w) or ((found := CLOCK.fullmatch(w)) and found[1]) for w in words)
+    turn = DAY if hours else 3600.0  # after which they begin again
+    if steps.size and (steps < -turn / 2).any():
         at = np.flatnonzero(np.isfinite(seconds))
-        seconds[at] += DAY * np.concatenate([[0], np.cumsum(steps < -DAY / 2)])
+        seconds[at] += turn * np.concatenate([[0], np.cumsum(steps < -turn / 2)])
     return seconds
 
 

@@ -17,7 +17,8 @@ from recordings.trials import counted
 from ..console import Screen, note, out
 from ..files.config import ConfigError, load
 from ..imports.formats import KNOWN, read
-from ..imports.guess import guess_map
+from ..imports.guess import guess_map, lacks
+from ..imports.joining import experiments, joined, stream_of
 from ..imports.map_file import Map, Source, demand_units
 from ..imports.proposal import Guess, guess_text
 from ..imports.series import Series
@@ -61,29 +62,44 @@ def told(made: Imported, folder: Path) -> Result:
     written = [str(folder / name) for name in ("robot.yaml", "trials.csv", MAP, PICTURE)]
 
     def show() -> None:
-        note(made.notes)
+        note((*made.notes, *(f"check: {text}" for text in made.questions)))
         out.print(f"{counted(len(made.table), 'state')} in {counted(trials, 'trial')}")
         out.print(f"written: {', '.join(written)}", soft_wrap=True)
         out.print(f"look at {folder / PICTURE}, then: {shlex.join(('lab', 'diagnose', str(folder)))}", soft_wrap=True)
 
-    about = {"states": len(made.table), "trials": trials, "columns": made.table.columns, "notes": made.notes}
+    about = {"states": len(made.table), "trials": trials, "columns": made.table.columns, "notes": made.notes,
+             "check": made.questions}  # fmt: skip
     return Result({"files": written, "read": [str(q.path) for _, q, _ in made.files], **about}, show)
 
 
 def _first_proposal(inputs: Sequence[Path], robot: Robot) -> tuple[Series, Guess]:
-    """The first file of which a map can be proposed; raises ConfigError where there is none, and for one named as a file."""
+    """The first file, or files with pressures and tip together, of which a map can be proposed; else raises ConfigError."""
     failed: list[ConfigError] = []
+    tables: list[Series] = []
     for path in inputs:
         for file in sorted(path.iterdir()) if path.is_dir() else [path]:
             if file.suffix.lower() not in KNOWN:
                 continue
             try:
                 series = read(file, Source())
-                return series, guess_map(series, robot)
+                if not lacks(series, robot):
+                    return series, guess_map(series, robot)
+                tables.append(series)
             except ConfigError as e:
                 if not path.is_dir():
                     raise
                 failed.append(e)
+    kinds = [lacks(series, robot) for series in tables]
+    if tables and not frozenset.intersection(*kinds):
+        streams = [stream_of(series, series.path.name)[0] for series in tables]
+        lead, others = experiments(streams, kinds, lambda kind: "tip" not in kind)[0]
+        series = joined(lead, others)
+        return series, guess_map(series, robot)
+    for series in tables:
+        try:
+            return series, guess_map(series, robot)
+        except ConfigError as e:
+            failed.append(e)
     if failed:
         raise failed[0]
     raise ConfigError(f"{', '.join(map(str, inputs))}: no file of a kind that is read ({', '.join(KNOWN)})")
@@ -118,7 +134,7 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path) -> Resu
     try:
         made = imported(inputs, load(folder / MAP, Map), robot)
         found = (*implausible_values(robot, made.table), *doubtful(robot, made.table, str(robot_path)))
-        checks += (*found, *(n for n in made.notes if n.startswith(NOT_READ)))
+        checks += (*found, *made.questions, *(n for n in made.notes if n.startswith(NOT_READ)))
         from ..pages.import_figure import draw
 
         draw(made, robot, folder / PICTURE)

@@ -14,7 +14,7 @@ import pyarrow.parquet
 import pytest
 import yaml
 from commands import Cli
-from foreign import AZIMUTHS, ROBOT, plain, tips
+from foreign import AZIMUTHS, ROBOT, by_map, plain, tips
 from mcap.writer import Writer
 from mcap_ros2.writer import Writer as Ros2Writer
 from scipy.spatial.transform import Rotation
@@ -24,7 +24,7 @@ from lab.files.config import ConfigError
 from lab.imports.formats import read
 from lab.imports.headings import heading, quantity
 from lab.imports.map_file import Plateaus, Source
-from lab.imports.plateaus import plateaus
+from lab.imports.trials import plateaus
 from recordings.table_file import read_csv
 from recordings.trials import Table
 
@@ -236,6 +236,56 @@ def test_a_parquet_table_becomes_a_case(tmp_path: Path, cli: Cli) -> None:
     (tmp_path / "bad.parquet").write_bytes(b"PAR1 and nothing more")
     with pytest.raises(ConfigError, match="is not a Parquet file"):
         read(tmp_path / "bad.parquet", Source())
+
+
+def nested(rows: list[Any], odd: dict[str, Any]) -> Any:
+    """The sweep with lists and structures, and columns that are no measurements."""
+    pressures = [[v / 1e3 for v in p] for _, _, p, _, _ in rows]
+    bodies = [[{"name": "tip", "at": dict(zip("xyz", (1e3 * tip).tolist(), strict=True))}, {"name": "base", "at": None}]
+              for *_, tip, _ in rows]  # fmt: skip
+    bodies = [b[::-1] if i % 2 else b for i, b in enumerate(bodies)]  # told by their names, not by their order
+    columns = {"time": [t for _, t, *_ in rows], "pressure_kPa": pyarrow.array(pressures, pyarrow.list_(pyarrow.float32()))}
+    return pyarrow.table(columns | {"bodies_mm": bodies} | odd)
+
+
+def test_lists_and_structures_of_a_parquet_table_become_columns_and_odd_ones_cost_themselves_alone(tmp_path: Path) -> None:
+    rows = sweep()
+    many = len(rows)
+    odd = {
+        "image": pyarrow.array([b"x"] * many),
+        "wide": [list(range(600))] * many,
+        "ragged": [[1.0, 2.0][: i % 3] or None for i in range(many)],
+        "gains": pyarrow.array([[("kp", 0.5)]] * many, pyarrow.map_(pyarrow.string(), pyarrow.float64())),
+        "cells": [[[1, 2], [3]]] * many,
+        "blob": [[b"x"]] * many,
+    }
+    pyarrow.parquet.write_table(nested(rows, odd), tmp_path / "run.parquet")
+    found = read(tmp_path / "run.parquet", Source())
+    names = ("time", *(f"pressure_kPa.{k}" for k in (1, 2, 3)), *(f"bodies_mm.tip.at.{a}" for a in "xyz"))
+    assert set(names) <= set(found.names) and found.units["pressure_kPa.2"] == "kPa" and found.units["bodies_mm.tip.at.x"] == "mm"
+    assert {"ragged.1", "ragged.2", "gains.kp", "cells.1.2", "cells.2.1"} <= set(found.names)
+    assert np.isnan(found.numbers["ragged.2"][:2]).all() and found.numbers["ragged.2"][2] == 2
+    for name, why in (("image", "bytes are no measurements"), ("wide", "500 values in a row or more"), ("blob", "no number")):
+        assert any(f"column {name!r}" in n and why in n for n in found.notes)
+    columns = plain(t="time", **{f"p{k}": f"pressure_kPa.{k}" for k in (1, 2, 3)}) | {
+        a: {"column": f"bodies_mm.tip.at.{a}"} for a in "xyz"
+    }
+    made = by_map(tmp_path / "run.parquet", columns=columns, trials={"begin": "rest"})
+    assert made.table["p2"] == pytest.approx([p[1] for _, _, p, _, _ in rows], rel=1e-6)
+    assert tips(made.table) == pytest.approx(truth())
+
+
+def test_a_damaged_column_of_a_parquet_table_costs_itself_alone(tmp_path: Path) -> None:
+    file = tmp_path / "run.parquet"
+    columns = {"time": np.arange(99.0), "odd": np.arange(99.0) ** 2}
+    pyarrow.parquet.write_table(pyarrow.table(columns), file, compression="gzip", use_dictionary=False)
+    begin = pyarrow.parquet.ParquetFile(file).metadata.row_group(0).column(1).data_page_offset
+    data = bytearray(file.read_bytes())
+    data[begin + 30 : begin + 90] = bytes(60)
+    file.write_bytes(data)
+    found = read(file, Source())
+    assert found.numbers["time"].tolist() == list(range(99)) and found.names == ("time",)
+    assert any("column 'odd' (double) is left out" in n for n in found.notes)
 
 
 @pytest.mark.parametrize(("name", "library"), [("a.mat", "h5py"), ("a.parquet", "pyarrow.parquet"), ("a.c3d", "c3d")])
