@@ -27,7 +27,8 @@ def read_c3d(path: Path, source: Source) -> Series:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
             reader = library.Reader(io.BytesIO(data))
-            if not reader.point_used and not reader.analog_used:
+            # frames of no bytes would be read as often as the file claims
+            if not reader.point_used and not reader.analog_used * reader.analog_per_frame:
                 raise ConfigError(f"{path}: has neither markers nor analog channels; export the take again")
             frames = [(points, analog) for _, points, analog in reader.read_frames(copy=True)]
             labels, channels = _labels(reader, "POINT"), _labels(reader, "ANALOG")

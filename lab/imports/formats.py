@@ -14,8 +14,8 @@ from .c3d_files import read_c3d
 from .columns import of_frame
 from .map_file import Source
 from .matlab import read_matlab
-from .series import LARGEST, Series, cleaned, of_judged, package
-from .text_tables import MOST_COLUMNS, read_text
+from .series import LARGEST, Series, cleaned, demand_bounded, demand_columns, of_judged, package
+from .text_tables import read_text
 
 
 def read(paths: Path | Sequence[Path], source: Source, named: Collection[str] | None = None) -> Series:
@@ -38,8 +38,7 @@ def read(paths: Path | Sequence[Path], source: Source, named: Collection[str] | 
     found = cleaned(found, source.missing)
     if not len(found):
         raise ConfigError(f"{path}: has no rows of numbers")
-    if len(found.names) > MOST_COLUMNS:
-        raise ConfigError(f"{path}: has {len(found.names)} columns, at most {MOST_COLUMNS} are read")
+    demand_columns(path, len(found.names))
     return found
 
 
@@ -47,7 +46,14 @@ def _parquet(path: Path, source: Source) -> Series:
     parquet = package("pyarrow.parquet", path)
     read_bounded(path, LARGEST, ConfigError)
     try:
+        about = parquet.read_metadata(path)
+        groups = [about.row_group(g) for g in range(about.num_row_groups)]
+        values = sum(group.column(c).num_values for group in groups for c in range(group.num_columns))
+        # before anything is unpacked: a value that repeats takes no bytes
+        demand_bounded(path, max(8 * values, sum(group.total_byte_size for group in groups)))
         table = parquet.read_table(path)
+    except ConfigError:
+        raise
     except Exception as e:
         raise ConfigError(f"{path}: is not a Parquet file ({type(e).__name__}: {str(e).splitlines()[0][:200]})") from e
     return of_judged(path, {n: of_frame(table[n].to_pandas(), source.missing) for n in table.column_names}, "Parquet")

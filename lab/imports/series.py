@@ -21,6 +21,7 @@ Texts = NDArray[np.str_]
 
 LARGEST = 500_000_000
 """Bytes of a file."""
+MOST_COLUMNS = 5000
 
 
 @dataclass(frozen=True)
@@ -105,6 +106,12 @@ def demand_bounded(path: Path, size: int) -> None:
     """Raise ConfigError where a file unpacks to more than `LARGEST` bytes."""
     if size > LARGEST:
         raise ConfigError(f"{path}: unpacked it has {size / 1e6:.0f} MB, at most {LARGEST / 1e6:g} MB are read")
+
+
+def demand_columns(path: Path, count: int) -> None:
+    """Raise ConfigError where a file has more than `MOST_COLUMNS` columns."""
+    if count > MOST_COLUMNS:
+        raise ConfigError(f"{path}: has {count} columns, at most {MOST_COLUMNS} are read")
 
 
 def unique(names: Sequence[str], width: int) -> list[str]:

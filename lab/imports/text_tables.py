@@ -23,7 +23,7 @@ from ..files.config import ConfigError
 from .columns import Judged, is_missing, judge, looks_like_value
 from .headings import heading, unit_named
 from .map_file import Source
-from .series import LARGEST, Series, of_judged
+from .series import LARGEST, Series, demand_columns, of_judged
 from .table_head import MOTIVE, Head, are_units, head_of
 
 if TYPE_CHECKING:
@@ -33,7 +33,6 @@ SEPARATORS = ("\t", ";", "|", ",", " ")
 """In the order in which they are preferred where several split the lines as well."""
 SAMPLE = 100
 """Lines by which separator and width are judged."""
-MOST_COLUMNS = 5000
 DATA_SHARE = 0.5
 """Of the most numbers of a line, from which a line is data."""
 COMMENT = re.compile(r"\s*(?:#+|%+|//+)\s*")
@@ -195,8 +194,7 @@ def _form(path: Path, records: Sequence[Record], given: str | None, missing: Seq
             f"{path}, line {records[0].line}: {records[0].text.strip()[:40]!r} ..: {tried}; "
             "name the separator (source.separator), or export the data as CSV"
         )
-    if best[2] > MOST_COLUMNS:
-        raise ConfigError(f"{path}: has {best[2]} columns, at most {MOST_COLUMNS} are read")
+    demand_columns(path, best[2])
     return best[1], best[2]
 
 
