@@ -13,11 +13,13 @@ import contextlib
 import os
 import termios
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import serial
 
 import timing
 
+from .configs import known_port
 from .errors import BadReply, InstrumentError, NoReply, NotReady, Unreachable, WrongDevice
 from .stop_first import SLICE, StopFirst
 
@@ -48,6 +50,18 @@ def meeting(name: str, close: Callable[[], None], stranger: str) -> Iterator[Non
         if isinstance(e, BadReply):
             raise WrongDevice(name, f"{stranger}: {e.message}") from e
         raise
+
+
+def open_port(name: str, port: str, baud: int, **options: Any) -> serial.Serial:
+    """Open a serial port for this process alone, with the options of pyserial; raises `Unreachable`."""
+    try:
+        return serial.serial_for_url(known_port(port), baud, exclusive=True, **options)
+    except (OSError, ValueError, termios.error) as e:
+        raise Unreachable(
+            name,
+            f"cannot open {port} at {baud} Bd ({e}); check that it is plugged in, that rig.yaml names this port, that you may "
+            "use it (group dialout), and that no other program has it open",
+        ) from e
 
 
 class PortWatch:
@@ -132,22 +146,10 @@ class SerialLine:
             if self._serial is not None and not self._silent and not self._leads_elsewhere(self._serial):
                 return
             self.close()
-            try:
-                self._serial = serial.serial_for_url(
-                    self.port,
-                    self.baud,
-                    parity=self._parity,
-                    stopbits=self._stopbits,
-                    timeout=min(SLICE, self.timeout),
-                    write_timeout=max(WRITE_WITHIN, self.timeout),
-                    exclusive=True,
-                )
-            except (OSError, ValueError) as e:
-                raise Unreachable(
-                    self.name,
-                    f"cannot open {self.port} at {self.baud} Bd ({e}); check that it is plugged in, that rig.yaml "
-                    "names this port, that you may use it (group dialout), and that no other program has it open",
-                ) from e
+            self._serial = open_port(
+                self.name, self.port, self.baud, parity=self._parity, stopbits=self._stopbits,
+                timeout=min(SLICE, self.timeout), write_timeout=max(WRITE_WITHIN, self.timeout),
+            )  # fmt: skip
             self._buffer.clear()
             self._silent = False
 

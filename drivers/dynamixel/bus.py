@@ -16,13 +16,12 @@ import termios
 from collections.abc import Callable, Iterator
 from typing import NamedTuple, TypeVar
 
-import serial
 from dynamixel_sdk import COMM_RX_CORRUPT, COMM_RX_TIMEOUT, COMM_SUCCESS, PortHandler, Protocol2PacketHandler
 
 import timing
 
-from ..errors import BadReply, NoReply, Unreachable
-from ..serial_line import WRITE_WITHIN, PortWatch
+from ..errors import BadReply, NoReply
+from ..serial_line import WRITE_WITHIN, PortWatch, open_port
 
 ATTEMPTS = 3
 ALERT = 0x80
@@ -62,14 +61,14 @@ ANSWER_ALL = 2
 class _Port(PortHandler):  # type: ignore[misc]
     """The SDK's port with a time-out of our own (s), monotonic time, waits instead of spinning, and one owner."""
 
-    def __init__(self, port: str, timeout: float) -> None:
+    def __init__(self, name: str, port: str, timeout: float) -> None:
         super().__init__(port)
+        self.name = name
         self.timeout = timeout
 
     def setupPort(self, cflag_baud: int) -> bool:  # noqa: N802 (the SDK's name)
-        self.ser = serial.serial_for_url(
-            self.port_name, cflag_baud, timeout=0.005, write_timeout=max(WRITE_WITHIN, self.timeout), exclusive=True
-        )
+        writing = max(WRITE_WITHIN, self.timeout)
+        self.ser = open_port(self.name, self.port_name, cflag_baud, timeout=0.005, write_timeout=writing)
         self.is_open = True
         self.tx_time_per_byte = 10_000.0 / cflag_baud
         return True
@@ -107,15 +106,8 @@ class Servo:
 
     def open(self) -> None:
         """Open the serial port. Raises `Unreachable`."""
-        port = _Port(self._path, self._timeout)
-        try:
-            port.setBaudRate(self.baud)
-        except (OSError, ValueError, termios.error) as e:
-            raise Unreachable(
-                self.name,
-                f"cannot open {self._path} at {self.baud} Bd ({e}); check the USB adapter, the port in rig.yaml, and "
-                "that no other program has it open",
-            ) from e
+        port = _Port(self.name, self._path, self._timeout)
+        port.setBaudRate(self.baud)
         self._port, self._behind, self._watch.lost = port, True, ""
 
     def close(self) -> None:

@@ -22,8 +22,8 @@ from pytrinamic.tmcl import TMCLCommand, TMCLReply, TMCLRequest, TMCLStatus
 
 import timing
 
-from ..errors import BadReply, InstrumentError, NoReply, Unreachable
-from ..serial_line import WRITE_WITHIN, PortWatch
+from ..errors import BadReply, InstrumentError, NoReply
+from ..serial_line import WRITE_WITHIN, PortWatch, open_port
 from .parameters import Global
 
 ATTEMPTS = 2
@@ -62,20 +62,8 @@ class Axis:
 
     def open(self) -> None:
         """Open the serial port. Raises `Unreachable`."""
-        try:
-            self._serial = serial.serial_for_url(
-                self._path,
-                self._baud,
-                timeout=self._timeout,
-                write_timeout=max(WRITE_WITHIN, self._timeout),
-                exclusive=True,
-            )
-        except (OSError, ValueError) as e:
-            raise Unreachable(
-                self.name,
-                f"cannot open {self._path} at {self._baud} Bd ({e}); check the adapter, the port in rig.yaml, and that "
-                "no other program has it open",
-            ) from e
+        writing = max(WRITE_WITHIN, self._timeout)
+        self._serial = open_port(self.name, self._path, self._baud, timeout=self._timeout, write_timeout=writing)
         self._watch.lost = ""
 
     def close(self) -> None:

@@ -21,6 +21,8 @@ Texts = NDArray[np.str_]
 
 LARGEST = 500_000_000
 """Bytes of a file."""
+SMALL, PACKED = 32_000_000, 50
+"""Bytes of memory that any file may take, and that a byte of a larger one may stand for: readings pack to a tenth."""
 MOST_COLUMNS = 5000
 
 
@@ -103,9 +105,13 @@ def package(name: str, path: Path) -> Any:
 
 
 def demand_bounded(path: Path, size: int) -> None:
-    """Raise ConfigError where a file unpacks to more than `LARGEST` bytes."""
-    if size > LARGEST:
-        raise ConfigError(f"{path}: unpacked it has {size / 1e6:.0f} MB, at most {LARGEST / 1e6:g} MB are read")
+    """Raise ConfigError where a file unpacks to more than `LARGEST` bytes, or to more than a file of its size can need."""
+    file = path.stat().st_size
+    if size > (most := min(LARGEST, max(SMALL, PACKED * file))):
+        raise ConfigError(
+            f"{path}: unpacked it has {size / 1e6:.0f} MB, at most {most / 1e6:.0f} MB are read of {file / 1e6:.3g} MB; "
+            "save it without compression, or in parts"
+        )
 
 
 def demand_columns(path: Path, count: int) -> None:
