@@ -134,6 +134,7 @@ ANY_SIZE = option(
     help="read files that claim to unpack to more than their size allows; only if you trust them",
 )
 """Of every verb that reads recordings, whose limits of size it lifts."""
+REPLACE = option("--replace", action="store_true", help="replace the output folder as a whole, whatever it holds")
 INPUTS = inputs("recordings (.mcap) or case folders, as one")
 ROBOT = option("--robot", type=Path, metavar="ROBOT.yaml", help="robot.yaml (default: the one in the input)")
 WORKERS = option("--workers", type=int, metavar="N", help="processor cores to use (default: all)")

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from recordings.file.budget import OPTION, lifted
+
 from ..files.config import ConfigError
 from .columns import Judged, Strange, without_fillers
 from .headings import unit_named
@@ -107,10 +109,10 @@ def package(name: str, path: Path) -> Any:
 def demand_bounded(path: Path, size: int) -> None:
     """Raise ConfigError where a file unpacks to more than `LARGEST` bytes, or to more than a file of its size can need."""
     file = path.stat().st_size
-    if size > (most := min(LARGEST, max(SMALL, PACKED * file))):
+    if size > (most := min(LARGEST, max(SMALL, PACKED * file))) and not lifted():
         raise ConfigError(
             f"{path}: unpacked it has {size / 1e6:.0f} MB, at most {most / 1e6:.0f} MB are read of {file / 1e6:.3g} MB; "
-            "save it without compression, or in parts"
+            f"if you trust the file, {OPTION} lifts the limit"
         )
 
 

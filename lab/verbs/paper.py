@@ -28,12 +28,18 @@ from recordings.own_files import replaced
 from ..console import PlainConsole
 from ..console import out as screen
 from ..files.example import paper_robot
-from ..options import JSON, Verb, option
+from ..files.output_folder import demand_free, whole
+from ..options import JSON, REPLACE, Verb, option
 from ..pages import findings_figures, paper_figures
 from ..paper.findings import Findings, find
 
 Array = NDArray[np.float64]
 
+OWN = (
+    "model_curves.png", "backbones.png", "integrator_error.png", "area_factors.png", "finding_modulus.png", "finding_area.png",
+    "finding_euler.png", "paper.json",
+)  # fmt: skip
+"""What is written, and replaced when the command is repeated."""
 SPINE_LENGTHS = (0.0, 0.05, 0.10, 0.15, 0.20, 0.25, 0.30)
 """m, as in Fig. 5."""
 PRESSURES = (50e3, 100e3, 150e3, 200e3, 250e3)
@@ -157,16 +163,17 @@ def bending_states(robot: Robot) -> States:
     return conditions(robot, length, chambers)
 
 
-def run(out: Path, robot_file: Path | None = None, steps: int = PAPER.steps) -> PaperReport:
+def run(out: Path, robot_file: Path | None = None, steps: int = PAPER.steps, whatever: bool = False) -> PaperReport:
     """Compute everything, write the figures (PNG) and paper.json into `out`, and return the report.
 
     `robot_file` is the paper's robot when None. Raises `model.errors.BadRobot` for a bad robot file, `SolveFailed`
-    when a state of the paper has no trusted equilibrium.
+    when a state of the paper has no trusted equilibrium. `whatever`: `out` is replaced whatever it holds.
     """
+    demand_free(out, OWN, whatever)
     report = reproduce(load_robot(robot_file or paper_robot()), steps)
-    out.mkdir(parents=True, exist_ok=True)
-    report = replace(report, figures=_draw(report, out))
-    replaced(out / "paper.json", json.dumps(report.as_dict(), indent=1) + "\n")
+    with whole(out, OWN, whatever) as place:
+        report = replace(report, figures=tuple(out / path.name for path in _draw(report, place)))
+        replaced(place / "paper.json", json.dumps(report.as_dict(), indent=1) + "\n")
     return report
 
 
@@ -199,9 +206,9 @@ def reproduce(robot: Robot, steps: int = PAPER.steps) -> PaperReport:
     )
 
 
-def main(out: Path, as_json: bool) -> int:
+def main(out: Path, as_json: bool, whatever: bool = False) -> int:
     """The verb: reproduce into `out`, print tables or JSON."""
-    report = run(out)
+    report = run(out, whatever=whatever)
     if as_json:
         print(json.dumps(report.as_dict(), indent=1))
         return 0
@@ -227,10 +234,11 @@ def _draw(r: PaperReport, out: Path) -> tuple[Path, ...]:
 VERBS = (
     Verb(
         "paper",
-        lambda a: main(a.out, a.json),
+        lambda a: main(a.out, a.json, a.replace),
         options=(
             JSON,
             option("--out", type=Path, default=Path("out/paper"), metavar="FOLDER", help="folder for the figures"),
+            REPLACE,
         ),
         examples=("lab paper", "lab paper --out figures --json"),
         page="docs/explanations/model.md",

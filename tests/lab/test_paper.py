@@ -52,7 +52,7 @@ def test_the_tables_show_each_spine_length_with_published_and_computed_error(rep
 
 
 def test_as_json_the_verb_prints_json_alone(report: PaperReport, monkeypatch: pytest.MonkeyPatch, cli: Cli) -> None:
-    monkeypatch.setattr("lab.verbs.paper.run", lambda *_: report)
+    monkeypatch.setattr("lab.verbs.paper.run", lambda *_, **__: report)
     assert cli("paper", "--out", report.figures[0].parent, "--json").json["euler_steps"] == 100
     assert "Model tips of Fig. 5" in cli("paper", "--out", report.figures[0].parent).out
 
