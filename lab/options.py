@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from recordings.numbers import number, whole_number
+
 
 @dataclass(frozen=True)
 class Option:
@@ -107,8 +109,14 @@ def unknown(said: str, kind: str, name: str, known: Iterable[str], otherwise: st
     return f"{said}: is not {kind}; " + (f"did you mean {near[0]}?" if near else otherwise)
 
 
+TYPES: dict[Any, Callable[[str], float]] = {float: number, int: whole_number}
+"""How numbers of the command line are read."""
+
+
 def option(*names: str, **how: Any) -> Option:
     """Return an option, or an argument that is given by its place; `how` as argparse's add_argument takes it."""
+    if how.get("type") in TYPES:
+        how["type"] = TYPES[how["type"]]
     return Option(names, how)
 
 

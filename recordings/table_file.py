@@ -13,6 +13,7 @@ from pathlib import Path
 
 from .bounded import read_bounded
 from .errors import BadTable
+from .numbers import number as number_in
 from .own_files import replaced
 from .states.rules import BRANCHES, PROTOCOL, PROTOCOL_IS, SPECIMENS
 from .trials import DOUBTS, INTEGERS, LARGEST_INTEGER, TEXTS, Cell, Table, TrialRow, column_order
@@ -139,7 +140,7 @@ def _value(where: str, name: str, text: str) -> Cell:
             raise BadTable(f"{where}, {name}: {text[:80]!r} is not one of {', '.join(_CHOICES[name])}")
         return text
     try:
-        number = float(text)
+        number = number_in(text)
     except ValueError:
         comma = f"; looks like a decimal comma: write {text.replace(',', '.')}" if _DECIMAL_COMMA.fullmatch(text[:80]) else ""
         raise BadTable(f"{where}, {name}: {text[:80]!r} is not a number{comma}") from None

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from recordings.errors import Damaged, RecordingError, Truncated
 from recordings.file.reader import Recording
 from recordings.file.samples import message_class
+from recordings.numbers import number
 
 from ..files.config import ConfigError
 from .map_file import Map, Source
@@ -344,7 +345,7 @@ def _numbers(name: str, value: Any) -> Iterator[tuple[str, float]]:
             yield name, float(value)
     elif isinstance(value, str):
         with suppress(ValueError):
-            yield name, float(value)
+            yield name, number(value)
     elif isinstance(value, bytes | bytearray | memoryview):
         return
     elif (fields := _fields(value)) is not None:
