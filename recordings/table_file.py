@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from .bounded import read_bounded
 from .errors import BadTable
+from .numbers import number as number_in
 from .own_files import replaced
 from .states.rules import BRANCHES, PROTOCOL, PROTOCOL_IS, SPECIMENS
 from .trials import DOUBTS, INTEGERS, LARGEST_INTEGER, ORIENTATION, TEXTS, TIP, Table, column_order
@@ -215,7 +216,7 @@ class _Lines:
         if not text:
             return math.nan
         try:
-            number = float(text)
+            number = number_in(text)
         except ValueError:
             comma = f"; looks like a decimal comma: write {text.replace(',', '.')}" if _DECIMAL_COMMA.fullmatch(text[:80]) else ""
             raise self.error(state, f", {name}: {text[:80]!r} is not a number{comma}") from None
