@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal, TypeVar
 
 from drivers.errors import DeviceFault
-from recordings.campaign.journal import Journal
+from recordings.file.journal import Journal
 from recordings.errors import Misplaced, NoResistance, NotSettled, TooFewSamples, VacuumLost
 from recordings.events import Mark, marked
 from recordings.messages import SENSORS as OWN

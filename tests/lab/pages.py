@@ -1,7 +1,5 @@
 """What a page says without its markup, and what the page of `lab watch` is told."""
 
-from __future__ import annotations
-
 import json
 import re
 import socket

@@ -1,7 +1,5 @@
 """`lab check --move` on whole rigs of fakes: what agrees with itself and is wrong all the same is seen by the tip."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path

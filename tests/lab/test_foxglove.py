@@ -1,8 +1,6 @@
 """`lab watch --foxglove`: who speaks Foxglove's protocol is handed the messages of the recording as they are, and the layout
 shows numbers that are in it."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re

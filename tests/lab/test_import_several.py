@@ -1,7 +1,5 @@
 """Several files, columns that differ among them, contradicting units, exchanged markers: asked about, never guessed."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

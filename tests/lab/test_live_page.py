@@ -1,7 +1,5 @@
 """What the page of a run is told: numbers of the file, unchanged, text that does nothing, and what the model says of each tip."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import json

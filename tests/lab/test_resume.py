@@ -1,7 +1,5 @@
 """A run that was killed or stopped, or whose files go meanwhile: it goes on from what is recorded."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import shutil
@@ -22,9 +20,9 @@ from lab.files.inputs import read_case
 from lab.rig.current import recording_of
 from lab.verbs import run as run_verb
 from lab.verbs.fakes import PATIENT_SETTLE
-from recordings.campaign.journal import read
 from recordings.campaign.labels import labels_of
 from recordings.campaign.shelf import runs
+from recordings.file.journal import read
 from recordings.file.reader import Recording
 from recordings.file.verify import verify
 

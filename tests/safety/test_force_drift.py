@@ -1,7 +1,5 @@
 """The force sensor's zero may move during a trial: what is constant drift is removed, anything else marks the trial."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
