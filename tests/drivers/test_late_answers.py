@@ -1,7 +1,5 @@
 """An answer that is late is late, not somebody else's: it belongs to no later question, and is no restart."""
 
-from __future__ import annotations
-
 import contextlib
 import random
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """What a driver refuses before anything is connected, and at opening: named, with what to do."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """What the arm driver does when things go wrong."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal

@@ -1,13 +1,11 @@
 """What the pendant and the safety system of the arm are set to: read at `open`, before each trial and before each motion."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import pytest
-from ur5_rig import Rig, a_rig, discard, raised, wait_until
+from ur5_rig import Rig, a_rig, discard, raised
 
 import timing
 from drivers.errors import DeviceFault, NotReady, Unreachable, WrongDevice
@@ -16,6 +14,7 @@ from drivers.ur5.safety import stop_text
 from drivers.ur5.state import Config as StateConfig
 from drivers.ur5.state import UR5State
 from sim_fakes.ur import upload
+from tests.simulated.bench import wait_until
 from tests.simulated.clock import SimulatedClock
 from timing import RigClock
 
@@ -103,7 +102,7 @@ def test_a_speed_slider_at_0_is_named_before_and_during_a_motion(rig: Rig) -> No
         arm.move_to(goal, 0.01, 0.5)
         rig.process.backdoor("set", slider=0.0)
         with pytest.raises(DeviceFault, match="speed slider is at 0%"):
-            watch(arm)
+            wait_until(lambda: not arm.moving())
 
 
 def test_an_arm_that_was_pushed_away_from_its_target_is_a_fault(rig: Rig) -> None:
@@ -115,14 +114,7 @@ def test_an_arm_that_was_pushed_away_from_its_target_is_a_fault(rig: Rig) -> Non
         rig.process.backdoor("set", tcp=[0, 0, 0.01, 0, 0, 0])  # as a push would move what it points at
         timing.sleep(0.1)
         with pytest.raises(DeviceFault, match="motion ended 10.* mm and .* from its target .* stopped or pushed"):
-            watch(arm)
-
-
-def watch(arm: UR5) -> None:
-    deadline = timing.now() + 30
-    while arm.moving():
-        assert timing.now() < deadline, "still moving"
-        timing.sleep(0.01)
+            wait_until(lambda: not arm.moving())
 
 
 @pytest.mark.parametrize(
@@ -207,7 +199,7 @@ def test_a_motion_that_was_halted_does_not_go_on_by_itself(rig: Rig, halt: str) 
         timing.sleep(0.3)
         rig.process.backdoor(halt)
         with pytest.raises(DeviceFault, match="safeguard stop|emergency stop|paused at the pendant"):
-            watch(arm)
+            wait_until(lambda: not arm.moving())
         halted = rig.process.backdoor()["pose"]
         rig.process.backdoor("clear")
         timing.sleep(0.3)

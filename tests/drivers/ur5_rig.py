@@ -1,12 +1,8 @@
 """What the UR5 tests share: the arm under test."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-
-import pytest
 
 import timing
 from drivers.interfaces import ArmSample
@@ -34,15 +30,6 @@ def a_rig(speed: float = 1.0, version: str = "3.15.8.106339", dashboard: bool = 
         yield Rig(process, RigClock(speed))
     finally:
         process.stop()
-
-
-def wait_until(true: Callable[[], bool], timeout: float = 60.0) -> None:
-    """Poll; fails the test after `timeout` (s of host time)."""
-    deadline = timing.now() + timeout
-    while not true():
-        if timing.now() > deadline:
-            pytest.fail(f"not so after {timeout:g} s")
-        timing.sleep(0.005)
 
 
 def raised(pose: tuple[float, ...], by: float) -> tuple[float, ...]:

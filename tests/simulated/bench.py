@@ -1,12 +1,12 @@
 """What a test of drivers or fakes starts and makes."""
 
-from __future__ import annotations
-
 import contextlib
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 
+import timing
 from sim_fakes.plant import Plant
 from timing import RigClock
 
@@ -29,9 +29,27 @@ class Bench:
         self.ends.callback(driver.close)
         return driver
 
+    def opener(self, driver: Any, config: Any, name: str, usual: dict[str, Any]) -> Callable[..., Any]:
+        """What makes and opens such a driver, with the usual settings in rig.yaml or others."""
+
+        def opened(**changes: object) -> Any:
+            made = self.closing(driver(name, config.model_validate(usual | changes), self.clock))
+            made.open()
+            return made
+
+        return opened
+
     def end(self) -> None:
         """Close drivers and stop fakes, the last ones first."""
         self.ends.close()
+
+
+def wait_until(condition: Callable[[], object], within: float = 60.0) -> None:
+    """Poll until the condition holds; fails the test where it does not `within` s, far more than it takes."""
+    deadline = timing.now() + within
+    while not condition():
+        assert timing.now() < deadline, f"not so after {within:g} s"
+        timing.sleep(0.005)
 
 
 def of_speed(speed: float) -> pytest.MarkDecorator:

@@ -1,7 +1,5 @@
 """The driver's end of a line in this process: pyserial finds it here for a port `memory://..`."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import serial
