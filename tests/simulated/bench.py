@@ -29,11 +29,16 @@ class Bench:
         self.ends.callback(driver.close)
         return driver
 
+    def maker(self, driver: Any, config: Any, name: str, usual: dict[str, Any]) -> Callable[..., Any]:
+        """What makes such a driver, with the usual settings in rig.yaml or others."""
+        return lambda **changes: self.closing(driver(name, config.model_validate(usual | changes), self.clock))
+
     def opener(self, driver: Any, config: Any, name: str, usual: dict[str, Any]) -> Callable[..., Any]:
-        """What makes and opens such a driver, with the usual settings in rig.yaml or others."""
+        """What makes and opens it."""
+        make = self.maker(driver, config, name, usual)
 
         def opened(**changes: object) -> Any:
-            made = self.closing(driver(name, config.model_validate(usual | changes), self.clock))
+            made = make(**changes)
             made.open()
             return made
 
