@@ -154,7 +154,7 @@ class TrialRow:
         values |= self.sensors
         values |= {f"sd_{name}": value for name, value in self.sd.items()}
         measured = {name: v for name, v in values.items() if v is not None and v == v}
-        return {name: measured[name] for name in sorted(measured, key=_place)}
+        return {name: measured[name] for name in _ordered(measured)}
 
     @property
     def tip_force(self) -> Vector3:
@@ -164,10 +164,7 @@ class TrialRow:
     @classmethod
     def from_cells(cls, cells: Mapping[str, Cell]) -> TrialRow:
         """The row with these cells; raises `BadTable` for unknown columns, gaps in p1..pN, or half a position."""
-        unknown = [name for name in cells if column_order(name) is None]
-        if unknown:
-            raise BadTable(f"unknown column {', '.join(unknown)}")
-        given: dict[str, Any] = dict(cells)
+        given: dict[str, Any] = {name: cells[name] for name in _ordered(cells)}
         for name, value in given.items():
             if not _fits(name, value):
                 raise BadTable(f"{name}: {repr(value)[:80]} is not allowed in this column")
@@ -206,11 +203,12 @@ def _fits(name: str, value: object) -> bool:
     return type(value) is float or (type(value) is int and abs(value) <= LARGEST_INTEGER)
 
 
-def _place(name: str) -> tuple[int, int, int, str]:
-    order = column_order(name)
-    if order is None:
-        raise BadTable(f"unknown column {name}")
-    return (*order, name)
+def _ordered(names: Iterable[str]) -> list[str]:
+    """Columns in the table's order; raises `BadTable` for a name that is none."""
+    orders = {name: column_order(name) or () for name in names}
+    if unknown := [name for name, order in orders.items() if not order]:
+        raise BadTable(f"unknown column {', '.join(unknown)}")
+    return sorted(orders, key=lambda name: (*orders[name], name))
 
 
 def pressure_columns(chambers: int) -> tuple[str, ...]:
@@ -267,7 +265,7 @@ class Table:
     """Unit of each sensor's column, where the input states it: a recording does, trials.csv does not."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "values", {name: self.values[name] for name in sorted(self.values, key=_place)})
+        object.__setattr__(self, "values", {name: self.values[name] for name in _ordered(self.values)})
 
     @classmethod
     def of(cls, rows: Iterable[TrialRow], warnings: tuple[str, ...] = (), sensor_units: Mapping[str, str] | None = None) -> Table:
@@ -300,8 +298,7 @@ class Table:
 
     def moved(self, shift: Sequence[float]) -> Table:
         """The same states with tip and markers moved by (3,) m."""
-        orders = {name: column_order(name) for name in self.columns}
-        places = [name for name, order in orders.items() if order is not None and (name in TIP or order[0] == MARKERS)]
+        places = [name for name in sum(marker_columns(highest(self.columns)[1]), TIP) if name in self.columns]
         return self.replaced({name: self.values[name] + shift["xyz".index(name[-1])] for name in places})
 
     def take(self, states: NDArray[Any]) -> Table:
