@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 import timing
+from drivers.errors import InstrumentError
 from sim_fakes.plant import Plant
 from timing import RigClock
 
@@ -55,6 +56,16 @@ def wait_until(condition: Callable[[], object], within: float = 60.0) -> None:
     while not condition():
         assert timing.now() < deadline, f"not so after {within:g} s"
         timing.sleep(0.005)
+
+
+def answered(call: Callable[[], Any], within: float = 30.0) -> Any:
+    """What `call` gives once the instrument is understood again, after all that it still owes has come in."""
+    deadline = timing.now() + within
+    while True:
+        try:
+            return call()
+        except InstrumentError:
+            assert timing.now() < deadline
 
 
 def of_speed(speed: float) -> pytest.MarkDecorator:
