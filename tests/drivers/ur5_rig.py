@@ -3,9 +3,11 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 import timing
 from drivers.interfaces import ArmSample
+from drivers.ur5.driver import UR5, Config
 from sim_fakes.ur.process import UrProcess
 from timing import RigClock
 
@@ -30,6 +32,17 @@ def a_rig(speed: float = 1.0, version: str = "3.15.8.106339", dashboard: bool = 
         yield Rig(process, RigClock(speed))
     finally:
         process.stop()
+
+
+@contextmanager
+def an_arm(rig: Rig, **settings: Any) -> Iterator[UR5]:
+    """The driver with these settings in rig.yaml, open."""
+    arm = UR5("arm", Config(host=rig.host, **settings), rig.clock)
+    arm.open()
+    try:
+        yield arm
+    finally:
+        arm.close()
 
 
 def raised(pose: tuple[float, ...], by: float) -> tuple[float, ...]:
