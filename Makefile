@@ -54,7 +54,7 @@ docs: $(READY_DOCS)
 	$(BIN)/sphinx-build -q -W --keep-going -b html -d out/doctrees docs out/docs
 	@echo out/docs/index.html
 
-# All tests, the whole fault matrix, then kills, signals, fuzz and soak: an hour and three quarters on two processors.
+# All tests, the whole fault matrix, then kills, signals, busy starts, fuzz and soak: two hours on two processors.
 faults: $(READY_DEV)
 	$(MAKE) test LONG=1
 	$(BIN)/python -m benchmarks.faults --report out/faults.jsonl
@@ -64,6 +64,7 @@ faults: $(READY_DEV)
 	$(BIN)/python -m benchmarks.faults.kills --count 50
 	$(BIN)/python -m benchmarks.faults.kills --count 50 --signal TERM
 	$(BIN)/python -m benchmarks.faults.kills --count 50 --signal INT
+	$(BIN)/python -m benchmarks.faults.busy --count 10
 	$(BIN)/python -m benchmarks.faults.fuzz --recording tests/recordings/data/bending-schema-1.mcap
 	$(BIN)/python -m benchmarks.faults.night
 	$(BIN)/python -m benchmarks.faults.soak

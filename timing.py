@@ -7,13 +7,16 @@ makes here (`Event`, `Lock`, `Thread` ...) belongs to the clock that the thread 
 
 from __future__ import annotations
 
+import contextlib
 import math
+import os
 import queue
 import select
 import selectors
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 Made = TypeVar("Made")
@@ -98,7 +101,11 @@ class _Real:
 
     def readable(self, lines: Sequence[Any], longest: float) -> list[Any]:
         # not select or poll, which keep a line open that another thread closes meanwhile
-        with selectors.DefaultSelector() as selector:
+        try:
+            selector: selectors.BaseSelector = selectors.DefaultSelector()
+        except OSError:  # it takes a file descriptor, and none is left; a guard must hear all the same
+            selector = selectors.PollSelector()
+        with selector:
             for line in lines:
                 selector.register(line, selectors.EVENT_READ)
             return [key.fileobj for key, _ in selector.select(None if longest == math.inf else max(0.0, longest))]
@@ -195,6 +202,27 @@ def made(kind: Callable[..., Made], *args: Any, **how: Any) -> Made:
 def together() -> bool:
     """Whether what else is a process of its own, or behind a line of the system, lives in this process with its clock."""
     return host() is not _REAL
+
+
+BUSY = 2.0
+"""Threads that want a processor, for each that there is, above which a computer is busy: each then waits as long as it works."""
+
+
+def busy() -> str:
+    """That this computer is busy, and how; empty where it is not, and in a clock that stands still while anything computes."""
+    if together():
+        return ""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    load = os.getloadavg()[0]  # the mean of a minute, in which a computer that has just become busy hardly shows
+    with contextlib.suppress(OSError, ValueError, IndexError):
+        load = max(load, float(Path("/proc/loadavg").read_text().split()[3].partition("/")[0]))
+    return f"this computer is busy: load {load:.0f} on {cores} core{'s' * (cores > 1)}" if load > BUSY * cores else ""
+
+
+def busy_or(remedy: str) -> str:
+    """What to do about a silence or an age that is too long: on a busy computer other programs come before `remedy`."""
+    reason = busy()
+    return f"{reason}, end other programs; if that does not help, {remedy}" if reason else remedy
 
 
 def recv(line: Any, size: int) -> bytes:

@@ -98,9 +98,10 @@ class Measured:
             self.tips.append(np.full_like(self.truth, np.nan))
             return
         call()
-        first, again, used = time.perf_counter() - clock, time.perf_counter(), time.process_time()
+        first, again = time.perf_counter() - clock, time.perf_counter()
         tips = call()
-        solve_s, second = (time.process_time() - used) / len(self.rods), time.perf_counter() - again
+        second = time.perf_counter() - again
+        solve_s = least(call, 1) / len(self.rods)
         missed = int(np.isnan(tips).any(axis=1).sum())
         once = max(first - second, 0.0)
         self.rows.append(Row(way.method, way.setting, solve_s, once, farthest(tips, self.truth), missed=missed))
@@ -124,16 +125,19 @@ def farthest(tips: Array, truth: Array) -> float:
 
 
 def least(call: Callable[[], object], rounds: int) -> float:
-    """Least seconds of processor time of a call, after a first that compiles."""
-    call()
+    """Least seconds of processor time of a call that was made before, each the mean of as many as take SPAN."""
     taken = []
     for _ in range(rounds):
-        start = time.thread_time()
-        call()
-        taken.append(time.thread_time() - start)
+        start, count = time.process_time(), 0
+        while not count or time.process_time() - start < SPAN:
+            call()
+            count += 1
+        taken.append((time.process_time() - start) / count)
     return min(taken)
 
 
+SPAN = 0.1
+"""s of processor time, of which some systems count hundredths."""
 FIRST = "import time; from benchmarks.rod_cases import paper_rods; from model.rods import solve; r = paper_rods(1, 0)"
 TIMED = "; t = time.perf_counter(); solve(r); print(time.perf_counter() - t)"
 
@@ -160,13 +164,14 @@ def fast_ways(rods: Rods, quick: bool) -> Iterator[Row]:
         cold, warm = Fast(divisions, close), Fast(divisions, close, remember=True)
         near = solve(before, warm)
         one = [rods[i : i + 1] for i in range(len(rods))]
-        calls: dict[str, tuple[Callable[[], Array], Array, int]] = {
-            "rod, batch": (lambda m=cold: solve(many, m).tip, fine, 5),
-            "rod, batch, warm": (lambda m=cold, s=near: solve(many, m, start=s).tip, fine, 5),
-            "rod, one by one": (lambda m=cold, o=one: np.concatenate([solve(r, m).tip for r in o]), truth, 50),
+        calls: dict[str, tuple[Callable[[], Array], Array]] = {
+            "rod, batch": (lambda m=cold: solve(many, m).tip, fine),
+            "rod, batch, warm": (lambda m=cold, s=near: solve(many, m, start=s).tip, fine),
+            "rod, one by one": (lambda m=cold, o=one: np.concatenate([solve(r, m).tip for r in o]), truth),
         }
-        for method, (call, right, rounds) in calls.items():
-            yield Row(method, name, least(call, rounds) / len(right), once, farthest(call(), right), first_s=first)
+        for method, (call, right) in calls.items():
+            tips = call()  # the first compiles
+            yield Row(method, name, least(call, 5) / len(right), once, farthest(tips, right), first_s=first)
 
 
 def ways(quick: bool) -> list[Way]:

@@ -15,6 +15,7 @@ from scipy.linalg import block_diag
 
 from model.actuators import Chambers, Words
 from model.effects.catalogue import CATALOGUE
+from model.effects.scales import scales
 from model.effects.spec import EffectSpec
 
 from .answer.attribute import weighed
@@ -62,7 +63,8 @@ def compare_campaigns(
             "or robot.yaml was changed: give both the same robot.yaml with --robot"
         )
     both = _comparable(states(reference)[0], states(later)[0])
-    before, after = (prepare(later.robot, s, catalogue=catalogue) for s in both)
+    sized = scales(later.robot, np.vstack([s.pressure for s in both]))
+    before, after = (prepare(later.robot, s, catalogue=catalogue, sized=sized) for s in both)
     # A change is named for what it moves in the later campaign, as a cause is.
     offset = len(before.problem.observed)
     w = weighed(_joined(before, after), [replace(part, rows=part.rows + offset) for part in parts(after)], executor)

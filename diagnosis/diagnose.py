@@ -18,7 +18,7 @@ from model.effects.spec import EffectSpec
 
 from .answer import assemble
 from .answer.attribute import attribute, begin
-from .answer.calibration import calibration, simulator
+from .answer.calibration import alone_as_good, calibration, simulator
 from .answer.detail import detail
 from .answer.experiments import propose
 from .answer.headline import headline
@@ -28,8 +28,8 @@ from .answer.result import Diagnosis
 from .answer.rivals import Rivals
 from .answer.sentences import (
     Facts,
-    as_stiff,
     beyond_tolerance,
+    changed_by,
     closed_by_calibration,
     far_off,
     scatter,
@@ -125,12 +125,14 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     names = {e: words.say(spec.name) for e, spec in wanted.catalogue.items()}
     shown = detail(found, held_out.errors, tested, names)
     scale = calibration(found)
-    far = tuple(far_off(scale.stiffness)) if scale is not None else ()
-    which = assemble.attribute_section(found, where.significant, held_out.rms_mm, bool(far or first.adjusted))
+    far = tuple(far_off(scale.stiffness)) if scale is not None and predicted is None else ()
+    doubtful = bool(far or first.adjusted)
+    alone = alone_as_good(scale, found)
+    which = assemble.attribute_section(found, where.significant, held_out.rms_mm, held_out.shrink, alone, doubtful)
     facts = Facts(
         found.decision, which.conclusion, where, assemble.budget_section(found), held_out.shrink, held_out.waterfall,
         which.rivals, next((x.do for x in proposals if x.separates), None), found.best.named, found.asking,
-        found.misfit.outlier_trial, lacking(first.states), simulator(found), scale, first.named, names,
+        found.misfit.outlier_trial, lacking(first.states), simulator(found), scale, first.named, names, which.doubts,
     )  # fmt: skip
     text = statement(facts)
     if first.changed:
@@ -146,7 +148,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         *beyond_tolerance(prepared.problem.parameters, found.tense, first.robot),
         *scatter(prepared.noise_components.excess_scatter),
     )
-    changed = first.named or (f"a body {as_stiff(scale)}" if scale is not None else "")
+    changed = first.named or changed_by(facts)
     beyond = any(a.at_bound for a in (*first.adjusted, *([scale] if scale is not None else ())))
     closed = None if held_out.shrink is None else held_out.shrink.share_closed
     answer = Diagnosis(
@@ -161,6 +163,8 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         budget=facts.budget,
         waterfall=held_out.waterfall,
         calibration=scale,
-        headline=headline(which, wanted.catalogue, words, facts.missing, closed_by_calibration(facts), closed, changed, beyond),
+        headline=headline(
+            which, wanted.catalogue, words, facts.missing, closed_by_calibration(facts), closed, changed, beyond, bool(alone)
+        ),
     )
     return Examined(answer, rivals, first)

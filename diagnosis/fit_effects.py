@@ -254,6 +254,8 @@ def _written(
     if "contact" in named:
         x, y = p.forward.plane_direction.tolist()
         data["obstacle_azimuth_deg"] = _rounded(float(np.degrees(np.arctan2(y, x))))
+    if named:
+        data["quoted_pressure"] = p.forward.scales.pressure
     data |= {
         "area_factor": stated[AREA_FACTOR].value,
         "effects": {**data["effects"], **tables["effects"]},

@@ -25,9 +25,9 @@ LAW_ERRORS = np.array([0.03, 0.1, 0.3])
 the first (decision 062)."""
 DISCREPANCY_SIZES, DISCREPANCY_WEIGHTS = np.array([0.0, 0.1, 0.25]), np.array([0.5, 0.3, 0.2])
 """Standard deviation of the smooth discrepancy next to effects of the catalogue, noise floors, and its prior."""
-DISCREPANCY_UNIT_RANGE = (0.2e-3, 2e-3)
-"""m; the noise floor in which the discrepancy is counted is kept within this range, so that neither very good nor very bad
-cameras decide how wrong laws are."""
+DISCREPANCY_UNIT_RANGE = (5e-4, 5e-3)
+"""Robot lengths; the noise floor in which the discrepancy is counted is kept within this range, so that neither very good nor
+very bad cameras decide how wrong laws are."""
 LEAST_NOISE_FLOOR = 1e-6
 """m; a table whose repeats agree better than any camera reads, as a simulator's do, has this noise floor."""
 CORRELATION_LENGTH, CORRELATION_PRESSURE, BRANCH_DISTANCE = 0.35, 0.45, 0.5
@@ -105,6 +105,8 @@ BENCHMARK = "checked on sealed robots, docs/explanations/blind.md"
 """How probabilities were checked; shown with every one."""
 SIZE_SD_FACTOR = 1.2
 """Factor on the standard deviation of a size in the linear problem. Chosen on the practice robots."""
+SIZE_CERTAIN_SD = 1.96
+"""Standard deviations from zero beyond which a size is that of a cause: the 95 % interval excludes zero."""
 CREDIBLE_SHARE = 0.95
 """Probability of the credible set of hypotheses."""
 COMPARABLE = 0.4
@@ -160,6 +162,8 @@ STAGE_SHARE = 0.8
 # ------------------------------------------------------------------ verdict and sentences
 CAUSE_PROBABILITY = 0.9
 """Probability above which the answer says "Cause"; below, the robot "behaves most like" one."""
+LEFT_FLOORS, LEFT_SHARE = 2.0, 0.1
+"""Noise floors, and share of the calibrated gap, that a certain cause may leave at most on unseen states, the larger of both."""
 NAMED_PROBABILITY = 0.75
 """Probability below which a cause is not named where it is more probable that nothing carries `OUTSTANDING_FLOORS`: a name that
 is wrong costs about three times what a small cause costs that is not named, as it sends a person to a part that is sound."""
@@ -173,6 +177,8 @@ MORE_THAN_GAP = 1.3
 """Ratio of what an effect moves to the calibrated gap above which the statement explains how it can move more."""
 CALIBRATION_STATED = 0.01
 """Relative change of the area factor above which the statement says what calibration changed."""
+SAME_FACTOR = 0.05
+"""Relative difference of two area factors below which they are one: as well as robot.yaml knows its own."""
 OTHER_UNIT = 6.0
 """Factor between calibrated and stated stiffness from which a unit or a scale is wrong; psi and kPa differ by 6.9."""
 MATERIAL_SD, AREA_SD, GEOMETRY_SD, GAIN_SD = 0.1, 0.1, 1e-4, 0.01

@@ -259,7 +259,7 @@ def effects() -> Iterator[str]:
     yield from ("# Effects", "", "`lab effects` draws what each does.")
     yield from ("[Why they are as they are](../explanations/effects.md).", "")
     yield from _wrapped(
-        "Of each parameter: a plausible size on a robot like the paper's (standard deviation of the prior), and its "
+        "Of each parameter: a plausible size on the paper's robot (prior standard deviation; others in proportion), and its "
         "bounds. A *shape* changes how a law acts, not whether."
     )
     yield ""

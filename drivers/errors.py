@@ -4,6 +4,7 @@
     |-- Unreachable      (ConnectionError)  port or host cannot be opened, or nobody answers at connect
     |-- NoReply          (TimeoutError)     an instrument that was reachable did not answer in time
     |-- BadReply         (ValueError)       an answer that is damaged, out of protocol or a refusal
+    |   `-- Refused                         one whose checksum is right: the line is sound, the instrument says no
     |-- WrongDevice      (ValueError)       something else answers at this address
     |-- LimitExceeded    (ValueError)       a request beyond the configured limit; nothing was sent
     |-- StaleReading     (TimeoutError)     the newest reading is older than its maximum age
@@ -38,6 +39,10 @@ class NoReply(InstrumentError, TimeoutError):
 
 class BadReply(InstrumentError, ValueError):
     """An answer that is damaged, out of protocol, or a refusal."""
+
+
+class Refused(BadReply):
+    """A refusal that came with a right checksum: repeating the request changes nothing, and the line is sound."""
 
 
 class WrongDevice(InstrumentError, ValueError):

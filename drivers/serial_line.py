@@ -13,12 +13,15 @@ import contextlib
 import os
 import termios
 from collections.abc import Callable, Iterator
+from typing import TypeVar
 
 import serial
 
 import timing
 
-from .errors import BadReply, InstrumentError, NoReply, NotReady, Unreachable, WrongDevice
+from .configs import known_port
+from .errors import BadReply, InstrumentError, NoReply, NotReady, Refused, Unreachable, WrongDevice
+from .line_quality import LineQuality
 from .stop_first import SLICE, StopFirst
 
 PADDING = b"\0\xff \t\r\n"
@@ -28,6 +31,7 @@ LONGEST_ANSWER = 4096
 WRITE_WITHIN = 1.0
 """s, least time to write a request. The kernel takes those few bytes at once, and what does not answer is told by reading;
 but pyserial looks at the clock after the last byte, and a busy computer may come back late from a write that was done."""
+T = TypeVar("T")
 
 
 def show(data: bytes, longest: int = 48) -> str:
@@ -50,39 +54,108 @@ def meeting(name: str, close: Callable[[], None], stranger: str) -> Iterator[Non
         raise
 
 
-class PortWatch:
-    """Closes a port that fails: its handle is dead for good, whatever returns under the same path.
+class SerialPort:
+    """A serial port, 8 data bits, of this process alone, and at low latency where its driver allows that.
 
-    Until the port is opened anew, every use raises that failure again.
+    A port that fails is closed at once, since its handle is dead for good, whatever returns under the same path; every use
+    raises that failure again until it is opened anew.
     """
 
-    def __init__(self, name: str, port: str, close: Callable[[], None]) -> None:
-        """`close` closes the port; it must not raise."""
-        self._name, self._port, self._close = name, port, close
+    def __init__(
+        self,
+        name: str,
+        port: str,
+        baud: int,
+        timeout: float,
+        parity: str = "N",
+        stopbits: int = 1,
+        lock: StopFirst | None = None,
+        longest_read: float = SLICE,
+    ) -> None:
+        """`timeout` (s, host time) bounds each answer and each write, `longest_read` one read of the port.
+
+        `lock`: one that several lines of an instrument share.
+        """
+        self.name = name
+        self.port = port
+        self.baud = baud
+        self.timeout = timeout
+        self.lock = lock or StopFirst(name)
+        self.quality = LineQuality(port, (9 + (parity != "N") + stopbits) / baud)
         self.lost = ""
         """Why the port was lost; empty while it is open and after it was closed on purpose."""
+        self._parity, self._stopbits, self._longest_read = parity, stopbits, longest_read
+        self._serial: serial.Serial | None = None
 
-    @contextlib.contextmanager
-    def using(self) -> Iterator[None]:
-        """Use the open port. Raises `Unreachable` when it has gone, also later until it is opened again."""
-        try:
-            yield
-        except (OSError, termios.error) as e:
-            if isinstance(e, InstrumentError):
-                raise
-            self._close()
-            self.lost = f"lost {self._port} ({e}); check its plug and power, then open it again"
-            raise Unreachable(self._name, self.lost) from e
+    @property
+    def is_open(self) -> bool:
+        """True between `open` and `close`, unless the port was lost."""
+        return self._serial is not None
+
+    def open(self) -> None:
+        """Open the port; raises `Unreachable`."""
+        with self.lock:
+            self.close()
+            try:
+                self._serial = serial.serial_for_url(
+                    known_port(self.port),
+                    self.baud,
+                    parity=self._parity,
+                    stopbits=self._stopbits,
+                    timeout=min(self._longest_read, self.timeout),
+                    write_timeout=max(WRITE_WITHIN, self.timeout),
+                    exclusive=True,
+                )
+            except (OSError, ValueError, termios.error) as e:
+                raise Unreachable(
+                    self.name,
+                    f"cannot open {self.port} at {self.baud} Bd ({e}); check that it is plugged in, that rig.yaml "
+                    "names this port, that you may use it (group dialout), and that no other program has it open",
+                ) from e
+            with contextlib.suppress(AttributeError, OSError, ValueError):  # no such mode: sockets, other systems and adapters
+                self._serial.set_low_latency_mode(True)
+
+    def close(self) -> None:
+        """Close the port; may be called twice and never raises."""
+        with self.lock:
+            self.lost = ""
+            port, self._serial = self._serial, None
+            if port is not None:
+                with contextlib.suppress(OSError, termios.error):
+                    port.close()
 
     def not_open(self) -> InstrumentError:
         """The error of a call to a port that is not open: `Unreachable` when it was lost, `NotReady` otherwise."""
         if self.lost:
-            return Unreachable(self._name, self.lost)
-        return NotReady(self._name, f"{self._port} is not open; call open() first")
+            return Unreachable(self.name, self.lost)
+        return NotReady(self.name, f"{self.port} is not open; call open() first")
+
+    def take_notices(self) -> list[str]:
+        """See the module `interfaces`."""
+        return self.quality.notices()
+
+    @contextlib.contextmanager
+    def _guarded(self) -> Iterator[serial.Serial]:
+        """The open port under the lock, with pyserial's failures turned into the drivers' errors."""
+        with self.lock:
+            if self._serial is None:
+                raise self.not_open()
+            self.lock.give_way()
+            try:
+                yield self._serial
+            except serial.SerialTimeoutException as e:
+                remedy = timing.busy_or("check the cable")
+                raise NoReply(self.name, f"{self.port} accepts no bytes within {self.timeout} s; {remedy}") from e
+            except (OSError, termios.error) as e:
+                if isinstance(e, InstrumentError):
+                    raise
+                self.close()
+                self.lost = f"lost {self.port} ({e}); check its plug and power, then open it again"
+                raise Unreachable(self.name, self.lost) from e
 
 
-class SerialLine:
-    """A serial port, 8 data bits, with deadlines."""
+class SerialLine(SerialPort):
+    """A serial port that is asked and answers, with deadlines."""
 
     def __init__(
         self,
@@ -95,33 +168,14 @@ class SerialLine:
         lock: StopFirst | None = None,
         skip_echo: bool = False,
     ) -> None:
-        """`timeout` (s, host time) bounds each answer and each write.
-
-        `lock`: one that several lines of an instrument share. `skip_echo`: a line that repeats the request is the echo of an
-        adapter.
-        """
-        self.name = name
-        self.port = port
-        self.baud = baud
-        self.timeout = timeout
-        self.lock = lock or StopFirst(name)
+        """See `SerialPort`. `skip_echo`: a line that repeats the request is the echo of an adapter."""
+        super().__init__(name, port, baud, timeout, parity, stopbits, lock)
         self._skip_echo = skip_echo
-        self._parity = parity
-        self._stopbits = stopbits
-        self._serial: serial.Serial | None = None
         self._buffer = bytearray()
         self._sent = b""
         """The request whose echo may come before the answer that is awaited."""
-        self.echoes = False
-        """The adapter has returned a request as it was sent."""
         self._silent = False
         """Whether the last answer that was waited for did not come."""
-        self.watch = PortWatch(name, port, self.close)
-
-    @property
-    def is_open(self) -> bool:
-        """True between `open` and `close`, unless the port was lost."""
-        return self._serial is not None
 
     def open(self) -> None:
         """Open the port for this process alone; raises `Unreachable`.
@@ -131,23 +185,7 @@ class SerialLine:
         with self.lock:
             if self._serial is not None and not self._silent and not self._leads_elsewhere(self._serial):
                 return
-            self.close()
-            try:
-                self._serial = serial.serial_for_url(
-                    self.port,
-                    self.baud,
-                    parity=self._parity,
-                    stopbits=self._stopbits,
-                    timeout=min(SLICE, self.timeout),
-                    write_timeout=max(WRITE_WITHIN, self.timeout),
-                    exclusive=True,
-                )
-            except (OSError, ValueError) as e:
-                raise Unreachable(
-                    self.name,
-                    f"cannot open {self.port} at {self.baud} Bd ({e}); check that it is plugged in, that rig.yaml "
-                    "names this port, that you may use it (group dialout), and that no other program has it open",
-                ) from e
+            super().open()
             self._buffer.clear()
             self._silent = False
 
@@ -157,15 +195,6 @@ class SerialLine:
             return os.fstat(port.fileno()).st_rdev != os.stat(self.port).st_rdev
         except OSError:
             return False
-
-    def close(self) -> None:
-        """Close the port; may be called twice and never raises."""
-        with self.lock:
-            self.watch.lost = ""
-            port, self._serial = self._serial, None
-            if port is not None:
-                with contextlib.suppress(OSError):
-                    port.close()
 
     def flush(self) -> None:
         """Discard what has arrived."""
@@ -179,8 +208,9 @@ class SerialLine:
         `repeated`: the answer repeats them, so only an adapter that is known to echo returns them before that.
         """
         with self._guarded() as port:
-            self._sent = b"" if repeated and not self.echoes else data
+            self._sent = b"" if repeated and not self.quality.echoes else data
             port.write(data)
+            self.quality.sent(len(data))
 
     def read_some(self) -> bytes:
         """What has arrived, after at most one `SLICE`; empty on silence."""
@@ -201,22 +231,28 @@ class SerialLine:
         silence, `BadReply` on an unfinished answer.
         """
         with self._guarded() as port:
-            deadline = timing.now() + (self.timeout if timeout is None else timeout)
+            began, count = timing.now(), 0
+            deadline = began + (self.timeout if timeout is None else timeout)
             while True:
                 while (end := self._buffer.find(until)) < 0:
                     self._wait_for_more(port, deadline, f"up to {until!r}")
-                whole = self._take(end + len(until)).lstrip(PADDING)
+                whole = self._take(end + len(until))
+                count += len(whole)
+                whole = whole.lstrip(PADDING)
                 if self._skip_echo and whole and whole == self._sent:
-                    self.echoes, self._sent = True, b""
+                    self.quality.echoes, self._sent = True, b""
                 elif whole:
+                    self.quality.answered(began, count)
                     return whole[: -len(until)]
 
     def read_exactly(self, count: int, timeout: float | None = None) -> bytes:
         """`count` bytes; `NoReply` on silence, `BadReply` when fewer arrive."""
         with self._guarded() as port:
-            deadline = timing.now() + (self.timeout if timeout is None else timeout)
+            began = timing.now()
+            deadline = began + (self.timeout if timeout is None else timeout)
             while len(self._buffer) < count:
                 self._wait_for_more(port, deadline, f"of {count} bytes")
+            self.quality.answered(began, count)
             return self._take(count)
 
     def ask(self, request: bytes, until: bytes, timeout: float | None = None) -> bytes:
@@ -230,6 +266,20 @@ class SerialLine:
                 return self.read_until(until, timeout)
             except (NoReply, BadReply) as e:
                 raise type(e)(self.name, f"{e.message}; the request was {show(request)}") from e
+
+    def twice(self, request: Callable[[], T]) -> T:
+        """Make a harmless request, and repeat it once on a disturbed line."""
+        try:
+            answer = request()
+        except Refused:
+            self.quality.count(False)
+            raise
+        except (NoReply, BadReply):
+            self.quality.count(True)
+            self.listen(self.timeout)  # an answer that is only late must not be taken for the next one's
+            return request()
+        self.quality.count(False)
+        return answer
 
     def _take(self, count: int) -> bytes:
         taken = bytes(self._buffer[:count])
@@ -249,17 +299,5 @@ class SerialLine:
             if got:
                 raise BadReply(self.name, f"expected an answer {wanted} on {self.port}, got only {show(got)}; check the cable")
             self._silent = True
-            raise NoReply(self.name, f"no answer on {self.port} in time; check its power, cable, address and baud rate")
-
-    @contextlib.contextmanager
-    def _guarded(self) -> Iterator[serial.Serial]:
-        """The open port under the lock, with pyserial's failures turned into the drivers' errors."""
-        with self.lock:
-            if self._serial is None:
-                raise self.watch.not_open()
-            self.lock.give_way()
-            with self.watch.using():
-                try:
-                    yield self._serial
-                except serial.SerialTimeoutException as e:
-                    raise NoReply(self.name, f"{self.port} accepts no bytes within {self.timeout} s; check the cable") from e
+            remedy = timing.busy_or("check its power, cable, address and baud rate")
+            raise NoReply(self.name, f"no answer on {self.port} in time; {remedy}")

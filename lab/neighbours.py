@@ -10,7 +10,9 @@ from pathlib import Path
 
 from .version import NAME
 
-ROOMS = ("drivers", "sim_fakes", "protocols", "recordings", "model", "diagnosis")
+PACKAGES = ("drivers", "sim_fakes", "protocols", "recordings", "model", "diagnosis")
+FIRST = {name: f"{name}/__init__.py" for name in PACKAGES} | {"timing": "timing.py"}
+"""The file of each that is imported first."""
 REMEDY = (
     f"install {NAME} into an environment of its own (python -m venv, pipx, uvx), and keep PYTHONPATH and the folder that you "
     "start Python in free of these names"
@@ -22,25 +24,23 @@ def strangers() -> str:
     home = Path(__file__).resolve().parent.parent
     written = _written()
     found = []
-    for room in ROOMS:
-        place = _place(room)
+    for name, first in FIRST.items():
+        place, own = _place(name), home / first
         if place is None:
-            found.append(f"the package {room} of {NAME} is missing from {home}: install {NAME} again")
-        elif place != home / room:
-            found.append(f"another package called {room}, {place}, hides the one of {NAME}, {home / room}: {REMEDY}")
-        elif room in written and _digest(place / "__init__.py") != written[room]:
+            found.append(f"the package {name} of {NAME} is missing from {home}: install {NAME} again")
+        elif place != own:
+            found.append(f"another package called {name}, {place}, hides the one of {NAME}, {own}: {REMEDY}")
+        elif name in written and _digest(place) != written[name]:
             found.append(f"another package has written into {place}, which is {NAME}'s: {REMEDY}")
     return "\n".join(found)
 
 
-def _place(room: str) -> Path | None:
-    """The folder that `import` would take."""
-    spec = importlib.util.find_spec(room)
+def _place(name: str) -> Path | None:
+    """The file, or of a package without one the folder, that `import` would take."""
+    spec = importlib.util.find_spec(name)
     if spec is None:
         return None
-    if spec.submodule_search_locations:
-        return Path(next(iter(spec.submodule_search_locations))).resolve()
-    return Path(spec.origin or room).resolve()
+    return Path(spec.origin or next(iter(spec.submodule_search_locations or [name]))).resolve()
 
 
 def _written() -> dict[str, str]:
@@ -49,8 +49,8 @@ def _written() -> dict[str, str]:
         files = distribution(NAME).files or ()
     except PackageNotFoundError:
         return {}
-    firsts = {f"{room}/__init__.py": room for room in ROOMS}
-    return {firsts[str(f)]: f.hash.value for f in files if str(f) in firsts and f.hash is not None}
+    names = {first: name for name, first in FIRST.items()}
+    return {names[str(f)]: f.hash.value for f in files if str(f) in names and f.hash is not None}
 
 
 def _digest(path: Path) -> str:

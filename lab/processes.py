@@ -1,7 +1,8 @@
 """Work on processes of this machine: threads share Python's lock, which half of the work of a diagnosis holds.
 
 They start at once, while this process prepares the work, which then works beside them: each takes the next item that nobody has
-begun. A process that is lost costs time only: what it had, and all that comes after, is done here.
+begun. A process that is lost costs time only: what it had, and all that comes after, is done here. They end with this one, also
+when it is killed.
 """
 
 from __future__ import annotations
@@ -13,9 +14,10 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from threading import Thread
 from typing import Any, TypeVar
 
 import cloudpickle
@@ -42,6 +44,11 @@ class Processes:
     def begun(self) -> None:
         """Wait until what they were to see to ahead is done; what fails there is met again here."""
         wait(self._first)
+
+    @property
+    def ready(self) -> bool:
+        """Whether that is done."""
+        return all(done.done() for done in self._first)
 
     def in_order(self, do: Callable[[A], B], items: Sequence[A]) -> Iterator[B]:
         """`do` for every item, in order. Raises what `do` raises.
@@ -119,15 +126,15 @@ def for_case(cores: int) -> Iterator[Callable[[int], Processes | None]]:
 
 
 @contextmanager
-def processes(count: int, ahead: Sequence[str] = ()) -> Iterator[Processes]:
-    """So many besides this one; a person's Ctrl-C ends this process, which then ends them. `ahead`: parts of `model.warm_up` that
-    one of them sees to."""
+def processes(count: int, ahead: Sequence[str] = (), niceness: int = 0) -> Iterator[Processes]:
+    """So many besides this one, this much behind it in line; a person's Ctrl-C ends this process, which then ends them. `ahead`:
+    parts of `model.warm_up`, which they see to in turn."""
     before = os.environ.get(ONE_THREAD)
     os.environ[ONE_THREAD] = "1"
     # a fresh interpreter each: threads and compiled code of this one are not inherited
-    pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_begin)
+    pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_begin, initargs=(niceness,))
     try:
-        first = [pool.submit(warm_up, ahead if k == 0 else ()) for k in range(count)]
+        first = [pool.submit(warm_up, tuple(ahead[k::count])) for k in range(count)]
     finally:
         if before is None:
             del os.environ[ONE_THREAD]
@@ -146,9 +153,23 @@ def processes(count: int, ahead: Sequence[str] = ()) -> Iterator[Processes]:
                 pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _begin() -> None:
+def end_with_parent() -> None:
+    """Have this process, started by `multiprocessing`, end when its parent has: one that was killed cannot end it."""
+    parent = parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        parent.join()  # the end of a pipe that only the parent holds
+        os._exit(1)
+
+    Thread(target=watch, name="parent", daemon=True).start()
+
+
+def _begin(niceness: int) -> None:
     """Ctrl-C at a terminal reaches all its processes."""
+    end_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.nice(niceness)
     import diagnosis.diagnose  # noqa: F401 (what takes a second to import is there when it is needed)
 
 

@@ -13,13 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.effects import CATALOGUE, EffectSpec, ForwardModel, design_from_columns
+from model.effects.scales import scales
 from model.robot import Robot
 
 Array = NDArray[np.float64]
 Columns = dict[str, NDArray[np.generic]]
 
-LEVELS = np.linspace(0.0, 250e3, 11)
-"""Pa, up and down again."""
+LEVELS = np.linspace(0.0, 1.0, 11)
+"""Shares of the largest pressure, up and down again."""
 RATE, HOLD = 25e3, 2.0
 """Pa/s and s of the ramps in between."""
 DEFLECTIONS = np.linspace(0.0, 0.02, 9)
@@ -63,13 +64,14 @@ class Signature:
 def signatures(robot: Robot, effects: Mapping[str, EffectSpec] = CATALOGUE) -> list[Signature]:
     """The signature of every effect, on the first kind of experiment that shows it."""
     spines = robot.length * np.array([0.0, 0.375, 0.75]) if robot.spine is not None else np.zeros(1)
+    sized = scales(robot)
     tried = [(how, _columns(robot, spines, how)) for how in ("settled", "while ramping", "stiffness")]
     models = [
-        (how, columns, ForwardModel(robot, design_from_columns(robot, columns), "per_length", effects))
+        (how, columns, ForwardModel(robot, design_from_columns(robot, columns), "per_length", effects, sized=sized))
         for how, columns in tried
         if how != "stiffness" or robot.spine is not None
     ]
-    return [_signature(spec, models) for spec in effects.values()]
+    return [_signature(spec.of(sized), models) for spec in effects.values()]
 
 
 def _signature(spec: EffectSpec, models: list[tuple[str, Columns, ForwardModel]]) -> Signature:
@@ -125,7 +127,7 @@ def _columns(robot: Robot, spines: Array, how: str) -> Columns:
             "deflection": np.tile(DEFLECTIONS, 3) * spine,
             "force": np.zeros(3 * n),
         }
-    pressure = np.concatenate([LEVELS, LEVELS[-2::-1]])
+    pressure = scales(robot).pressure * np.concatenate([LEVELS, LEVELS[-2::-1]])
     branch = np.repeat(["load", "unload"], [LEVELS.size, LEVELS.size - 1])
     hold = HOLD if how == "settled" else 0.0
     time = np.cumsum(np.abs(np.diff(pressure, prepend=0.0)) / RATE + hold)

@@ -25,8 +25,8 @@ RATE, HOLD = 25e3, 2.0
 """Pa/s and s, where a table does not say how a state was reached."""
 NOMINAL_VACUUM = 80e3
 """Pa below ambient at which the robot's spine moduli hold, when the table has no vacuum."""
-USED = 5e3
-"""Pa; a chamber that never reads more within a trial is taken as vented."""
+USED = 0.02
+"""Share of the largest pressure; a chamber that never reads more within a trial is taken as vented."""
 TIP = ("x", "y", "z")
 
 
@@ -170,7 +170,8 @@ def conditions(
     made = States(
         trial=number, trial_id=number, stiffness=no, body=no, unload=no, repeat=np.ones(n, np.int64), t=np.full(n, np.nan),
         rate=np.full(n, rate), hold=np.full(n, hold), sitting=np.zeros(n, np.int64), progress=np.full(n, 0.5),
-        vacuum=np.full(n, vacuum), nominal_vacuum=vacuum, used=full["pressure"] > USED, deflection=zero, channels=TIP, **full,
+        vacuum=np.full(n, vacuum), nominal_vacuum=vacuum, used=full["pressure"] > USED * (robot.max_pressure or 0.0),
+        deflection=zero, channels=TIP, **full,
     )  # fmt: skip
     made.check(robot)
     return made

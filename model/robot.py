@@ -134,6 +134,8 @@ class Robot(BaseModel):
     base_to_world: Pose | None = None
     max_pressure: FiniteFloat | None = Field(default=None, ge=1e3, le=2e6, json_schema_extra={"unit": "Pa"})
     """Highest pressure (gauge) of its chambers; nothing is inflated without it."""
+    quoted_pressure: FiniteFloat | None = Field(default=None, gt=0, le=2e6, json_schema_extra={"unit": "Pa"})
+    """Gauge pressure at which `effects` that grow with it are stated; `max_pressure` unless given."""
     uncertainty: Uncertainty = Uncertainty()
     """How well its numbers are known."""
     effects: Table = Field(default={})
@@ -238,7 +240,7 @@ class Robot(BaseModel):
     @property
     def plain(self) -> Robot:
         """The same robot without effects, tolerances, posterior and residual: what the paper's model knows of it."""
-        nothing = {"posterior": None, "obstacle_azimuth_deg": None, "residual": None}
+        nothing = {"posterior": None, "obstacle_azimuth_deg": None, "quoted_pressure": None, "residual": None}
         return self.model_copy(update={"effects": {}, "tolerances": {}, **nothing})
 
     @property

@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 from statistics import fmean
 
 from drivers.pressure_limits import LONGEST_CREDIT, VENTED
+from recordings.ambient import AMBIENT
 from recordings.states.demands import VacuumBand, left_band
-from recordings.states.rules import AMBIENT
 
 from .bench import Bench, Jammed
 from .errors import JamLost

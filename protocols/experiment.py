@@ -9,13 +9,14 @@ from dataclasses import dataclass, field, replace
 from typing import Literal, TypeVar
 
 from drivers.errors import DeviceFault
+from recordings.ambient import AMBIENT
 from recordings.errors import Misplaced, NoResistance, NotSettled, TooFewSamples, VacuumLost
 from recordings.events import Mark, marked
 from recordings.file.journal import Journal
 from recordings.messages import SENSORS as OWN
 from recordings.states.concluding import SLOW_OLDEST, conclude, of_sensor
 from recordings.states.demands import elsewhere
-from recordings.states.rules import AMBIENT, Crossing, Probe, Settled, State, Window
+from recordings.states.rules import Crossing, Probe, Settled, State, Window
 from recordings.states.zeros import TOLERATED, Drift, Zeros, without_drift
 from recordings.trials import TrialRow
 

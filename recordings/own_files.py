@@ -45,16 +45,19 @@ def replacing(path: Path, mode: int = 0o644) -> Iterator[tuple[BinaryIO, Path]]:
     What stood there before is replaced at once; a symbolic link is replaced itself, never what it points to.
     """
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.new")
-    handle = created(temporary, mode)
     try:
+        handle = created(temporary, mode)
         with open(handle, "wb") as file:
             yield file, temporary
             if not file.closed:
                 file.flush()
                 os.fsync(handle)
         os.replace(temporary, path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
+    except BaseException as error:
+        with contextlib.suppress(OSError):
+            temporary.unlink()
+        if isinstance(error, OSError) and str(error.filename) == str(temporary):  # a name that nobody gave
+            raise OSError(error.errno, error.strerror, str(path)) from None
         raise
 
 

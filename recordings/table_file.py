@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from .bounded import read_bounded
 from .errors import BadTable
+from .numbers import number as number_in
 from .own_files import replaced
 from .states.rules import BRANCHES, PROTOCOL, PROTOCOL_IS, SPECIMENS
 from .trials import DOUBTS, INTEGERS, LARGEST_INTEGER, REQUIRED, TEXTS, Cell, Table, column_of, column_order, highest, incomplete
@@ -150,7 +151,7 @@ def _value(name: str, text: str) -> Cell:
             raise ValueError(f"{text[:80]!r} is not one of {', '.join(_CHOICES[name])}")
         return text
     try:
-        number = float(text)
+        number = number_in(text)
     except ValueError:
         comma = f"; looks like a decimal comma: write {text.replace(',', '.')}" if _DECIMAL_COMMA.fullmatch(text[:80]) else ""
         raise ValueError(f"{text[:80]!r} is not a number{comma}") from None

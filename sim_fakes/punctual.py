@@ -13,12 +13,13 @@ LATE = 0.1
 """Host s between two looks beyond which a fake was not awake: it did not hear what came meanwhile."""
 
 
-def punctual() -> None:
-    """Put the calling thread (Linux) before others. Without CAP_SYS_NICE the system says no, and all stays as it is."""
+def punctual(process: int | None = None) -> None:
+    """Put the calling thread (Linux), or a process that has just been started, before others. Without CAP_SYS_NICE the system
+    says no, and all stays as it is."""
     if timing.together():
         return
     with contextlib.suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), PRIORITY)
+        os.setpriority(os.PRIO_PROCESS, process or threading.get_native_id(), PRIORITY)
 
 
 class Silence:

@@ -10,6 +10,8 @@ from typing import TypeVar
 
 from rich.progress import track
 
+from lab.processes import end_with_parent
+
 A = TypeVar("A")
 B = TypeVar("B")
 
@@ -24,6 +26,6 @@ def _results(do: Callable[[A], B], items: Sequence[A], workers: int) -> Iterator
         yield from map(do, items)
         return
     # a fresh interpreter each: threads and compiled code of this one are not inherited
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=end_with_parent) as pool:
         for future in as_completed([pool.submit(do, item) for item in items]):
             yield future.result()

@@ -7,23 +7,35 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import ndtr
 
+from model.effects.design import design_from_columns
+from model.effects.forward import ForwardModel
 from model.robot import Robot
 
+from ..arrays import Array
+from ..data.campaign import Campaign
 from ..inference.on_baseline import SHARE
-from ..inference.prepare import AREA, MODULUS
-from ..judgement import AREA_SD, GAIN_SD, GEOMETRY_SD, MATERIAL_SD
+from ..inference.prepare import AREA, MODULUS, table_columns
+from ..judgement import AREA_SD, GAIN_SD, GEOMETRY_SD, MATERIAL_SD, OUTSTANDING_FLOORS, REDUCIBLE_RATIO
 from .attribute import Attribution
-from .result import Calibration, Origin, Simulator
+from .result import Alike, Calibration, Origin, Simulator
+from .shrink import rms
 
 AT_BOUND = 1e-3
 """Share of the area factor within which it has reached a limit of the fit."""
+ALIKE = (("tip_payload", "mass"), ("body_modulus", "excess"), ("self_weight", "excess"))
+"""Parameters that bend a robot more or less in every state, as the area factor does, and are no factor on it."""
+ALIKE_RATIO, ALIKE_ROUNDS, ALIKE_LOST = 1.1, 8, 0.05
+"""Times what calibration leaves up to which they do the same; rounds of Gauss-Newton; share of states that may have no
+equilibrium."""
 
 
 def calibration(f: Attribution) -> Calibration | None:
     """The section `calibration`: the one area factor of the calibrated baseline next to robot.yaml's."""
     p = f.prepared
-    if p.baseline is not None or p.pushes_only or AREA not in p.problem.parameters.names:
+    if p.pushes_only or AREA not in p.problem.parameters.names:
         return None
+    if p.baseline is not None:
+        return Calibration(p.area_factor(f.calibrated.theta), p.baseline.area_factor)
     robot, states = p.described or (p.robot, p.states)
     own = ~p.states.pushed
     given = float(np.mean(robot.area_factor_at(states.spine_length[own])))
@@ -34,7 +46,56 @@ def calibration(f: Attribution) -> Calibration | None:
     found = Calibration(p.area_factor(f.calibrated.theta), given, modulus, at_bound=at_bound)
     # stiffness trials measure the modulus
     known = 0.0 if p.states.pushed.any() else robot.uncertainty.youngs_modulus or MATERIAL_SD
-    return replace(found, origins=origins(robot, found.stiffness if known else found.stiffness / modulus, known))
+    of = origins(robot, found.stiffness if known else found.stiffness / modulus, known)
+    return replace(found, origins=of, alike=alike(f, robot, states))
+
+
+def alike(f: Attribution, robot: Robot, states: Campaign) -> tuple[Alike, ...]:
+    """Effects of `ALIKE` that leave as little of the tip's errors as the calibrated area factor does, with that of robot.yaml."""
+    p = f.prepared
+    effects = {id: p.forward.catalogue[id] for id, _ in ALIKE if id in p.forward.catalogue}
+    if not effects or robot.stated or rms(p.gap(p.problem.observed - p.given)) < REDUCIBLE_RATIO * p.noise_floor:
+        return ()
+    table = table_columns(states)
+    design = design_from_columns(robot, table, ("x", "y", "z"))
+    forward = ForwardModel(robot, design, "one", effects, sized=p.forward.scales)
+    infos, names = forward.parameters, [i.name for i in forward.parameters]
+    observed, tolerances = forward.observe(table), [k for k, i in enumerate(infos) if i.group == "nuisance" and i.lasts]
+    most = max(OUTSTANDING_FLOORS * p.noise_floor, ALIKE_RATIO * rms(p.gap(p.problem.observed - f.calibrated.predicted)))
+    found = []
+    for id, name in ALIKE:
+        if f"{id}.{name}" not in names:
+            continue
+        k = names.index(f"{id}.{name}")
+        theta, left = _alone(forward, observed, [k, *tolerances], p.noise_floor / np.sqrt(3))
+        if left <= most and infos[k].low < theta[k] < infos[k].high:
+            found.append(Alike(names[k], float(theta[k]), infos[k].unit, 1e3 * left))
+    return tuple(sorted(found, key=lambda a: a.left_mm))
+
+
+def alone_as_good(c: Calibration | None, f: Attribution) -> tuple[str, ...]:
+    """Effects that are not named and alone, with robot.yaml's area factor, leave nothing above the noise floor."""
+    most = REDUCIBLE_RATIO * 1e3 * f.prepared.noise_floor
+    near = (a.parameter.partition(".")[0] for a in (c.alike if c is not None else ()) if a.left_mm <= most)
+    return tuple(effect for effect in near if effect not in f.decision.effects)
+
+
+def _alone(forward: ForwardModel, observed: Array, free: list[int], noise: float) -> tuple[Array, float]:
+    """Parameters (k,) at the least squares of values (n,), in m with this noise, by those in `free`, the first without a prior;
+    and the rms distance of tips that is left; infinite where rods do not stand."""
+    infos, sd = forward.parameters, np.array([forward.parameters[k].sd for k in free])
+    low, high = ([getattr(infos[k], side) for k in free] for side in ("low", "high"))
+    theta, sd[0] = np.zeros(len(infos)), np.inf
+    for _ in range(ALIKE_ROUNDS):
+        predicted, slope = forward.linearise(theta, free)
+        missed = observed - predicted
+        seen = np.isfinite(missed) & np.isfinite(slope).all(axis=1)
+        rows = np.vstack([slope[seen] / noise, np.diag(1 / sd)])
+        step = np.linalg.lstsq(rows, np.concatenate([missed[seen] / noise, -theta[free] / sd]), rcond=None)[0]
+        theta[free] = np.clip(theta[free] + step, low, high)
+    missed = observed - forward.predict(theta)
+    left = float(np.sqrt(3 * np.nanmean(missed**2))) if np.isfinite(missed).mean() > 1 - ALIKE_LOST else np.inf
+    return theta, left
 
 
 def origins(robot: Robot, stiffness: float, modulus_sd: float) -> tuple[Origin, ...]:
@@ -82,4 +143,5 @@ def simulator(f: Attribution) -> Simulator | None:
     left = difference - slope @ np.linalg.lstsq(slope, difference, rcond=None)[0]
     share = float(fitted.theta[at])
     differs, beyond = (float(np.sqrt(d @ d / count)) * 1e3 for d in (difference, left))
-    return Simulator(p.baseline.name, p.baseline.area_factor, differs, beyond, share, share * beyond)
+    of_robot = float(np.mean(p.robot.area_factor_at(p.states.spine_length[~p.states.pushed])))
+    return Simulator(p.baseline.name, p.baseline.area_factor, differs, beyond, share, share * beyond, of_robot)

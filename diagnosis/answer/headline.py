@@ -82,11 +82,13 @@ def headline(
     closed: float | None = None,
     calibrated: str = "",
     beyond: bool = False,
+    alone: bool = False,
 ) -> str:
     """The conclusion in at most 20 words, those of the robot's actuators.
 
     `missing` is what the table lacks, `by_calibration` the share of the reducible gap that calibration closes where that is
-    most of it, `calibrated` what it changed and `beyond` whether it reached its limit, `closed` the share that what is named
+    most of it, `calibrated` what it changed, `beyond` whether it reached its limit and `alone` whether one effect in its place
+    leaves no more than what is named does, `closed` the share that what is named
     closes on unseen states; None where that is unknown.
     """
     sure = f"(p = {a.probability:.2f})"
@@ -96,7 +98,10 @@ def headline(
         return f"Unclear: robot.yaml is too far from the data ({calibrated}): check it first."
     same = f" ({calibrated})" if calibrated else ""
     by = "" if by_calibration is None else f"Calibration closes {percent(by_calibration)} % of the gap{same}"
+    short = f"Calibration closes {percent(by_calibration or 0.0)} %{same} {sure}."
     if a.verdict == "effect":
+        if by and a.conclusion == "one of several" and alone:
+            return _short_enough(f"{by} {sure}.", short)
         if by and a.conclusion == "one of several" and closed is not None and closed <= 0:
             return f"{by}; no effect closes the rest."
         text = f"{_says_all(a.effects, _sizes(a, a.effects), catalogue, words)} {sure}."
@@ -112,10 +117,15 @@ def headline(
         return f"No known cause fits {sure}{where}.".replace("_", " ")
     if by_calibration is not None:
         other = "is needed" if a.probability >= CAUSE_PROBABILITY else "stands out"
-        return f"{by}; no other cause {other} {sure}."
+        return _short_enough(f"{by}; no other cause {other} {sure}.", f"{by} {sure}.", short)
     if a.conclusion == "noise":
         return f"No gap: model and robot agree down to the noise floor {sure}."
     return f"No cause: no known effect accounts for enough of the gap {sure}."
+
+
+def _short_enough(*texts: str) -> str:
+    """The first of texts that is, or the last."""
+    return next((text for text in texts if len(text.split()) <= MOST_WORDS), texts[-1])
 
 
 def _tied(a: Attribute, catalogue: Mapping[str, EffectSpec], words: Words) -> str:

@@ -88,18 +88,32 @@ class Origin:
 
 
 @dataclass(frozen=True)
+class Alike:
+    """An effect that alone, the area factor as given, would do what the calibrated one does."""
+
+    parameter: str
+    """EFFECT.PARAMETER."""
+    value: float
+    unit: str
+    left_mm: float
+    """rms of the tip that it leaves, in-sample, with the tolerances fitted."""
+
+
+@dataclass(frozen=True)
 class Calibration:
     """The area factor that the calibrated model has, mean over the states."""
 
     area_factor: float
     given: float
-    """That of robot.yaml."""
+    """That of robot.yaml; of a simulator that takes the rod's place, the one with which the rod comes nearest to it."""
     modulus: float = 1.0
     """The modulus that goes with it, as a ratio to that of robot.yaml: not 1 where it was calibrated first."""
     origins: tuple[Origin, ...] = ()
     """Most probable first."""
     at_bound: bool = False
     """Whether the fit reached the limit of the area factor, and would go beyond."""
+    alike: tuple[Alike, ...] = ()
+    """The one that leaves least first."""
 
     @property
     def stiffness(self) -> float:
@@ -122,6 +136,8 @@ class Simulator:
     """Of the difference, 0 to 1, that the measurements do not show: fitted beside the leading hypothesis."""
     not_measured_mm: float
     """That share of it, beyond calibration."""
+    of_robot: float | None = None
+    """Area factor of robot.yaml."""
 
 
 @dataclass(frozen=True)
@@ -168,6 +184,8 @@ class Attribute:
     """Causes outside the catalogue that do the same to these readings, `criticism.relatives`."""
     second: Mapping[str, float] = field(default_factory=dict)
     """Effects of which one acts together with what is named, and the probability of each."""
+    doubts: tuple[str, ...] = ()
+    """Why what is named with a high probability is not certain."""
 
 
 @dataclass(frozen=True)
@@ -312,7 +330,7 @@ class Diagnosis:
     change: Change | None = None
     """Since a reference campaign, where one was given."""
     calibration: Calibration | None = None
-    """What calibration changed; None for a simulator in the rod's place, and in answers of earlier versions."""
+    """What calibration changed; None in answers of earlier versions."""
     headline: str = ""
     """The conclusion in at most 20 plain words; empty in answers of earlier versions."""
 

@@ -26,10 +26,11 @@ from ..judgement import (
     OTHER_UNIT,
     OUTSIDE_STATED,
     OUTSTANDING_FLOORS,
+    SAME_FACTOR,
     USUAL_EXCESS,
 )
 from .headline import LEAST_STATED, for_people, percent, stated
-from .result import Calibration, Carries, Conclusion, Locate, Ranked, Shrink, Simulator, Waterfall
+from .result import Alike, Calibration, Carries, Conclusion, Locate, Ranked, Shrink, Simulator, Waterfall
 from .shrink import share_closed
 from .verdict import Decision, stage
 
@@ -60,6 +61,8 @@ class Facts:
     """The number of robot.yaml that was calibrated first, or how many; empty where none was."""
     names: Mapping[str, str] = field(default_factory=dict)
     """Effect -> plain name."""
+    doubts: Sequence[str] = ()
+    """Why what is named is not certain."""
 
 
 BEYOND_TOLERANCE = "Beyond tolerance (in brackets, one standard deviation): "
@@ -90,6 +93,11 @@ def with_id(effect: str, names: Mapping[str, str]) -> str:
     return name if name == OUTSIDE else f"{name} [{effect}]"
 
 
+def with_id_in(text: str, names: Mapping[str, str]) -> str:
+    """A text in which identifiers of effects stand as their names."""
+    return " ".join(with_id(word, names) if word in names else word for word in text.split(" "))
+
+
 def hypothesis_name(effects: Iterable[str], names: Mapping[str, str], ids: bool = True) -> str:
     """Name of a hypothesis, with or without the identifiers of its effects."""
     return " + ".join(with_id(e, names) if ids else plain_name(e, names) for e in effects) or NO_EFFECT
@@ -98,7 +106,7 @@ def hypothesis_name(effects: Iterable[str], names: Mapping[str, str], ids: bool 
 def statement(f: Facts) -> str:
     """The answer in a few sentences, the verdict first."""
     present = also_present(f.budget, lambda effect: with_id(effect, f.names), _what(f)[1])
-    parts = (_verdict(f), _gap(f), _simulator(f), _moved(f), _closing(f), _absorbed(f), present, _odd(f))
+    parts = (_verdict(f), _gap(f), _alike(f), _simulator(f), _moved(f), _closing(f), _absorbed(f), present, _odd(f))
     return " ".join(filter(None, parts))
 
 
@@ -119,7 +127,9 @@ def _verdict(f: Facts) -> str:
         return f"Cause: {named} ({_sure(f)}).{_second(f)}"
     if f.conclusion == "one of several":
         by = f" To tell them apart: {f.tie_breaker}." if f.tie_breaker else ""
-        return f"Behaves most like {named} ({_sure(f)}); the data do not exclude {_others(f)}.{by}{_second(f)}{_relatives(f)}"
+        why = f" Not certain: {'; '.join(with_id_in(text, f.names) for text in f.doubts)}." if f.doubts else ""
+        text = f"Behaves most like {named} ({_sure(f)}); the data do not exclude {_others(f)}."
+        return f"{text}{why}{by}{_second(f)}{_relatives(f)}"
     if f.conclusion == "none" and f.decision.too_small:
         leading = " and ".join(with_id(e, f.names) for e in f.decision.too_small)
         return (
@@ -189,6 +199,8 @@ def _factor(f: Facts) -> str:
     c = f.calibration
     if c is None or max(abs(c.stiffness - 1), abs(c.modulus - 1)) < CALIBRATION_STATED:
         return ""
+    if f.simulator is not None:
+        return f" ({c.area_factor:.2f} in place of the {c.given:.2f} with which the rod comes nearest to {f.simulator.name})"
     body = f"a body {as_stiff(c)}"
     how = f"; {body} would look the same"
     if c.at_bound:
@@ -198,10 +210,40 @@ def _factor(f: Facts) -> str:
     return f" ({c.area_factor:.2f} instead of {c.given:.2f}{how})"
 
 
-def as_stiff(c: Calibration | None) -> str:
-    """What a body that looks the same is, against that of robot.yaml."""
-    if c is None:
+def changed_by(f: Facts) -> str:
+    """What calibration comes to, in a few words; empty where there is none."""
+    if f.calibration is None:
         return ""
+    if f.simulator is not None:
+        return _acts_as(f.simulator, f.calibration)
+    return " or ".join([f"a body {as_stiff(f.calibration)}", *(alike_in_words(a, f.names) for a in f.calibration.alike[:1])])
+
+
+def _acts_as(own: Simulator, c: Calibration) -> str:
+    return f"{own.name} acts as with {c.stiffness:.2f} times the pressure"
+
+
+def alike_in_words(a: Alike, names: Mapping[str, str], ids: bool = False) -> str:
+    """Name and size of an effect that does what the area factor does, with or without its identifier."""
+    value, unit = _in_percent(a.value, a.unit)
+    return f"{(with_id if ids else plain_name)(a.parameter.partition('.')[0], names)} {value:+.3g} {unit}"
+
+
+def _alike(f: Facts) -> str:
+    """What else would do what a calibrated area factor does that closes most of the gap, and the experiment that tells."""
+    c = f.calibration
+    if c is None or f.simulator is not None or closed_by_calibration(f) is None:
+        return ""
+    each = [f"{alike_in_words(a, f.names, ids=True)} ({a.left_mm:.2f} mm remain)" for a in c.alike]
+    others = ", ".join([*each, "the gain of the pressures, a radius of robot.yaml"])
+    return (
+        f"With robot.yaml's area factor the same would be done by: {others}. To tell them apart: weigh what the tip carries, "
+        "hang a known mass on it without pressure, hold a gauge against the pressures, and measure a section."
+    )
+
+
+def as_stiff(c: Calibration) -> str:
+    """What a body that looks the same is, against that of robot.yaml."""
     if c.stiffness > 2:
         return f"{c.stiffness:.1f} times as stiff"
     return f"{100 * abs(c.stiffness - 1):.0f} % {'stiffer' if c.stiffness > 1 else 'softer'}"
@@ -294,13 +336,33 @@ def _simulator(f: Facts) -> str:
     own = f.simulator
     if own is None:
         return ""
-    apart = f"{own.name} differs from the rod of robot.yaml by {own.differs_mm:.2f} mm rms"
+    acts = _simulator_acts(f, own)
+    apart = f"{acts}{own.name} differs from the rod of robot.yaml by {own.differs_mm:.2f} mm rms"
     beyond = f"and by {own.beyond_calibration_mm:.2f} mm after an area factor is fitted"
     if own.beyond_calibration_mm < f.where.noise_floor_mm:
         return f"{apart}, {beyond}: less than the noise floor."
     step = next((s for s in (f.waterfall.steps if f.waterfall else ()) if s.step == "simulator"), None)
     left = f" Without that part, {step.left_mm:.2f} mm of the gap remain on unseen states." if step else ""
+    if step and own.share > EXPLAINS and step.mm > EXPLAINS * (step.mm + step.left_mm - f.where.noise_floor_mm):
+        left += f" The gap is in {own.name}."
     return f"{apart}, {beyond}; the measurements do not show {own.not_measured_mm:.2f} mm of that (in-sample).{left}"
+
+
+def _simulator_acts(f: Facts, own: Simulator) -> str:
+    """As with which pressure the simulator acts, and where to look for the reason; empty where calibration closes little."""
+    c, w = f.calibration, f.waterfall
+    if c is None or w is None or closed_by_calibration(f) is None:
+        return ""
+    left = w.steps[0].left_mm
+    text = f"{_acts_as(own, c)}; that closes {w.given_mm - left:.1f} of {w.given_mm:.1f} mm."
+    if own.of_robot is None:
+        return f"{text} "
+    of_rod, of_data = own.area_factor / own.of_robot, c.area_factor / own.of_robot
+    if abs(of_data - 1) < SAME_FACTOR < abs(of_rod - 1):
+        text += f" The rod of robot.yaml does not: the gap is in {own.name}; check its pressures, areas and modulus."
+    elif abs(of_rod - 1) < SAME_FACTOR:
+        text += " So does the rod: check area_factor and youngs_modulus of robot.yaml, and the gain of the pressures."
+    return f"{text} "
 
 
 def _moved(f: Facts) -> str:

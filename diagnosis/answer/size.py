@@ -14,7 +14,7 @@ from scipy.special import log_ndtr, ndtri_exp
 
 from ..inference.candidate import Candidate
 from ..inference.prepare import Prepared
-from ..judgement import BOUND_SD, SIZE_SD_FACTOR, UNDETERMINED_SHARE
+from ..judgement import BOUND_SD, SIZE_CERTAIN_SD, SIZE_SD_FACTOR, UNDETERMINED_SHARE
 from .result import Value
 
 PAYLOAD = "tip_payload.mass"
@@ -39,6 +39,13 @@ class Size:
     """90 % interval of the cut posterior."""
     determined: bool
     """Whether the data say more of it than was assumed before."""
+    role: str = "size"
+    """size or shape."""
+
+    @property
+    def certain(self) -> bool:
+        """Whether it differs from zero by more than its error."""
+        return self.determined and abs(self.mean) > SIZE_CERTAIN_SD * self.sd
 
     @property
     def impossible(self) -> bool:
@@ -68,7 +75,9 @@ def _size(p: Prepared, i: int, mean: float, sd: float, seen: bool) -> Size:
     if parameters.names[i] == PAYLOAD:  # no more is taken off the tip than hangs there
         low = max(low, -float(p.forward.design.tip_mass[p.states.main].min()))
     low90, median, high90 = (float(np.clip(cut_quantile(mean, sd, low, high, q), low, high)) for q in (0.05, 0.5, 0.95))
-    return Size(parameters.names[i], parameters.infos[i].unit, median, mean, sd, low, high, low90, high90, seen)
+    return Size(
+        parameters.names[i], parameters.infos[i].unit, median, mean, sd, low, high, low90, high90, seen, parameters.infos[i].role
+    )
 
 
 def cut_quantile(mean: float, sd: float, low: float, high: float, share: float) -> float:

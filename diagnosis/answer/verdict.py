@@ -1,6 +1,6 @@
 """What is answered, as deep as the data carry. `sentences` has the words, docs/explanations/diagnosis.md explains them.
 
-cause             named, with a probability of 0.9 at least, and no relative outside the catalogue does the same
+cause             named, with a probability of 0.9 at least, no relative outside the catalogue does the same, and no `doubts`
 one of several    named with less: the data do not exclude others
 stage             outside the catalogue; one stage of the chain asks for an error of its own
 outside           outside the catalogue
@@ -11,7 +11,7 @@ too little data   the table lacks what it takes to name a cause
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,8 +19,17 @@ import numpy as np
 from ..criticism.stage_errors import StageError
 from ..inference.evidence import NONE
 from ..inference.posterior import UNKNOWN, Posterior
-from ..judgement import CAUSE_PROBABILITY, NAMED_PROBABILITY, OUTSIDE_PROBABILITY, STAGE_SHARE, TEMPERATURE
-from .result import Conclusion, Verdict
+from ..judgement import (
+    CAUSE_PROBABILITY,
+    LEFT_FLOORS,
+    LEFT_SHARE,
+    NAMED_PROBABILITY,
+    OUTSIDE_PROBABILITY,
+    STAGE_SHARE,
+    TEMPERATURE,
+)
+from .result import Conclusion, Shrink, Verdict
+from .size import Size
 
 
 @dataclass(frozen=True)
@@ -73,9 +82,23 @@ def rivals(d: Decision, posterior: Posterior) -> tuple[str, ...]:
     return tuple(dict.fromkeys(e for h in others for e in h if e not in d.effects))
 
 
+def doubts(sizes: Sequence[Size], effects: Sequence[str], unseen: Shrink | None, alone: Sequence[str] = ()) -> Iterator[str]:
+    """Why effects of these sizes are no certain cause, with what they leave of the gap on unseen states; `alone`: effects that do
+    as well without any calibration."""
+    for effect in effects:
+        own = [s for s in sizes if s.name.startswith(f"{effect}.") and s.role == "size"]
+        if any(s.impossible for s in own):
+            yield f"{effect} would have an impossible size"
+        elif own and not any(s.certain for s in own):
+            yield f"the size of {effect} is zero within its error"
+    yield from (f"{effect} alone would do the same without calibration" for effect in alone[:1])
+    if unseen is not None and unseen.after_mm > max(LEFT_FLOORS * unseen.floor_mm, LEFT_SHARE * unseen.before_mm):
+        yield f"{unseen.after_mm:.2g} mm remain on unseen states"
+
+
 def conclude(d: Decision, gap: bool, asking: Sequence[StageError], tense: bool = False) -> Conclusion:
-    """As deep as the data carry; `gap` whether it is anywhere above the noise floor, `tense` whether the fit moves a number of
-    robot.yaml far beyond its tolerance: no cause is certain then."""
+    """As deep as the data carry; `gap` whether it is anywhere above the noise floor, `tense` whether anything speaks against a
+    certain cause, such as a number of robot.yaml that the fit moves far beyond its tolerance, or `doubts`."""
     if not d.enough:
         return "too little data"
     if d.verdict == "effect":

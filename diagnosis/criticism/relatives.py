@@ -23,8 +23,8 @@ from model.effects.spec import EffectSpec, Law, Parameter, Stage, Values
 
 from ..arrays import Array
 
-FULL, ASIDE = 250e3, 0.2
-"""Pa and m aside at which sizes that grow with pressure or away from the axis are counted."""
+ASIDE = 0.5
+"""Robot lengths aside at which sizes that grow away from the axis are counted."""
 
 
 def _xyz(v: Values, axes: str = "xyz") -> Array:
@@ -34,8 +34,8 @@ def _xyz(v: Values, axes: str = "xyz") -> Array:
 
 
 def _highest(q: Quantities) -> Array:
-    """(1, n) highest pressure of each state, shares of `FULL`."""
-    return np.asarray(np.maximum(q.design.pressure.max(axis=1), 0.0)[None] / FULL)
+    """(1, n) highest pressure of each state, shares of the robot's."""
+    return np.asarray(np.maximum(q.design.pressure.max(axis=1), 0.0)[None] / q.scales.pressure)
 
 
 def _shared_pressure(q: Quantities, v: Values) -> None:
@@ -81,7 +81,9 @@ def _camera_scale(r: Readings, v: Values) -> None:
 
 
 def _lens(r: Readings, v: Values) -> None:
-    _stretched(r, lambda place: _along(v["bend"], place) * (place[..., :2] ** 2).sum(axis=-1, keepdims=True) / ASIDE**2)
+    _stretched(
+        r, lambda place: _along(v["bend"], place) * (place[..., :2] ** 2).sum(axis=-1, keepdims=True) / (ASIDE * r.length) ** 2
+    )
 
 
 def _along(value: Array, place: Array) -> Array:
@@ -104,7 +106,7 @@ ANGLE = math.radians(1.5)
 
 def _relative(id: str, stage: Stage, label: str, told_by: str, law: Law, *parameters: Parameter) -> EffectSpec:
     shown = {"structure": with_spine, "actuation": by_chambers}.get(stage)
-    return EffectSpec(id, stage, "", parameters, law, "mechanics", told_by, label, tolerated=False, shown=shown)
+    return EffectSpec(id, stage, "", parameters, law, "mechanics", told_by, label, tolerated=False, shown=shown, standard=True)
 
 
 AGAIN = "repeat the first trial at the end of the campaign"

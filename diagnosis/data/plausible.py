@@ -4,7 +4,7 @@ Tables come from other tools in kPa, mm, rad, g, upside down, or with quaternion
 nothing else can explain it, with its column, the value, what it looks like and what to write.
 
     tips            at rest near `length` from the base, along +z
-    orientation     unit quaternions, near qw = 1 at rest
+    orientation     unit quaternions, near qw = 1 at rest; in the frame of the tips (see `attitudes`)
     pressures       what the tip's displacement needs, by beam theory, within a factor of 30 (see `plausible_pressures`)
     spine, masses   against length and tip_mass of robot.yaml
     pushes          against the cantilever's length and stiffness (see `pushes`)
@@ -22,12 +22,15 @@ from recordings.trials import Table
 
 from ..arrays import Ints
 from ..errors import BadCase
+from .attitudes import attitude_in_another_frame
 from .plausible_pressures import Pressures, implausible_pressures, implausible_roll
 from .pushes import implausible_pushes
 from .units import LENGTH_UNITS, nearest
 
 STRAIGHT, TURNED = 0.9, 75.0
 """Robot lengths and degrees: a body bent along an arc so that its tip lies 75 degrees off its axis is 0.74 lengths away."""
+LIMP = 30.0
+"""Weight over bending stiffness from which a body hangs down from its base."""
 
 
 def require_plausible(robot: Robot, table: Table, name: str = "") -> None:
@@ -64,7 +67,7 @@ def _of_tips(robot: Robot, states: Table) -> Iterator[str]:
     yield implausible_roll(robot, pressures)
     resting = states.take(pressures.resting)
     yield _resting_tip(robot, resting) if len(resting) else ""
-    yield _orientation(states, resting)
+    yield _orientation(robot, states, resting)
 
 
 def pressures_of_each(states: Table) -> Ints:
@@ -135,7 +138,7 @@ def _resting_tip(robot: Robot, resting: Table) -> str:
     if away < 0.05:  # no soft arm at rest is curled up this far
         return f"{place}: looks like the displacement from the rest position; {meant}: add {robot.length:g} to z"
     # a bent arm, or one so heavy that it hangs down from its base, may point in any direction
-    if away < STRAIGHT or weight_ratio(robot) > 30.0:
+    if away < STRAIGHT or weight_ratio(robot) > LIMP:
         return ""
     angle = np.degrees(np.arccos(np.clip(tip[2] / (away * robot.length), -1, 1)))  # between tip and +z
     if angle < TURNED:
@@ -155,8 +158,8 @@ def weight_ratio(robot: Robot) -> float:
     return weight * robot.length**2 / (robot.youngs_modulus * body_second_moment(robot))
 
 
-def _orientation(states: Table, resting: Table) -> str:
-    turned, still = (s.take(~np.isnan(s.orientation[:, 0])) for s in (states, resting))
+def _orientation(robot: Robot, states: Table, resting: Table) -> str:
+    turned, at_rest = (s.take(~np.isnan(s.orientation[:, 0])) for s in (states, resting))
     if not len(turned):
         return ""
     lengths = np.linalg.norm(turned.orientation, axis=1)
@@ -167,10 +170,10 @@ def _orientation(states: Table, resting: Table) -> str:
             f"{turned.place(worst)}, columns qw, qx, qy, qz: {_numbers(turned, worst)} has norm "
             f"{lengths[worst]:.3g}, must be 1: looks like angles or a rotation vector; write a unit quaternion, w first"
         )
-    still = still if len(still) else turned
+    still = at_rest if len(at_rest) else turned
     # qz: bending and sagging turn about x and y, not about z
     if not float(np.median(np.abs(still.orientation[:, 3]))) > 0.8:
-        return ""
+        return attitude_in_another_frame(robot.length, turned, at_rest, weight_ratio(robot) > LIMP)
     return (
         f"{still.place(0)}, columns qw, qx, qy, qz: {_numbers(still, 0)} of a robot at rest: looks like the "
         "order x, y, z, w; at rest the tip has the base's orientation, (1, 0, 0, 0): write w first, not last"

@@ -107,7 +107,8 @@ def on_baseline(
     there = design_from_columns(robot, at_simulator, design.channels)
     factor = _nearest_area_factor(robot, there, at_simulator, baseline.name)
     known = {**catalogue, SIMULATOR_DIFFERENCE.id: SIMULATOR_DIFFERENCE}
-    rod = ForwardModel(robot, there, "one", known, area_factor=factor)
+    forward = ForwardModel(robot, design, "one", known, area_factor=factor)
+    rod = ForwardModel(robot, there, "one", known, area_factor=factor, sized=forward.scales)
     names = [p.name for p in rod.parameters]
     both_vary = [names.index(name) for name in baseline.varied if name in names]
     predicted, slope = rod.linearise(np.zeros(len(names)), both_vary)
@@ -116,7 +117,6 @@ def on_baseline(
     for k, column in zip(both_vary, slope.T, strict=True):
         step, moved = baseline.varied[names[k]]
         varied[k] = (rod.observe(dict(table) | moved.columns()) - baseline_values) / step - column
-    forward = ForwardModel(robot, design, "one", known, area_factor=factor)
     return OnBaseline(baseline.name, forward, baseline_values - predicted, varied, factor)
 
 

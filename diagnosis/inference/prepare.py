@@ -15,6 +15,7 @@ from model.effects.catalogue import CATALOGUE
 from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
 from model.effects.parameters import ParameterInfo
+from model.effects.scales import Scales
 from model.effects.spec import EffectSpec
 from model.prediction.campaign import predict_campaign
 from model.robot import Robot
@@ -130,21 +131,23 @@ def prepare(
     catalogue: Mapping[str, EffectSpec] = CATALOGUE,
     baseline: Baseline | None = None,
     noise_components: NoiseComponents | None = None,
+    sized: Scales | None = None,
 ) -> Prepared:
     """The problem of a case; raises `BadCase` when the model cannot be solved where the robot was.
 
     `baseline`: what another simulator predicts of these states, in the rod's place; it has one area factor. `noise_components`:
-    of the noise where they are known, else they are estimated from repeats.
+    of the noise where they are known, else they are estimated from repeats. `sized`: scales of effects, where they are not
+    those of these states alone.
     """
     table = table_columns(states)
     design = design_from_columns(robot, table)
     effects = leave_out(robot, states, observable_effects(robot, design, catalogue))
     on_simulator = on_baseline(robot, design, table, effects, baseline) if baseline is not None else None
-    forward = on_simulator.forward if on_simulator is not None else ForwardModel(robot, design, area, effects)
+    forward = on_simulator.forward if on_simulator is not None else ForwardModel(robot, design, area, effects, sized=sized)
     whole: Forward = on_simulator or forward
     predicted, slope = whole.linearise(np.zeros(len(forward.parameters)))
     if states.pushed.all():
-        whole = forward = ForwardModel(robot, design, area, _effective(forward, slope))
+        whole = forward = ForwardModel(robot, design, area, _effective(forward, slope), sized=sized)
         predicted, slope = whole.linearise(np.zeros(len(forward.parameters)))
     observed = forward.observe(table)
     kept = np.isfinite(observed) & np.isfinite(predicted)
@@ -162,7 +165,7 @@ def prepare(
         known = beside_model = pushes.noise_floor
     else:
         known = max(min(repeated, beside_model), LEAST_NOISE_FLOOR)
-    unit = float(np.clip(beside_model / np.sqrt(3), *DISCREPANCY_UNIT_RANGE))
+    unit = float(np.clip(beside_model / np.sqrt(3), *np.multiply(robot.length, DISCREPANCY_UNIT_RANGE)))
     smooth, form_error_basis = _discrepancy_bases(robot, states, labels, unit, pushes)
     problem = Problem(
         MaskedForward(whole, kept),

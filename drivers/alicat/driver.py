@@ -14,10 +14,9 @@ import timing
 from timing import Clock
 
 from ..chambers import ChamberMap
-from ..errors import BadReply, DeviceFault, InstrumentError, StaleReading, WrongDevice
+from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, StaleReading, WrongDevice
 from ..interfaces import Identity, PressureSample
 from ..pressure_limits import VENTED, PressureLimits
-from ..retries import Retries
 from ..serial_line import SerialLine
 from ..spec import Driver
 from .config import Config
@@ -53,8 +52,7 @@ class Alicat:
         """Channels whose unit of measure is asked again before the next reading is believed."""
         self._locked: set[int] = set()
         """Channels whose front panel is locked."""
-        self._retries = Retries(self._line)
-        self._twice = self._retries.twice
+        self._twice = self._line.twice
         self._notices: list[str] = []
         self._told: set[str] = set()
         self._limits = PressureLimits(name, self.channels, config.max_pressure, config.max_rate, clock)
@@ -184,7 +182,7 @@ class Alicat:
 
     def take_notices(self) -> list[str]:
         """See the module `interfaces`."""
-        notices, self._notices = self._notices + self._retries.notices(), []
+        notices, self._notices = self._notices + self._line.take_notices(), []
         return notices
 
     # -- opening
@@ -209,11 +207,16 @@ class Alicat:
 
     def _lock_panels(self) -> None:
         for channel, unit in enumerate(self._units):
-            if self._twice(unit.lock):
+            try:
+                locked = self._twice(unit.lock)
+            except NoReply:  # firmware that ignores the command answers everything else
+                self._twice(unit.poll)
+                locked = False
+            if locked:
                 self._locked.add(channel)
             else:
                 self._notice(
-                    f"unit {unit.letter} does not say that its front panel is locked (command L, status {LOCKED}): nobody may "
+                    f"unit {unit.letter} does not lock its front panel (command {unit.letter}L, status {LOCKED}): nobody may "
                     "change its settings during a run"
                 )
 
@@ -318,7 +321,7 @@ class Alicat:
 
     def _need_open(self) -> None:
         if not self._line.is_open:
-            raise self._line.watch.not_open()
+            raise self._line.not_open()
 
 
 DRIVER = Driver("pressure", Config, Alicat)

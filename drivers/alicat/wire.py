@@ -6,6 +6,7 @@ measure, as its display shows them, and no answer names it; results are Pa.
 
 from __future__ import annotations
 
+import contextlib
 import re
 from dataclasses import dataclass
 from enum import IntEnum
@@ -128,8 +129,14 @@ class AlicatUnit:
         return float(match[1]), int(match[2]), match[3]
 
     def lock(self) -> bool:
-        """Lock the buttons of the front panel; True when the unit says that they are. Power-cycling unlocks them."""
-        return LOCKED in self._frame("L").codes
+        """Lock the buttons of the front panel; True when the unit says that they are, False also where it rejects that.
+
+        Power-cycling unlocks them.
+        """
+        for _ in range(2):  # a damaged answer must not pass for a refusal
+            with contextlib.suppress(BadReply):
+                return LOCKED in self._frame("L").codes
+        return False
 
     def unlock(self, timeout: float | None = None) -> None:
         """Unlock the buttons of the front panel."""

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import termios
 from collections.abc import Callable, Iterator
 from typing import NamedTuple, TypeVar
 
@@ -21,8 +20,8 @@ from dynamixel_sdk import COMM_RX_CORRUPT, COMM_RX_TIMEOUT, COMM_SUCCESS, PortHa
 
 import timing
 
-from ..errors import BadReply, NoReply, Unreachable
-from ..serial_line import WRITE_WITHIN, PortWatch
+from ..errors import BadReply, NoReply, Refused
+from ..serial_line import SerialPort
 
 ATTEMPTS = 3
 ALERT = 0x80
@@ -30,6 +29,8 @@ MARKS = (6, 7, 9, 10, 11, 12)
 """Lengths (bytes) of a read from address 0 by which the line is caught up, used in turn; no other answer is so long."""
 CATCH_UP_WAITS = 3.0
 """How many time-outs its answer may take: those that are owed come before it."""
+LONGEST_READ = 0.005
+"""s of one read: the SDK looks at its own time-out in between."""
 ID, LENGTH, ERROR, PARAMETERS = 4, 5, 8, 9
 """Where they stand in a status packet."""
 REFUSALS = {
@@ -60,19 +61,24 @@ ANSWER_ALL = 2
 
 
 class _Port(PortHandler):  # type: ignore[misc]
-    """The SDK's port with a time-out of our own (s), monotonic time, waits instead of spinning, and one owner."""
+    """The SDK's port on a line that is open, with a time-out of our own (s), monotonic time, and waits instead of spinning."""
 
-    def __init__(self, port: str, timeout: float) -> None:
-        super().__init__(port)
+    def __init__(self, line: serial.Serial, path: str, baud: int, timeout: float) -> None:
+        super().__init__(path)
+        self.ser, self.is_open = line, True
         self.timeout = timeout
+        self.tx_time_per_byte = 10_000.0 / baud
+        self.request, self.heard = b"", bytearray()
+        """What was sent last, and what came since."""
 
-    def setupPort(self, cflag_baud: int) -> bool:  # noqa: N802 (the SDK's name)
-        self.ser = serial.serial_for_url(
-            self.port_name, cflag_baud, timeout=0.005, write_timeout=max(WRITE_WITHIN, self.timeout), exclusive=True
-        )
-        self.is_open = True
-        self.tx_time_per_byte = 10_000.0 / cflag_baud
-        return True
+    def writePort(self, packet: list[int]) -> int:  # noqa: N802 (the SDK's names)
+        self.request, self.heard = bytes(packet), bytearray()
+        return int(super().writePort(packet))
+
+    def readPort(self, length: int) -> bytes:  # noqa: N802
+        data: bytes = super().readPort(length)
+        self.heard += data
+        return data
 
     def setPacketTimeout(self, packet_length: int) -> None:  # noqa: N802
         self.setPacketTimeoutMillis(self.tx_time_per_byte * packet_length + 1000.0 * self.timeout)
@@ -81,57 +87,32 @@ class _Port(PortHandler):  # type: ignore[misc]
         return 1000.0 * timing.now()
 
 
-class Servo:
+class Servo(SerialPort):
     """The registers of one servo. `alert` is the hardware-error bit of the last answer."""
 
     def __init__(self, name: str, port: str, baud: int, servo_id: int, timeout: float) -> None:
         """`timeout` (s, host time) bounds each answer beyond its time on the line; an exchange is tried three times."""
-        self.name = name
+        super().__init__(name, port, baud, timeout, longest_read=LONGEST_READ)
         self.id = servo_id
-        self.baud = baud
         self.alert = False
-        self._path = port
-        self._timeout = timeout
-        self._port: _Port | None = None
+        self._odd = ""
+        """What was odd about the last answer, where its checksum was right."""
         self._packets = Protocol2PacketHandler()
         self._marks = itertools.cycle(MARKS)
         self._behind = True
         """Whether answers to earlier questions may still come, those of an earlier program included."""
-        self._lock = timing.RLock()
-        self._watch = PortWatch(name, port, self.close)
-
-    @property
-    def is_open(self) -> bool:
-        """True between `open` and `close`, unless the port was lost."""
-        return self._port is not None
 
     def open(self) -> None:
         """Open the serial port. Raises `Unreachable`."""
-        port = _Port(self._path, self._timeout)
-        try:
-            port.setBaudRate(self.baud)
-        except (OSError, ValueError, termios.error) as e:
-            raise Unreachable(
-                self.name,
-                f"cannot open {self._path} at {self.baud} Bd ({e}); check the USB adapter, the port in rig.yaml, and "
-                "that no other program has it open",
-            ) from e
-        self._port, self._behind, self._watch.lost = port, True, ""
-
-    def close(self) -> None:
-        """Close the serial port; never raises, may be called twice."""
-        self._watch.lost = ""
-        port, self._port = self._port, None
-        if port is not None:
-            with contextlib.suppress(OSError, termios.error):
-                port.closePort()
+        super().open()
+        self._behind = True
 
     def ping(self) -> int:
         """The model number. Raises `NoReply` when nobody with this id answers.
 
         A servo whose status return level has it answer less than everything is set to answer everything.
         """
-        with self._guarded() as port:
+        with self._bus() as port:
             if self._behind and not self._catch_up(port):
                 port.is_using = False
                 _, result, _ = self._packets.ping(port, self.id)
@@ -161,6 +142,7 @@ class Servo:
                 return [], result, 0
             data, result, error = self._status(port)
             wrong = result == COMM_SUCCESS and not error & ~ALERT and len(data) != size
+            self._odd = f"{len(data)} bytes" if wrong else ""
             return data, COMM_RX_CORRUPT if wrong else result, error
 
         return bytes(self._exchange(f"read of {size} bytes at {address}", call))
@@ -182,41 +164,51 @@ class Servo:
 
     def _exchange(self, what: str, call: Callable[[_Port], Exchange[T]], attempts: int = ATTEMPTS) -> T:
         """Do one request and its answer, again after silence or noise."""
-        with self._guarded() as port:
-            value, result, error = None, COMM_RX_TIMEOUT, 0
-            for _ in range(attempts):
+        with self._bus() as port:
+            value, result, error, self._odd = None, COMM_RX_TIMEOUT, 0, ""
+            for attempt in range(attempts):
                 if self._behind and not self._catch_up(port):
                     break
                 port.is_using = False  # the SDK leaves it set after an exception
+                began = timing.now()
                 try:
                     value, result, error = call(port)
                 except IndexError:  # the SDK trips over an answer that is shorter than it should be
-                    value, result, error = None, COMM_RX_CORRUPT, 0
+                    value, result, error, self._odd = None, COMM_RX_CORRUPT, 0, "too few bytes"
                 # the servo received a damaged instruction, which is worth repeating
                 if result == COMM_SUCCESS and error & ~ALERT != 3:
+                    self.quality.sent(len(port.request))
+                    self.quality.answered(began, len(port.heard))
+                    self.quality.count(attempt > 0)
+                    self.quality.echoes |= port.heard.startswith(port.request)
                     break
                 self._behind = True
-                timing.sleep(self._timeout)
+                timing.sleep(self.timeout)
                 port.clearPort()
         where = self._where
+        if result == COMM_RX_CORRUPT and self._odd:  # its checksum was right
+            raise Refused(
+                self.name,
+                f"{where} answers a {what} with {self._odd}; check that it is an X servo, and the only one with this id",
+            )
         if result == COMM_RX_CORRUPT:
             raise BadReply(self.name, f"damaged answer from {where} to a {what}, {attempts} times; check cable and baud rate")
         if result != COMM_SUCCESS:
             raise self._no_reply(what, result)
         self.alert = bool(error & ALERT)
         if refusal := error & ~ALERT:
-            raise BadReply(self.name, f"{where} refuses a {what}: {REFUSALS.get(refusal, f'error {refusal}')}")
+            raise Refused(self.name, f"{where} refuses a {what}: {REFUSALS.get(refusal, f'error {refusal}')}")
         return value  # type: ignore[return-value]
 
     @property
     def _where(self) -> str:
-        return f"id {self.id} on {self._path} at {self.baud} Bd"
+        return f"id {self.id} on {self.port} at {self.baud} Bd"
 
     def _no_reply(self, what: str, result: int) -> NoReply:
         return NoReply(
             self.name,
-            f"no answer from {self._where} to a {what} ({self._packets.getTxRxResult(result)}); check the servo's power, id, "
-            "baud rate and protocol (2.0, register 13)",
+            f"no answer from {self._where} to a {what} ({self._packets.getTxRxResult(result)}); "
+            + timing.busy_or("check the servo's power, id, baud rate and protocol (2.0, register 13)"),
         )
 
     def _catch_up(self, port: _Port) -> bool:
@@ -226,7 +218,7 @@ class Servo:
             port.is_using = False
             if self._packets.readTx(port, self.id, 0, size) != COMM_SUCCESS:
                 continue
-            port.setPacketTimeoutMillis(port.tx_time_per_byte * (size + 11) + 1000.0 * CATCH_UP_WAITS * self._timeout)
+            port.setPacketTimeoutMillis(port.tx_time_per_byte * (size + 11) + 1000.0 * CATCH_UP_WAITS * self.timeout)
             result = COMM_SUCCESS
             while result != COMM_RX_TIMEOUT and not port.isPacketTimeout():
                 data, result, error = self._status(port)
@@ -246,10 +238,7 @@ class Servo:
                 return packet[PARAMETERS : PARAMETERS + count], result, packet[ERROR]
 
     @contextlib.contextmanager
-    def _guarded(self) -> Iterator[_Port]:
-        """The open port under the lock, with failures of the line as the drivers' errors."""
-        with self._lock:
-            if self._port is None:
-                raise self._watch.not_open()
-            with self._watch.using():
-                yield self._port
+    def _bus(self) -> Iterator[_Port]:
+        """The open port as the SDK wants it, under the lock, with failures of the line as the drivers' errors."""
+        with self._guarded() as line:
+            yield _Port(line, self.port, self.baud, self.timeout)

@@ -127,6 +127,10 @@ class DynamixelSpine:
             self._check_current_limit()
             settings(self._servo).confirm()
 
+    def take_notices(self) -> list[str]:
+        """See the module `interfaces`."""
+        return self._servo.take_notices()
+
     def close(self) -> None:
         """Stop, release the torque if so configured, disconnect; the watchdog goes off, as holding is meant to last."""
         with self._lock:
@@ -356,9 +360,8 @@ class DynamixelSpine:
     def _poll(self) -> _State:
         """One reading; latches what the servo reports as wrong."""
         block = self._servo.read_block(table.Address.STATE, table.STATE.size)
-        _, _, _, _, current, velocity, counts = table.STATE.unpack(block)
+        watchdog, *_, current, velocity, counts = table.STATE.unpack(block)
         alert = self._servo.alert
-        watchdog = self._servo.read(table.WATCHDOG)
         if watchdog not in (self._watchdog_raw, table.WATCHDOG_TRIPPED):
             watchdog = self._servo.read(table.WATCHDOG)  # one odd answer is no proof of anything
         if alert and (bits := self._servo.read(table.HARDWARE_ERROR)):

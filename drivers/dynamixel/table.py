@@ -13,7 +13,7 @@ class Address(IntEnum):
 
     EEPROM_END = 64
     PROFILE_AND_GOAL = 112
-    STATE = 120
+    STATE = 98
 
 
 FIRMWARE = Register(6, 1)
@@ -35,8 +35,9 @@ PROFILE_ACCELERATION = Register(108, 4)
 PROFILE_AND_GOAL = struct.Struct("<Ii")
 """Profile velocity and goal position: both are written and read back with one instruction."""
 PRESENT_POSITION = Register(132, 4, signed=True)
-STATE = struct.Struct("<HBBhhii")
-"""Realtime tick, moving, moving status, PWM, current, velocity, position."""
+STATE = struct.Struct("<B21xHBBhhii")
+"""Bus watchdog, what follows up to the realtime tick, that, moving, moving status, PWM, current, velocity, position: one
+reading of all is quicker than two of what is needed."""
 
 CURRENT_BASED_POSITION = 5
 PLAIN_DRIVE = 0

@@ -15,6 +15,7 @@ from collections.abc import Callable
 from pydantic import Field
 from pymodbus import FramerType, ModbusException
 from pymodbus.client import ModbusSerialClient
+from pymodbus.pdu import ExceptionResponse
 
 import timing
 from timing import Clock
@@ -29,6 +30,8 @@ from .stream import PERIOD, FrameParser, GapCounter
 
 BAUD = 19200
 DEVICE_ID = 9
+NO_SUCH_REGISTER = 2
+"""Modbus exception of a device that has none at this address."""
 REG_FIRMWARE, REG_SERIAL, REG_OUTPUT = 500, 510, 410
 STREAM_ON = 0x0200
 STOP = b"\xff" * 50
@@ -127,7 +130,9 @@ class FT300S:
         if sample is None or age > self.config.max_age:
             what = "no frame has arrived" if sample is None else f"the newest frame is {age:.2f} s old"
             raise StaleReading(
-                self.name, f"{what}, limit {self.config.max_age:g} s; check power and cable, then open the sensor again"
+                self.name,
+                f"{what}, limit {self.config.max_age:g} s; "
+                + timing.busy_or("check power and cable, then open the sensor again"),
             )
         self._demand_in_range(sample.raw)
         return sample
@@ -162,8 +167,8 @@ class FT300S:
             if not come:
                 raise StaleReading(
                     self.name,
-                    f"only {len(readings)} of {samples} frames arrived for the zero within {within:.1f} s; check power and "
-                    "cable, then open the sensor again",
+                    f"only {len(readings)} of {samples} frames arrived for the zero within {within:.1f} s; "
+                    + timing.busy_or("check power and cable, then open the sensor again"),
                 )
             taken = readings[:samples]
             if samples > 1 and len(set(taken)) == 1:
@@ -251,6 +256,12 @@ class FT300S:
 
     def _registers(self, client: ModbusSerialClient, first: int, count: int) -> list[int]:
         answer = client.read_holding_registers(first, count=count, device_id=DEVICE_ID)
+        if isinstance(answer, ExceptionResponse) and answer.exception_code != NO_SUCH_REGISTER:
+            raise NotReady(
+                self.name,
+                f"device {DEVICE_ID} on {self.config.port} refuses to tell registers {first} to {first + count - 1} now (Modbus "
+                f"exception {answer.exception_code}); power-cycle it, then open it again",
+            )
         if answer.isError() or len(answer.registers) != count:
             raise WrongDevice(
                 self.name,

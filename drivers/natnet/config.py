@@ -9,7 +9,6 @@ from typing import Any
 from pydantic import BaseModel, Field, field_validator, model_validator
 
 from ..configs import MocapConfig
-from ..frames import apply, compose, matrix_from_quaternion
 from ..interfaces import Quaternion, Vector3
 from .packets import Body
 
@@ -33,10 +32,14 @@ class Pose(BaseModel):
 
     @cached_property
     def _rotation(self) -> Any:
+        from ..frames import matrix_from_quaternion  # here, as below: who only reads rig.yaml does without numpy
+
         return matrix_from_quaternion(self.quaternion)
 
     def place(self, body: Body | None) -> Vector3:
         """Position in the base frame, m, as received; NaN where there is no body."""
+        from ..frames import apply
+
         return NOWHERE if body is None else apply(self.position, self._rotation, body.position)
 
     def tracked_place(self, body: Body | None) -> Vector3:
@@ -45,6 +48,8 @@ class Pose(BaseModel):
 
     def turn(self, body: Body | None) -> Quaternion:
         """Orientation in the base frame, w, x, y, z with w >= 0; NatNet has x, y, z, w. Identity where there is none."""
+        from ..frames import compose
+
         if body is None or not _unit(body.rotation):
             return (1.0, 0.0, 0.0, 0.0)
         x, y, z, w = (part / math.hypot(*body.rotation) for part in body.rotation)

@@ -150,8 +150,8 @@ class NatNetMocap:
             )
         raise StaleReading(
             self.name,
-            f"no frame for {now - newest_at:.2f} s (limit {self._config.max_age} s); check that Motive is live and the "
-            f"network to {self._config.server}",
+            f"no frame for {now - newest_at:.2f} s (limit {self._config.max_age} s); "
+            + timing.busy_or(f"check that Motive is live and the network to {self._config.server}"),
         )
 
     # -- connecting

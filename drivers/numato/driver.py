@@ -17,7 +17,6 @@ from timing import Clock
 from ..configs import ValveConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, NoReply
 from ..interfaces import Identity, ValveSample
-from ..retries import Retries
 from ..serial_line import SerialLine, meeting, show
 from ..spec import Driver
 
@@ -47,7 +46,6 @@ class NumatoValve:
         self._clock = clock
         self._relay = RELAY_NAMES[config.relay]
         self._line = SerialLine(name, config.port, config.baud, config.timeout)
-        self._retries = Retries(self._line)
         self._lock = timing.RLock()
         self._marks = 0
         self._behind = True
@@ -95,7 +93,7 @@ class NumatoValve:
 
     def take_notices(self) -> list[str]:
         """See the module `interfaces`."""
-        return self._retries.notices()
+        return self._line.take_notices()
 
     def _state(self) -> bool:
         return self._value(f"relay read {self._relay}", "on|off") == "on"
@@ -109,7 +107,7 @@ class NumatoValve:
 
     def _answer(self, command: str, lines: int) -> list[str]:
         """Lines between echo and prompt. Every command may be repeated harmlessly, so noise gets a second try."""
-        return self._retries.twice(lambda: self._exchange(command, lines))
+        return self._line.twice(lambda: self._exchange(command, lines))
 
     def _exchange(self, command: str, lines: int) -> list[str]:
         if self._behind:

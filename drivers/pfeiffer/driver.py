@@ -5,6 +5,7 @@ The family's Pirani gauges hardly resolve the range of jamming, 10 kPa to ambien
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import TypeVar
 
@@ -15,9 +16,8 @@ import timing
 from timing import Clock
 
 from ..configs import GaugeConfig
-from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, WrongDevice
+from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, Refused, WrongDevice
 from ..interfaces import GaugeSample, Identity
-from ..retries import Retries
 from ..serial_line import SerialLine, meeting, show
 from ..spec import Driver
 
@@ -26,8 +26,13 @@ HEALTH_EVERY = 20
 """Readings between two checks of the gauge's error code and correction factor."""
 END, CONTROL = b"\r", b"10"
 """The end of a telegram, and the mark after the address of one that sets a parameter: its acknowledgment is the same again."""
-LACKS = b"NO_DEF"
+LACKS = "NO_DEF"
 """Answer of a gauge that has no such parameter."""
+REFUSALS = {LACKS: "it has no such parameter", "_RANGE": "the value is out of its range", "_LOGIC": "it does not allow that now"}
+WARNING = "Wrn"
+"""How the error code of a gauge begins that warns and goes on measuring."""
+ERROR_CODE = 303
+"""Parameter."""
 T = TypeVar("T")
 Query = Callable[["_Wire", int], T]
 
@@ -58,10 +63,11 @@ class _Wire:
         self._line = line
         self.heard = b""
         self._given = 0
+        self._request = b""
 
     def write(self, data: bytes) -> None:
         """Send one request; an answer that came too late for the last one is dropped."""
-        self.heard, self._given = b"", 0
+        self.heard, self._given, self._request = b"", 0, data
         self._line.flush()
         self._line.write(data, repeated=data[3:5] == CONTROL)
 
@@ -71,6 +77,25 @@ class _Wire:
             self.heard = self._line.read_until(END) + END
         self._given += count
         return self.heard[self._given - count : self._given]
+
+    def telegram(self) -> tuple[int, str] | None:
+        """Address and data of what was heard; None when its checksum is wrong, or when it answers another request."""
+        match = re.fullmatch(r"(\d{3})\d\d(\d{3})\d\d(.*)(\d{3})\r", self.heard.decode("ascii", "replace"))
+        if match is None or sum(self.heard[:-4]) % 256 != int(match[4]) or match[2].encode() != self._request[5:8]:
+            return None
+        return int(match[1]), match[3]
+
+
+def _error_code(wire: _Wire, address: int) -> str:
+    """The gauge's error code, empty where it reports none. Raises what the library raises for a damaged answer."""
+    try:
+        code = protocol.read_error_code(wire, address)
+    except ValueError:
+        sender, data = wire.telegram() or (0, "")
+        if sender != address or data in REFUSALS:
+            raise
+        return data
+    return "" if code is protocol.ErrorCode.NO_ERROR else code.name.lower().replace("_", " ")
 
 
 class PfeifferGauge:
@@ -82,9 +107,10 @@ class PfeifferGauge:
         self._clock = clock
         self._line = SerialLine(name, config.port, config.baud, config.timeout, skip_echo=True)
         self._wire = _Wire(self._line)
-        self._retries = Retries(self._line)
         self._lock = timing.RLock()
         self._readings = 0
+        self._warnings: dict[str, bool] = {}
+        """Warnings of the gauge, and whether they were passed on."""
 
     def open(self) -> Identity:
         """Connect and check the gauge's type and health. Raises `Unreachable`, `WrongDevice` or `DeviceFault`."""
@@ -116,7 +142,9 @@ class PfeifferGauge:
 
     def take_notices(self) -> list[str]:
         """See the module `interfaces`."""
-        return self._retries.notices()
+        new = [text for text, passed_on in self._warnings.items() if not passed_on]
+        self._warnings |= dict.fromkeys(new, True)
+        return new + self._line.take_notices()
 
     def _meet(self) -> Identity:
         model = self._query("gauge type", protocol.read_gauge_type)
@@ -132,10 +160,18 @@ class PfeifferGauge:
 
     def _check_health(self) -> None:
         """Raises `DeviceFault` for an error of the gauge; writes a correction factor that is not 1."""
-        code = self._query("error code", protocol.read_error_code)
-        if code is not protocol.ErrorCode.NO_ERROR:
-            what = code.name.lower().replace("_", " ")
-            raise DeviceFault(self.name, f"reports a {what}; power-cycle it, and replace it if the error persists")
+        code = self._query("error code", _error_code)
+        if code.startswith(WARNING):
+            self._warnings.setdefault(
+                f"the gauge at address {self._config.address} warns with {code} (parameter {ERROR_CODE}) and goes on measuring; "
+                "see its manual",
+                False,
+            )
+        elif code:
+            raise DeviceFault(
+                self.name,
+                f"reports {code} (parameter {ERROR_CODE}); power-cycle it, and replace it if the error persists",
+            )
         found = self._correction()
         if found is not None and found != 1.0:
             self._query("correction factor", lambda wire, address: protocol.write_correction_value(wire, address, 1.0))
@@ -150,14 +186,14 @@ class PfeifferGauge:
         """The factor for other gases; None for a gauge without one."""
         try:
             return float(self._query("correction factor", protocol.read_correction_value))
-        except BadReply:
-            if LACKS in self._wire.heard:
+        except Refused:
+            if self._wire.telegram() == (self._config.address, LACKS):
                 return None
             raise
 
     def _query(self, what: str, query: Query[T]) -> T:
         """Ask, once more after silence or noise."""
-        return self._retries.twice(lambda: self._ask(what, query))
+        return self._line.twice(lambda: self._ask(what, query))
 
     def _ask(self, what: str, query: Query[T]) -> T:
         address = self._config.address
@@ -168,11 +204,21 @@ class PfeifferGauge:
         except (ValueError, protocol.InvalidCharError) as e:
             if isinstance(e, InstrumentError):
                 raise
-            raise BadReply(
-                self.name,
-                f"address {address} on {self._config.port} answered {show(self._wire.heard)} to a request for its {what} ({e}); "
-                "check the cable",
-            ) from e
+            raise self._not_understood(what, e) from e
+
+    def _not_understood(self, what: str, error: Exception) -> BadReply:
+        """The error of an answer that the library rejects: only a wrong checksum speaks against the line."""
+        config, telegram = self._config, self._wire.telegram()
+        if telegram is None:
+            said = f"answered {show(self._wire.heard)} to a request for its {what} ({error})"
+            return BadReply(self.name, f"address {config.address} on {config.port} {said}; check the cable")
+        sender, data = telegram
+        if sender != config.address:
+            asked = f"address {config.address} on {config.port} was asked for its {what}"
+            return BadReply(self.name, f"{asked}, but address {sender} answered; check the addresses on the line")
+        reason = REFUSALS.get(data, "this driver does not know that")
+        where = f"address {config.address} on {config.port}"
+        return Refused(self.name, f"{where} answered {data!r} to a request for its {what}: {reason}; see the gauge's manual")
 
 
 DRIVER = Driver("gauge", Config, PfeifferGauge)

@@ -18,7 +18,6 @@ from ..chambers import ChamberMap
 from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, Unreachable, WrongDevice
 from ..interfaces import Identity, PressureSample
 from ..pressure_limits import VENTED, PressureLimits
-from ..retries import Retries
 from ..serial_line import SerialLine, show
 from ..spec import Driver
 from ..stop_first import StopFirst
@@ -68,7 +67,6 @@ class SmcItv:
         self._lock = StopFirst(name)
         self._lines = [SerialLine(name, port, BAUD, config.timeout, lock=self._lock, skip_echo=True) for port in config.ports]
         self._limits = PressureLimits(name, self.channels, config.max_pressure, config.max_rate, clock)
-        self._retries = [Retries(line) for line in self._lines]
         self._counts = [0] * self.channels
         self._unsure: set[int] = set()
         """Channels whose last set-point was sent and not confirmed: either may hold."""
@@ -91,7 +89,7 @@ class SmcItv:
         with self._lock.stopping():
             failed: list[Unreachable] = []
             for channel, line in enumerate(self._lines):
-                lost = bool(line.watch.lost)
+                lost = bool(line.lost)
                 try:
                     line.open()
                     if lost:  # what was asked before is not answered by the new port; the next answer is marked all the same
@@ -175,7 +173,7 @@ class SmcItv:
 
     def take_notices(self) -> list[str]:
         """See the module `interfaces`."""
-        return [notice for retries in self._retries for notice in retries.notices()]
+        return [notice for line in self._lines for notice in line.take_notices()]
 
     def vent(self) -> None:
         """All set-points to zero, not rate-limited; whatever else is under way gives way.
@@ -185,7 +183,7 @@ class SmcItv:
         """
         with self._lock.stopping():
             if not any(line.is_open for line in self._lines):
-                raise self._lines[0].watch.not_open()
+                raise self._lines[0].not_open()
             done, errors = self._send_setpoints(dict.fromkeys(range(self.channels), 0))
             for channel in done:
                 self._limits.sent(channel, 0.0)
@@ -231,7 +229,7 @@ class SmcItv:
     def _need_open(self) -> None:
         for line in self._lines:
             if not line.is_open:
-                raise line.watch.not_open()
+                raise line.not_open()
 
     # -- all channels at once
     def _confirmed(self) -> tuple[float, ...]:
@@ -267,7 +265,7 @@ class SmcItv:
                 self._lock.sleep(self.config.poll_interval)
             answers, errors = self._ask_each({c: r for c, r in requests.items() if c not in numbers})
             for channel, answer in answers.items():
-                self._retries[channel].count(attempt > 0)
+                self._lines[channel].quality.count(attempt > 0)
                 if answer.isdigit() and int(answer) <= STEPS:
                     numbers[channel] = int(answer)
                 else:
@@ -309,7 +307,7 @@ class SmcItv:
                 raise NoReply(
                     self.name,
                     f"answers on {self.config.ports[channel]} are late or missing and cannot be matched to requests until it "
-                    f"has been quiet for {QUIET:g} s; check its cable and adapter",
+                    f"has been quiet for {QUIET:g} s; " + timing.busy_or("check its cable and adapter"),
                 )
         line.flush()
         line.write(request + END)
@@ -333,7 +331,7 @@ class SmcItv:
                 break
             answer = text
         if not answer:
-            raise NoReply(self.name, f"the answer on {self.config.ports[channel]} was lost; check its cable")
+            raise NoReply(self.name, f"the answer on {self.config.ports[channel]} was lost; " + timing.busy_or("check its cable"))
         del self._behind[channel]
         return answer
 
@@ -341,7 +339,7 @@ class SmcItv:
         hint = {
             OUT_OF_RANGE: "the unit allows less than full_scale in rig.yaml",
             UNKNOWN_COMMAND: "it did not understand the request; check the cable",
-        }.get(answer, f"expected a number from 0 to {STEPS}; check the cable and the port")
+        }.get(answer, f"expected a number from 0 to {STEPS}; see the unit's manual for that answer, else check cable and port")
         return BadReply(self.name, f"{self.config.ports[channel]} answers {show(request)} with {show(answer)}; {hint}")
 
 

@@ -11,10 +11,7 @@ comes before an answer near that value is thrown away. The timer counts millisec
 
 from __future__ import annotations
 
-import contextlib
 import random
-import termios
-from collections.abc import Iterator
 
 import serial
 from pytrinamic.helpers import to_signed_32
@@ -22,8 +19,8 @@ from pytrinamic.tmcl import TMCLCommand, TMCLReply, TMCLRequest, TMCLStatus
 
 import timing
 
-from ..errors import BadReply, InstrumentError, NoReply, Unreachable
-from ..serial_line import WRITE_WITHIN, PortWatch
+from ..errors import BadReply, InstrumentError, NoReply, Refused
+from ..serial_line import SerialPort
 from .parameters import Global
 
 ATTEMPTS = 2
@@ -38,53 +35,21 @@ CATCH_UP_WAITS = 2.0
 """How many time-outs the answers may take that are owed."""
 
 
-class Axis:
+class Axis(SerialPort):
     """Motor `motor` of module `address`."""
 
     def __init__(self, name: str, port: str, baud: int, address: int, host: int, motor: int, timeout: float) -> None:
         """`timeout` (s, host time) bounds each answer; an exchange is tried twice."""
-        self.name = name
-        self._path, self._baud = port, baud
+        super().__init__(name, port, baud, timeout, longest_read=timeout)
         self._address, self._host, self._motor = address, host, motor
-        self._timeout = timeout
-        self._serial: serial.Serial | None = None
-        self._lock = timing.RLock()
         self._behind = False
         """Whether answers to earlier questions may still come."""
+        self._other_host: int | None = None
+        """To whom the module's last answer was addressed, where that was not this host."""
+        self.caught_up = False
+        """The line was caught up since the driver cleared this, so that `restarted` may have missed a restart."""
         self._tick = 0
         """What the tick timer was set to last."""
-        self._watch = PortWatch(name, port, self.close)
-
-    @property
-    def is_open(self) -> bool:
-        """True between `open` and `close`, unless the port was lost."""
-        return self._serial is not None
-
-    def open(self) -> None:
-        """Open the serial port. Raises `Unreachable`."""
-        try:
-            self._serial = serial.serial_for_url(
-                self._path,
-                self._baud,
-                timeout=self._timeout,
-                write_timeout=max(WRITE_WITHIN, self._timeout),
-                exclusive=True,
-            )
-        except (OSError, ValueError) as e:
-            raise Unreachable(
-                self.name,
-                f"cannot open {self._path} at {self._baud} Bd ({e}); check the adapter, the port in rig.yaml, and that "
-                "no other program has it open",
-            ) from e
-        self._watch.lost = ""
-
-    def close(self) -> None:
-        """Close the serial port; never raises, may be called twice."""
-        self._watch.lost = ""
-        line, self._serial = self._serial, None
-        if line is not None:
-            with contextlib.suppress(OSError, termios.error):
-                line.close()
 
     def version(self) -> tuple[int, str]:
         """Number of the module and version of its firmware."""
@@ -144,21 +109,29 @@ class Axis:
     def _send(self, command: int, kind: int, value: int, bank: int | None = None) -> int:
         """One request and its answer, again after silence or noise."""
         what = f"{TMCLCommand.get_name(command)} {kind}, {value}"
-        where = f"module {self._address} on {self._path} at {self._baud} Bd"
+        where = f"module {self._address} on {self.port} at {self.baud} Bd"
         failure: InstrumentError = NoReply(
             self.name, f"no answer from {where} before {what}; check its power, address and baud rate"
         )
         request = TMCLRequest(self._address, command, kind, self._motor if bank is None else bank, value)
         with self._guarded() as line:
-            for _ in range(ATTEMPTS):
+            for attempt in range(ATTEMPTS):
                 if self._behind and not self._catch_up(line):
                     break
                 line.write(request.to_buffer())
+                self.quality.sent(FRAME_BYTES)
                 reply, heard = self._reply(line, request)
-                if reply is None and heard:
+                if reply is None and self._other_host is not None:
+                    failure = Refused(
+                        self.name,
+                        f"{where} answers {what} to host {self._other_host}, not {self._host}: correct `host` in rig.yaml, or "
+                        f"the module's host address (global parameter {Global.HOST_ADDRESS})",
+                    )
+                elif reply is None and heard:
                     failure = BadReply(self.name, f"damaged answer from {where} to {what}; check cable and baud rate")
                 elif reply is None:
-                    failure = NoReply(self.name, f"no answer from {where} to {what}; check its power, address and baud rate")
+                    remedy = timing.busy_or("check its power, address and baud rate")
+                    failure = NoReply(self.name, f"no answer from {where} to {what}; {remedy}")
                 elif reply.module_address != self._address or reply.command != command:
                     failure = BadReply(
                         self.name,
@@ -167,29 +140,38 @@ class Axis:
                     )
                 elif reply.status < DONE:
                     reason = TMCLStatus.get_name(reply.status)
-                    failure = BadReply(self.name, f"{where} refuses {what}: status {reply.status}, {reason}")
+                    refusal = f"{where} refuses {what}: status {reply.status}, {reason}"
                     if reply.status != TMCLStatus.WRONG_CHECKSUM:
+                        failure = Refused(self.name, refusal)
                         break
+                    failure = BadReply(self.name, refusal)
                 else:
+                    self.quality.count(attempt > 0)
                     return int(to_signed_32(reply.value))
                 self._behind = True
-                timing.sleep(self._timeout)
+                timing.sleep(self.timeout)
                 line.reset_input_buffer()
             raise failure
 
     def _reply(self, line: serial.Serial, request: TMCLRequest) -> tuple[TMCLReply | None, bool]:
         """The next answer, None on silence; and whether anything but the echo of the request came."""
+        self._other_host = None
         heard, window, echo = False, b"", request.to_buffer()
-        give_up = timing.now() + self._timeout
+        began, count = timing.now(), 0
+        give_up = began + self.timeout
         while timing.now() <= give_up and (come := line.read(FRAME_BYTES - len(window))):
             window += come
+            count += len(come)
             if window == echo:
-                window = b""
+                self.quality.echoes, window = True, b""
             elif len(window) == FRAME_BYTES:
                 heard = True
                 reply = TMCLReply.from_buffer(window)
                 if reply.reply_address == self._host and reply.is_checksum_correct():
+                    self.quality.answered(began, count)
                     return reply, True
+                if reply.is_checksum_correct() and (reply.module_address, reply.command) == (self._address, request.command):
+                    self._other_host = reply.reply_address
                 window = window[1:]
         return None, heard or bool(window)
 
@@ -202,14 +184,14 @@ class Axis:
                 self._tick = tick
                 ask = TMCLRequest(self._address, TMCLCommand.GGP, Global.TICK_TIMER, 0, 0)
                 if self._await(line, ask, range(tick, tick + NEAR)):
-                    self._behind = False
+                    self._behind, self.caught_up = False, True
                     return True
         return False
 
     def _await(self, line: serial.Serial, request: TMCLRequest, values: range) -> bool:
         """Send a request and read answers until one to its command has one of these values; False when they cease before."""
         line.write(request.to_buffer())
-        give_up = timing.now() + CATCH_UP_WAITS * self._timeout
+        give_up = timing.now() + CATCH_UP_WAITS * self.timeout
         while timing.now() < give_up:
             reply, _ = self._reply(line, request)
             if reply is None or (reply.module_address, reply.command) != (self._address, request.command):
@@ -217,12 +199,3 @@ class Axis:
             if reply.value in values:
                 return True
         return False
-
-    @contextlib.contextmanager
-    def _guarded(self) -> Iterator[serial.Serial]:
-        """The open line under the lock, with its failures as the drivers' errors."""
-        with self._lock:
-            if self._serial is None:
-                raise self._watch.not_open()
-            with self._watch.using():
-                yield self._serial

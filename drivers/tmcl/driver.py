@@ -37,6 +37,8 @@ MODULE = 1260
 RESTARTED = "the module has restarted (power failure?) and lost its position; check its supply"
 STALLED, DEVIATED = 1, 2
 """Bits of ERROR_FLAGS; some firmware clears them when they are read, hence the latch here."""
+CONFIRM_EVERY = 10
+"""Readings between two looks whether another host has set the deviation stop."""
 DRIVER_ERRORS = {1: "overheated", 3: "short to ground, coil A", 4: "short to ground, coil B"}
 """Bits of DRIVER_STATUS that mean damage; the others are warnings or states."""
 
@@ -87,6 +89,7 @@ class TmclSpine:
         self._homing_until: float | None = None
         self._goal = 0.0
         self._standing_since: float | None = None
+        self._readings = 0
         self._fault = ""
 
     def open(self) -> Identity:
@@ -106,6 +109,10 @@ class TmclSpine:
         """Ask for the settings once more. Raises `WrongDevice` when another host has changed one."""
         with self._lock:
             settings.confirm(self._axis, self._needs)
+
+    def take_notices(self) -> list[str]:
+        """See the module `interfaces`."""
+        return self._axis.take_notices()
 
     def close(self) -> None:
         """Stop and disconnect; the motor holds with its standby current."""
@@ -155,7 +162,7 @@ class TmclSpine:
             if self._fault:
                 self._follow_encoder()
                 self._fault = ""
-            self._poll()
+            self._poll(confirm=True)
             self._raise_fault()
             goal = self._config.direction * self._microsteps(min(max(length, 0.0), self._config.max_length))
             self._set_goal(goal, max(1, self._microsteps(min(speed, self._config.max_speed))))
@@ -171,7 +178,7 @@ class TmclSpine:
                 self._axis.stop_search()
             self._axis.stop()
             self._fault = ""
-            restarted = self._homed and self._has_restarted(self._axis.get(Parameter.MAX_DEVIATION))
+            restarted = self._homed and (self._axis.restarted() or self._forgotten(self._axis.get(Parameter.MAX_DEVIATION)))
             self._prepare()
             self._follow_encoder()
             if restarted:
@@ -180,7 +187,8 @@ class TmclSpine:
     def read(self) -> SpineSample:
         """Poll. Until homed, `length` counts from where the module was switched on and says nothing about the spine."""
         with self._lock:
-            state = self._poll()
+            self._readings += 1
+            state = self._poll(self._readings % CONFIRM_EVERY == 0)
             if self._homing_until is not None and not self._fault:
                 self._continue_homing(state, self._homing_until)
                 state = self._poll()
@@ -268,17 +276,21 @@ class TmclSpine:
             )
 
     # -- judging what was read
-    def _poll(self) -> _State:
-        """One reading; latches what the module reports as wrong."""
+    def _poll(self, confirm: bool = False) -> _State:
+        """One reading; latches what the module reports as wrong. `confirm`: also when its deviation stop was changed."""
         encoder = self._axis.get(Parameter.ENCODER)
         speed = self._axis.get(Parameter.ACTUAL_SPEED)
         t = self._clock.now()
         flags = self._axis.get(Parameter.ERROR_FLAGS)
         status = self._axis.get(Parameter.DRIVER_STATUS)
         damage = [text for bit, text in DRIVER_ERRORS.items() if status >> bit & 1]
-        deviation = self._microsteps(self._config.max_deviation)
-        found = self._axis.get(Parameter.MAX_DEVIATION)
-        if self._has_restarted(found):
+        deviation = found = self._microsteps(self._config.max_deviation)
+        restarted = self._axis.restarted()
+        if confirm or self._axis.caught_up:  # catching up sets the tick timer anew, which hides a restart before it
+            found = self._axis.get(Parameter.MAX_DEVIATION)
+            restarted = restarted or self._forgotten(found)
+            self._axis.caught_up = False
+        if restarted:
             self._lose_zero(RESTARTED)
         elif found != deviation:
             self._fault = (
@@ -297,9 +309,9 @@ class TmclSpine:
             )
         return _State(t, encoder, speed)
 
-    def _has_restarted(self, max_deviation: int) -> bool:
-        """By its tick timer; and by a deviation stop that is off, asked again, since catching up sets the timer anew."""
-        return self._axis.restarted() or (max_deviation == 0 and self._axis.get(Parameter.MAX_DEVIATION) == 0)
+    def _forgotten(self, max_deviation: int) -> bool:
+        """Whether the deviation stop is off, as after a restart; asked again before it is believed."""
+        return max_deviation == 0 and self._axis.get(Parameter.MAX_DEVIATION) == 0
 
     def _lose_zero(self, fault: str) -> None:
         self._homed = False

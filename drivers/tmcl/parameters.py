@@ -38,6 +38,7 @@ class Global(IntEnum):
 
     HEARTBEAT = 68
     """ms of silence on the serial line after which the motor stops; 0 = never."""
+    HOST_ADDRESS = 76
     AUTO_START = 77
     SECONDARY_ADDRESS = 87
     PROGRAM = 128

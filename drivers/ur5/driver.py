@@ -9,6 +9,7 @@ ur_rtde may hang or crash when the controller goes away, so this driver belongs 
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -23,7 +24,7 @@ from . import wire as ur5_wire
 from .config import Config
 from .control import ControlThread
 from .motion import Deadline
-from .safety import stop_text
+from .safety import SlowMotion, is_reduced, stop_text
 from .state import ENDED, PLAYING, UR5State
 from .state import Config as StateConfig
 from .tool import Tool, millimetres, same_pose
@@ -49,6 +50,7 @@ class _Move:
     goal: Vector6
     operation: int
     deadline: Deadline
+    slow: SlowMotion
     ended: float | None = None
     """Host time (s) at which the controller called it ended, before the read-back confirmed it."""
 
@@ -153,7 +155,8 @@ class UR5:
             raise BadReply(self.name, f"the controller refused {millimetres(goal)}; see the log on the pendant")
         allowed = DEADLINE_FACTOR * ur5_motion.duration(here, goal, speed, acceleration)
         deadline = Deadline.after(self._clock, allowed, self.config.timeout)
-        self._move = _Move(goal, self._started(control, before), deadline)
+        slow = SlowMotion(ur5_motion.top_speed(here, goal, speed, acceleration))
+        self._move = _Move(goal, self._started(control, before), deadline, slow)
 
     def moving(self) -> bool:
         """True until the last started motion has ended at its goal.
@@ -171,6 +174,8 @@ class UR5:
             self._move = None
             raise DeviceFault(self.name, "the motion was replaced by another one; is a second program in control of the arm?")
         if operation.running:
+            state, reduced = self._state, is_reduced(sample.safety_bits, self._state.safety_mode)
+            move.slow.seen(math.hypot(*sample.tcp_speed[:3]), reduced, state.speed_slider, state.speed_scaling)
             if move.deadline.expired:
                 self._take_too_long(move)
             return True
@@ -344,13 +349,12 @@ class UR5:
         return number
 
     def _take_too_long(self, move: _Move) -> None:
-        slider = self._state.speed_slider
         with contextlib.suppress(DeviceFault):
             self.stop()
         raise DeviceFault(
             self.name,
-            f"motion to {millimetres(move.goal)} not finished after {move.deadline.rig_allowed:.1f} s and was stopped; the "
-            f"speed slider is at {slider:.0%}, set it to 100 % at the pendant",
+            f"motion to {millimetres(move.goal)} not finished after {move.deadline.rig_allowed:.1f} s and was stopped: "
+            f"{move.slow.text()}",
         )
 
 

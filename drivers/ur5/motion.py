@@ -17,6 +17,9 @@ from ..errors import LimitExceeded
 from ..interfaces import Vector6
 from .config import Config
 
+TURN_WAY = 0.2
+"""m for which a turn by 1 rad counts: more than the controller takes."""
+
 
 def distance_between(a: Sequence[float], b: Sequence[float]) -> float:
     """Distance of the positions of two poses, m."""
@@ -79,9 +82,14 @@ def check_step(name: str, limits: Config, here: Sequence[float], goal: Sequence[
 
 def duration(here: Sequence[float], goal: Sequence[float], speed: float, acceleration: float) -> float:
     """Time of a straight motion, s: accelerate, cruise, decelerate (an upper bound: v/a + d/v)."""
-    # a turn counts for 0.2 m per rad, more than the controller takes
-    way = max(distance_between(here, goal), 0.2 * turn_between(here, goal))
+    way = max(distance_between(here, goal), TURN_WAY * turn_between(here, goal))
     return way / speed + speed / acceleration
+
+
+def top_speed(here: Sequence[float], goal: Sequence[float], speed: float, acceleration: float) -> float:
+    """Highest speed of the TCP on a straight motion, m/s: a short one ends before it reaches `speed`; 0 where it mostly turns."""
+    way = distance_between(here, goal)
+    return 0.0 if way < TURN_WAY * turn_between(here, goal) else min(speed, math.sqrt(acceleration * way))
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from ..interfaces import SafetyBit
 
 _POWER_ON = "power on, then close and open the arm again"
@@ -33,6 +35,59 @@ _BIT_OF_MODE = {
     14: SafetyBit.THREE_POSITION_STOP,
 }
 """safety_mode -> the bit of the same meaning; some stops show in one of the two only."""
+
+
+_REDUCED_MODE = 2
+"""Of safety_mode."""
+FULL = 0.99
+"""Share of a speed above which nothing limits it."""
+
+
+def is_reduced(bits: int, mode: int) -> bool:
+    """Return whether safety_status_bits or safety_mode report reduced mode."""
+    return bool(bits & SafetyBit.REDUCED) or mode == _REDUCED_MODE
+
+
+@dataclass
+class SlowMotion:
+    """What limited a motion, as the state showed it meanwhile."""
+
+    top_speed: float
+    """Highest speed that it should reach, m/s; 0 for one that mostly turns."""
+    fastest: float = 0.0
+    """Highest speed measured, m/s."""
+    reduced: bool = False
+    slider: float = 1.0
+    """Lowest position of the speed slider, 0..1."""
+    scaling: float = 1.0
+    """Lowest share of its speed that the controller allowed, 0..1."""
+
+    def seen(self, speed: float, reduced: bool, slider: float, scaling: float) -> None:
+        """Note one state: measured speed (m/s), reduced mode, slider and scaling."""
+        self.fastest = max(self.fastest, speed)
+        self.reduced |= reduced
+        self.slider, self.scaling = min(self.slider, slider), min(self.scaling, scaling)
+
+    def text(self) -> str:
+        """Return how slow the motion was, what limited it, and the remedies."""
+        causes = []
+        if self.reduced:
+            causes.append(
+                "the arm was in reduced mode (a safety input or plane limits its speed): end that where the cell sets it, or "
+                "command less speed"
+            )
+        if self.slider < FULL:
+            causes.append(f"the speed slider is at {self.slider:.0%}: set it to 100 % at the pendant")
+        if self.scaling < FULL and abs(self.scaling - self.slider) > 1 - FULL:  # else it only repeats the slider
+            causes.append(
+                f"the controller scaled the speed to {self.scaling:.0%} (speed_scaling): command less speed or acceleration, "
+                "and see its safety limits"
+            )
+        if not causes:
+            causes.append("see the log and the safety limits at the pendant for what held it up, or command less speed")
+        slow = self.fastest < FULL * self.top_speed
+        how = [f"slower than asked ({self.fastest * 1e3:.0f} of {self.top_speed * 1e3:.0f} mm/s)"] if slow else []
+        return "; ".join(how + causes)
 
 
 def stop_text(bits: int, mode: int) -> str:

@@ -29,6 +29,7 @@ VARIABLES = [
     "safety_mode",
     "robot_status_bits",
     "target_speed_fraction",
+    "speed_scaling",
     "runtime_state",
 ]
 ENDED, PLAYING = (0, 1), 2
@@ -105,6 +106,8 @@ class UR5State:
         """As RTDE defines it, of the newest sample; some stops show here only."""
         self.speed_slider = 1.0
         """0..1, of the newest sample."""
+        self.speed_scaling = 1.0
+        """Share of the programmed speed that the controller allows, beside the slider, of the newest sample."""
         self.runtime = PLAYING
         """runtime_state as RTDE defines it, of the newest sample."""
         self._receive: Any = None
@@ -158,7 +161,7 @@ class UR5State:
             raise StaleReading(
                 self.name,
                 f"newest state is {age:.2f} s old, limit {self.config.max_age:g} s; "
-                f"check the cable to {self.config.host} and the controller",
+                + timing.busy_or(f"check the cable to {self.config.host} and the controller"),
             )
         check_plausible(self.name, self.config.host, newest[1])
         return newest[1]
@@ -187,6 +190,7 @@ class UR5State:
             joints, pose, speed = receive.getActualQ(), receive.getActualTCPPose(), receive.getActualTCPSpeed()
             safety, status = receive.getSafetyStatusBits(), receive.getRobotStatus()
             mode, slider, runtime = receive.getSafetyMode(), receive.getTargetSpeedFraction(), receive.getRuntimeState()
+            scaling = receive.getSpeedScaling()
             if receive.getTimestamp() == stamp:
                 break  # otherwise the next package came in between
         sample = ArmSample(
@@ -199,7 +203,8 @@ class UR5State:
             program_running=bool(status & (1 << 1)),
         )
         self.lost += self._counter.add(stamp)
-        self.safety_mode, self.speed_slider, self.runtime = int(mode), float(slider), int(runtime)
+        self.safety_mode, self.runtime = int(mode), int(runtime)
+        self.speed_slider, self.speed_scaling = float(slider), float(scaling)
         self._newest = timing.now(), sample
         self._first.set()
         self._sink(sample)

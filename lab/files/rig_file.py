@@ -203,6 +203,8 @@ class Limits(FileTable):
 
 LONGEST_SOCKET_PATH = 108
 """Bytes that Linux has for the path of a socket, the closing zero included."""
+UNIX = "unix:"
+"""`operator` begins so where a program answers."""
 OPERATORS = (
     "write console, or unix:/FOLDER/operator.sock: the socket of a program of yours, in a folder of mode 0700, with a "
     f"path shorter than {LONGEST_SOCKET_PATH} bytes"
@@ -231,8 +233,8 @@ class RigFile(FileTable):
     @field_validator("operator")
     @classmethod
     def _one_who_may_speak(cls, operator: str) -> str:
-        path = operator.removeprefix("unix:")
-        if operator == "console" or (operator.startswith("unix:/") and len(path.encode()) < LONGEST_SOCKET_PATH):
+        path = operator.removeprefix(UNIX)
+        if operator == "console" or (operator.startswith(UNIX + "/") and len(path.encode()) < LONGEST_SOCKET_PATH):
             return operator
         if operator.startswith("tcp:"):
             raise ValueError("anybody on this computer could connect there; " + OPERATORS)

@@ -1,12 +1,14 @@
 """Processes of ours: how each is started, what it begins with, and how it ended.
 
 A child leads a session of its own, imports no file of the folder that it is started in, and leaves the signals of the
-terminal to its program, which ends it. Those that hold instruments come first on a busy computer.
+terminal to its program, which ends it. Its place in line on a busy computer is set by who starts it, before it imports anything:
+those that hold instruments come first.
 """
 
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import signal
 import subprocess
@@ -19,23 +21,21 @@ from typing import Any
 
 import timing
 
-PRIORITY = -10
-"""Of the process among those of its session (nice)."""
-SESSION = -20
-"""Of its session among the others: Linux schedules by session (sched(7), autogroup), whatever the nice of what runs in it."""
-
+from ..priority import FIRST, Place, put_in_place
 
 Child = subprocess.Popen[bytes]
 
 
-def start_child(module: str, passed: Sequence[int] = (), *more: str, **streams: Any) -> Child:
+def start_child(module: str, passed: Sequence[int] = (), *more: str, place: Place = FIRST, **streams: Any) -> Child:
     """Start `python -m MODULE FD .. MORE ..`, which inherits the file descriptors `passed`; `streams` as of `Popen`."""
-    return timing.made(new_process, module, passed, more, streams)
+    return timing.made(new_process, module, passed, more, place, streams)
 
 
-def new_process(module: str, passed: Sequence[int], more: Sequence[str], streams: Mapping[str, Any]) -> Child:
+def new_process(module: str, passed: Sequence[int], more: Sequence[str], place: Place, streams: Mapping[str, Any]) -> Child:
     command = [sys.executable, "-P", "-m", module, *map(str, passed), *more]
-    return subprocess.Popen(command, pass_fds=passed, start_new_session=True, **{"stdin": subprocess.DEVNULL, **streams})
+    child = subprocess.Popen(command, pass_fds=passed, start_new_session=True, **{"stdin": subprocess.DEVNULL, **streams})
+    put_in_place(child.pid, place)
+    return child
 
 
 def start_served(module: str, first: object) -> tuple[Child, Connection]:
@@ -53,19 +53,16 @@ def how_it_ended(process: Child, within: float | None = None) -> str:
     return f"signal {-code} ({signal.Signals(-code).name})" if code < 0 else f"code {code}"
 
 
+def processor_time(process: Child) -> float:
+    """Seconds that a process has had up to now; NaN where the system does not say."""
+    with contextlib.suppress(OSError, ValueError, IndexError):
+        ticks = Path(f"/proc/{process.pid}/stat").read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()[11:13]
+        return sum(map(int, ticks)) / os.sysconf("SC_CLK_TCK")
+    return math.nan
+
+
 def begin_child() -> list[int]:
     """What a child that holds instruments does first; returns the file descriptors that it was given."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
-    take_place(SESSION, PRIORITY)
     return [int(given) for given in sys.argv[1:]]
-
-
-def take_place(session: int, niceness: int) -> None:
-    """Of this process's session among the others, and of the process in it; without CAP_SYS_NICE or RLIMIT_NICE the system says
-    no to who comes forward, and nothing else changes."""
-    with contextlib.suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, 0, niceness)
-    if sys.platform == "linux":
-        with contextlib.suppress(OSError):
-            Path("/proc/self/autogroup").write_text(str(session), encoding="ascii")

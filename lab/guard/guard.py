@@ -22,10 +22,11 @@ from drivers.errors import InstrumentError, Unreachable, WrongDevice
 from drivers.interfaces import Identity
 from timing import RigClock
 
+from ..files.adapters import Adapters
 from ..files.rig_file import RigFile
 from .door import TAKE_WITHIN, Door
 from .hosted import under_guard
-from .instruments import ACTUATORS, COMMANDS, ENERGISING, POLLED, owned_names
+from .instruments import ACTUATORS, COMMANDS, ENERGISING, POLLED, PollRate, owned_names
 from .landing import Instruments, Landing
 from .last_used import forget, remember
 from .latch import Latch, RigLocked
@@ -89,10 +90,11 @@ class Guard:
         self.under_force: UnderForce | None = None
         if "arm" in self.own.drivers:
             arm = self.own.drivers["arm"]
-            self.under_force = UnderForce(arm, self.rig.limits, self._begin_motion, self._say_waiting, self._not_stopped)
+            self.under_force = UnderForce(arm, self.rig.limits, self._begin_motion, self._say_waiting, self.land)
             self.own.drivers["arm"] = self.under_force
         own = self.own
         self.settings = Settings(own.drivers)
+        self.adapters = Adapters(rig)
         instruments = Instruments(own.drivers, own.opened, self.open, own.busy.__contains__, own.lost)
         self.landing = Landing(self.rig.safe, instruments, self.rig.clock.speed, self._confirmed_late)
         self.running = True
@@ -140,6 +142,17 @@ class Guard:
             if name in self.own.drivers:
                 timing.Thread(target=self._poll, args=(name,), name=f"poll-{name}", daemon=True).start()
 
+    def go_on(self, what: str, look: Callable[[], None], over: Callable[[], bool]) -> None:
+        """Look again and again until it is `over`. A look that fails for a reason that it does not know lands a rig that is
+        energised, since its safety rests on it."""
+        while not over():
+            try:
+                look()
+            except Exception as e:  # noqa: BLE001
+                if self.energised:
+                    self.land(f"{what} failed: {type(e).__name__}: {e}; run again, and report this if it comes back")
+                timing.sleep(LOOK)
+
     # -- commands
     def do(self, name: str, method: str, args: tuple[Any, ...]) -> Any:
         """One command of the program."""
@@ -152,7 +165,10 @@ class Guard:
         if not name:
             return own[method]()
         if method == "open":
-            return self.open(name)
+            self.adapters.check(name)  # here and not in `open`: a landing vents and stops whatever is there
+            identity = self.open(name)
+            self.adapters.learn(name, identity)
+            return identity
         if method == "close":
             return self.close_one(name)
         if name not in self.own.drivers or method not in COMMANDS[name]:
@@ -299,7 +315,12 @@ class Guard:
             if self.landed:
                 return
             self.landed, self._cause = why, error
-            timing.Thread(target=go, name="land", daemon=True).start()
+            try:
+                timing.Thread(target=go, name="land", daemon=True).start()
+                return
+            except RuntimeError:  # the computer has no room for one more thread
+                pass
+        go()
 
     def hand_over(self, by: str) -> SafeReport:
         """Land for somebody else, and for good: no command is taken any more, whatever a person confirms. While nothing is
@@ -325,6 +346,8 @@ class Guard:
         """
         if self.handed_over:
             raise self._refusal()
+        for name in self.own.opened:
+            self.adapters.check(name)
         self.landing.end()
         for name in tuple(self.own.lost):
             self.open(name)
@@ -347,27 +370,28 @@ class Guard:
 
     # -- threads
     def _poll(self, name: str) -> None:
-        """Read one instrument `poll` times a second and tell the program the sample, or the error in its place.
+        """Read one instrument `poll` times a second and tell the program the sample, or the error in its place."""
+        rate = PollRate(name, getattr(self.rig.instruments, name), self.rig.poll)
+        self.go_on(f"the polling of {name}", lambda: self._read(name, rate), lambda: not self.running)
 
-        Another device than expected, and a line that is lost, land the rig while it is energised.
-        """
-        while self.running:
-            due = timing.now() + 1 / self.rig.poll
-            if name in self.own.opened:
-                sample: Any
-                try:
-                    with self.own.locks[name]:
-                        sample = self._checked(name, self.own.drivers[name].read())  # before the next set-point is told
-                except InstrumentError as e:
-                    sample = e
-                    if isinstance(e, WrongDevice) and self.energised:
-                        self.land(str(e), e)
-                    if isinstance(e, Unreachable):
-                        self._lose(name, e)
-                self.tell((name, sample))
-                for text in getattr(self.own.drivers[name], "take_notices", list)():
-                    self.tell(Event("notice", text))
-            timing.sleep(max(0.0, due - timing.now()))
+    def _read(self, name: str, rate: PollRate) -> None:
+        """Another device than expected, and a line that is lost, land the rig while it is energised."""
+        due = timing.now() + 1 / self.rig.poll
+        if name in self.own.opened:
+            sample: Any
+            try:
+                with self.own.locks[name]:
+                    sample = self._checked(name, rate.timed(self.own.drivers[name].read))  # before the next set-point is told
+            except InstrumentError as e:
+                sample = e
+                if isinstance(e, WrongDevice) and self.energised:
+                    self.land(str(e), e)
+                if isinstance(e, Unreachable):
+                    self._lose(name, e)
+            self.tell((name, sample))
+            for text in (*getattr(self.own.drivers[name], "take_notices", list)(), *rate.notices()):
+                self.tell(Event("notice", text))
+        timing.sleep(max(0.0, due - timing.now()))
 
     def _checked(self, name: str, sample: Any) -> Any:
         """The reading, or the error that takes its place. What is wrong with it is acted on here: if a pause is enough, the
@@ -396,9 +420,6 @@ class Guard:
 
     def _say_waiting(self, text: str) -> None:
         self.tell(Event("waiting", text))
-
-    def _not_stopped(self, error: InstrumentError) -> None:
-        self.land(f"no force samples, and the arm does not accept the stop: {error}", error)
 
     # -- the end
     def finish(self) -> str:

@@ -8,6 +8,9 @@ import ipaddress
 import os
 import socket
 import stat
+import statistics
+from collections import deque
+from collections.abc import Callable
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -35,6 +38,38 @@ ACTUATORS = ("arm", "pressure", "spine", "valve")
 
 RESOLVE_WITHIN = 0.5
 """Host seconds in which a computer's name must be resolved; later it counts as written."""
+
+
+TIMED = 20
+"""Readings whose median time is compared with `poll`."""
+
+
+class PollRate:
+    """Whether readings of one instrument are quick enough for `poll` of rig.yaml."""
+
+    def __init__(self, name: str, config: Any, poll: float) -> None:
+        """`poll`: readings a second; a driver that waits between readings has `poll_interval` (s) in its table."""
+        self._name, self._poll = name, poll
+        self._longest = 2 * max(1 / poll, getattr(config, "poll_interval", 0.0))
+        self._times: deque[float] = deque(maxlen=TIMED)
+        self._reported = False
+
+    def timed(self, read: Callable[[], Any]) -> Any:
+        """Return what `read` does, and note how long it took."""
+        began = timing.now()
+        sample = read()
+        self._times.append(timing.now() - began)
+        return sample
+
+    def notices(self) -> list[str]:
+        """Return a warning, once, when fewer than half of the readings can be made."""
+        if self._reported or len(self._times) < TIMED or (taken := statistics.median(self._times)) <= self._longest:
+            return []
+        self._reported = True
+        return [
+            f"{self._name}: a reading takes {taken * 1e3:.0f} ms, fewer than half of `poll: {self._poll:g}` Hz in rig.yaml are "
+            "made; raise its baud rate, set the latency timer of its adapter to 1 ms, or lower `poll`"
+        ]
 
 
 def make(name: str, driver: str, config: Any, clock: Clock) -> Any:

@@ -13,7 +13,7 @@ from typing import Any, Literal
 from drivers.chambers import ChamberMap
 from drivers.errors import DeviceFault
 from drivers.interfaces import GaugeSample, PressureSample, SpineSample
-from recordings.states.rules import AMBIENT
+from recordings.ambient import AMBIENT
 
 from ..files.rig_file import RigFile
 from .pressure_envelope import PressureEnvelope

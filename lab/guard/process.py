@@ -70,38 +70,40 @@ class ProgramWatch(timing.Thread):
         super().__init__(name="watch", daemon=True)
         self._guard, self._pulse = guard, pulse
         self._awake = Awake()
+        self._heard_at, self._next_beat = self._awake.now, 0.0
+        """When the program was heard last, and when it hears from here next, s awake."""
 
     def run(self) -> None:
-        """Until the program or the guard ends."""
+        """Until the program or the guard ends; land when it was the program."""
         try:
-            self._listen()
+            # to the last: an arm takes its time to disconnect
+            self._guard.go_on("the watch on the program", self._look, lambda: self._guard.gone or self._pulse.gone)
+            if self._pulse.gone:
+                self._guard.ending = True  # the next program may wait for the end of the landing, and then have the rig
+                self._guard.land("the program ended")
         finally:
             self._pulse.close()
 
-    def _listen(self) -> None:
-        """Land when the program ends or, while energised, gives no sign of life for `safe.heartbeat` seconds; tell it every
+    def _look(self) -> None:
+        """Land a rig that is energised when its program gives no sign of life for `safe.heartbeat` seconds; tell it every
         `BEAT_BACK` that the guard lives. Silence counts while this process is awake to hear."""
-        guard, heard, next_beat = self._guard, self._awake.now, 0.0
-        while not guard.gone:  # to the last: an arm takes its time to disconnect
-            timing.readable([self._pulse.pipe], LOOK)
-            records = self._pulse.take()
-            now = self._awake.look()
-            if any(kind != FRESH for kind, _ in records):  # a sign of life of the program, not only of its force sensor
-                heard = now
-            for kind, value in records:
-                self._heard(kind, value)
-            if self._pulse.gone:
-                guard.ending = True  # the next program may wait for the end of the landing, and then have the rig
-                guard.land("the program ended")
-                return
-            if guard.energised and now - heard > guard.rig.safe.heartbeat:
-                guard.land(
-                    f"no heartbeat from the program for {now - heard:.1f} s, {guard.rig.safe.heartbeat:g} s allowed by "
-                    "safe.heartbeat of the rig: the computer may be too busy, end other programs"
-                )
-            if now > next_beat:
-                next_beat = now + BEAT_BACK
-                guard.tell(Event("beat"))
+        guard = self._guard
+        timing.readable([self._pulse.pipe], LOOK)
+        records = self._pulse.take()
+        now = self._awake.look()
+        if any(kind != FRESH for kind, _ in records):  # a sign of life of the program, not only of its force sensor
+            self._heard_at = now
+        for kind, value in records:
+            self._heard(kind, value)
+        silent = now - self._heard_at
+        if guard.energised and silent > guard.rig.safe.heartbeat:
+            guard.land(
+                f"no heartbeat from the program for {silent:.1f} s, {guard.rig.safe.heartbeat:g} s allowed by "
+                "safe.heartbeat of the rig; " + timing.busy_or("find out what held the program up")
+            )
+        if now > self._next_beat:
+            self._next_beat = now + BEAT_BACK
+            guard.tell(Event("beat"))
 
     def _heard(self, kind: bytes, value: float) -> None:
         """Act on one record of the pulse; kinds and units of values as in `pulse`."""
@@ -161,7 +163,10 @@ def main(commands: Connection, pulse: Listener, reports: Connection) -> int:
 
     Each answer is (number of the command, whether it was done, its result or error); number 0 answers `Start`.
     """
-    start: Start = timing.receive(commands)
+    try:
+        start: Start = timing.receive(commands)
+    except (EOFError, OSError):  # the program ended before it said anything
+        return 1
     rig = RigFile.model_validate_json(start.rig).read_from(Path(start.path) if start.path else None)
     clock = RigClock(rig.clock.speed, start.clock_start)
     told = Reports(reports)
@@ -169,11 +174,13 @@ def main(commands: Connection, pulse: Listener, reports: Connection) -> int:
     try:
         guard.take_over()
     except RigLocked as e:
-        commands.send((0, False, e))
+        with contextlib.suppress(OSError):
+            commands.send((0, False, e))
         told.close()
         pulse.close()  # else its watch closes it
         return 1
-    commands.send((0, True, None))
+    with contextlib.suppress(OSError):  # a program that has ended meanwhile is met by the watch
+        commands.send((0, True, None))
     guard.start()
     ProgramWatch(guard, pulse).start()
     _serve(guard, commands)

@@ -41,9 +41,9 @@ class UnderForce:
         limits: Limits,
         begin: Callable[[Callable[[], Any]], Any],
         tell: Callable[[str], None],
-        fail: Callable[[InstrumentError], None],
+        fail: Callable[[str, InstrumentError | None], None],
     ) -> None:
-        """`begin` does what starts a motion, unless the rig was landed; `tell` logs; `fail`: the arm does not stop."""
+        """`begin` does what starts a motion, unless the rig was landed; `tell` logs; `fail` lands: the arm does not stop."""
         self._arm, self._limits = arm, limits
         self._begin, self._log, self._fail = begin, tell, fail
         self._arrivals: deque[float] = deque(maxlen=FLOW)
@@ -91,8 +91,8 @@ class UnderForce:
                 raise StaleReading(
                     "force",
                     f"the arm was held for {self._stood:.1f} s during a motion, because samples came later than "
-                    f"limits.max_age_in_motion = {self._limits.max_age_in_motion:g} s; check the sensor's cable and "
-                    "adapter, and the load on the computer",
+                    f"limits.max_age_in_motion = {self._limits.max_age_in_motion:g} s; "
+                    + timing.busy_or("check the sensor's cable and adapter"),
                 )
             if self._flows():
                 self._waits = False
@@ -162,8 +162,11 @@ class UnderForce:
         while not self._finished:
             self._under_way.wait()
             began = timing.now()
-            if not self._waits and self._age() > self._limits.max_age_in_motion:
-                failed = failed + 1 if not self._hold(last=failed + 1 == STOPS) else 0
+            try:
+                if not self._waits and self._age() > self._limits.max_age_in_motion:
+                    failed = failed + 1 if not self._hold(last=failed + 1 == STOPS) else 0
+            except Exception as e:  # noqa: BLE001 - see Guard.go_on
+                self._fail(f"no force samples, and the arm was not stopped: {type(e).__name__}: {e}", None)
             timing.sleep(LOOK)
             past = timing.now() - began
             self._stood = self._stood + past if self._waits else max(0.0, self._stood - past)
@@ -185,7 +188,7 @@ class UnderForce:
             except InstrumentError as e:
                 self._waits = False
                 if last:
-                    self._fail(e)
+                    self._fail(f"no force samples, and the arm does not accept the stop: {e}", e)
                 return False
             self._say(late)
             return True

@@ -38,10 +38,10 @@ WRITTEN = str.maketrans({"\u2212": "-", "\u2013": "-", "\u00a0": " ", "\u202f": 
 """How minus signs and blanks are written besides."""
 GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}(?:([.,' ’])\d{3})(?:\1\d{3})*(?=$|[.,]\d*$)")
 """A number with marks between its thousands."""
-PLAIN = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d{1,4})?")
-CLOCK = re.compile(r"(?:(\d{1,3}):)?(\d{1,2}):(\d{2}(?:[.,]\d+)?)\s*([AaPp][Mm])?")
-HOURS = re.compile(r"(\d{1,2}):(\d{2})\s*([AaPp][Mm])?")
-DATE = re.compile(r"\d{1,4}[-/.](?:\d{1,2}|[A-Za-z]{3})[-/.]\d{1,4}(?:[T ,]+\d{1,2}:\d{2}.*)?|\d{8}T\d{6}.*")
+PLAIN = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d{1,4})?", re.ASCII)
+CLOCK = re.compile(r"(?:(\d{1,3}):)?(\d{1,2}):(\d{2}(?:[.,]\d+)?)\s*([AaPp][Mm])?", re.ASCII)
+HOURS = re.compile(r"(\d{1,2}):(\d{2})\s*([AaPp][Mm])?", re.ASCII)
+DATE = re.compile(r"\d{1,4}[-/.](?:\d{1,2}|[A-Za-z]{3})[-/.]\d{1,4}(?:[T ,]+\d{1,2}:\d{2}.*)?|\d{8}T\d{6}.*", re.ASCII)
 DAY = 86400.0
 """s"""
 MOST_WORDS = 5
@@ -251,9 +251,11 @@ def _times(cells: Any, words: Sequence[str]) -> Array | None:
         return _dates(cells, words)
     seconds = np.array(cells.map({w: _clock(w) for w in words}), np.float64)
     steps = np.diff(seconds[np.isfinite(seconds)])
-    if steps.size and (steps < -DAY / 2).any():
+    hours = any(HOURS.fullmatch(w) or ((found := CLOCK.fullmatch(w)) and found[1]) for w in words)
+    turn = DAY if hours else 3600.0  # after which they begin again
+    if steps.size and (steps < -turn / 2).any():
         at = np.flatnonzero(np.isfinite(seconds))
-        seconds[at] += DAY * np.concatenate([[0], np.cumsum(steps < -DAY / 2)])
+        seconds[at] += turn * np.concatenate([[0], np.cumsum(steps < -turn / 2)])
     return seconds
 
 

@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+import io
+import warnings
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from recordings.bounded import read_bounded
 
 from ..files.config import ConfigError
 from ..files.inputs import TABLES
 from .arrays import read_numpy
-from .c3d_files import read_c3d
-from .columns import of_frame
+from .columns import Judged, of_frame
+from .headings import heading
+from .joining import of_rows_in_turn
 from .map_file import Source
 from .matlab import read_matlab
-from .series import LARGEST, Series, cleaned, of_judged, package
-from .text_tables import MOST_COLUMNS, read_text
+from .series import LARGEST, MOST_ELEMENTS, Series, cleaned, demand_bounded, demand_columns, leaves, of_judged, package, unique
+from .text_tables import read_text
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def read(paths: Path | Sequence[Path], source: Source, named: Collection[str] | None = None) -> Series:
@@ -35,26 +45,137 @@ def read(paths: Path | Sequence[Path], source: Source, named: Collection[str] | 
             remedy = REMEDIES.get(path.suffix.lower(), "export it as CSV")
             raise ConfigError(f"{path}: files of this kind are not read; known are {', '.join(KNOWN)}; {remedy}")
         found = reader(path, source)
-    found = cleaned(found, source.missing)
+    found = of_rows_in_turn(cleaned(found, source.missing))
     if not len(found):
         raise ConfigError(f"{path}: has no rows of numbers")
-    if len(found.names) > MOST_COLUMNS:
-        raise ConfigError(f"{path}: has {len(found.names)} columns, at most {MOST_COLUMNS} are read")
+    demand_columns(path, len(found.names))
     return found
 
 
 def _parquet(path: Path, source: Source) -> Series:
+    """Columns of a Parquet file, what is inside lists and structures as NAME.1 .. and NAME.FIELD; one that cannot be read costs
+    itself alone."""
     parquet = package("pyarrow.parquet", path)
     read_bounded(path, LARGEST, ConfigError)
     try:
-        table = parquet.read_table(path)
+        file = parquet.ParquetFile(path)
+        names, about = file.schema_arrow.names, file.metadata
+        groups = [about.row_group(g) for g in range(about.num_row_groups)]
+        values = sum(group.column(c).num_values for group in groups for c in range(group.num_columns))
+        size = max(8 * values, sum(group.total_byte_size for group in groups))
     except Exception as e:
-        raise ConfigError(f"{path}: is not a Parquet file ({type(e).__name__}: {str(e).splitlines()[0][:200]})") from e
-    return of_judged(path, {n: of_frame(table[n].to_pandas(), source.missing) for n in table.column_names}, "Parquet")
+        raise ConfigError(f"{path}: is not a Parquet file ({_reason(e)})") from e
+    demand_bounded(path, max(size, 8 * about.num_rows * len(names)))  # a value that repeats takes no bytes
+    try:
+        columns = dict(enumerate(file.read().columns))
+    except Exception:  # of one column, which is found below
+        columns = {}
+    judged: dict[str, Judged] = {}
+    notes = []
+    for k, name in enumerate(unique(names, len(names))):
+        try:
+            column = columns[k] if columns else file.read(columns=[name]).column(0)
+            for label, cells in _flat(name, column):
+                one = of_frame(cells, source.missing)
+                known = one.unit or (heading(name).unit if one.values.dtype.kind == "f" and label != name else "")
+                judged[label if label not in judged else f"{label} ({k + 1})"] = replace(one, unit=known)
+        except Exception as e:  # whatever the library raises about a column
+            notes.append(f"column {name!r} ({file.schema_arrow.types[k]}) is left out: {_reason(e)}")
+    if not judged:
+        raise ConfigError(f"{path}: no column can be read; {'; '.join(notes) or 'it has none'}")
+    made = of_judged(path, judged, "Parquet")
+    return replace(made, notes=(*notes, *made.notes))
+
+
+def _flat(name: str, column: Any) -> Iterator[tuple[str, pd.Series[Any]]]:
+    """A column of Arrow, or what its lists, maps and structures hold; raises ValueError where it holds no values."""
+    import pandas as pd
+    import pyarrow as pa
+
+    if isinstance(column.type, pa.BaseExtensionType):
+        column = pa.chunked_array([chunk.storage for chunk in column.chunks], column.type.storage_type)
+    if not pa.types.is_nested(column.type):
+        if column.type.id in (pa.binary().id, pa.large_binary().id, pa.binary(1).id, pa.binary_view().id):
+            raise ValueError("bytes are no measurements; write them as numbers or texts")
+        yield name, column.to_pandas()
+        return
+    rows = [dict(leaves(name, value)) for value in column.to_pylist(maps_as_pydicts="lossy")]
+    labels = dict.fromkeys(label for row in rows for label in row)
+    if not labels:
+        raise ValueError("it holds no number, time or word")
+    if len(labels) >= MOST_ELEMENTS:
+        raise ValueError(f"it holds {MOST_ELEMENTS} values in a row or more; write those needed as columns of their own")
+    for label in labels:
+        yield label, pd.Series([row.get(label) for row in rows])
+
+
+def _reason(error: Exception) -> str:
+    """Kind and first line of an error."""
+    return f"{type(error).__name__}: {next(iter(str(error).splitlines()), '')[:200]}"
+
+
+# ------------------------------------------------------------------ C3D
+RATES = (0.01, 1e5)
+"""Hz of cameras that can be."""
+
+
+def _c3d(path: Path, source: Source) -> Series:
+    """Columns `time`, LABEL.x .. of each marker and the mean of each analog channel over a frame; raises ConfigError."""
+    library = package("c3d", path)
+    data = read_bounded(path, LARGEST, ConfigError)
+    try:
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            reader = library.Reader(io.BytesIO(data))
+            # frames of no bytes would be read as often as the file claims
+            if not reader.point_used and not reader.analog_used * reader.analog_per_frame:
+                raise ConfigError(f"{path}: has neither markers nor analog channels; export the take again")
+            frames = [(points, analog) for _, points, analog in reader.read_frames(copy=True)]
+            labels, channels = _labels(reader, "POINT"), _labels(reader, "ANALOG")
+            unit, units = "".join(_texts(reader, "POINT:UNITS")[:1]), _texts(reader, "ANALOG:UNITS")
+            rate = float(reader.point_rate or 0.0)
+    except ConfigError:
+        raise
+    except Exception as e:
+        raise ConfigError(f"{path}: is not a C3D file ({type(e).__name__}: {str(e)[:200]}); export it again") from e
+    if not frames:
+        raise ConfigError(f"{path}: has no frames; export the take again")
+    if not RATES[0] <= rate <= RATES[1]:
+        raise ConfigError(f"{path}: states {rate:g} frames a second, which no camera has; export the take again")
+    points = np.array([p for p, _ in frames], np.float64)
+    seen = np.where(points[:, :, 3:4] < 0, np.nan, points[:, :, :3])
+    columns = {"time": np.arange(len(seen)) / rate}
+    for k, label in enumerate(unique(labels, seen.shape[1])):
+        columns |= {f"{label}.{axis}": seen[:, k, i] for i, axis in enumerate("xyz")}
+    known = dict.fromkeys([c for c in columns if c != "time"], unit) if unit else {}
+    if frames[0][1].size:
+        means = np.array([a.mean(axis=1) for _, a in frames], np.float64)
+        for k, label in enumerate(unique(channels, means.shape[1])):
+            name = label if label not in columns else f"{label} (analog)"
+            columns[name] = means[:, k]
+            if k < len(units) and units[k]:
+                known[name] = units[k]
+    return Series(path, columns, f"C3D, {rate:g} Hz", known)
+
+
+def _texts(reader: Any, key: str) -> list[str]:
+    """Texts of a parameter, none where it is missing or no text."""
+    found = reader.get(key)
+    if found is None:
+        return []
+    try:
+        return [str(t).strip(" \0") for t in found.string_array.reshape(-1)]
+    except (TypeError, ValueError, AttributeError, UnicodeDecodeError):
+        return []
+
+
+def _labels(reader: Any, group: str) -> list[str]:
+    """Labels of more than 255 markers go on in LABELS2 .."""
+    return [t for k in ("", *range(2, 10)) for t in _texts(reader, f"{group}:LABELS{k}")]
 
 
 READERS: Mapping[str, Callable[[Path, Source], Series]] = dict.fromkeys(TABLES, read_text) | {
-    ".mat": read_matlab, ".npz": read_numpy, ".npy": read_numpy, ".c3d": read_c3d, ".parquet": _parquet,
+    ".mat": read_matlab, ".npz": read_numpy, ".npy": read_numpy, ".c3d": _c3d, ".parquet": _parquet,
 }  # fmt: skip
 """By ending."""
 RECORDING = ".mcap"

@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.robot import Robot
-from recordings.states.rules import AMBIENT
+from recordings.ambient import AMBIENT
 from recordings.trials import unit_of
 
 from ..files.config import ConfigError, check
 from ..files.config import Source as Proposed
 from ..files.units import KINDS
+from .clock import MANY, unit_of_steps
 from .columns import is_missing
 from .guess_tip import changes_throughout, guess_angles, guess_quaternion, guess_tip, proposed_pressures
 from .headings import (
@@ -31,12 +32,14 @@ from .headings import (
     quadruples,
     quantity,
     tendon,
+    triples,
     turning,
 )
+from .joining import JOIN
 from .map_file import Map
 from .proposal import Guess
 from .quantities import quantities_of
-from .reading import EPOCH, texts
+from .reading import texts
 from .series import Series
 from .trials import Change, Stages, changes
 
@@ -49,10 +52,6 @@ STEADY = 0.02
 MOTION_CAPTURE = ("Motive", "C3D")
 FRAME_WORDS = frozenset(["frame", "frames", "sample", "samples", "index", "idx", "bild"])
 """Words of a heading for a count of rows."""
-LONG_STEP, MANY = 5.0, 200
-"""Step and number of rows from which times without a unit are not in s."""
-STEPS = {"ms": 5e3, "us": 5e6}
-"""Step below which such times are in this unit."""
 
 
 def guess_map(series: Series, robot: Robot) -> Guess:
@@ -76,6 +75,15 @@ def guess_map(series: Series, robot: Robot) -> Guess:
     _trials(g, series, counting, pressures, robot)
     _missing(g, series)
     return g
+
+
+def lacks(series: Series, robot: Robot) -> frozenset[str]:
+    """Which of pressures and tip no heading of a file names."""
+    headings = [heading(n, series.units.get(n, "")) for n in series.numbers]
+    turns = {name for four in quadruples(headings) for name in four}
+    places = [t for t in triples([h for h in headings if h.name not in turns]) if t.unit in ("", *KINDS["m"])]
+    held = {"pressures": _actuators(series, headings, robot), "tip": places}
+    return frozenset(what for what, columns in held.items() if not columns)
 
 
 def _missing(g: Guess, series: Series) -> None:
@@ -125,7 +133,8 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
         wants = "a pressure (p1, P2 [kPa], pressure_3 ..)" if robot.tendons is None else "a tension (tendon1 [N], Zug_2 ..)"
         raise ConfigError(
             f"{series.path}: no heading names {wants}; there are "
-            f"{', '.join(map(repr, series.names[:12]))}. Write map.yaml by hand (docs: data from elsewhere)"
+            f"{', '.join(map(repr, series.names[:12]))}. If another file holds them, give "
+            f"both, or {JOIN}; else write map.yaml by hand (docs: data from elsewhere)"
         )
     units = (_pressure_units if robot.tendons is None else _tension_units)(series, [by[n] for n in names])
     if guessed := [n for n in names if units[n].guessed]:
@@ -231,13 +240,10 @@ def _others(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot)
         if said := h.unit if h.unit in units else series.unit_of(h.name, units):
             entry["unit"], why = said, f"the file says {said} of {h.name!r}"
         elif column == "t" and h.name in series.numbers:
-            times = series.numbers[h.name]
-            times = times[np.isfinite(times)]
-            step = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
-            if step >= LONG_STEP and len(series) > MANY and float(times[0]) < EPOCH[0]:
-                entry["unit"] = next((unit for unit, most in STEPS.items() if step < most), "ns")
+            if unit := unit_of_steps(series.numbers[h.name]):
+                entry["unit"], step = unit, float(np.nanmedian(np.diff(series.numbers[h.name])))
                 why = f"{why}, and steps of {step:g}"
-                g.doubts.append(f"columns.t: the file says no unit; steps of {step:g} are taken as {entry['unit']}")
+                g.doubts.append(f"columns.t: the file says no unit; steps of {step:g} are taken as {unit}")
         elif column in ("tip_mass", "spine_length") and float(np.nanmax(series.numbers[h.name])) > 3:
             entry["unit"] = {"tip_mass": "g", "spine_length": "mm"}[column]
             highest = f"values up to {float(np.nanmax(series.numbers[h.name])):g}"

@@ -18,6 +18,7 @@ from model.section import rods_of
 from ..files.config import ConfigError
 from ..files.units import KINDS
 from .headings import BASE_WORDS, TIP_WORDS, Heading, Triple, heading, own_column, quantity, triples
+from .joining import JOIN
 from .map_file import Frame, Orientation, units_for
 from .proposal import Guess
 from .quantities import clearly_worse, misfits
@@ -60,7 +61,8 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
     if not found:
         raise ConfigError(
             f"{series.path}: no three columns x, y, z of a tip are found; there are "
-            f"{', '.join(map(repr, series.names[:12]))}. Write map.yaml by hand (docs: data from elsewhere)"
+            f"{', '.join(map(repr, series.names[:12]))}. If another file holds them, give both, or {JOIN}; else write "
+            "map.yaml by hand (docs: data from elsewhere)"
         )
     tips, bases = (_whole([t for t in found if t.words & words]) for words in (TIP_WORDS, BASE_WORDS))
     if not tips:

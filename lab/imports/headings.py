@@ -297,6 +297,14 @@ def turning(headings: Sequence[Heading]) -> list[Triple]:
     return out
 
 
+def recognised(names: Sequence[str], units: Sequence[str] = ()) -> int:
+    """How many columns different headings name a quantity of; `units` as a line of the file states them."""
+    distinct = {n: u for n, u in zip(names, [*units, *[""] * len(names)], strict=False) if n and names.count(n) == 1}
+    headings = [heading(n, u) for n, u in distinct.items()]
+    places = {c for t in triples(headings) for c in t.columns}
+    return sum(h.name in places or any(of(h) is not None for of in (quantity, chamber, tendon)) for h in headings)
+
+
 def quadruples(headings: Sequence[Heading]) -> list[tuple[str, str, str, str]]:
     """Groups w, x, y, z."""
     return [(c["w"], c["x"], c["y"], c["z"]) for _, _, c in _groups(headings) if len(c) == 4]

@@ -47,6 +47,8 @@ class Source(FileTable):
     """Of arrays: what each dimension counts; `point` and `axis` become columns."""
     rate: FiniteFloat | None = Field(default=None, gt=0, json_schema_extra={"unit": "Hz"})
     """Rows a second."""
+    offset: FiniteFloat = Field(default=0.0, json_schema_extra={"unit": "s"})
+    """Added to the times of this file where it is joined in time with another."""
     topic: str | None = None
     """Whose times count in a recording (default: the tip's)."""
 

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
 from diagnosis.data.campaign import settings
@@ -138,6 +139,44 @@ def beside_at_rest(rows: Sequence[TrialRow], straight: Array) -> tuple[float, fl
     reach = float(np.linalg.norm(straight))
     # no body at rest reaches farther, but for stretch
     return (off, away) if off > ON_AXIS * reach and away > 1.02 * reach else None
+
+
+# ------------------------------------------------------------------ from file to file
+EXCHANGED, ELSEWHERE = 3.0, 0.5
+"""Times farther from the same points of another file than from others of them, and robot lengths that a tip at rest is away from
+where it rests there, from which the order of columns is asked about."""
+
+
+def other_order(files: Sequence[tuple[str, Array]], length: float, moved: bool) -> Iterator[str]:
+    """What to ask about files whose points at rest, (1 + k, 3) m of the tip and the markers, stand where others do elsewhere.
+
+    Each is held against the file that is nearest to all of them; `moved`: cameras may have been moved from file to file.
+    """
+    usable = [(name, rest) for name, rest in files if np.isfinite(rest).all()]
+    if len(usable) < 2 or len({rest.shape for _, rest in usable}) > 1:
+        return
+    names, places = [name for name, _ in usable], np.array([rest for _, rest in usable])
+    if moved and places.shape[1] > 1:
+        places = places - places.mean(axis=1, keepdims=True)
+    apart = np.linalg.norm(places[:, None] - places[None], axis=3).sum(axis=(1, 2))
+    usual = int(np.argmin(np.round(apart, 9)))
+    points = ["the tip", *(f"marker {k}" for k in range(1, places.shape[1]))]
+    for name, place in zip(names, places, strict=True):
+        off = np.linalg.norm(place[:, None] - places[usual][None], axis=2)
+        rows, columns = linear_sum_assignment(off)
+        other = [(i, j) for i, j in zip(rows.tolist(), columns.tolist(), strict=True) if i != j]
+        same = float(np.trace(off))
+        if other and same > max(EXCHANGED * float(off[rows, columns].sum()), STILL * length):
+            found = ", ".join(f"{points[i]} stands where {points[j]} does" for i, j in other)
+        elif (place.shape[0] > 1 or not moved) and off[0, 0] > ELSEWHERE * length:
+            behind = " behind the base," if place[0, 2] < 0 < places[usual][0, 2] else ""
+            found = f"the tip is{behind} {1e3 * off[0, 0]:.0f} mm from where it is"
+        else:
+            continue
+        yield (
+            f"{name}: at rest {found} in {names[usual]}: do the columns of its markers stand in another order? If so, name its "
+            f"columns or points under files: {{{name!r}: {{points: ..}}, '*': {{}}}}"
+        )
 
 
 # ------------------------------------------------------------------ at rest

@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from model.actuators import Words
-from recordings.states.rules import AMBIENT, BRANCHES
+from recordings.ambient import AMBIENT
+from recordings.states.rules import BRANCHES
 from recordings.trials import TEXTS
 
 from ..files.config import ConfigError
 from ..files.units import KINDS
+from .clock import timeline
 from .columns import is_missing
 from .headings import heading
 from .map_file import Column, Map, Name, Orientation, Point, Points, factor, quantities, units_for
@@ -26,8 +28,6 @@ from .series import Series, listed
 
 Array = NDArray[np.float64]
 
-BETWEEN_RUNS = 60.0
-"""s from the end of one run or file to the start of the next, where only each one's own time is known."""
 OF_ANGLES = ("euler xyz", "euler XYZ", "rotation vector")
 """Orders in which a file may mean three columns for x, y and z."""
 TIMES_WORSE, DEGREES_WORSE = 3.0, 0.5
@@ -64,6 +64,8 @@ class Quantities:
     """(n,) in the file, from 0."""
     notes: tuple[str, ...] = ()
     """What is missing."""
+    questions: tuple[str, ...] = ()
+    """What a person has to check."""
     counts: Mapping[tuple[str, str], NDArray[np.str_]] = field(default_factory=dict)
     """Key of the map and heading -> cells of the columns whose changes begin trials; empty where they are missing."""
 
@@ -121,8 +123,7 @@ def quantities_of(series: Series, wanted: Map, drive: Words) -> Quantities:
     notes += _order_note(series, wanted, frame, tip, file.resting)
     names = [f"m{k}" for k in range(1, 100) if f"m{k}" in wanted.points or f"m{k}x" in values]
     markers = [_marker(file, wanted, values, m) @ frame.T for m in names]
-    stated = values.pop("t", None)
-    t = _time(series, wanted) if stated is None else stated
+    t = values.pop("t") if "t" in values else _time(series, wanted)
     made = Quantities(
         series.path, t, pressures, tip, turn, turned,
         np.stack(markers, axis=1) if markers else np.zeros((n, 0, 3)), values, words, constants,
@@ -133,53 +134,16 @@ def quantities_of(series: Series, wanted: Map, drive: Words) -> Quantities:
         if gone.any():
             first = series.place(int(np.argmax(gone)))
             notes.append(f"{int(gone.sum())} of {n} rows have no {what} (first {first}): no state is made of them")
-    if stated is not None:
-        made = _in_order(_without_gaps(made, file), file)
+    averaged = wanted.states.plateaus is not None or bool(wanted.states.windows)
+    line = timeline(t, _tick(file, wanted), series.place, averaged)
+    made = replace(made.of(line.rows), t=line.t, run=line.run)
+    notes += line.notes
+    if wanted.states.plateaus is not None and len(line.t) > 1 and not np.ptp(line.t):
+        raise ConfigError(f"{series.path}: columns.t: all rows have one time; name another column, or give source.rate")
     for text, columns in file.contradicted.items():
         several = "s" * (len(columns) > 1)
         notes.append(f"column{several} {listed(columns)} ({', '.join(columns.values())}): {text}")
-    return replace(made, notes=tuple(dict.fromkeys(notes)))
-
-
-def _without_gaps(q: Quantities, file: _File) -> Quantities:
-    """The same with times that are missing between their neighbours, and without rows before or behind all times."""
-    known = np.flatnonzero(np.isfinite(q.t))
-    rows = np.arange(len(q.t))
-    inside = slice(int(known[0]), int(known[-1]) + 1)
-    if between := inside.stop - inside.start - len(known):
-        file.notes.append(f"{between} of {len(q.t)} rows have no time: taken as between their neighbours")
-    if outside := len(q.t) - (inside.stop - inside.start):
-        place = file.series.place(0 if inside.start else inside.stop)
-        file.notes.append(f"{outside} of {len(q.t)} rows stand before or behind all times (such as {place}) and are left out")
-    return replace(q, t=np.interp(rows, known, q.t[known])).of(rows[inside])
-
-
-def _in_order(q: Quantities, file: _File) -> Quantities:
-    """Rows in the order of time: a file that is written backwards, messages that came late, runs that follow each other."""
-    steps = np.diff(q.t)
-    if not (steps < 0).any():
-        return q
-    first = int(np.argmax(steps < 0)) + 1
-    if (steps < 0).mean() > HALF:
-        file.notes.append("times fall from row to row: the file is read from its end to its begin")
-        return _in_order(q.of(np.arange(len(q.t))[::-1]), file)
-    # times that fall by more begin again
-    again = np.flatnonzero(steps < -max(1.0, 3 * float(np.median(steps[steps >= 0])))) + 1
-    if len(again):
-        from_, to = q.t[again[0] - 1], q.t[again[0]]
-        place = file.series.place(int(q.row[again[0]]))
-        file.notes.append(
-            f"times begin again {len(again)} times, first in {place} ({from_:.6g} s to {to:.6g} s): "
-            f"each time another trial begins, {BETWEEN_RUNS:g} s later"
-        )
-        shifts = np.zeros(len(q.t))
-        shifts[again] = BETWEEN_RUNS - steps[again - 1]
-        q = replace(q, t=q.t + np.cumsum(shifts), run=np.searchsorted(again, np.arange(len(q.t)), side="right"))
-    if late := int((np.diff(q.t) < 0).sum()):
-        place = file.series.place(int(q.row[first]))
-        file.notes.append(f"{late} rows are earlier than the row before (first in {place}): put in order of time")
-        q = q.of(np.argsort(q.t, kind="stable"))
-    return q
+    return replace(made, notes=tuple(dict.fromkeys(notes)), questions=tuple(line.questions))
 
 
 def _time(series: Series, wanted: Map) -> Array:
@@ -193,6 +157,15 @@ def _time(series: Series, wanted: Map) -> Array:
             "the rows a second (source.rate)"
         )
     return np.arange(len(series), dtype=np.float64)
+
+
+def _tick(file: _File, wanted: Map) -> float:
+    """s of one unit of the column of times."""
+    column = wanted.columns.get("t")
+    if column is None:
+        return 1.0
+    unit = column.unit or unit_in(file.series, name_of(file.series, column.column, "columns.t"), KINDS["s"])
+    return column.scale * factor(unit, "t", file.drive, "columns.t.unit")
 
 
 def _number(file: _File, name: str, column: Column) -> Array:

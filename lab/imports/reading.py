@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..files.config import ConfigError
+from .clock import EPOCH
 from .columns import is_missing
 from .headings import heading
 from .map_file import Name
@@ -17,8 +18,6 @@ from .series import Series, listed
 
 Array = NDArray[np.float64]
 
-EPOCH = (6e8, 4.2e9)
-"""s since 1970, from 1989 to 2103."""
 DAYS = ((36_526.0, 73_050.0, 25_569.0), (730_486.0, 767_010.0, 719_529.0))
 """Days as spreadsheets and as MATLAB count them: those of 2000 and of 2100, and that of 1970."""
 DAY_STEP = 5e-4

@@ -26,19 +26,25 @@ from numpy.typing import NDArray
 from recordings.errors import Damaged, RecordingError, Truncated
 from recordings.file.reader import Recording
 from recordings.file.samples import message_class
+from recordings.numbers import number
 
 from ..files.config import ConfigError
+from .clock import EPOCH
+from .joining import at_times
 from .map_file import Map, Source
-from .reading import EPOCH
-from .series import Series
+from .series import Series, Texts, leaves, name_in
 
 Array = NDArray[np.float64]
 Decoder = Callable[[bytes], Any]
 
+MOST_FIELDS = 5000
+"""Numbers of one message that are read."""
 MOST_REASONS, MOST_SAID = 3, 160
 """Reasons that a note gives, and letters of each."""
 SHOWN = 12
 """Topics that a note lists."""
+OLDEST = 0.5
+"""s that the nearest message of a topic may be old."""
 FEWEST_OF_A_THING = 4
 """Messages about each thing, on average; a word that changes more often is no name."""
 ZSTD = b"\x28\xb5\x2f\xfd"
@@ -158,7 +164,7 @@ def read_topics(paths: Sequence[Path], source: Source, named: Collection[str] | 
     start = min(topic.times[0] for topic in topics.values())
     at = np.array(leading.times)
     # Seconds since the epoch where log times are, so that the next recording keeps its distance.
-    out: dict[str, Array] = {"time": at if start >= EPOCH[0] else at - start}
+    out: dict[str, Array | Texts] = {"time": at if start >= EPOCH[0] else at - start}
     if len(at) > 1 and not np.ptp(at):
         raise ConfigError(
             f"{path}: all {len(at)} messages of {leading.name} have the log time {at[0]:g} s, so that nothing says which "
@@ -166,7 +172,7 @@ def read_topics(paths: Sequence[Path], source: Source, named: Collection[str] | 
         )
     for topic in topics.values():
         for label, values in _continuous(topic.columns()).items():
-            out[label] = values if topic is leading else _at(at, np.array(topic.times), values)
+            out[label] = values if topic is leading else at_times(at, np.array(topic.times), values, OLDEST)
     return Series(path, out, "MCAP", notes=tuple(dict.fromkeys(notes)))
 
 
@@ -210,28 +216,6 @@ def _continuous(columns: dict[str, Array]) -> dict[str, Array]:
     return columns
 
 
-def _at(at: Array, times: Array, values: Array) -> Array:
-    """Values at other times, on the line between two readings; NaN where the nearest reading is older than half a second.
-
-    A count or a switch, whole numbers that mostly stand still, keeps its last reading. Where two readings are further apart than
-    half of all that the column ever passes through (an angle that has turned past 180 deg), the nearer one counts.
-    """
-    seen = np.isfinite(values)
-    if not seen.any():
-        return np.full(len(at), np.nan)
-    times, values = times[seen], values[seen]
-    after = np.clip(np.searchsorted(times, at), 0, len(times) - 1)
-    before = np.clip(after - 1, 0, None)
-    nearest = np.where(np.abs(times[after] - at) < np.abs(times[before] - at), after, before)
-    far = np.abs(times[nearest] - at) > 0.5
-    steps = np.diff(values)
-    if np.all(values == np.round(values)) and 2 * np.count_nonzero(steps) < steps.size:
-        last = np.clip(np.searchsorted(times, at, side="right") - 1, 0, None)
-        return np.where(far, np.nan, values[last])
-    leaps = np.abs(values[after] - values[before]) > 0.5 * np.ptp(values)
-    return np.where(far, np.nan, np.where(leaps, values[nearest], np.interp(at, times, values)))
-
-
 # ------------------------------------------------------------------ messages
 def _decode(recording: Recording, found: Mapping[str, Topic]) -> None:
     """Add the messages of the wanted topics of one file."""
@@ -248,14 +232,14 @@ def _decode(recording: Recording, found: Mapping[str, Topic]) -> None:
         for log_time, payload in zip(log_times.tolist(), payloads, strict=True):
             try:
                 message = decode(payload)
-                row = dict(islice(_numbers(channel.topic, message), 5000))
+                row = dict(islice(_numbers(channel.topic, message), MOST_FIELDS))
             except Exception as e:  # whatever a decoder raises, this is no message
                 topic.left_out += 1
                 topic.why.setdefault(_short(e))
             else:
                 topic.times.append(log_time / 1e9)
                 topic.rows.append(row)
-                topic.about.append(_name(message))
+                topic.about.append(name_in(message))
 
 
 def _decoder(channel: Channel, schema: Schema | None, tried: Sequence[bytes], topic: Topic) -> Decoder | None:
@@ -330,74 +314,8 @@ def _short(error: Exception) -> str:
     return words[:MOST_SAID] + (" .." if len(words) > MOST_SAID else "")
 
 
-IDENTITY = re.compile(r"(?!parent|frame_id)(?:.*_)?(?:name|label|id|key|index)|(?!parent).*(?:Name|Label|Id|Key|Index)")
-"""Fields of an element of a list that say which it is."""
-
-
-def _numbers(name: str, value: Any) -> Iterator[tuple[str, float]]:
-    """Numbers of a message by the path of their fields; what is no number is left out.
-
-    Elements of a list go by their names where they have some, so that their order does not matter, else from 1.
-    """
-    if isinstance(value, bool | int | float | np.number):
-        with suppress(OverflowError):
-            yield name, float(value)
-    elif isinstance(value, str):
-        with suppress(ValueError):
-            yield name, float(value)
-    elif isinstance(value, bytes | bytearray | memoryview):
-        return
-    elif (fields := _fields(value)) is not None:
-        texts = [v for v in map(_texts, fields.values()) if v]
-        for key, inner in fields.items():
-            names = texts[0] if len(texts) == 1 and _is_list(inner) and len(inner) == len(texts[0]) else ()
-            yield from _elements(f"{name}.{key}", inner, names) if names else _numbers(f"{name}.{key}", inner)
-    elif hasattr(value, "__iter__"):
-        inside = list(islice(value, 500))
-        yield from _elements(name, inside, _names(inside))
-
-
-def _elements(name: str, inside: Sequence[Any], names: Sequence[str]) -> Iterator[tuple[str, float]]:
-    """Numbers of a list under the names of its elements, or from 1."""
-    for label, inner in zip(names or range(1, len(inside) + 1), inside, strict=False):
-        yield from _numbers(f"{name}.{label}", inner)
-
-
-def _fields(value: Any) -> dict[str, Any] | None:
-    """What a message or a part of one holds, by field; without fields of protobuf that were not set. None for a list."""
-    if isinstance(value, Mapping):
-        return {str(key): inner for key, inner in value.items()}
-    if hasattr(value, "DESCRIPTOR"):
-        fields = value.DESCRIPTOR.fields
-        return {f.name: getattr(value, f.name) for f in fields if not f.has_presence or value.HasField(f.name)}
-    if hasattr(value, "__slots__"):
-        return {slot: getattr(value, slot, None) for slot in value.__slots__}
-    return None
-
-
-def _is_list(value: Any) -> bool:
-    return hasattr(value, "__len__") and not isinstance(value, str | bytes | bytearray | memoryview | Mapping)
-
-
-def _texts(value: Any) -> tuple[str, ...]:
-    """The texts of a list of texts that are all different; else nothing."""
-    if not _is_list(value) or len(value) == 0 or not isinstance(value[0], str):
-        return ()
-    texts = tuple(map(str, value))
-    return texts if all(texts) and len(set(texts)) == len(texts) else ()
-
-
-def _names(inside: Sequence[Any]) -> tuple[str, ...]:
-    """What tells the elements of a list apart; nothing where nothing does."""
-    if not inside or isinstance(inside[0], int | float | str | np.number):
-        return ()
-    elements = [_fields(inner) or {} for inner in inside]
-    said = [k for k, v in elements[0].items() if IDENTITY.fullmatch(k) and isinstance(v, str | int)]
-    ways = (_texts([str(e.get(k, "")) for e in elements]) for k in sorted(said, key=lambda k: isinstance(elements[0][k], int)))
-    return next(filter(None, ways), ())
-
-
-def _name(message: Any) -> str:
-    """The word by which a message names what it is about; empty where it has none."""
-    fields = _fields(message) or {}
-    return next((v for k, v in fields.items() if v and isinstance(v, str) and IDENTITY.fullmatch(k)), "")
+def _numbers(name: str, message: Any) -> Iterator[tuple[str, float]]:
+    """Numbers of a message by the path of their fields; what is no number is left out."""
+    for path, value in leaves(name, message):
+        with suppress(OverflowError, ValueError, TypeError):
+            yield path, number(value) if isinstance(value, str) else float(value)

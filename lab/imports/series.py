@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Mapping, Sequence
+import datetime
+import re
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import import_module
+from itertools import islice
+from numbers import Number
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from recordings.file.budget import OPTION, lifted
 
 from ..files.config import ConfigError
 from .columns import Judged, Strange, without_fillers
@@ -21,6 +27,9 @@ Texts = NDArray[np.str_]
 
 LARGEST = 500_000_000
 """Bytes of a file."""
+SMALL, PACKED = 32_000_000, 50
+"""Bytes of memory that any file may take, and that a byte of a larger one may stand for: readings pack to a tenth."""
+MOST_COLUMNS = 5000
 
 
 @dataclass(frozen=True)
@@ -41,6 +50,8 @@ class Series:
     """(n,) of a text table: where in the file each row stands."""
     notes: tuple[str, ...] = ()
     """What was left out."""
+    questions: tuple[str, ...] = ()
+    """What a person has to check."""
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))
@@ -102,9 +113,19 @@ def package(name: str, path: Path) -> Any:
 
 
 def demand_bounded(path: Path, size: int) -> None:
-    """Raise ConfigError where a file unpacks to more than `LARGEST` bytes."""
-    if size > LARGEST:
-        raise ConfigError(f"{path}: unpacked it has {size / 1e6:.0f} MB, at most {LARGEST / 1e6:g} MB are read")
+    """Raise ConfigError where a file unpacks to more than `LARGEST` bytes, or to more than a file of its size can need."""
+    file = path.stat().st_size
+    if size > (most := min(LARGEST, max(SMALL, PACKED * file))) and not lifted():
+        raise ConfigError(
+            f"{path}: unpacked it has {size / 1e6:.0f} MB, at most {most / 1e6:.0f} MB are read of {file / 1e6:.3g} MB; "
+            f"if you trust the file, {OPTION} lifts the limit"
+        )
+
+
+def demand_columns(path: Path, count: int) -> None:
+    """Raise ConfigError where a file has more than `MOST_COLUMNS` columns."""
+    if count > MOST_COLUMNS:
+        raise ConfigError(f"{path}: has {count} columns, at most {MOST_COLUMNS} are read")
 
 
 def unique(names: Sequence[str], width: int) -> list[str]:
@@ -124,3 +145,76 @@ def listed(names: Iterable[str], most: int = 12) -> str:
     """Names as a message lists them."""
     every = list(names)
     return ", ".join(repr(n[:60]) for n in every[:most]) + (" .." if len(every) > most else "")
+
+
+# ------------------------------------------------------------------ values inside each other
+MOST_ELEMENTS = 500
+"""Elements of a list that are read."""
+LEAVES = (float, int, str, np.generic, Number, datetime.date, datetime.time, datetime.timedelta)
+IDENTITY = re.compile(r"(?!parent|frame_id)(?:.*_)?(?:name|label|id|key|index)|(?!parent).*(?:Name|Label|Id|Key|Index)")
+"""Fields of an element of a list that say which it is."""
+
+
+def leaves(name: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """Values inside lists, structures and messages by the path of their fields; bytes are left out.
+
+    Elements of a list go by their names where they have some, so that their order does not matter, else from 1.
+    """
+    if isinstance(value, bytes | bytearray | memoryview) or value is None:
+        return
+    if (fields := None if isinstance(value, LEAVES) else _fields(value)) is not None:
+        texts = [v for v in map(_texts, fields.values()) if v]
+        for key, inner in fields.items():
+            names = texts[0] if len(texts) == 1 and _is_list(inner) and len(inner) == len(texts[0]) else ()
+            yield from _elements(f"{name}.{key}", inner, names) if names else leaves(f"{name}.{key}", inner)
+    elif hasattr(value, "__iter__") and not isinstance(value, LEAVES):
+        inside = list(islice(value, MOST_ELEMENTS))
+        yield from _elements(name, inside, _names(inside))
+    else:
+        yield name, value
+
+
+def _elements(name: str, inside: Sequence[Any], names: Sequence[str]) -> Iterator[tuple[str, Any]]:
+    """Values of a list under the names of its elements, or from 1."""
+    for label, inner in zip(names or range(1, len(inside) + 1), inside, strict=False):
+        yield from leaves(f"{name}.{label}", inner)
+
+
+def _fields(value: Any) -> dict[str, Any] | None:
+    """What a message or a part of one holds, by field; without fields of protobuf that were not set. None for a list."""
+    if isinstance(value, Mapping):
+        return {str(key): inner for key, inner in value.items()}
+    if hasattr(value, "DESCRIPTOR"):
+        fields = value.DESCRIPTOR.fields
+        return {f.name: getattr(value, f.name) for f in fields if not f.has_presence or value.HasField(f.name)}
+    if hasattr(value, "__slots__"):
+        return {slot: getattr(value, slot, None) for slot in value.__slots__}
+    return None
+
+
+def _is_list(value: Any) -> bool:
+    return hasattr(value, "__len__") and not isinstance(value, str | bytes | bytearray | memoryview | Mapping)
+
+
+def _texts(value: Any) -> tuple[str, ...]:
+    """The texts of a list of texts that are all different; else nothing."""
+    if not _is_list(value) or len(value) == 0 or not isinstance(value[0], str):
+        return ()
+    texts = tuple(map(str, value))
+    return texts if all(texts) and len(set(texts)) == len(texts) else ()
+
+
+def _names(inside: Sequence[Any]) -> tuple[str, ...]:
+    """What tells the elements of a list apart; nothing where nothing does."""
+    if not inside or isinstance(inside[0], int | float | str | np.number):
+        return ()
+    elements = [_fields(inner) or {} for inner in inside]
+    said = [k for k, v in elements[0].items() if IDENTITY.fullmatch(k) and isinstance(v, str | int)]
+    ways = (_texts([str(e.get(k, "")) for e in elements]) for k in sorted(said, key=lambda k: isinstance(elements[0][k], int)))
+    return next(filter(None, ways), ())
+
+
+def name_in(message: Any) -> str:
+    """The word by which a message names what it is about; empty where it has none."""
+    fields = _fields(message) or {}
+    return next((v for k, v in fields.items() if v and isinstance(v, str) and IDENTITY.fullmatch(k)), "")

@@ -24,15 +24,16 @@ from recordings.trials import HEAD, TAIL, Table, TrialRow
 
 from ..files.config import ConfigError
 from ..questions.table import doubtful_gravity
+from .clock import BETWEEN_RUNS, EPOCH
 from .columns import DAY
 from .formats import KNOWN, RECORDING, read
+from .joining import in_time, lag
 from .map_file import AXES, Map, Name, named
-from .places import Jump, Stands, beside_at_rest, jumps, length_at_rest, lever_off, moves_within, strays, turn_off
-from .plateaus import Cut, cuts
-from .quantities import BETWEEN_RUNS, Quantities, quantities_of
-from .reading import EPOCH
+from .places import Jump, Stands, beside_at_rest, jumps, length_at_rest, lever_off, moves_within, other_order, strays, turn_off
+from .quantities import Quantities, quantities_of
+from .reading import at_rest
 from .series import Series
-from .trials import trials_of_rows
+from .trials import Cut, cuts, trials_of_rows
 
 Array = NDArray[np.float64]
 
@@ -55,6 +56,8 @@ class Imported:
     files: tuple[tuple[Series, Quantities, tuple[Cut, ...]], ...]
     notes: tuple[str, ...]
     """What was left out, or taken for granted."""
+    questions: tuple[str, ...] = ()
+    """What a person has to check."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +119,7 @@ def _read(
     given: Sequence[Path], wanted: Map, drive: Words, progress: Callable[[float, float], None]
 ) -> tuple[list[tuple[Series, Quantities, Map]], list[str]]:
     """Every file, in the order of their times where these tell it, and notes."""
-    files, made = _recordings(files_of(given, wanted)), []
+    files, made, read_files = _recordings(files_of(given, wanted)), [], []
     unread: list[ConfigError] = []
     for number, (parts, own) in enumerate(files):
         progress(number, len(files))
@@ -127,9 +130,14 @@ def _read(
                 raise
             unread.append(e)
             continue
-        made.append((series, quantities_of(series, own, drive), own))
-    if not made:
+        read_files.append((series, own))
+    if not read_files:
         raise unread[0]
+    for series, own in in_time(read_files):
+        q = quantities_of(series, own, drive)
+        late = lag(q.t, q.pressures, q.tip) if series.questions else None
+        asked = [*series.questions, *q.questions, *([_lag_question(late)] if late is not None else [])]
+        made.append((series, replace(q, questions=tuple(asked)), own))
     said: dict[str, list[str]] = {}
     for series, q, _ in made:
         for text in (*series.notes, *q.notes):
@@ -146,6 +154,13 @@ def _read(
         elif apart:
             notes.append(f"files are read in the order of their names; by their times, unless over midnight, it is: {names}")
     return made, notes
+
+
+def _lag_question(late: float) -> str:
+    return (
+        f"the tip moves {abs(late):.3g} s {'after' if late > 0 else 'before'} the pressures change: do the clocks of these files "
+        f"differ? If so, write source: {{offset: {late:.3g}}} for the file of the pressures, under files"
+    )
 
 
 def imported(
@@ -212,7 +227,11 @@ def imported(
         table = Table.of(TrialRow.from_cells(r.cells()) for r in rows)
     except RecordingError as e:
         raise ConfigError(f"the table made by the map is none: {e}") from e
-    return Imported(table, tuple(read_files), tuple(notes))
+    asked = other_order(
+        [(series.path.name, _rest(q)) for series, q, _ in every], float(straight[2]), wanted.straight != "as recorded"
+    )
+    questions = [*asked, *(f"{series.path.name}, {text}" for series, q, _ in every for text in q.questions)]
+    return Imported(table, tuple(read_files), tuple(notes), tuple(questions))
 
 
 def _contradictions(rows: Sequence[TrialRow], length: float) -> Iterator[str]:
@@ -328,6 +347,14 @@ def _lever_note(sensor: float, off: float, without: float, best: float) -> str:
         f"the end of the body, but to {1e3 * without:.1f} mm where the map has it ({1e3 * sensor:.1f} mm): check sensor, frame "
         "and orientation"
     )
+
+
+def _rest(q: Quantities) -> Array:
+    """(1 + k, 3) m, the mean of tip and markers at rest; NaN of those that were not seen then."""
+    places = np.concatenate([q.tip[:, None], q.markers], axis=1)[at_rest(q.pressures)]
+    seen = np.isfinite(places).all(axis=2)
+    total = np.where(seen[:, :, None], places, 0.0).sum(axis=0)
+    return np.asarray(np.where(seen.any(axis=0)[:, None], total / np.maximum(seen.sum(axis=0), 1)[:, None], np.nan))
 
 
 # ------------------------------------------------------------------ frames

@@ -8,12 +8,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..files.config import ConfigError
-from .headings import is_unit, unit_named
+from .headings import is_unit, recognised, unit_named
 from .map_file import Source
 from .series import unique
 
 Line = tuple[int, list[str], str]
 """Number in the file, cells, text."""
+MOST_LINES = 4
+"""Of headings."""
 LABELS = ("id", "type", "parent")
 """Lines of headings, by the word at their begin, that name nothing: Motive writes them."""
 MOTIVE = re.compile(r"\W*Format Version\W.*Take Name")
@@ -57,6 +59,8 @@ def head_of(path: Path, above: Sequence[Line], width: int, source: Source) -> He
         at = next(line for line, cells, _ in above if cells is units)
         heads = [one for one in heads if one[0] < at] or heads[:1]
     cells = _joined(heads, labels)
+    if source.heading is None and not labels:
+        heads, cells = _telling(above, units, heads, cells)
     stated = [c for c in cells if c]
     if len(stated) * 2 == width and len(cells[: width // 2]) == len(stated) and width > 3:
         raise ConfigError(
@@ -99,6 +103,19 @@ def _joined(heads: Sequence[Line], labels: Collection[int]) -> list[str]:
             continue
         names = [f"{a} {b}".strip() for a, b in zip(_carried(cells), names, strict=False)]
     return [re.sub(r"^(Name|Type) ", "", n) for n in names]
+
+
+def _telling(
+    above: Sequence[Line], units: Sequence[str] | None, heads: list[Line], names: list[str]
+) -> tuple[list[Line], list[str]]:
+    """The lines, and the names made of them, that say of most columns what they hold: those given, a line alone, or the last ones
+    together, of which upper ones may name groups of columns."""
+    near = [one for one in above if one[1] is not units and sum(map(bool, one[1])) > 1 and not MOTIVE.match(one[2])][-MOST_LINES:]
+    ways = [(heads, names), *(([one], list(one[1])) for one in near)]
+    for k in range(len(near) - 1):
+        columns = zip(*(_carried(one[1]) for one in near[k:-1]), near[-1][1], strict=False)
+        ways.append((near[k:], [" ".join(filter(None, cells)) for cells in columns]))
+    return max(ways, key=lambda way: recognised(way[1], units or ()))
 
 
 def _is_label(cells: Sequence[str]) -> bool:

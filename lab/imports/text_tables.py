@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,10 +20,11 @@ from numpy.typing import NDArray
 from recordings.bounded import read_bounded
 
 from ..files.config import ConfigError
-from .columns import Judged, is_missing, judge, looks_like_value
+from .columns import Judged, is_missing, judge, looks_like_value, number
 from .headings import heading, unit_named
+from .joining import JOIN, of_one_file
 from .map_file import Source
-from .series import LARGEST, Series, of_judged
+from .series import LARGEST, Series, demand_columns, of_judged
 from .table_head import MOTIVE, Head, are_units, head_of
 
 if TYPE_CHECKING:
@@ -31,11 +32,14 @@ if TYPE_CHECKING:
 
 SEPARATORS = ("\t", ";", "|", ",", " ")
 """In the order in which they are preferred where several split the lines as well."""
+WORD = 0.9
+"""Numbers that a word beside them outweighs where a separator is judged: half of a row may be words."""
 SAMPLE = 100
 """Lines by which separator and width are judged."""
-MOST_COLUMNS = 5000
 DATA_SHARE = 0.5
 """Of the most numbers of a line, from which a line is data."""
+MOST_ABOVE = 3
+"""Lines of numbers that may stand above a heading."""
 COMMENT = re.compile(r"\s*(?:#+|%+|//+)\s*")
 MOST_NOTED = 5
 """Lines left out that are named."""
@@ -67,11 +71,19 @@ def read_text(path: Path, source: Source) -> Series:
         raise ConfigError(f"{path}: is empty; check the path, or export it again")
     records, heading = _labview(records)
     source = source if source.heading is not None else source.model_copy(update={"heading": heading})
+    tables = [records] if source.heading is not None or source.units is not None else list(_tables(records))
+    if len(tables) > 1:
+        return of_one_file([_read_table(path, one, source, True) for one in tables])
+    return _read_table(path, records, source, text.endswith("\n"))
+
+
+def _read_table(path: Path, records: list[Record], source: Source, whole: bool) -> Series:
+    """One table; `whole`: its last line ends."""
     said = re.fullmatch(r"sep=(.)", records[0].text.strip())
     separator, width = _form(path, records, source.separator or (said[1] if said else None), source.missing)
     frame, records, too_long = _split(path, records, separator, width)
     data, first = _data_rows(path, frame, records, source, separator)
-    if data[-1] and not text.endswith("\n") and _is_cut_off(_cells(records[-1].text, separator), frame[data][:-1]):
+    if data[-1] and not whole and _is_cut_off(_cells(records[-1].text, separator), frame[data][:-1]):
         data[-1] = False
     head = head_of(
         path, [(r.line, frame.iloc[i].tolist(), r.text) for i, r in enumerate(records[:first])], frame.shape[1], source
@@ -80,6 +92,7 @@ def read_text(path: Path, source: Source) -> Series:
     kept = frame[data]
     lines = np.array([r.line for r, one in zip(records, data, strict=True) if one], np.int64)
     found = _columns(kept, head, source, separator)
+    found |= _times_of_frames(found, records[:first])
     notes = tuple(_left_out(path, records, frame.shape[1], data, first, too_long))
     mark = {"\t": "tabs", " ": "spaces"}.get(separator, repr(separator))
     form = "Motive's export" if MOTIVE.match(records[0].text) else f"columns separated by {mark}"
@@ -91,6 +104,48 @@ def read_text(path: Path, source: Source) -> Series:
         lines=lines,
         notes=(*notes, *made.notes),
     )
+
+
+# ------------------------------------------------------------------ tables below each other
+def _tables(records: list[Record]) -> Iterator[list[Record]]:
+    """Tables below each other: behind an empty line below numbers, other headings and at least two rows of numbers."""
+    begin = 0
+    for i in range(1, len(records)):
+        if records[i].line == records[i - 1].line + 1 or not _is_data(records[i - 1]) or _is_data(records[i]):
+            continue
+        first = next((k for k in range(i, len(records)) if _is_data(records[k])), len(records))
+        heads = [r.text.strip() for r in records[i:first] if sum(map(_is_word, _any_cells(r.text))) > 1]
+        known = {r.text.strip() for r in records[begin:i]} if heads else set()
+        if first + 1 < len(records) and _is_data(records[first + 1]) and heads and not known & set(heads[-1:]):
+            yield records[begin:i]
+            begin = i
+    yield records[begin:]
+
+
+def _any_cells(text: str) -> list[str]:
+    return [c for c in (cell.strip().strip('"') for cell in re.split(r"[;,\t|]|\s{2,}", text)) if c]
+
+
+def _is_data(record: Record) -> bool:
+    """Whether a line holds numbers, at least two, more than anything else."""
+    cells = _any_cells(record.text)
+    values = sum(map(looks_like_value, cells))
+    return not record.comment and values > 1 and values > len(cells) / 2
+
+
+def _is_word(cell: str) -> bool:
+    return not looks_like_value(cell)
+
+
+def _times_of_frames(found: Mapping[str, Judged], above: Sequence[Record]) -> dict[str, Judged]:
+    """A column of times for frames that are divided into samples, where a line above them holds the samples a second alone: Vicon
+    Nexus writes such tables."""
+    frame, sample = (next((found[n] for n in found if n.casefold() == name), None) for name in ("frame", "sub frame"))
+    rates = [v for r in above if len(cells := _any_cells(r.text)) == 1 and (v := number(cells[0])) is not None and v > 0]
+    if frame is None or sample is None or not rates or "time" in found or frame.values.dtype.kind != "f":
+        return {}
+    count, part = np.asarray(frame.values, np.float64), np.asarray(sample.values, np.float64)
+    return {"time": Judged(((count - 1) * (np.nanmax(part) + 1) + part) / rates[-1], "s")}
 
 
 # ------------------------------------------------------------------ characters and lines
@@ -184,7 +239,7 @@ def _form(path: Path, records: Sequence[Record], given: str | None, missing: Seq
             values = sum(map(looks_like_value, cells))
             other = sum(not looks_like_value(c) and not is_missing(c, missing) for c in cells)
             if values and len(cells) > 1:
-                score[len(cells)] = score.get(len(cells), 0.0) + values - other
+                score[len(cells)] = score.get(len(cells), 0.0) + values - WORD * other
         width, points = max(score.items(), key=lambda s: s[1], default=(0, 0.0))
         # blanks, of which a tab is one, must split the lines better than another separator
         if points > best[0] * (1.2 if separator == " " else 1.0):
@@ -195,8 +250,7 @@ def _form(path: Path, records: Sequence[Record], given: str | None, missing: Seq
             f"{path}, line {records[0].line}: {records[0].text.strip()[:40]!r} ..: {tried}; "
             "name the separator (source.separator), or export the data as CSV"
         )
-    if best[2] > MOST_COLUMNS:
-        raise ConfigError(f"{path}: has {best[2]} columns, at most {MOST_COLUMNS} are read")
+    demand_columns(path, best[2])
     return best[1], best[2]
 
 
@@ -281,10 +335,21 @@ def _data_rows(
             f"{path}: no line below line {after} holds numbers; correct source.{'units' if source.units else 'heading'}" if after
             else f"{path}: no line holds numbers; is {separator!r} its separator (source.separator)?"
         )  # fmt: skip
+    data[: _numbers_above_headings(data, commented, words)] = False
     clean = np.flatnonzero(data & full & ~odd)
     behind = np.arange(len(odd)) > (clean[-1] if len(clean) else len(odd))
     data = np.asarray(data & ~(behind & (words & single)[:, of_numbers].any(axis=1)))  # without sums, means and the like
     return data, int(np.argmax(data))
+
+
+def _numbers_above_headings(data: NDArray[np.bool_], commented: NDArray[np.bool_], words: NDArray[np.bool_]) -> int:
+    """The line below which the table's own rows begin, where lines of numbers, of channels say, stand above a heading."""
+    rows = np.flatnonzero(data)
+    headed = ~data & ~commented & (words.sum(axis=1) >= DATA_SHARE * words.shape[1])
+    for k in range(min(MOST_ABOVE, len(rows) // 2), 0, -1):
+        if headed[rows[k - 1] : rows[k]].any():
+            return int(rows[k])
+    return 0
 
 
 def _is_cut_off(last: Sequence[str], above: pd.DataFrame) -> bool:
@@ -355,7 +420,7 @@ def _demand_one_table(
             other = next(unlike, records[i].text.strip())
             raise ConfigError(
                 f"{path}, line {records[i].line}: says {other[:40]!r} and so begins another table than line "
-                f"{records[first].line}; write each table to a file of its own"
+                f"{records[first].line}; write each table to a file of its own, give all of them, or {JOIN}"
             )
 
 

@@ -15,15 +15,12 @@ import sys
 import threading
 from pathlib import Path
 
-from ..guard.child import take_place
-from .asking import BEHIND
 from .beside import opened_in_browser
 from .show import Part, Place, Show
 
 
 def main(number: str, browser: str) -> None:
     """Serve until standard input ends."""
-    take_place(BEHIND, BEHIND)
     at = Place(socket.socket(fileno=int(number)), sys.stdin.readline().strip())
     os.set_blocking(sys.stdout.fileno(), False)
 

@@ -8,8 +8,7 @@ import json
 import sys
 from typing import Any
 
-BEHIND = 5
-"""Niceness of what shows a run, as a session and in it: the run comes first, but on a busy computer the page still comes."""
+from ..priority import BEHIND, put_in_place
 
 
 class NoModel(RuntimeError):
@@ -29,6 +28,7 @@ class Model:
             sys.executable, "-P", "-m", "lab.live.expected", stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.DEVNULL, limit=64 * 2**20, start_new_session=True,
         )  # fmt: skip
+        put_in_place(self._process.pid, BEHIND)
         answer = await self.ask({"robot": self._robot})
         if "error" in answer:
             raise NoModel(str(answer["error"]))

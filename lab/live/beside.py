@@ -20,6 +20,7 @@ from typing import IO
 from recordings.json_text import read_json
 
 from ..guard.child import start_child
+from ..priority import BEHIND
 from .show import LOOPBACK, place
 
 BY = "page"
@@ -46,6 +47,7 @@ class Page:
                 "lab.live",
                 (at.listening.fileno(),),
                 "open" if browser else "quiet",
+                place=BEHIND,
                 stdin=pipe,
                 stdout=pipe,
                 stderr=subprocess.DEVNULL,

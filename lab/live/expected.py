@@ -33,8 +33,6 @@ from ..comparison import expected
 from ..files.config import ConfigError, check, parse_yaml
 from ..files.inputs import Case
 from ..files.own_effects import stated_by
-from ..guard.child import take_place
-from .asking import BEHIND
 
 UNANSWERED = (ConfigError, ModelError, DiagnosisError, RecordingError, ValueError)
 
@@ -84,7 +82,6 @@ def _place(found: Prediction, k: int, known: bool) -> dict[str, Any]:
 
 def main() -> None:
     """Answer until the input ends."""
-    take_place(BEHIND, BEHIND)
     try:
         for answer in answers(iter(sys.stdin)):
             print(json.dumps(plain_numbers(answer)), flush=True)

@@ -24,7 +24,7 @@ from drivers.interfaces import Identity
 from timing import RigClock
 
 from ..files.rig_file import RigFile
-from ..guard.child import start_child
+from ..guard.child import processor_time, start_child
 from ..guard.instruments import COMMANDS
 from ..guard.messages import Event, Start
 from ..guard.pulse import Pulse
@@ -139,7 +139,7 @@ class Actuators:
             if number:
                 self._listen()
             if now > deadline:
-                self._give_up(f"no answer within {within:g} s")
+                self._give_up(f"no answer within {within:g} s; {self._pace()}")
             if self.lost:
                 raise self._lost(what)
 
@@ -166,7 +166,12 @@ class Actuators:
         """Give up a guard that was silent for too long while this process was awake to hear it."""
         silent = self.pulse.awake.now - self._heard
         if not self.lost and silent > self._silent:
-            self._give_up(f"no heartbeat for {silent:.1f} s")
+            self._give_up(f"no heartbeat for {silent:.1f} s; {self._pace()}")
+
+    def _pace(self) -> str:
+        """How far the guard may have come on this computer, and what to do."""
+        had = f"the guard has had {processor_time(self._process):.1f} s of processor time"
+        return f"{had}; " + timing.busy_or("run again, and report this if it comes back")
 
     def _give_up(self, why: str) -> None:
         """The guard is lost for good: a frozen one must not wake up and command behind a successor's back."""

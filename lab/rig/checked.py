@@ -5,13 +5,14 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from recordings.own_files import replaced
 
+from ..files.adapters import KEY, place
 from ..files.rig_file import RigFile
 
 
@@ -46,20 +47,15 @@ def digest(rig: RigFile) -> str:
     return hashlib.sha256(json.dumps(tables, sort_keys=True).encode()).hexdigest()
 
 
-def place(rig_path: Path) -> Path:
-    """Where it is kept."""
-    return rig_path.with_suffix(".checked")
-
-
-def keep(rig_path: Path, rig: RigFile, seen: Sequence[Moved]) -> None:
-    """Keep a check of today; one that was not passed removes an older one."""
+def keep(rig_path: Path, rig: RigFile, seen: Sequence[Moved], adapters: Mapping[str, str] | None = None) -> None:
+    """Keep a check of today, with the adapters found (see `files.adapters`); one that was not passed removes an older one."""
     path = place(rig_path)
     if not all(moved.ok for moved in seen):
         path.unlink(missing_ok=True)
         return
     when = time.strftime("%Y-%m-%d %H:%M:%S")
-    text = json.dumps({"when": when, "digest": digest(rig), "seen": [asdict(m) for m in seen]}, indent=1)
-    replaced(path, text + "\n")
+    result = {"when": when, "digest": digest(rig), "seen": [asdict(m) for m in seen], KEY: dict(adapters or {})}
+    replaced(path, json.dumps(result, indent=1) + "\n")
 
 
 def last(rig_path: Path, rig: RigFile) -> Checked | str:

@@ -61,7 +61,10 @@ class HostedArmState:
         try:
             outcome = self._opened.get(timeout=OPEN_WITHIN)
         except queue.Empty:
-            outcome = Unreachable(self.name, f"no state of the arm within {OPEN_WITHIN:g} s; check the network to its controller")
+            outcome = Unreachable(
+                self.name,
+                f"no state of the arm within {OPEN_WITHIN:g} s; " + timing.busy_or("check the network to its controller"),
+            )
         if isinstance(outcome, InstrumentError):
             self.close()
             raise outcome
@@ -98,7 +101,7 @@ class HostedArmState:
             raise StaleReading(
                 self.name,
                 f"newest state is {age:.2f} s old, limit {self.config.max_age:g} s; "
-                "check the cable to the arm's controller, and the controller",
+                + timing.busy_or("check the cable to the arm's controller, and the controller"),
             )
         if self._doubt is not None:
             raise self._doubt

@@ -23,9 +23,8 @@ from protocols.errors import ProtocolError, Stopped
 from recordings.json_text import read_json
 
 from ..console import out
+from ..files.rig_file import UNIX
 
-UNIX = "unix:"
-"""`operator` of rig.yaml begins so where a program answers."""
 MOUNTS = {
     "robot": "hang the robot in its frame, spine inside",
     "body": "mount the robot at the stiffness stand",
@@ -144,19 +143,6 @@ def process_of(spec: str) -> int | None:
         connection.connect(spec.removeprefix(UNIX))
         return _peer(connection)[0]
     return None
-
-
-def ended(spec: str) -> bool:
-    """Return whether nothing listens at the operator of a rig.yaml any more; one that may not be asked has not ended."""
-    try:
-        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
-            connection.settimeout(1.0)
-            connection.connect(spec.removeprefix(UNIX))
-    except (FileNotFoundError, NotADirectoryError, ConnectionRefusedError):
-        return True
-    except OSError:
-        return False
-    return False
 
 
 def _peer(connection: socket.socket) -> tuple[int, int]:

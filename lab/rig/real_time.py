@@ -1,6 +1,7 @@
 """A rig's clock may run faster than the host's for fake instruments only: on hardware every time, age and rate would be wrong.
 
-A fake is told by what its address is, not by how it is spelt: a pseudo-terminal, or a host of this machine alone.
+A fake is told by what its address is, not by how it is spelt: a pseudo-terminal, or a host of this machine alone. What is not
+known to be a fake is real.
 """
 
 from __future__ import annotations
@@ -10,14 +11,12 @@ import os
 import socket
 import stat
 from collections.abc import Iterator
-from pathlib import Path
 
 from drivers.configs import HOSTS, PORTS
 from timing import RigClock
 
 from ..files.config import ConfigError
-from ..files.rig_file import ClockConfig, Instruments, RigFile, present, table_of
-from .operator import UNIX, ended
+from ..files.rig_file import UNIX, ClockConfig, Instruments, RigFile, present, table_of
 
 FOLDER = "/softlab-"
 """In the paths that `lab fakes` writes: the operator's socket, the serial lines."""
@@ -48,7 +47,7 @@ def demand_fakes(rig: RigFile, only: str | None = None) -> None:
 def demand_running(rig: RigFile) -> None:
     """Raises FakesEnded when the fakes that wrote a rig.yaml have ended and it reaches nothing but them."""
     theirs = (FOLDER in address if key in PORTS else _fake_host(address) for _, key, address in _addresses(rig.instruments))
-    if rig.operator.startswith(UNIX) and FOLDER in rig.operator and ended(rig.operator) and all(theirs):
+    if rig.operator.startswith(UNIX) and FOLDER in rig.operator and _ended(rig.operator) and all(theirs):
         raise FakesEnded(
             f"{rig.path}: the fakes that wrote this file have ended: no process answers at operator = {rig.operator}; "
             f"start them again: lab fakes --rig {rig.path}, with the options that you gave before"
@@ -66,6 +65,19 @@ def at_real_speed(rig: RigFile) -> tuple[RigFile, str]:
         told = f"{e}\nmaking the rig safe at speed 1 all the same"
         return rig.model_copy(update={"clock": ClockConfig(speed=1.0)}), told
     return rig, ""
+
+
+def _ended(spec: str) -> bool:
+    """Return whether nothing listens at the operator of a rig.yaml any more; one that may not be asked has not ended."""
+    try:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
+            connection.settimeout(1.0)
+            connection.connect(spec.removeprefix(UNIX))
+    except (FileNotFoundError, NotADirectoryError, ConnectionRefusedError):
+        return True
+    except OSError:
+        return False
+    return False
 
 
 def _real(instruments: Instruments) -> Iterator[tuple[str, str]]:
@@ -95,9 +107,11 @@ def _addresses(instruments: Instruments) -> Iterator[tuple[str, str, str]]:
 
 def _fake_line(path: str) -> bool:
     try:
-        about = os.stat(Path(path))
+        about = os.stat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return path.startswith("/")  # there is nothing to open, unlike behind a terminal server
     except (OSError, ValueError):
-        return True
+        return False
     return stat.S_ISCHR(about.st_mode) and os.major(about.st_rdev) in PSEUDO_TERMINALS
 
 

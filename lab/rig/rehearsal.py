@@ -39,10 +39,10 @@ from protocols.errors import BadProtocol, NotReached, Stopped
 from protocols.experiment import Plan, Trials
 from protocols.parameters import Parameters
 from protocols.registry import Experiment
+from recordings.ambient import AMBIENT
 from recordings.file.writer import Recorder
 from recordings.messages import MessageType, sensor, streams
 from recordings.states.buffer import Buffers
-from recordings.states.rules import AMBIENT
 from recordings.trials import TrialRow
 
 from ..console import Screen

@@ -199,7 +199,8 @@ class Watch:
         age = now - max(self._began, heard, self._excused[name])
         if age > self._limits.max_age:
             raise error or StaleReading(
-                name, f"no reading for {age:.1f} s, limits.max_age is {self._limits.max_age:g} s; check its cable"
+                name,
+                f"no reading for {age:.1f} s, limits.max_age is {self._limits.max_age:g} s; " + timing.busy_or("check its cable"),
             )
 
     def _stream(self, name: str, now: float, strict: bool) -> None:

@@ -22,6 +22,7 @@ from recordings.file.writer import Recorder
 from recordings.states.demands import too_far
 
 from ..console import Screen, answer, err, out, styled
+from ..files.adapters import adapters_now, place
 from ..files.config import ConfigError, unit_of
 from ..files.rig_file import RigFile, load_rig, table_of
 from ..files.units import shown
@@ -44,6 +45,8 @@ def check(rig_path: Path, seconds: float, as_json: bool, move: bool = False, yes
     """
     file = load_rig(rig_path)
     robot = _may_move(file, yes) if move else None
+    if move:
+        place(rig_path).unlink(missing_ok=True)  # this check takes its place, whatever it finds, also other adapters
     moved: list[Moved] = []
     with Rig(file, despite_latch=not move) as rig:
         outcome: dict[str, Identity | InstrumentError] = {}
@@ -60,7 +63,7 @@ def check(rig_path: Path, seconds: float, as_json: bool, move: bool = False, yes
         rig.notices += _misplaced(rig)
         if robot is not None and all(r["ok"] for r in rows):
             moved = _moved(rig, robot, as_json)
-            keep(rig_path, file, moved)
+            keep(rig_path, file, moved, adapters_now(file, rig.identities))
     lost = sum(r.get("lost", 0) for r in rows)
     for text in rig.notices:
         err.print(f"warning: {text}")
@@ -188,7 +191,7 @@ def _row(
         if row["samples"] == 0:
             row |= {
                 "ok": False,
-                "problem": f"opened, and no sample in {span:.1f} s; check its cable, and that it sends",
+                "problem": f"opened, and no sample in {span:.1f} s; " + timing.busy_or("check its cable, and that it sends"),
             }
     config = table_of(rig.file.instruments, name)
     row["limits"] = {k: v for k, v in config.model_dump(mode="json").items() if k.startswith("max_")}

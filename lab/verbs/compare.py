@@ -18,14 +18,20 @@ from ..console import note, out
 from ..files.config import ConfigError, load
 from ..files.example import paper_robot
 from ..files.inputs import marked_notes, read_case
+from ..files.output_folder import demand_free, whole
 from ..files.own_effects import stated_by
-from ..options import ANY_SIZE, INPUTS, JSON, ROBOT, Verb, option
+from ..options import ANY_SIZE, INPUTS, JSON, REPLACE, ROBOT, Verb, option
 from ..pages.figures import in_a_row, tip_curves
 from ..pages.sensors_figure import quantities, sensors
 
+OWN = ("compare.png", "sensors.png")
+"""What is written, and replaced when the command is repeated."""
 
-def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_json: bool) -> int:
+
+def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_json: bool, replace: bool = False) -> int:
     """Print the error table; with a folder also draw the curves."""
+    if folder is not None:
+        demand_free(folder, OWN, replace, inputs)
     case = read_case(inputs, robot)
     note(case.table.warnings)
     try:
@@ -34,10 +40,11 @@ def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_
         raise ConfigError(str(e)) from e
     figure = measured = None
     if folder is not None:
-        folder.mkdir(parents=True, exist_ok=True)
         words = case.robot.actuators.words
-        figure = in_a_row(tip_curves(c, words), folder / "compare.png")
-        measured = in_a_row(sensors(case.table, words), folder / "sensors.png") if quantities(case.table) else None
+        with whole(folder, OWN, replace, inputs) as place:
+            figure = folder / in_a_row(tip_curves(c, words), place / "compare.png").name
+            if quantities(case.table):
+                measured = folder / in_a_row(sensors(case.table, words), place / "sensors.png").name
     if as_json:
         data: dict[str, Any] = {**c.table.as_dict(), "unsolved": c.unsolved, "clipped": int(case.table.clipped.sum())}
         data["figure"] = str(figure) if figure else None
@@ -83,13 +90,14 @@ def _of_the_paper(robot: Robot) -> bool:
 VERBS = (
     Verb(
         "compare",
-        lambda a: compare(a.inputs, a.robot, a.out, a.json),
+        lambda a: compare(a.inputs, a.robot, a.out, a.json, a.replace),
         options=(
             JSON,
             ANY_SIZE,
             INPUTS,
             ROBOT,
             option("--out", type=Path, metavar="FOLDER", help="folder for the figures"),
+            REPLACE,
         ),
         examples=("lab compare runs/*.mcap", "lab compare case --robot robot.yaml --out figures"),
         page="docs/tutorials/first-day.md",

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import secrets
 import shutil
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -30,6 +28,8 @@ from ..files.inputs import Case, read_case
 from ..files.rig_file import load_rig
 from ..options import Verb, option
 from ..pages.demo_report import SIZES, Seal, write
+from ..priority import BEHIND
+from ..processes import processes
 from ..rig.assembly import Rig
 from .check import check
 from .compare import sheet as error_sheet
@@ -141,28 +141,14 @@ def _conclude(story: Story, folder: Path, runs: list[Outcome], seal: Seal) -> in
 @contextmanager
 def _model_warming_up() -> Iterator[Callable[[], None]]:
     """Have the model compiled in processes beside, while the rig mostly waits; what it yields waits for the rest."""
-    beside = [
-        subprocess.Popen(
-            [sys.executable, "-P", "-m", "model.warm_up", part],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-        for part in PARTS
-    ]
+    with processes(len(PARTS), tuple(PARTS), BEHIND.process) as beside:
 
-    def ready() -> None:
-        if any(process.poll() is None for process in beside):
-            out.print("\nThe model is still being compiled for this computer; this happens once and takes half a minute.")
-        for process in beside:
-            process.wait()
+        def ready() -> None:
+            if not beside.ready:
+                out.print("\nThe model is still being compiled for this computer; this happens once and takes half a minute.")
+            beside.begun()
 
-    try:
         yield ready
-    finally:
-        for process in beside:
-            process.kill()
-            process.wait()
 
 
 def _fakes(folder: Path, seed: int, speed: float, seal: Seal) -> FakeRig:

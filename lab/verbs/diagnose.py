@@ -36,9 +36,10 @@ from ..console import Screen, note, out
 from ..files.baseline import from_simulator, from_table, simulator
 from ..files.config import ConfigError, demand_writable, in_units
 from ..files.inputs import UNCONFIRMED_GUESSES, Case, marked_notes, read_case, unconfirmed_guesses
+from ..files.output_folder import demand_free, whole
 from ..files.own_effects import catalogue
 from ..next_step import FIRST, command, nothing_next, worth_doing
-from ..options import ANY_SIZE, INPUTS, OWN_EFFECTS, ROBOT, SCHEDULER, WORKERS, Verb, option
+from ..options import ANY_SIZE, INPUTS, OWN_EFFECTS, REPLACE, ROBOT, SCHEDULER, WORKERS, Verb, option
 from ..processes import for_case
 
 
@@ -50,6 +51,8 @@ class Outputs:
     report: Path | None = None
     protocols: Path | None = None
     """Folder for the proposed experiments as protocol files."""
+    replace: bool = False
+    """That folder as a whole, whatever it holds."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +85,8 @@ def diagnose(
     """
     comparisons = comparisons or Comparisons()
     demand_writable(outputs.json, outputs.report)
+    if outputs.protocols is not None:
+        demand_free(outputs.protocols, replace=outputs.replace, inputs=inputs)
     cores = workers if workers is not None else len(os.sched_getaffinity(0))
     if cores < 1:
         raise ConfigError(f"--workers {cores}: must be at least 1")
@@ -103,7 +108,9 @@ def diagnose(
         outputs.json.write_text(answer.to_json() + "\n", encoding="utf-8")
     written = []
     if outputs.protocols is not None:
-        written = write_protocols(answer.next_experiment, outputs.protocols, case.robot)
+        with whole(outputs.protocols, replace=outputs.replace, inputs=inputs) as place:
+            paths = write_protocols(answer.next_experiment, place, case.robot)
+        written = [outputs.protocols / path.name for path in paths]
     show(answer, outputs.protocols)
     if written:
         out.print(f"written: {', '.join(map(str, written))}", soft_wrap=True)
@@ -305,7 +312,7 @@ def _separated(p: Proposal) -> str:
 
 def _diagnose_verb(a: argparse.Namespace) -> int:
     others = Comparisons(a.reference, a.holdout, a.effects, a.baseline, a.simulator)
-    return diagnose(a.inputs, a.robot, Outputs(a.json, a.report, a.protocols), others, a.workers, a.scheduler)
+    return diagnose(a.inputs, a.robot, Outputs(a.json, a.report, a.protocols, a.replace), others, a.workers, a.scheduler)
 
 
 VERBS = (
@@ -325,6 +332,7 @@ VERBS = (
                 help="write the proposed experiments as protocol files; no earlier answer is kept, so later the whole "
                 "diagnosis is repeated for them",
             ),
+            REPLACE,
             option(
                 "--reference",
                 type=Path,

@@ -16,24 +16,29 @@ from ..console import note, styled
 from ..console import out as screen
 from ..files.config import load
 from ..files.example import paper_robot
+from ..files.output_folder import demand_free, whole
 from ..files.own_effects import catalogue
-from ..options import JSON, OWN_EFFECTS, Verb, option
+from ..options import JSON, OWN_EFFECTS, REPLACE, Verb, option
 from ..signatures import Signature, signatures
 
+OWN = ("signatures.png",)
+"""What is written, and replaced when the command is repeated."""
 
-def run(out: Path, robot: Robot | None = None, more: Path | None = None, as_json: bool = False) -> int:
+
+def run(out: Path, robot: Robot | None = None, more: Path | None = None, as_json: bool = False, replace: bool = False) -> int:
     """Print the catalogue and draw signatures.png into `out`; `more` is a file with effects of one's own.
 
     Raises ConfigError, `BadEffect` when that file declares effects wrongly.
     """
+    demand_free(out, OWN, replace)
     shown = robot if robot is not None else load_robot(paper_robot())
     effects, left_out = catalogue(shown, more)
     note(left_out)
     found = signatures(shown.plain, effects)
-    out.mkdir(parents=True, exist_ok=True)
     from ..pages.effects_figure import draw
 
-    figure = draw(found, out / "signatures.png")
+    with whole(out, OWN, replace) as place:
+        figure = out / draw(found, place / "signatures.png").name
     if as_json:
         print(json.dumps({"schema": "effects/1", "figure": str(figure), "effects": [_as_dict(s) for s in found]}))
         return 0
@@ -90,10 +95,11 @@ def _as_dict(s: Signature) -> dict[str, object]:
 VERBS = (
     Verb(
         "effects",
-        lambda a: run(a.out, load(a.robot, Robot) if a.robot else None, a.effects, a.json),
+        lambda a: run(a.out, load(a.robot, Robot) if a.robot else None, a.effects, a.json, a.replace),
         options=(
             JSON,
             option("--out", type=Path, default=Path("out/effects"), metavar="FOLDER", help="folder for the picture"),
+            REPLACE,
             option("--robot", type=Path, metavar="ROBOT.yaml", help="robot.yaml (default: the paper's robot)"),
             OWN_EFFECTS,
         ),

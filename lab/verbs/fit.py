@@ -24,10 +24,14 @@ from ..calibration import Calibration, calibrate
 from ..console import Screen, note, out
 from ..files.config import ConfigError
 from ..files.inputs import Case, read_case
+from ..files.output_folder import demand_free, whole
 from ..files.own_effects import catalogue
 from ..files.robot_file import write_robot
-from ..options import ANY_SIZE, INPUTS, JSON, OWN_EFFECTS, ROBOT, Verb, option
+from ..options import ANY_SIZE, INPUTS, JSON, OWN_EFFECTS, REPLACE, ROBOT, Verb, option
 from ..samples import drawn, write_samples
+
+OWN = ("robot.yaml", "samples")
+"""What a fit writes, and replaces when it is repeated."""
 
 
 @dataclass(frozen=True)
@@ -44,8 +48,10 @@ class WithEffects:
     """Learn what the model still misses."""
 
 
-def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_json: bool) -> int:
+def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_json: bool, replace: bool = False) -> int:
     """Print the calibration; with a folder also write the calibrated robot.yaml."""
+    if folder is not None:
+        demand_free(folder, OWN, replace, inputs)
     case = read_case(inputs, robot)
     note(case.table.warnings)
     if case.robot != case.robot.plain:
@@ -59,8 +65,8 @@ def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_json
     except (DiagnosisError, ModelError) as e:
         raise ConfigError(str(e)) from e
     if folder is not None:
-        folder.mkdir(parents=True, exist_ok=True)
-        write_robot(result.robot, folder / "robot.yaml", case.robot_text)
+        with whole(folder, OWN, replace, inputs) as place:
+            write_robot(result.robot, place / "robot.yaml", case.robot_text)
     if as_json:
         print(json.dumps(result.as_dict(), indent=1))
     else:
@@ -70,7 +76,9 @@ def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None, as_json
     return 0
 
 
-def fit_with(inputs: Sequence[Path], robot: Path | None, asked: WithEffects, folder: Path | None, as_json: bool) -> int:
+def fit_with(
+    inputs: Sequence[Path], robot: Path | None, asked: WithEffects, folder: Path | None, as_json: bool, replace: bool = False
+) -> int:
     """Print area factor, effects and tolerances; with a folder also write robot.yaml and robots drawn from the posterior.
 
     Raises ConfigError, BadEffect, RecordingError.
@@ -79,6 +87,8 @@ def fit_with(inputs: Sequence[Path], robot: Path | None, asked: WithEffects, fol
         raise ConfigError(f"--samples {asked.samples}: must be at least 1")
     if asked.samples and folder is None:
         raise ConfigError(f"--samples {asked.samples}: needs --out FOLDER to write the robots into")
+    if folder is not None:
+        demand_free(folder, OWN, replace, inputs)
     case = read_case(inputs, robot)
     note(case.table.warnings)
     known, left_out = catalogue(case.robot, asked.file)
@@ -93,15 +103,16 @@ def fit_with(inputs: Sequence[Path], robot: Path | None, asked: WithEffects, fol
     note(found.concerns)
     written: list[Path] = []
     if folder is not None:
-        folder.mkdir(parents=True, exist_ok=True)
-        written.append(write_robot(found.robot, folder / "robot.yaml", case.robot_text))
-        if asked.samples:
-            names, values, robots = drawn(found.robot, known, asked.samples, asked.seed)
-            samples = write_samples(names, values, robots, folder_in(folder, "samples"), case.robot_text)
-            with Screen("writing robots", quiet=as_json) as screen:
-                for k, _ in enumerate(samples, 1):
-                    screen.progress(k, len(robots))
-            written.append(folder / "samples" / "samples.csv")
+        with whole(folder, OWN, replace, inputs) as place:
+            write_robot(found.robot, place / "robot.yaml", case.robot_text)
+            written.append(folder / "robot.yaml")
+            if asked.samples:
+                names, values, robots = drawn(found.robot, known, asked.samples, asked.seed)
+                samples = write_samples(names, values, robots, folder_in(place, "samples"), case.robot_text)
+                with Screen("writing robots", quiet=as_json) as screen:
+                    for k, _ in enumerate(samples, 1):
+                        screen.progress(k, len(robots))
+                written.append(folder / "samples" / "samples.csv")
     if as_json:
         print(json.dumps({**found.as_dict(), "files": [str(path) for path in written]}, indent=1))
         return 0
@@ -201,9 +212,9 @@ def _fit_verb(a: argparse.Namespace) -> int:
         for name, given in (("--samples", a.samples), ("--effects", a.effects)):
             if given:
                 raise ConfigError(f"{name}: needs --with EFFECT[,EFFECT..]")
-        return fit(a.inputs, a.robot, a.out, a.json)
+        return fit(a.inputs, a.robot, a.out, a.json, a.replace)
     asked = WithEffects(a.with_effects or (), a.effects, a.samples, a.seed, a.residual)
-    return fit_with(a.inputs, a.robot, asked, a.out, a.json)
+    return fit_with(a.inputs, a.robot, asked, a.out, a.json, a.replace)
 
 
 VERBS = (
@@ -216,6 +227,7 @@ VERBS = (
             INPUTS,
             ROBOT,
             option("--out", type=Path, metavar="FOLDER", help="folder for robot.yaml as fitted, and --samples"),
+            REPLACE,
             option(
                 "--with",
                 dest="with_effects",

@@ -17,20 +17,27 @@ from recordings.trials import counted
 
 from ..console import Screen, note, out
 from ..files.config import ConfigError, load
+from ..files.output_folder import demand_free, whole
 from ..imports.formats import KNOWN, read
-from ..imports.guess import guess_map
+from ..imports.guess import guess_map, lacks
+from ..imports.joining import experiments, joined, stream_of
 from ..imports.map_file import Map, Source, demand_units
 from ..imports.proposal import Guess, guess_text
 from ..imports.series import Series
 from ..imports.table import NOT_READ, Imported, imported
-from ..options import ANY_SIZE, JSON, Verb, inputs, option
+from ..options import ANY_SIZE, JSON, REPLACE, Verb, inputs, option
 from ..questions.table import doubtful
 
 MAP, PICTURE = "map.yaml", "states.png"
+OWN = ("robot.yaml", "trials.csv", MAP, PICTURE)
+"""What an import writes, and replaces when it is repeated."""
 
 
-def import_files(inputs: Sequence[Path], map_path: Path, robot_path: Path | None, folder: Path, as_json: bool) -> int:
+def import_files(
+    inputs: Sequence[Path], map_path: Path, robot_path: Path | None, folder: Path, as_json: bool, replace_all: bool = False
+) -> int:
     """Write CASE/robot.yaml, trials.csv, map.yaml and a picture of what was cut; raises ConfigError."""
+    demand_free(folder, OWN, replace_all, inputs)
     wanted = load(map_path, Map)
     robot_path = robot_path or map_path.parent / wanted.robot
     robot = load(robot_path, Robot)
@@ -41,14 +48,14 @@ def import_files(inputs: Sequence[Path], map_path: Path, robot_path: Path | None
     if found:
         raise ConfigError("\n".join(f"{map_path}: {text}" for text in found))
     made = replace(made, notes=(*made.notes, *doubtful(robot, made.table, str(robot_path))))
-    write_case(made, robot, robot_path, map_path, folder)
+    with whole(folder, OWN, replace_all, inputs) as place:
+        write_case(made, robot, robot_path, map_path, place)
     told(made, robot, folder, as_json)
     return 0
 
 
 def write_case(made: Imported, robot: Robot, robot_path: Path, map_path: Path, folder: Path) -> None:
     """The folder of a case; a picture shows which rows became states."""
-    folder.mkdir(parents=True, exist_ok=True)
     for source, name in ((robot_path, "robot.yaml"), (map_path, MAP)):
         copied(source, folder / name)
     write_csv(made.table, folder / "trials.csv")
@@ -60,33 +67,48 @@ def write_case(made: Imported, robot: Robot, robot_path: Path, map_path: Path, f
 def told(made: Imported, robot: Robot, folder: Path, as_json: bool) -> None:
     """What was made, and of what."""
     trials = len(set(made.table.trial.tolist()))
-    written = [str(folder / name) for name in ("robot.yaml", "trials.csv", MAP, PICTURE)]
+    written = [str(folder / name) for name in OWN]
     if as_json:
         files = {"files": written, "read": [str(q.path) for _, q, _ in made.files]}
-        about = {"states": len(made.table), "trials": trials, "columns": made.table.columns, "notes": made.notes}
+        about = {"states": len(made.table), "trials": trials, "columns": made.table.columns, "notes": made.notes,
+                 "check": made.questions}  # fmt: skip
         print(json.dumps(files | about, indent=1))
         return
-    note(made.notes)
+    note((*made.notes, *(f"check: {text}" for text in made.questions)))
     out.print(f"{counted(len(made.table), 'state')} in {counted(trials, 'trial')}")
     out.print(f"written: {', '.join(written)}", soft_wrap=True)
     out.print(f"look at {folder / PICTURE}, then: {shlex.join(('lab', 'diagnose', str(folder)))}", soft_wrap=True)
 
 
 def _first_proposal(inputs: Sequence[Path], robot: Robot) -> tuple[Series, Guess]:
-    """The first file of which a map can be proposed; raises ConfigError for the first one where there is none, or for one that
-    is given by its name."""
+    """The first file of which a map can be proposed, or the first files that hold pressures and tip together; raises ConfigError
+    for the first one where there is none, or for one that is given by its name."""
     failed: list[ConfigError] = []
+    tables: list[Series] = []
     for path in inputs:
         for file in sorted(path.iterdir()) if path.is_dir() else [path]:
             if file.suffix.lower() not in KNOWN:
                 continue
             try:
                 series = read(file, Source())
-                return series, guess_map(series, robot)
+                if not lacks(series, robot):
+                    return series, guess_map(series, robot)
+                tables.append(series)
             except ConfigError as e:
                 if not path.is_dir():
                     raise
                 failed.append(e)
+    kinds = [lacks(series, robot) for series in tables]
+    if tables and not frozenset.intersection(*kinds):
+        streams = [stream_of(series, series.path.name)[0] for series in tables]
+        lead, others = experiments(streams, kinds, lambda kind: "tip" not in kind)[0]
+        series = joined(lead, others)
+        return series, guess_map(series, robot)
+    for series in tables:
+        try:
+            return series, guess_map(series, robot)
+        except ConfigError as e:
+            failed.append(e)
     if failed:
         raise failed[0]
     raise ConfigError(f"{', '.join(map(str, inputs))}: no file of a kind that is read ({', '.join(KNOWN)})")
@@ -104,29 +126,33 @@ def grouped(proposed: Guess) -> dict[str, list[str]]:
     }
 
 
-def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, as_json: bool) -> int:
+def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, as_json: bool, replace_all: bool = False) -> int:
     """Write FOLDER/map.yaml, proposed from headings and numbers, and a picture of what it makes of the file."""
     if robot_path is None:
         raise ConfigError(
             "--robot: give the robot.yaml of this robot, whose length and actuators tell what the columns are; "
             "docs/tutorials/your-rig.md starts with one to copy"
         )
+    own = (MAP, PICTURE, "robot.yaml")
+    demand_free(folder, own, replace_all, inputs)
     robot = load(robot_path, Robot)
     series, proposed = _first_proposal(inputs, robot)
-    folder.mkdir(parents=True, exist_ok=True)
-    copied(robot_path, folder / "robot.yaml")
-    replaced(folder / MAP, guess_text(proposed, Path("robot.yaml"), [series.path], series.form))
     told_of = [f"check: {d}" for d in (*series.notes, *proposed.doubts)]
     made = None
-    try:
-        made = imported(inputs, load(folder / MAP, Map), robot)
-        found = (*implausible_values(robot, made.table), *doubtful(robot, made.table, str(robot_path)))
-        told_of += [f"check: {text}" for text in (*found, *(n for n in made.notes if n.startswith(NOT_READ)))]
-        from ..pages.import_figure import draw
+    with whole(folder, own, replace_all, inputs) as place:
+        copied(robot_path, place / "robot.yaml")
+        replaced(place / MAP, guess_text(proposed, Path("robot.yaml"), [series.path], series.form))
+        try:
+            made = imported(inputs, load(place / MAP, Map), robot)
+            found = (*implausible_values(robot, made.table), *doubtful(robot, made.table, str(robot_path)))
+            told_of += [
+                f"check: {text}" for text in (*found, *made.questions, *(n for n in made.notes if n.startswith(NOT_READ)))
+            ]
+            from ..pages.import_figure import draw
 
-        draw(made, robot, folder / PICTURE)
-    except ConfigError as e:
-        told_of.append(f"check: {e}")
+            draw(made, robot, place / PICTURE)
+        except ConfigError as e:
+            told_of.append(f"check: {e}".replace(str(place), str(folder)))
     if as_json:
         checks = [t.removeprefix("check: ") for t in told_of]
         about = {"map": str(folder / MAP), "reasons": proposed.reasons, "check": checks}
@@ -147,10 +173,10 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, as_json
 
 def _import_verb(a: argparse.Namespace) -> int:
     if a.guess:
-        return guess(a.inputs, a.robot, a.out, a.json)
+        return guess(a.inputs, a.robot, a.out, a.json, a.replace)
     if a.map is None:
         raise ConfigError("--map: give the map.yaml that says what the columns are, or --guess to have one proposed")
-    return import_files(a.inputs, a.map, a.robot, a.out, a.json)
+    return import_files(a.inputs, a.map, a.robot, a.out, a.json, a.replace)
 
 
 VERBS = (
@@ -171,6 +197,7 @@ VERBS = (
                 metavar="FOLDER",
                 help="case folder to write; with --guess: where the map goes",
             ),
+            REPLACE,
         ),
         examples=(
             "lab import table.csv --guess --robot robot.yaml --out map",

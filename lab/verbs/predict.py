@@ -27,6 +27,7 @@ from model.prediction.spread import states_uncertainty
 from model.robot import Robot
 from protocols.parameters import RobotFacts
 from protocols.planned import planned_rows
+from recordings.numbers import whole_number
 
 from ..console import Screen, note, out
 from ..files.config import ConfigError, demand_writable, load
@@ -161,7 +162,7 @@ def table_states(path: Path, words: Words) -> Columns:
     p1 .. are in Pa, `p1 [kPa]` or of tendons `p1 [N]` in that unit.
     """
     own = f"p1 [{words.unit}]"
-    found = read_numbers(path, ASKED, rf"p\d+( ?\[{words.unit}\])?", f"p1 .. (Pa) or {own} .., and spine_length (m)")
+    found = read_numbers(path, ASKED, rf"p[0-9]+( ?\[{words.unit}\])?", f"p1 .. (Pa) or {own} .., and spine_length (m)")
     for name in [name for name in found if "[" in name]:
         bare = name.partition("[")[0].strip()
         if bare in found:
@@ -384,7 +385,7 @@ def _with_half(value: Array, low: Array, high: Array) -> list[str]:
 def _groups(text: str) -> tuple[tuple[int, ...], ...]:
     """Chambers between commas, groups between blanks."""
     try:
-        return tuple(tuple(int(c) for c in group.split(",")) for group in text.split())
+        return tuple(tuple(whole_number(c) for c in group.split(",")) for group in text.split())
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text!r}: write chambers between commas and groups between blanks") from None
 

@@ -401,7 +401,7 @@ def run(
         note(
             [
                 f"the clock of this rig runs at {j.rig.clock.speed:g} times real speed; a computer that cannot keep up reads too "
-                "few samples: start the fakes with a smaller --speed, such as 5"
+                f"few samples: start the fakes with a smaller --speed, such as {slower(j.rig.clock.speed):g}"
             ]
         )
     if result.error is not None and not isinstance(result.error, Stopped):
@@ -409,6 +409,11 @@ def run(
     if not result.safe or (result.error is not None and (result.asked or not result.displaced)):
         return 1
     return 3 if lost or result.displaced or result.table.doubtful.any() else 0
+
+
+def slower(speed: float) -> float:
+    """A speed of the fakes that a busy computer may keep up with, where it does not at this one (above 1)."""
+    return max(1.0, speed // 4)
 
 
 def resume_command(file: Path, rig_path: Path, own: Path | None = None) -> str:

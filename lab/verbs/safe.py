@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from ..guard.door import Landed, land, names_of_path, owners
 from ..guard.report import SafeReport, SafeStep
 from ..options import JSON, OneOf, Verb, option
+from ..priority import coming_first
 
 if TYPE_CHECKING:
     from ..files.rig_file import RigFile
@@ -62,6 +63,7 @@ class Result:
         return {"confirmed": self.report.confirmed, "locked": self.locked, "steps": steps}
 
 
+@coming_first()
 def safe(rig_path: Path, as_json: bool, clear: bool = False) -> int:
     """0 only when every actuator was read back safe, and the rig is not locked afterwards."""
     result = _landed(rig_path, clear)
@@ -73,6 +75,7 @@ def safe(rig_path: Path, as_json: bool, clear: bool = False) -> int:
     return result.code
 
 
+@coming_first()
 def safe_all(as_json: bool) -> int:
     """Land every rig of this computer that a guard owns or that was not left safe; 0 only when all are confirmed."""
     live = land()

@@ -7,6 +7,7 @@ file announces them by a module-level name EFFECTS.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from types import MappingProxyType
 
 from model.effects.laws import actuation, measurement, structure, surroundings, tendons
@@ -17,7 +18,10 @@ GROUP = "softlab.effects"
 
 # Laws on one quantity act in this order: what happens first on the way from gauge to reading comes first.
 CATALOGUE: Mapping[str, EffectSpec] = MappingProxyType(
-    {s.id: s for s in (*actuation.SPECS, *tendons.SPECS, *structure.SPECS, *surroundings.SPECS, *measurement.SPECS)}
+    {
+        s.id: replace(s, standard=True)
+        for s in (*actuation.SPECS, *tendons.SPECS, *structure.SPECS, *surroundings.SPECS, *measurement.SPECS)
+    }
 )
 
 

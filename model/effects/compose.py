@@ -257,8 +257,8 @@ def _obstacle(q: Quantities, out: RodColumns) -> None:
     out[wall + 1] = s * q.plane_direction[0] + c * q.plane_direction[1]
     out[wall + col.SPRING_STIFFNESS] = q.plane_stiffness
     out[wall + col.SPRING_ORIGIN] = q.plane_distance
-    # m: skin and mounting give a little
-    out[wall + col.SPRING_SOFTNESS] = 2e-3
+    # skin and mounting give a little
+    out[wall + col.SPRING_SOFTNESS] = q.robot.length / 200
     last = q.layout.elements[-1]
     curvature = [out[col.TIP_MOMENT + k] / out[last + col.BEND] for k in range(2)]
     thrust = out[col.TIP_FORCE + 2]

@@ -29,6 +29,8 @@ Columns = Mapping[str, NDArray[np.generic]]
 TURN = ("rx", "ry", "rz")
 """Orientation channels: rotation vector (rad, base frame) from the baseline's orientation to the tip's."""
 QUATERNION = ("qw", "qx", "qy", "qz")
+REST = 0.004
+"""Share of the largest pressure up to which a robot is at rest."""
 PAUSE = 3600.0
 """s without a reading after which a robot may have been mounted anew."""
 
@@ -78,7 +80,7 @@ def design_from_columns(robot: Robot, columns: Columns, channels: tuple[str, ...
         force=np.where(stiffness, 0.0, [_numbers(columns, f"force_{a}", 0.0, n) for a in "xyz"]).T,
         roll=np.deg2rad(_numbers(columns, "roll_deg", 0.0, n)),
         pressure=pressure,
-        used=highest_of_trial(trial, pressure) > USED,
+        used=highest_of_trial(trial, pressure) > USED * pressure.max(initial=0.0),
         deflection=np.where(stiffness, _numbers(columns, "deflection", 0.0, n), 0.0),
         channels=observed,
     )
@@ -128,7 +130,7 @@ def with_rest(design: States) -> tuple[States, NDArray[np.int64]]:
         if not own.size:
             continue
         rest[k] = own[0]
-        if np.abs(design.pressure[own[0]]).max() > 1e3:
+        if np.abs(design.pressure[own[0]]).max() > REST * design.pressure.max():
             rest[k] = len(design) + len(extra)
             extra.append(int(own[0]))
     extended = design[np.concatenate([np.arange(len(design)), np.array(extra, int)])]

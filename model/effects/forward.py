@@ -23,6 +23,7 @@ from model.effects.observation import channels, measured, observations
 from model.effects.parameters import ParameterInfo, Spread, parameter_table
 from model.effects.quantities import Quantities, baseline
 from model.effects.readings import Readings, readings
+from model.effects.scales import Scales, scales
 from model.effects.solver import Solved, Steps, differentiate, integration_steps, look_inside, nudged, solve
 from model.effects.spec import EffectSpec, Values
 from model.effects.spine import ShearSpine, shear_spine
@@ -122,8 +123,11 @@ class ForwardModel:
         area_factor: float | None = None,
         plane_direction: Array | None = None,
         every_law: bool = False,
+        sized: Scales | None = None,
     ) -> None:
         """`every_law`: laws are applied also where all their sizes are zero, to see that they do nothing there.
+
+        `sized`: the scales that sizes of effects are multiples of, by default those of the robot and the design.
 
         `area_factor` is what area = 0 means: by default the robot's, its mean over the states with area "one".
 
@@ -135,6 +139,8 @@ class ForwardModel:
         if area not in ("one", "per_length"):
             raise BadCondition(f"area {area!r}: must be 'one' or 'per_length'")
         full, rest_of = with_rest(design)
+        self.scales = sized or scales(robot, design.pressure)
+        catalogue = {id: spec.of(self.scales) for id, spec in catalogue.items()}
         self._vary(robot, full, area, catalogue, sources(design, tuple(catalogue.values()), area, robot.uncertainty.stated))
         self._every_law = every_law
         self._path = loading_path(design, rest_of)
@@ -168,7 +174,8 @@ class ForwardModel:
         A parameter of each trial is then one for all. Raises `BadRobot` for what robot.yaml states wrongly.
         """
         made = cls.__new__(cls)
-        effects = stated_effects(robot, catalogue)
+        made.scales = scales(robot)
+        effects = {id: spec.of(made.scales) for id, spec in stated_effects(robot, catalogue).items()}
         one = conditions(robot, 0.0, np.zeros(len(robot.actuators.azimuths_deg)))
         made._vary(robot, one, "per_length", effects, single_sources(robot, tuple(effects.values())))
         if "contact" in effects and obstacle_direction(robot) is None:
@@ -235,7 +242,7 @@ class ForwardModel:
         self._in_bare = np.flatnonzero(~full.stiffness)
         self.area_factor = factor[: len(design)]
         """(n,) A_effect / A_norm of each state at zero parameters."""
-        self._baseline = baseline(self.robot, self._body, self._layout, full, factor, self._direction)
+        self._baseline = baseline(self.robot, self._body, self._layout, full, factor, self._direction, self.scales)
 
     def __getstate__(self) -> dict[str, Any]:
         """Without the points that it has kept."""
@@ -252,7 +259,7 @@ class ForwardModel:
     def on(self, design: States) -> ForwardModel:
         """The same model for other states: the catalogue, what area = 0 means and the plane that may be touched stay."""
         factor = float(self.area_factor[0]) if self.area == "one" else None
-        return ForwardModel(self.robot, design, self.area, self.catalogue, factor, self._baseline.plane_direction)
+        return ForwardModel(self.robot, design, self.area, self.catalogue, factor, self.plane_direction, sized=self.scales)
 
     def index(self, source: str) -> list[int]:
         """Indices of the parameters of an effect, tolerance or calibration by its id."""

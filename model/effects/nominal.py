@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from model.effects.catalogue import CATALOGUE
 from model.effects.parameters import ParameterInfo
+from model.effects.scales import scales
 from model.effects.spec import EffectSpec, Law, Values
 from model.effects.tolerance import ALWAYS, JAMMING
 from model.errors import BadRobot, nearest
@@ -30,7 +31,8 @@ def stated_effects(robot: Robot, catalogue: Mapping[str, EffectSpec] = CATALOGUE
     Raises `BadRobot` for an effect, tolerance, parameter or unit that is not known, and a value out of its bounds.
     """
     known = {**CATALOGUE, **catalogue}
-    found = [*_problems("effects", robot.effects, known), *_problems("tolerances", robot.tolerances, TOLERANCES)]
+    sized = {id: spec.of(scales(robot)) for id, spec in known.items() if id in robot.effects}
+    found = [*_problems("effects", robot.effects, {**known, **sized}), *_problems("tolerances", robot.tolerances, TOLERANCES)]
     if found:
         raise BadRobot("\n".join(f"robot {robot.name!r}: {line}" for line in found))
     return {id: spec for id, spec in known.items() if id in robot.effects}

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from model.body import Body
 from model.condition import States
 from model.effects.layout import Layout
+from model.effects.scales import STANDARD, Scales
 from model.robot import Robot
 
 Array = NDArray[np.float64]
@@ -40,6 +41,8 @@ class Quantities:
     layout: Layout
     """Of its rods."""
     design: States
+    scales: Scales = STANDARD
+    """Which sizes are multiples of."""
     pressure: Array
     """(v, n, chambers) Pa gauge in the chambers."""
     area_factor: Array
@@ -128,7 +131,9 @@ class Quantities:
     """Stiffness rows: N/m of what is squeezed over that way; 0: nothing is."""
 
 
-def baseline(robot: Robot, body: Body, layout: Layout, design: States, area_factor: Array, direction: Array) -> Quantities:
+def baseline(
+    robot: Robot, body: Body, layout: Layout, design: States, area_factor: Array, direction: Array, scales: Scales = STANDARD
+) -> Quantities:
     """The paper's model: nothing is changed. `area_factor` (n,); `direction` (2,) of an obstacle, should there be one."""
     n = len(design)
     chambers = np.deg2rad(robot.actuators.azimuths_deg)
@@ -137,6 +142,7 @@ def baseline(robot: Robot, body: Body, layout: Layout, design: States, area_fact
         body=body,
         layout=layout,
         design=design,
+        scales=scales,
         pressure=design.pressure[None],
         area_factor=np.broadcast_to(area_factor[None, :, None], (1, n, chambers.size)),
         azimuth=(chambers[None, :] + design.roll[:, None])[None],

@@ -22,6 +22,8 @@ class Readings:
     """Arrays (v or 1, n, ...) in the base frame; replace them, never write into them."""
 
     design: States
+    length: float
+    """m, of the robot."""
     tip: Array
     """(v, n, 3) m."""
     orientation: Array
@@ -33,7 +35,9 @@ class Readings:
 
     def first(self, n: int) -> Readings:
         """The readings of the first n states."""
-        return Readings(self.design, self.tip[:, :n], self.orientation[:, :n], self.markers[:, :n], self.force[:, :n])
+        return Readings(
+            self.design, self.length, self.tip[:, :n], self.orientation[:, :n], self.markers[:, :n], self.force[:, :n]
+        )
 
     def turn(self, vector: Array) -> None:
         """Turn the frame of all readings by a rotation vector (v, n or 1, 3) rad."""
@@ -51,6 +55,5 @@ def readings(q: Quantities, shear: ShearSpine, solved: Array) -> Readings:
     force = np.zeros((v, n))
     if q.design.stiffness.any():
         force = force + cantilever_force(q, shear)
-    return Readings(
-        q.design, solved[..., :3].copy(), solved[..., at.ORIENTATION : at.ORIENTATION + 4].copy(), markers.copy(), force
-    )
+    tip, turn = solved[..., :3].copy(), solved[..., at.ORIENTATION : at.ORIENTATION + 4].copy()
+    return Readings(q.design, q.robot.length, tip, turn, markers.copy(), force)

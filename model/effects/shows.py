@@ -49,7 +49,7 @@ def possible(robot: Robot, spec: EffectSpec) -> bool:
 def set_points(robot: Robot, design: States) -> bool:
     """A table that holds what was asked for: the same pressures again and again, to the last digit, as no reading is."""
     pressure = design.pressure[~design.stiffness]
-    driven = pressure[pressure > USED]
+    driven = pressure[pressure > USED * pressure.max(initial=0.0)]
     return driven.size > 0 and len(np.unique(driven)) <= REPEATED * driven.size
 
 
@@ -76,12 +76,13 @@ def sides_apart(robot: Robot, pressure: Array) -> bool:
 def returns(robot: Robot, design: States) -> bool:
     """A state that comes after one of higher pressure."""
     highest = design.pressure[~design.stiffness].max(axis=1, initial=0.0)
-    return bool((highest + USED < np.maximum.accumulate(highest)).any()) if highest.size else False
+    return bool((highest + USED * highest.max() < np.maximum.accumulate(highest)).any()) if highest.size else False
 
 
 def _inflated(pressure: Array) -> Array:
     """(m, chambers) Pa of the states with pressure, of (n, chambers)."""
-    return np.where(pressure > USED, pressure, 0.0)[pressure.max(axis=1, initial=0.0) > USED]
+    least = USED * pressure.max(initial=0.0)
+    return np.where(pressure > least, pressure, 0.0)[pressure.max(axis=1, initial=0.0) > least]
 
 
 def _differ(vectors: Array, same: float) -> bool:

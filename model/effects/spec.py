@@ -10,7 +10,7 @@ At zero parameters an effect does nothing, to the last bit, whatever other effec
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from model.effects.history import History
     from model.effects.quantities import Quantities
     from model.effects.readings import Readings
+    from model.effects.scales import Scales
     from model.robot import Robot
 
 Array = NDArray[np.float64]
@@ -57,6 +58,11 @@ class Parameter:
                 f"parameter {self.name}: scale {self.scale:g} {self.unit} must be positive and "
                 f"the bounds {self.low:g}..{self.high:g} must include zero, where the effect is absent"
             )
+
+    def times(self, factor: float) -> Parameter:
+        """The same with all numbers times a factor."""
+        starts = tuple(factor * start for start in self.starts)
+        return replace(self, scale=factor * self.scale, low=factor * self.low, high=factor * self.high, starts=starts)
 
 
 @dataclass(frozen=True)
@@ -96,6 +102,8 @@ class EffectSpec:
     """The effect as a noun phrase, for tables and figures; empty: its id in words."""
     says: str = ""
     """The effect in plain words, {} for its size, as [more|less] a word by the sign of a size; empty: its id says it."""
+    standard: bool = False
+    """Whether sizes are those of a robot with the scales `scales.STANDARD`, and others have theirs in proportion."""
     family: str = ""
     """Effects of one family are forms of one cause; empty: the effect is its own family."""
     tolerated: bool = True
@@ -115,6 +123,12 @@ class EffectSpec:
             raise BadEffect(f"effect {self.id}: parameters {names}, needs at least one, and distinct names")
         if not any(p.role == "size" for p in self.parameters):
             raise BadEffect(f"effect {self.id}: no parameter is a size, so it could never be absent")
+
+    def of(self, scales: Scales) -> EffectSpec:
+        """The effect with sizes, bounds and starts of a robot with these scales."""
+        if not self.standard:
+            return self
+        return replace(self, standard=False, parameters=tuple(p.times(scales.times_standard(p.unit)) for p in self.parameters))
 
     @property
     def name(self) -> str:

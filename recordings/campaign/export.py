@@ -27,8 +27,10 @@ StreamFormat = Literal["csv", "parquet", "mat"]
 Columns = dict[str, NDArray[Any]]
 
 
-def export_streams(recording: Recording, folder: str | os.PathLike[str], form: StreamFormat = "csv") -> list[Path]:
-    """Write each stream that has samples to `<stream>.csv` or `.parquet`, or all to one `.mat`; returns the files.
+def export_streams(
+    recording: Recording, folder: str | os.PathLike[str], form: StreamFormat = "csv", name: str = ""
+) -> list[Path]:
+    """Write each stream that has samples to `<stream>.csv` or `.parquet`, or all to one `<name>.mat`; returns the files.
 
     The states that were read are in `trials`, what people asked of the run (notes among it) in `requests`, where there are
     any. `columns` has unit and meaning of every column, and the wall time of t = 0.
@@ -58,7 +60,7 @@ def export_streams(recording: Recording, folder: str | os.PathLike[str], form: S
         if asked:
             tables["requests"] = _texts_as_objects(requests)
         tables["columns"] = _texts_as_objects(described)
-        return [write_mat(tables, folder / f"{recording.path.stem}.mat")]
+        return [write_mat(tables, folder / f"{name or recording.path.stem}.mat")]
     written = [folder / f"{stem}.{form}" for stem in tables]
     for columns, path in zip(tables.values(), written, strict=True):
         _write(columns, path)

@@ -13,6 +13,7 @@ import re
 from dataclasses import asdict, dataclass
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
+from ..ambient import AMBIENT
 from ..errors import BadMessage
 from ..json_text import read_json
 from ..messages import STREAMS, is_stream
@@ -30,8 +31,6 @@ LONGEST_AVERAGE = 10_000
 """Samples of a moving average."""
 BESIDE_JSON = ("clipped", "vacuum", "least_force", "bodies")
 """Fields of a state that came after its JSON text was first read key by key."""
-AMBIENT = 101_325.0
-"""Standard atmosphere, Pa."""
 
 
 @dataclass(frozen=True)

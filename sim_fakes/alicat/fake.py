@@ -12,6 +12,7 @@ Faults of its own, in `faults.extra` (letters of units: "B" or "BC"):
     stuck     these units repeat the pressure that they showed when the fault began
     ignore    these units keep their set-point whatever is sent
     refuse    these units answer everything with `?`
+    no_lock   what units without a panel lock answer to `L`: {"B": "?"}, "" for nothing
     reading   pressure (Pa) that all units show instead of the measured one
     status    {"A": "OVR"}: status codes shown by a unit
     swap      these units answer under the next letter
@@ -130,7 +131,13 @@ class AlicatFake(PtyFake):
         unit = self.device.get(letter)
         if unit is None or self._has("dead", letter) or self._misses(letter):
             return True
-        answer = "?" if self._has("refuse", letter) else self._answer(letter, unit, words)
+        unlockable = self.faults.extra.get("no_lock")
+        if words == "L" and isinstance(unlockable, dict) and letter in unlockable:
+            answer = str(unlockable[letter])
+            if not answer:
+                return True
+        else:
+            answer = "?" if self._has("refuse", letter) else self._answer(letter, unit, words)
         if answer != "?":
             shown = chr(ord(letter) + 1) if self._has("swap", letter) else letter
             answer = "\r".join(f"{shown} {row}" for row in answer.split("\r"))

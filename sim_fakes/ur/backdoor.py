@@ -2,8 +2,8 @@
 Unix socket, so that only its own user can reach it.
 
 Requests, `do` and its other keys:
-- state; set (q [rad], pose [m, rotation vector], wrench [N, N m], slider 0..1, payload [kg], payload_centre [m],
-  tcp [m, rotation vector]); forget (empties the logs)
+- state; set (q [rad], pose [m, rotation vector], wrench [N, N m], slider 0..1, scaling 0..1, payload [kg],
+  payload_centre [m], tcp [m, rotation vector]); forget (empties the logs)
 - protective_stop; emergency_stop; clear; power (on)
 - pause (at the pendant; clear lets the program go on); safeguard_stop (somebody opens the cell, the same)
 - safety (name: any state, as the dashboard calls it); serial (text)
@@ -128,11 +128,13 @@ def act(hub: Hub, request: dict[str, Any]) -> None:
 
 
 def _set(controller: Controller, request: dict[str, Any]) -> None:
-    unknown = set(request) - {"do", "q", "pose", "wrench", "slider", "payload", "payload_centre", "tcp"}
+    unknown = set(request) - {"do", "q", "pose", "wrench", "slider", "scaling", "payload", "payload_centre", "tcp"}
     if unknown:
         raise ValueError(f"unknown keys {sorted(unknown)}")
     if "slider" in request:
         controller.slider = min(1.0, max(0.0, float(request["slider"])))
+    if "scaling" in request:
+        controller.scaling = min(1.0, max(0.0, float(request["scaling"])))
     if "payload" in request:
         controller.payload = float(request["payload"])
     if "payload_centre" in request:

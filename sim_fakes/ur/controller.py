@@ -103,6 +103,8 @@ class Controller:
     serial: str = "20183500000"
     wrench: Array = field(default_factory=lambda: np.zeros(6))
     slider: float = 1.0
+    scaling: float = 1.0
+    """Share of the programmed speed that its trajectory limiter allows, in reduced mode or by another limit; 0..1."""
     payload: float = 0.8
     """kg"""
     payload_centre: Array = field(default_factory=lambda: np.array([0.0, 0.0, 0.05]))
@@ -144,6 +146,11 @@ class Controller:
         self._random = np.random.default_rng(self.seed)
         self._measure()
 
+    @property
+    def rate(self) -> float:
+        """Share of the programmed speed at which the arm moves."""
+        return self.slider * self.scaling
+
     # -- one cycle
     def advance(self, lasted: float = math.inf) -> None:
         """One cycle that took `lasted` s of host time."""
@@ -154,7 +161,7 @@ class Controller:
         while self._steps and self._steps[0][0] <= self.t:
             self.robot_mode = self._steps.pop(0)[1]
         try:
-            if self._program is not None and self.runtime == Runtime.PLAYING and not self._program.cycle(dt * self.slider):
+            if self._program is not None and self.runtime == Runtime.PLAYING and not self._program.cycle(dt * self.rate):
                 self.end_program("stopped by the client")
         except ProgramError as error:
             self.end_program(str(error))
@@ -175,7 +182,7 @@ class Controller:
     def _measure(self) -> None:
         noise = self._random.normal(size=(2, 6))
         self._actual_q = self.arm.q + 1e-5 * noise[0]  # rad
-        self._actual_qd = self.arm.qd + 1e-4 * noise[1]  # rad/s
+        self._actual_qd = self.rate * self.arm.qd + 1e-4 * noise[1]  # rad/s
         self._actual_tcp: tuple[Array, Array] | None = None
 
     def _measured_tcp(self) -> tuple[Array, Array]:
@@ -336,7 +343,7 @@ class Controller:
             "payload": self.payload,
             "safety_status_bits": self.safety,
             "robot_status_bits": (self.robot_mode != RobotMode.POWER_OFF) | (self.runtime != Runtime.STOPPED) << 1,
-            "speed_scaling": self.slider,
+            "speed_scaling": self.scaling,
             "target_speed_fraction": self.slider,
         }
         if name in scalars:
@@ -361,11 +368,11 @@ class Controller:
             case "target_q":
                 return self.arm.q
             case "target_qd":
-                return self.arm.qd
+                return self.rate * self.arm.qd
             case "target_TCP_pose":
                 return self.arm.pose_vector()
             case "target_TCP_speed":
-                return self.arm.tcp_speed()
+                return self.rate * self.arm.tcp_speed()
         return None
 
 

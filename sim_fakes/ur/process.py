@@ -17,6 +17,7 @@ from typing import Any
 
 import timing
 
+from ..punctual import punctual
 from . import dashboard, rtde, upload
 
 START_TIMEOUT = 20.0
@@ -69,6 +70,7 @@ class UrProcess:
         if clock_start is not None:
             command += ["--clock-start", repr(clock_start)]
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        punctual(self.process.pid)  # before it imports anything
         self._line: socket.socket | None = None
         self._wait_until_ready()
 

@@ -14,6 +14,7 @@ from diagnosis.investigate import Foretold, NotDone, Round, bits_gained, investi
 from diagnosis.judgement import CERTAIN
 from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
+from model.effects.scales import scales
 from recordings.trials import TrialRow
 from tests.diagnosis.small_campaigns import FEW, SOME, measured
 from tests.diagnosis.test_case import ROBOT, Measured, case
@@ -53,7 +54,9 @@ class Made:
 
     def _read(self, proposal: Proposal) -> Sequence[TrialRow]:
         table = columns(proposal.protocol, 9, ("x", "y", "z"))
-        forward = ForwardModel(ROBOT, design_from_columns(ROBOT, table), "one", OPTIONS.catalogue)
+        pressures = np.array([r.pressures for r in self.start.table])  # the cause is that of the start, whatever is asked next
+        design, sized = design_from_columns(ROBOT, table), scales(ROBOT, pressures)
+        forward = ForwardModel(ROBOT, design, "one", OPTIONS.catalogue, sized=sized)
         theta = np.zeros(len(forward.parameters))
         theta[forward.index(CAUSE_PROBABILITY)[0]] = SIZE
         values = forward.predict(theta)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import lab
 from diagnosis.data.plausible import implausible_values, require_plausible
@@ -177,10 +178,46 @@ def test_an_unusual_campaign_is_left_alone(rows: tuple[TrialRow, ...]) -> None:
 def test_a_tip_that_weights_move_while_regulators_hum_is_no_other_unit() -> None:
     rng = np.random.default_rng(3)
     rows = [
-        replace(r, pressures=tuple(rng.normal(0, 40.0, 9).tolist()), tip=(-0.03 * i, 0.0, 0.39), tip_mass=0.1 * i)
+        replace(
+            r, pressures=tuple(rng.normal(0, 40.0, 9).tolist()), tip=(-0.03 * i, 0.0, 0.39), tip_mass=0.1 * i, orientation=None
+        )
         for i, r in enumerate(sweep())
     ]
     assert implausible_values(ROBOT, Table.of(rows)) == ()
+
+
+UP = Rotation.from_euler("x", 90, degrees=True)
+ASKEW = Rotation.from_euler("zy", (90, -90), degrees=True)
+
+
+@pytest.mark.parametrize(
+    ("change", "told", "remedy"),
+    [
+        (lambda turn: UP * turn, "turned by 90 deg", "from the left by (0.707, -0.707, 0, 0) (w"),
+        (lambda turn: turn * ASKEW, "turned by 120 deg", "from the right by"),
+        (lambda turn: UP * turn * UP.inv(), "another axis", "and from the right by (0.707, 0.707, 0, 0)"),
+        (lambda turn: turn.inv(), "another axis", "change the sign of qx, qy and qz"),
+    ],
+    ids=["world", "body", "frame", "inverse"],
+)
+def test_attitudes_in_another_frame_than_the_tips_are_refused_with_the_turn_that_is_missing(
+    change: Callable[[Rotation], Rotation], told: str, remedy: str
+) -> None:
+    rows = []
+    for chambers in (BENDING, (3, 4, 5), (6, 7, 8)):
+        for r in sweep(chambers=chambers, spines=(0.0,)):
+            shown = change(Rotation.from_quat(r.orientation, scalar_first=True))
+            rows.append(replace(r, orientation=tuple(shown.as_quat(scalar_first=True).tolist())))
+    (text,) = implausible_values(ROBOT, Table.of(rows))
+    assert told in text and remedy in text, text
+
+
+def test_attitudes_of_a_robot_that_sags_at_rest_are_left_alone() -> None:
+    level = ROBOT.model_copy(update={"gravity": (9.81, 0.0, 0.0), "youngs_modulus": 200e3, "shear_modulus": 67e3})
+    rows = [
+        r for side in (BENDING, (3, 4, 5)) for r in sweep(level, levels=(0.0, 20e3, 40e3, 60e3), chambers=side, spines=(0.0,))
+    ]
+    assert abs(np.median([r.tip[0] for r in rows])) > 0.1 and implausible_values(level, Table.of(rows)) == ()
 
 
 def test_a_body_too_limp_to_stand_may_hang_anywhere() -> None:

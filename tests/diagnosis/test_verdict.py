@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from diagnosis.answer.calibration import origins
-from diagnosis.answer.headline import headline
+from diagnosis.answer.headline import MOST_WORDS, headline
 from diagnosis.answer.result import (
     Absorbed,
+    Alike,
     Attribute,
     Calibration,
     Carries,
@@ -23,8 +24,9 @@ from diagnosis.answer.result import (
     Verdict,
     Waterfall,
 )
-from diagnosis.answer.sentences import Facts, beyond_tolerance, stands_for, statement, stiffness_sentence
-from diagnosis.answer.verdict import conclude, decide, rivals
+from diagnosis.answer.sentences import Facts, beyond_tolerance, changed_by, stands_for, statement, stiffness_sentence
+from diagnosis.answer.size import Size
+from diagnosis.answer.verdict import conclude, decide, doubts, rivals
 from diagnosis.criticism.stage_errors import StageError
 from diagnosis.inference.posterior import Posterior
 from diagnosis.judgement import BENCHMARK
@@ -267,6 +269,60 @@ def test_where_a_relative_does_the_same_no_cause_is_certain_and_the_answer_says_
     outside = replace(decide(OUTSIDE, True), relatives=("mount_creeps",))
     told = statement(replace(facts(OUTSIDE), decision=outside))
     assert "It may be a mount that turns during the campaign: repeat the first trial" in told
+
+
+def test_a_cause_whose_size_is_nothing_or_impossible_or_that_leaves_much_is_not_certain() -> None:
+    sure = Size("base_tilt.x", "rad", 0.02, 0.02, 0.002, -0.2, 0.2, 0.017, 0.023, True)
+    none = replace(sure, name="base_tilt.y", mean=0.001)
+    shape = replace(none, name="base_tilt.growth", mean=9.0, role="shape")
+    little = Shrink("", 3.0, 0.6, 0.3, 0.99, None, ())
+    assert not [*doubts([sure, none, shape], ("base_tilt",), little)]
+    assert [*doubts([none, shape], ("base_tilt",), little)] == ["the size of base_tilt is zero within its error"]
+    assert [*doubts([replace(sure, mean=-0.3)], ("base_tilt",), little)] == ["base_tilt would have an impossible size"]
+    assert [*doubts([sure], ("base_tilt",), replace(little, after_mm=1.8))] == ["1.8 mm remain on unseen states"]
+    assert not [*doubts([sure], ("base_tilt",), replace(little, after_mm=1.8, before_mm=20.0))]
+    (alone,) = doubts([sure], ("base_tilt",), little, ("contact",))
+    told = statement(replace(facts(SURE), conclusion="one of several", doubts=(alone,)))
+    assert told.startswith("Behaves most like tilt of the base [base_tilt]")
+    assert "Not certain: contact alone would do the same without calibration." in told
+
+
+CALIBRATED = Waterfall("", 9, 14.8, (Step("calibration", None, 14.5, 14.0, 15.0, 0.3),), {}, None)
+NOTHING = replace(facts(NONE), conclusion="noise", waterfall=CALIBRATED, where=replace(WHERE, noise_floor_mm=0.3))
+
+
+def test_what_else_would_do_what_an_area_factor_does_stands_beside_it_with_the_experiment() -> None:
+    found = Calibration(
+        1.2, 1.5, alike=(Alike("tip_payload.mass", 0.117, "kg", 0.32), Alike("body_modulus.excess", 0.25, "1", 0.4))
+    )
+    told = statement(replace(NOTHING, calibration=found))
+    assert told.startswith("Calibration closes 100 % of the reducible gap") and "(1.20 instead of 1.50" in told
+    for each in ("[tip_payload] +117 g (0.32 mm remain)", "[body_modulus] +25 % (0.40 mm remain)", "pressures", "radius"):
+        assert each in told
+    assert "weigh what the tip carries, hang a known mass on it without pressure, hold a gauge" in told
+    changed = changed_by(replace(NOTHING, calibration=found))
+    assert changed == "a body 25 % stiffer or tip payload +117 g"
+    for which in (attribute("none", "noise"), attribute("effect", "one of several", {}, "base_tilt")):
+        said = headline(which, CATALOGUE, by_calibration=1.0, calibrated=changed, alone=True)
+        assert f"({changed}) (p = 0.96)" in said and len(said.split()) <= MOST_WORDS
+
+
+@pytest.mark.parametrize(
+    ("of_rod", "of_data", "told"),
+    [(0.9, 1.5, "the gap is in sofa.csv"), (1.5, 2.5, "check area_factor and youngs_modulus of robot.yaml"), (0.9, 2.0, "")],
+)
+def test_a_simulator_is_told_as_which_pressure_it_acts_and_where_to_look(of_rod: float, of_data: float, told: str) -> None:
+    own = Simulator("sofa.csv", of_rod, 10.0, 0.1, 0.0, 0.0, 1.5)
+    text = statement(replace(NOTHING, simulator=own, calibration=Calibration(of_data, of_rod)))
+    assert f"sofa.csv acts as with {of_rod / of_data:.2f} times the pressure; that closes 14.5 of 14.8 mm." in text
+    assert told in text and ("the gap is in" in text) == ("the gap is in" in told)
+
+
+def test_a_simulator_that_does_what_nobody_measures_has_the_gap() -> None:
+    own = Simulator("elastica.csv", 1.5, 10.0, 9.0, 1.0, 9.0, 1.5)
+    steps = (Step("calibration", None, 0.1, 0.0, 0.2, 9.0), Step("simulator", None, 8.7, 8.0, 9.0, 0.3))
+    text = statement(replace(NOTHING, simulator=own, waterfall=replace(CALIBRATED, given_mm=9.1, steps=steps)))
+    assert "The gap is in elastica.csv." in text
 
 
 def attribute(

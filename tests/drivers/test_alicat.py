@@ -206,7 +206,7 @@ def test_an_answer_that_lost_a_digit_is_no_reading(fake: AlicatFake, regulators:
 
     fake._frame = short  # type: ignore[method-assign]
     assert regulators.read().measured[1] == pytest.approx(0.0, abs=1e3)
-    assert regulators._retries.total == 1
+    assert regulators._line.quality.repeats == 1
 
 
 def test_a_sweep_that_takes_too_long_is_stale(opened: Make, fake: AlicatFake) -> None:
@@ -234,7 +234,7 @@ def test_what_a_breakout_box_puts_behind_a_line_costs_no_retry(opened: Make, fak
     for _ in range(20):
         regulators.read()
     regulators.set((100.0,) * 3)
-    assert regulators._retries.total == 0
+    assert regulators._line.quality.repeats == 0
 
 
 def test_settings_are_read_while_another_thread_polls(regulators: Alicat) -> None:
@@ -444,6 +444,18 @@ def test_panels_are_locked_while_open_and_unlocked_at_the_end(regulators: Alicat
     assert not any(unit.panel("unit", "psi") for unit in fake.device.values())
     regulators.close()
     assert all(unit.panel("unit", "kPa") for unit in fake.device.values())
+
+
+@pytest.mark.parametrize("answer", ["?", ""], ids=["rejected", "ignored"])
+def test_a_unit_that_does_not_lock_its_panel_is_used_with_a_warning(opened: Make, fake: AlicatFake, answer: str) -> None:
+    fake.faults.extra["no_lock"] = {"B": answer}
+    regulators = opened(timeout=0.1)
+    (notice,) = regulators.take_notices()
+    assert "unit B does not lock its front panel (command BL" in notice
+    regulators.confirm_settings()
+    regulators.set((1e3,) * 3)
+    assert regulators.take_notices() == []
+    assert fake.device["A"].locked and not fake.device["B"].locked
 
 
 def test_a_panel_that_somebody_unlocks_is_checked_and_locked_again(regulators: Alicat, fake: AlicatFake) -> None:

@@ -73,6 +73,26 @@ def test_an_echoing_adapter_is_harmless_and_named_where_notices_are_taken(unit: 
         assert not any("echo" in text for text in unit.driver.take_notices())
 
 
+@units(*READ)
+@pytest.mark.parametrize("delay", [0.008, 0.016, 0.02])
+def test_answers_that_an_adapter_holds_back_are_named_once_with_the_remedy(unit: Unit, delay: float) -> None:
+    driver = unit.another(timeout=1.0)
+    for line in unit.disturbed:
+        line.byte_time *= SPEED  # the line itself is as slow as in rig.yaml
+    driver.open()
+    for _ in range(25):
+        driver.read()
+    assert driver.take_notices() == []
+    for line in unit.disturbed:
+        line.faults.delay = delay
+    for _ in range(25):
+        driver.read()
+    (told, *_) = driver.take_notices()
+    assert "later than the line needs" in told and "latency" in told
+    assert driver.take_notices() == []
+    driver.close()
+
+
 @units(*POLLED)
 def test_noise_of_a_line_that_is_turned_round_is_no_part_of_an_answer(unit: Unit) -> None:
     for line in unit.disturbed:

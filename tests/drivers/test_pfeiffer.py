@@ -61,17 +61,52 @@ def test_a_defective_gauge_is_a_fault_at_open_and_while_reading(opened: Opened, 
         opened()
 
 
+def test_a_gauge_that_warns_goes_on_measuring_and_says_so_once(opened: Opened, fake: PfeifferFake) -> None:
+    fake.faults.extra["error"] = "Wrn007"
+    gauge = opened()
+    for _ in range(2 * HEALTH_EVERY):
+        gauge.read()
+    (notice,) = gauge.take_notices()
+    assert "warns with Wrn007 (parameter 303)" in notice and "cable" not in notice
+
+
+def test_an_error_that_the_library_does_not_know_is_a_fault_by_its_code(opened: Opened, fake: PfeifferFake) -> None:
+    fake.faults.extra["error"] = "Err044"
+    with pytest.raises(DeviceFault, match="reports Err044") as caught:
+        opened()
+    assert "cable" not in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", ["    B7", "UNKNOWN", "a+b(c"])
+def test_an_answer_with_a_right_checksum_is_no_fault_of_the_cable(opened: Opened, fake: PfeifferFake, kind: str) -> None:
+    fake.kind = kind
+    with pytest.raises(WrongDevice, match="gauge type") as caught:
+        opened()
+    assert "cable" not in str(caught.value)
+
+
+def test_a_refusal_is_no_fault_of_the_line(opened: Opened, fake: PfeifferFake) -> None:
+    """A gauge without a correction factor is asked for it again and again."""
+    fake.correction = None
+    gauge = opened()
+    for _ in range(15 * HEALTH_EVERY):
+        gauge.read()
+    assert gauge.take_notices() == []
+
+
 def test_an_answer_from_another_address_is_not_taken(gauge: PfeifferGauge, fake: PfeifferFake) -> None:
     fake.faults.extra["wrong_address"] = True
-    with pytest.raises(BadReply, match="pressure"):
+    with pytest.raises(BadReply, match="its pressure, but address 2 answered") as caught:
         gauge.read()
+    assert "cable" not in str(caught.value)
 
 
 @pytest.mark.parametrize("word", ["NO_DEF", "_RANGE", "_LOGIC"])
 def test_a_refusal_is_a_bad_reply(gauge: PfeifferGauge, fake: PfeifferFake, word: str) -> None:
     fake.faults.extra["refuse"] = word
-    with pytest.raises(BadReply, match=word):
+    with pytest.raises(BadReply, match=word) as caught:
         gauge.read()
+    assert "cable" not in str(caught.value)
 
 
 def test_an_answer_that_came_too_late_is_not_taken_for_another_question(opened: Opened, fake: PfeifferFake, plant: Plant) -> None:

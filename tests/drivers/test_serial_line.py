@@ -1,10 +1,13 @@
 """The request/reply line, against a pty whose other end the test holds."""
 
 import contextlib
+import fcntl
 import os
 import pty
+import re
+import termios
 import tty
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,9 +15,13 @@ from typing import Any
 import pytest
 
 import timing
-from drivers import serial_line
+from drivers import serial_line, usb_adapter
+from drivers.dynamixel.bus import Servo
 from drivers.errors import BadReply, NoReply, NotReady, Unreachable
-from drivers.serial_line import SerialLine
+from drivers.serial_line import SerialLine, SerialPort
+from drivers.tmcl.bus import Axis
+from drivers.usb_adapter import adapter
+from tests.sim_fakes.plugged import Plugged
 
 
 @dataclass
@@ -188,3 +195,77 @@ def test_a_closed_line_is_not_ready_and_closing_again_does_nothing(line: SerialL
     line.close()
     with pytest.raises(NotReady, match="not open"):
         line.write(b"A")
+
+
+class Timers:
+    """A computer whose ports have USB adapters with a latency timer, as Linux describes and serves them."""
+
+    def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(usb_adapter, "TTYS", folder)
+        self.folder, self._flags, self._ioctl = folder, 0, fcntl.ioctl
+        monkeypatch.setattr(fcntl, "ioctl", self._served)
+
+    @property
+    def low_latency(self) -> bool:
+        return bool(self._flags & 0x2000)
+
+    def _served(self, number: int, request: int, *arguments: Any) -> Any:
+        if request == termios.TIOCGSERIAL:
+            arguments[0][4] = self._flags
+        elif request == termios.TIOCSSERIAL:
+            self._flags = arguments[0][4]
+        else:
+            return self._ioctl(number, request, *arguments)
+        return 0
+
+    def is_set(self, port: str, milliseconds: int) -> None:
+        file = self.folder / Path(port).name / "device" / "latency_timer"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(f"{milliseconds}\n")
+
+
+@pytest.fixture
+def timers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Timers:
+    return Timers(tmp_path, monkeypatch)
+
+
+@pytest.mark.parametrize("kind", ["line", "tmcl", "dynamixel"])
+def test_each_serial_port_is_opened_at_low_latency_where_its_driver_has_that(end: OtherEnd, timers: Timers, kind: str) -> None:
+    port = os.ttyname(end.slave)
+    ports: dict[str, Callable[[], SerialPort]] = {
+        "line": lambda: SerialLine("gauge", port, 19200, 0.1),
+        "tmcl": lambda: Axis("spine", port, 115200, 1, 2, 0, 0.1),
+        "dynamixel": lambda: Servo("spine", port, 57600, 1, 0.1),
+    }
+    opened = ports[kind]()
+    opened.open()
+    assert timers.low_latency
+    opened.close()
+
+
+@pytest.mark.parametrize(
+    ("timer", "said"),
+    [
+        (16, "because the latency timer of its adapter is 16 ms; set it to 1 ms: echo 1"),
+        (1, "although the latency timer .* 1 ms"),
+    ],
+)
+def test_a_notice_of_late_answers_says_what_the_adapters_timer_is_set_to(
+    line: SerialLine, timers: Timers, timer: int, said: str
+) -> None:
+    timers.is_set(line.port, timer)
+    for _ in range(20):
+        line.quality.sent(2)
+        line.quality.answered(timing.now() - 0.016, 10)
+    (told,) = line.take_notices()
+    assert re.search(said, told)
+
+
+def test_an_adapter_is_known_by_its_serial_number_or_by_its_socket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    port = tmp_path / "ttyUSB0"
+    (tmp_path / "by-id").symlink_to(port)
+    plugged = Plugged(monkeypatch, [str(port)])
+    assert adapter(str(tmp_path / "by-id")) == "0403:6014 serial number FT1"
+    plugged.numbered = False
+    assert adapter(str(port)) == "0403:6014 at USB socket 1-FT1"
+    assert adapter(str(tmp_path / "ttyS0")) == ""

@@ -126,6 +126,13 @@ def test_an_answer_to_somebody_elses_question_is_not_taken(make: Make, fault: st
         spine.read()
 
 
+def test_a_module_that_answers_another_host_is_told_from_a_broken_cable(make: Make) -> None:
+    spine, _ = make({"host": 3}, timeout=0.1)
+    with pytest.raises(WrongDevice, match=r"to host 3, not 2: correct `host` .*global parameter 76") as caught:
+        spine.open()
+    assert "cable" not in str(caught.value)
+
+
 def test_a_refusal_tells_the_modules_reason(make: Make) -> None:
     spine, module = make()
     homed(spine)

@@ -1,5 +1,6 @@
 """What the pendant and the safety system of the arm are set to: read at `open`, before each trial and before each motion."""
 
+import re
 from collections.abc import Iterator
 from contextlib import AbstractContextManager
 from typing import Any
@@ -10,6 +11,7 @@ from ur5_rig import Rig, a_rig, an_arm, discard, raised
 import timing
 from drivers.errors import DeviceFault, NotReady, Unreachable, WrongDevice
 from drivers.ur5.driver import UR5, Config
+from drivers.ur5.motion import top_speed
 from drivers.ur5.safety import stop_text
 from drivers.ur5.state import Config as StateConfig
 from drivers.ur5.state import UR5State
@@ -35,7 +37,7 @@ def as_delivered(rig: Rig) -> Iterator[None]:
     rig.process.backdoor("remote", on=True)
     rig.process.backdoor("starting", text="")
     rig.process.backdoor("stuck", variables={})
-    rig.process.backdoor("set", slider=1.0, payload=0.8, payload_centre=[0, 0, 0.05], tcp=[0] * 6)
+    rig.process.backdoor("set", slider=1.0, scaling=1.0, payload=0.8, payload_centre=[0, 0, 0.05], tcp=[0] * 6)
 
 
 def a_ur5e(rig: Rig, **changes: Any) -> AbstractContextManager[UR5]:
@@ -97,6 +99,56 @@ def test_a_speed_slider_at_0_is_named_before_and_during_a_motion(rig: Rig) -> No
         rig.process.backdoor("set", slider=0.0)
         with pytest.raises(DeviceFault, match="speed slider is at 0%"):
             wait_until(lambda: not arm.moving())
+
+
+SCALED, REDUCED = {"do": "set", "scaling": 0.2}, {"do": "safety", "name": "REDUCED"}
+
+
+def shown(**values: float) -> dict[str, Any]:
+    """Variables of the state that keep one value, whatever is true."""
+    return {"do": "stuck", "variables": values}
+
+
+@pytest.mark.parametrize(
+    ("before", "said", "unsaid"),
+    [
+        ([REDUCED, SCALED], "was in reduced mode .*scaled the speed to 20%", "slider"),
+        ([shown(speed_scaling=1.0, safety_mode=2), SCALED], "was in reduced mode", "slider|scaled"),
+        ([{"do": "set", "slider": 0.2}], "speed slider is at 20%: set it to 100 %", "reduced|scaled"),
+        ([SCALED], "controller scaled the speed to 20%", "slider|reduced"),
+        ([shown(speed_scaling=1.0), SCALED], "see the log", "slider|reduced"),
+    ],
+    ids=["reduced mode", "reduced by its mode alone", "slider", "scaling", "not told"],
+)  # fmt: skip
+@pytest.mark.parametrize("version", ["3.15.8.106339", E_SERIES], ids=["CB3", "e-Series"])
+def test_a_motion_slower_than_asked_is_reported_with_what_was_read_and_no_other_remedy(
+    version: str, before: list[dict[str, Any]], said: str, unsaid: str
+) -> None:
+    with a_rig(version=version) as slow, an_arm(slow, model="", timeout=0.5) as arm:
+        for change in before:
+            slow.process.backdoor(**change)
+        arm.move_to(raised(tuple(slow.process.backdoor()["pose"]), 0.05), 0.05, 0.5)
+        with pytest.raises(DeviceFault, match=rf"slower than asked \((9|10|11) of 50 mm/s\).*{said}") as caught:
+            wait_until(lambda: not arm.moving())
+        assert not re.search(unsaid, str(caught.value))
+
+
+@pytest.mark.parametrize("state", ["RECOVERY", "SAFEGUARD_STOP", "PROTECTIVE_STOP"])
+def test_a_stop_during_a_slow_motion_is_named_and_not_the_speed(rig: Rig, state: str) -> None:
+    with a_ur5e(rig) as arm:
+        rig.process.backdoor("set", scaling=0.2)
+        arm.move_to(raised(tuple(rig.process.backdoor()["pose"]), 0.05), 0.05, 0.5)
+        rig.process.backdoor("safety", name=state)
+        with pytest.raises(DeviceFault, match=state.lower().replace("_", " ")) as caught:
+            wait_until(lambda: not arm.moving())
+        assert "slower" not in str(caught.value)
+
+
+def test_a_short_motion_is_measured_against_the_speed_that_it_can_reach() -> None:
+    here = (0.0,) * 6
+    assert top_speed(here, raised(here, 0.05), 0.05, 0.5) == 0.05
+    assert top_speed(here, raised(here, 0.0005), 0.05, 0.5) == pytest.approx(0.0158, abs=1e-4)
+    assert top_speed(here, (0.001, 0, 0, 0, 0, 0.5), 0.05, 0.5) == 0.0
 
 
 def test_an_arm_that_was_pushed_away_from_its_target_is_a_fault(rig: Rig) -> None:

@@ -1,5 +1,7 @@
 """`lab check --move` on whole rigs of fakes: what agrees with itself and is wrong all the same is seen by the tip."""
 
+import json
+import re
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -10,14 +12,17 @@ import yaml
 from commands import SOUND, Cli
 from virtual_lab import settings
 
+from drivers.usb_adapter import adapter
+from lab.files.adapters import place
 from lab.files.rig_file import load_rig
-from lab.rig.checked import Moved, keep, last, place
+from lab.rig.checked import Moved, keep, last
 from lab.verbs.fakes import write_rig
 from recordings.file.reader import Recording
 from sim_fakes.alicat import AlicatFake
 from sim_fakes.instrument import Regulators
 from sim_fakes.rig import FakeRig
 from sim_fakes.smc_itv import STEPS, SmcItvFake
+from tests.sim_fakes.plugged import Plugged
 from tests.simulated.clock import SimulatedClock
 
 Start = Callable[..., tuple[FakeRig, Path]]
@@ -75,10 +80,17 @@ def highest(fakes: FakeRig) -> float:
     return max(told)
 
 
-def test_a_sound_rig_passes_and_is_remembered_as_long_as_its_file_stays(start: Start, cli: Cli, tmp_path: Path) -> None:
+def test_a_sound_rig_passes_and_is_remembered_as_long_as_its_file_stays(
+    start: Start, cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     fakes, rig = start(Regulators())
+    Plugged(monkeypatch, [line.port for line in fakes.lines.values()])
+    spine, gauge = (yaml.safe_load(rig.read_text())["instruments"][name]["port"] for name in ("spine", "gauge"))
+    keep(rig, load_rig(rig), [Moved("valve", True, "on and off")], {spine: adapter(gauge)})  # a check before adapters changed
     code, seen = checked(rig, cli)
     assert code in (0, 3) and all(m.ok for m in seen.values()), told(seen)
+    # the other instruments tell their serial numbers
+    assert json.loads(place(rig).read_text())["adapters"] == {port: adapter(port) for port in (spine, gauge)}
     assert {"valve", "spine", "arm", "safe state"} < set(seen)
     assert sum("the tip moved" in m.text for m in seen.values()) == 3
     assert highest(fakes) <= 5e3 * ROUNDING
@@ -141,6 +153,32 @@ def test_exchanged_hoses_are_caught_by_the_way_the_tip_goes(start: Start, cli: C
     second = channels[1]
     assert "other chambers are inflated; look for swapped hoses" in second.text
     assert seen["safe state"].ok
+
+
+def test_adapters_that_come_back_with_exchanged_names_are_refused_until_the_rig_is_checked_again(
+    start: Start, cli: Cli, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    fakes, rig = start(Regulators("smc_itv"))
+    instruments = yaml.safe_load(rig.read_text())["instruments"]
+    first, second, *_ = instruments["pressure"]["ports"]
+    plugged = Plugged(monkeypatch, [line.port for line in fakes.lines.values()])
+    keep(rig, load_rig(rig), [Moved("valve", True, "on and off")], {port: adapter(port) for port in (first, second)})
+
+    def check(code: int | tuple[int, ...] = SOUND) -> str:
+        return " ".join(cli("check", "--rig", rig, "--seconds", "0", code=code).err.split())
+
+    check()
+    plugged.exchange(first, instruments["valve"]["port"])
+    asked = len(fakes.lines["pressure1"].requests)
+    found = r"is the USB adapter 0403:6014 serial number FT\d+, needed 0403:6014 serial number FT\d+ as before"
+    refused = check(1)
+    assert re.search(f"pressure: at {first} {found}", refused) and "valve" not in refused  # which has a number of its own
+    assert len(fakes.lines["pressure1"].requests) == asked
+    plugged.exchange(first, instruments["valve"]["port"])
+    check()
+    plugged.exchange(first, second)
+    assert "is the USB adapter" in cli("run", "bending", "--rig", rig, "--out", tmp_path, code=1).err
+    cli("safe", "--rig", rig)  # which vents whatever is there
 
 
 def test_nothing_moves_where_nobody_can_be_asked(start: Start, cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -226,19 +226,21 @@ COMMAND, FRONT_DOOR = ("-m", "lab.cli", "schema", "robot"), ("-c", "import lab; 
 
 @pytest.mark.parametrize(
     ("words", "first"),
-    [(FRONT_DOOR, "__init__.py"), (COMMAND, "__init__.py"), (COMMAND, "data.csv"), (COMMAND, "../model.py")],
-    ids=["import lab", "a package", "a folder of data", "a module"],
-)
-def test_another_model_on_the_path_is_named(tmp_path: Path, words: tuple[str, ...], first: str) -> None:
-    (tmp_path / "model").mkdir()
-    (tmp_path / "model" / first).write_text("")
-    if first.endswith("model.py"):
-        (tmp_path / "model").rmdir()
+    [
+        (FRONT_DOOR, "model/__init__.py"), (COMMAND, "model/__init__.py"), (COMMAND, "model/data.csv"), (COMMAND, "model.py"),
+        (COMMAND, "timing.py"), (FRONT_DOOR, "timing.py"),
+    ],
+    ids=["import lab", "a package", "a folder of data", "a module", "timing", "timing at import lab"],
+)  # fmt: skip
+def test_another_package_of_the_same_name_on_the_path_is_named(tmp_path: Path, words: tuple[str, ...], first: str) -> None:
+    (tmp_path / first).parent.mkdir(exist_ok=True)
+    (tmp_path / first).write_text("")
+    name = first.partition("/")[0].partition(".")[0]
     env = {**os.environ, "PYTHONPATH": str(tmp_path)}
     done = subprocess.run([sys.executable, *words], cwd="/", env=env, capture_output=True, text=True, timeout=600)
     told = " ".join(done.stderr.split())
     assert done.returncode == (1 if "-c" in words else 2), told
-    assert f"another package called model, {tmp_path}/model" in told and "an environment of its own" in told
+    assert f"another package called {name}, {tmp_path}/{name}" in told and "an environment of its own" in told
 
 
 def test_a_package_that_was_written_over_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,6 +4,7 @@ import json
 import pickle
 import shlex
 import sys
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import pyarrow.parquet
 import pytest
 import yaml
 from commands import Cli
-from foreign import AZIMUTHS, ROBOT, plain, tips
+from foreign import AZIMUTHS, ROBOT, by_map, plain, tips
 from mcap.writer import Writer
 from mcap_ros2.writer import Writer as Ros2Writer
 from scipy.spatial.transform import Rotation
@@ -22,7 +23,7 @@ from lab.files.config import ConfigError
 from lab.imports.formats import read
 from lab.imports.headings import heading, quantity
 from lab.imports.map_file import Plateaus, Source
-from lab.imports.plateaus import plateaus
+from lab.imports.trials import plateaus
 from recordings.table_file import read_csv
 from recordings.trials import Table
 
@@ -176,19 +177,91 @@ def test_a_branch_that_the_map_states_is_not_told_from_pressures(tmp_path: Path,
     assert set(case(cli, tmp_path / "a.csv", stated)["branch"].tolist()) == {"load"}
 
 
-def test_a_file_of_objects_is_read_without_running_it(tmp_path: Path) -> None:
+OBJECTS = "holds Python objects, which may run code when opened; save columns, a .npz of plain arrays, or Parquet"
+
+
+def test_python_objects_in_a_numpy_file_are_refused_and_not_opened(tmp_path: Path) -> None:
     class Harmful:
         def __reduce__(self) -> Any:
             return (Path.write_text, (tmp_path / "ran", "x"))
 
     np.save(tmp_path / "bad.npy", {"a": Harmful()})  # type: ignore[arg-type]
-    with pytest.raises(ConfigError, match="cannot be read without running what it holds"):
-        read(tmp_path / "bad.npy", Source())
-    assert not (tmp_path / "ran").exists()
+    np.save(tmp_path / "numbers.npy", {"p": np.ones(4)})  # type: ignore[arg-type]
+    np.savez(tmp_path / "mixed.npz", p=np.ones((4, 2)), log=np.array([Harmful()]))
     (tmp_path / "also.npz").write_bytes(pickle.dumps(Harmful()))
-    with pytest.raises(ConfigError, match="is not a NumPy file|holds objects"):
+    for name in ("bad", "numbers"):
+        with pytest.raises(ConfigError, match=f"{name} {OBJECTS}"):
+            read(tmp_path / f"{name}.npy", Source())
+    mixed = read(tmp_path / "mixed.npz", Source())
+    assert mixed.names == ("p.1", "p.2") and f"not read: log {OBJECTS}" in mixed.notes
+    with pytest.raises(ConfigError, match=f"log {OBJECTS}"):
+        read(tmp_path / "mixed.npz", Source(variable="log"))
+    with pytest.raises(ConfigError, match="is not a NumPy file"):
         read(tmp_path / "also.npz", Source())
     assert not (tmp_path / "ran").exists()
+
+
+def npy(descr: str, shape: tuple[int, ...], data: bytes = bytes(64)) -> bytes:
+    """A .npy file that claims an array."""
+    header = f"{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}}}\n".encode()
+    return b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + data
+
+
+@pytest.mark.parametrize(
+    ("descr", "shape"),
+    [
+        ("'<f8'", (500_000_000,)), ("'<U0'", (10**12,)), ("'|V0'", (10**12,)), ("'<U500000000'", ()),
+        ("[('p', '<f8', (50000000,))]", (1,)), ("[('p', [('q', 'u1', (6000, 6000))])]", (1,)), ("'<f8'", (-1, -8)),
+    ],
+)  # fmt: skip
+def test_a_numpy_file_that_claims_more_than_it_holds_is_refused(descr: str, shape: tuple[int, ...], tmp_path: Path) -> None:
+    (tmp_path / "a.npy").write_bytes(npy(descr, shape))
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        archive.writestr("p.npy", npy(descr, shape))
+    for name in ("a.npy", "a.npz"):
+        with pytest.raises(ConfigError, match=r"claims .* cells of \d+ bytes and holds 64 bytes"):
+            read(tmp_path / name, Source())
+
+
+def test_a_small_numpy_file_that_unpacks_to_much_is_refused(tmp_path: Path) -> None:
+    most = np.zeros(5_000_000, np.int8)  # 40 MB as numbers
+    np.savez_compressed(tmp_path / "numbers.npz", p=most)
+    np.savez_compressed(tmp_path / "words.npz", p=np.full(200_000, "a"))
+    np.savez_compressed(tmp_path / "columns.npz", p=np.zeros((600, 6000), np.int8))
+    with zipfile.ZipFile(tmp_path / "packed.npz", "w", zipfile.ZIP_LZMA) as archive:
+        archive.writestr("p.npy", npy("'<f8'", (8,)))
+    for name, why in (
+        ("numbers", "40 MB, at most 32 MB are read of 0.005"),
+        ("words", "52 MB"),
+        ("columns", "has 6000 columns"),
+        ("packed", "is packed"),
+    ):
+        assert (tmp_path / f"{name}.npz").stat().st_size < 100_000
+        with pytest.raises(ConfigError, match=why):
+            read(tmp_path / f"{name}.npz", Source())
+
+
+def test_axes_that_multiply_small_arrays_are_bounded(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", p=np.zeros(30_000), tip=np.zeros(30_000))
+    with pytest.raises(ConfigError, match="unpacked it has 28800 MB"):
+        read(tmp_path / "a.npz", Source(axes={"p": ("trial",), "tip": ("time",)}))
+
+
+def test_a_table_of_structures_keeps_its_rows(tmp_path: Path) -> None:
+    rows = np.zeros(4, [("t", "f8"), ("p", "f4", (2,)), ("name", "U4"), ("tip", [("x", "f8"), ("y", "f8")])])
+    rows["p"], rows["tip"]["y"], rows["name"] = [[1, 2]] * 4, range(4), "up"
+    np.save(tmp_path / "a.npy", rows)
+    table = read(tmp_path / "a.npy", Source())
+    assert table.names == ("a.t", "a.p.1", "a.p.2", "a.name", "a.tip.x", "a.tip.y")
+    assert table.numbers["a.p.2"].tolist() == [2] * 4 and table.numbers["a.tip.y"].tolist() == [0, 1, 2, 3]
+
+
+def test_a_parquet_table_of_a_value_that_repeats_is_bounded(tmp_path: Path) -> None:
+    table = pyarrow.table({"p": pyarrow.DictionaryArray.from_arrays(np.zeros(7_000_000, np.int8), pyarrow.array([1.0]))})
+    pyarrow.parquet.write_table(table, tmp_path / "a.parquet")
+    assert (tmp_path / "a.parquet").stat().st_size < 400_000
+    with pytest.raises(ConfigError, match="unpacked it has 56 MB, at most 32 MB"):
+        read(tmp_path / "a.parquet", Source())
 
 
 def test_arrays_and_topics_become_columns(tmp_path: Path) -> None:
@@ -234,6 +307,56 @@ def test_a_parquet_table_becomes_a_case(tmp_path: Path, cli: Cli) -> None:
     (tmp_path / "bad.parquet").write_bytes(b"PAR1 and nothing more")
     with pytest.raises(ConfigError, match="is not a Parquet file"):
         read(tmp_path / "bad.parquet", Source())
+
+
+def nested(rows: list[Any], odd: dict[str, Any]) -> Any:
+    """The sweep with lists and structures, and columns that are no measurements."""
+    pressures = [[v / 1e3 for v in p] for _, _, p, _, _ in rows]
+    bodies = [[{"name": "tip", "at": dict(zip("xyz", (1e3 * tip).tolist(), strict=True))}, {"name": "base", "at": None}]
+              for *_, tip, _ in rows]  # fmt: skip
+    bodies = [b[::-1] if i % 2 else b for i, b in enumerate(bodies)]  # told by their names, not by their order
+    columns = {"time": [t for _, t, *_ in rows], "pressure_kPa": pyarrow.array(pressures, pyarrow.list_(pyarrow.float32()))}
+    return pyarrow.table(columns | {"bodies_mm": bodies} | odd)
+
+
+def test_lists_and_structures_of_a_parquet_table_become_columns_and_odd_ones_cost_themselves_alone(tmp_path: Path) -> None:
+    rows = sweep()
+    many = len(rows)
+    odd = {
+        "image": pyarrow.array([b"x"] * many),
+        "wide": [list(range(600))] * many,
+        "ragged": [[1.0, 2.0][: i % 3] or None for i in range(many)],
+        "gains": pyarrow.array([[("kp", 0.5)]] * many, pyarrow.map_(pyarrow.string(), pyarrow.float64())),
+        "cells": [[[1, 2], [3]]] * many,
+        "blob": [[b"x"]] * many,
+    }
+    pyarrow.parquet.write_table(nested(rows, odd), tmp_path / "run.parquet")
+    found = read(tmp_path / "run.parquet", Source())
+    names = ("time", *(f"pressure_kPa.{k}" for k in (1, 2, 3)), *(f"bodies_mm.tip.at.{a}" for a in "xyz"))
+    assert set(names) <= set(found.names) and found.units["pressure_kPa.2"] == "kPa" and found.units["bodies_mm.tip.at.x"] == "mm"
+    assert {"ragged.1", "ragged.2", "gains.kp", "cells.1.2", "cells.2.1"} <= set(found.names)
+    assert np.isnan(found.numbers["ragged.2"][:2]).all() and found.numbers["ragged.2"][2] == 2
+    for name, why in (("image", "bytes are no measurements"), ("wide", "500 values in a row or more"), ("blob", "no number")):
+        assert any(f"column {name!r}" in n and why in n for n in found.notes)
+    columns = plain(t="time", **{f"p{k}": f"pressure_kPa.{k}" for k in (1, 2, 3)}) | {
+        a: {"column": f"bodies_mm.tip.at.{a}"} for a in "xyz"
+    }
+    made = by_map(tmp_path / "run.parquet", columns=columns, trials={"begin": "rest"})
+    assert made.table["p2"] == pytest.approx([p[1] for _, _, p, _, _ in rows], rel=1e-6)
+    assert tips(made.table) == pytest.approx(truth())
+
+
+def test_a_damaged_column_of_a_parquet_table_costs_itself_alone(tmp_path: Path) -> None:
+    file = tmp_path / "run.parquet"
+    columns = {"time": np.arange(99.0), "odd": np.arange(99.0) ** 2}
+    pyarrow.parquet.write_table(pyarrow.table(columns), file, compression="gzip", use_dictionary=False)
+    begin = pyarrow.parquet.ParquetFile(file).metadata.row_group(0).column(1).data_page_offset
+    data = bytearray(file.read_bytes())
+    data[begin + 30 : begin + 90] = bytes(60)
+    file.write_bytes(data)
+    found = read(file, Source())
+    assert found.numbers["time"].tolist() == list(range(99)) and found.names == ("time",)
+    assert any("column 'odd' (double) is left out" in n for n in found.notes)
 
 
 @pytest.mark.parametrize(("name", "library"), [("a.mat", "h5py"), ("a.parquet", "pyarrow.parquet"), ("a.c3d", "c3d")])

@@ -16,7 +16,8 @@ from google.protobuf.descriptor_pb2 import FieldDescriptorProto
 from google.protobuf.timestamp_pb2 import Timestamp
 from mcap.writer import Writer
 
-from lab.imports.recording_topics import _at, _numbers
+from lab.imports.joining import at_times
+from lab.imports.recording_topics import OLDEST, _numbers
 from recordings.table_file import read_csv
 from recordings.trials import Table
 
@@ -210,12 +211,12 @@ def test_fields_of_protobuf_that_were_not_set_are_missing() -> None:
 
 def test_quaternions_of_either_sign_are_interpolated_as_the_turns_they_are(place: Path, importer: Importer) -> None:
     def imu(i: int, tip: dict[str, float], p: list[float]) -> list[Any]:
-        return [{k: (1 if i % 2 else -1) * v for k, v in zip("wxyz", (0.8, 0.0, 0.6, 0.0), strict=True)}]
+        return [{k: (1 if i % 2 else -1) * v for k, v in zip("wxyz", (0.96, 0.0, 0.28, 0.0), strict=True)}]
 
     odd = iter(range(10**6))  # each third message, of the sensor, comes half a period later
     path = bag_of(place / "bag.mcap", TIP, PRESSURE, ("/imu", imu), log_time=lambda ns: ns + PERIOD // 2 * (next(odd) % 3 == 2))
     importer(path, **{"states:": "orientation: {columns: [/imu.w, /imu.x, /imu.y, /imu.z]}\nstates:"})
-    assert table(place)["qw"] == pytest.approx([0.8] * 25)
+    assert table(place)["qw"] == pytest.approx([0.96] * 25)
 
 
 @pytest.mark.parametrize("packed", [False, True], ids=["another CDR", "each message packed"])
@@ -303,4 +304,4 @@ def test_between_two_readings_a_place_moves_and_a_count_or_a_turned_angle_does_n
     values: list[float], between: list[float]
 ) -> None:
     times = np.arange(4.0) / 10
-    assert _at(times[:3] + 0.025, times, np.array(values, float)) == pytest.approx(between)
+    assert at_times(times[:3] + 0.025, times, np.array(values, float), OLDEST) == pytest.approx(between)

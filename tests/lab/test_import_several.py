@@ -1,6 +1,7 @@
 """Several files, columns that differ among them, contradicting units, exchanged markers: asked about, never guessed."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from benchmarks.faults.foreign_tables import PLATEAUS, STATES, sweep, text
 from lab.files.config import ConfigError
 from lab.imports.table import Imported
 
+Rows = list[list[float]]
 FEW, MANY = sweep(), sweep(40)
 NAMES = ("t [s]", "p1 [kPa]", "p2 [kPa]", "p3 [kPa]", *(f"tip {a} [mm]" for a in "xyz"), *(f"mid {a} [mm]" for a in "xyz"))
 COLUMNS: dict[str, Any] = dict(zip(("t", "p1", "p2", "p3", "x", "y", "z", "m1x", "m1y", "m1z"), NAMES, strict=True))
@@ -59,6 +61,35 @@ def test_markers_exchanged_from_file_to_file_are_asked_about(tmp_path: Path) -> 
     own = plain(**dict(zip(("x", "y", "z", "m1x", "m1y", "m1z"), (*NAMES[7:], *NAMES[4:7]), strict=True)))
     made = read_all(tmp_path, contents, files={"b.csv": {"columns": own}, "*": {}})
     assert not made.notes and tips(made.table)[STATES:] == pytest.approx(tips(made.table)[:STATES])
+
+
+@pytest.mark.parametrize("straight", ["as recorded", "at rest", "first row"])
+@pytest.mark.parametrize("loaded", [False, True])
+def test_markers_in_another_order_in_one_file_are_asked_about_whatever_is_mounted(
+    straight: str, loaded: bool, tmp_path: Path
+) -> None:
+    contents = {"a.csv": WHOLE, "b.csv": text(FEW, headings=NAMES, change=exchanged), "c.csv": WHOLE}
+    files: dict[str, Any] = {"b.csv": {"tip_mass": "20 g"}, "*": {}} if loaded else {}
+    made = read_all(tmp_path, contents, straight=straight, files=files)
+    (question,) = made.questions
+    assert "b.csv: at rest the tip stands where marker 1 does, marker 1 stands where the tip does in a.csv" in question
+
+
+def test_a_tip_behind_the_base_in_one_file_is_asked_about(tmp_path: Path) -> None:
+    """Of which base and tip are two markers, and only their difference is read."""
+
+    def of_two(k: int, cells: list[str], turned: bool) -> list[str]:
+        base, end = ["0.5", "0.5", "10"], [cells[4], cells[5], f"{float(cells[6]) + 10:.3f}"]
+        return [*cells[:4], *(base + end if turned else end + base)]
+
+    contents = {f"{name}.csv": text(FEW, headings=NAMES, change=lambda k, c, n=name: of_two(k, c, n == "b")) for name in "abc"}
+    points = {"tip": {"of": [list(NAMES[4:7])], "against": [list(NAMES[7:])]}}
+    columns = plain(**{n: c for n, c in COLUMNS.items() if n[0] in "tp"})
+    (question,) = read_all(tmp_path, contents, columns=columns, points=points).questions
+    assert "b.csv: at rest the tip is behind the base, 300 mm from where it is in a.csv" in question
+    turned = {"tip": {"of": [list(NAMES[7:])], "against": [list(NAMES[4:7])]}}
+    own = {"b.csv": {"points": turned}, "*": {}}
+    assert not read_all(tmp_path, contents, columns=columns, points=points, files=own).questions
 
 
 def test_a_marker_that_jumps_is_asked_about_and_one_that_bends_is_not(tmp_path: Path) -> None:
@@ -189,7 +220,76 @@ def test_times_that_begin_again_begin_a_trial_and_late_rows_are_put_in_order(tmp
 def test_a_row_without_a_time_at_the_end_is_no_state(tmp_path: Path) -> None:
     content = WHOLE + ",11.0,11.0,11.0,0,0,147,0,0,70\n"
     made = read_all(tmp_path, {"a.csv": content})
-    assert len(made.table) == STATES and any("1 of 31 rows stand before or behind all times" in n for n in made.notes)
+    assert len(made.table) == STATES and any("1 of 31 rows have no time (first line 32)" in n for n in made.notes)
+
+
+def timed(folder: Path, times: Callable[[int], float | str | None], heading: str = "t [s]", rows: Rows | None = None) -> Imported:
+    """A sweep of 4 s holds, read ten times a second, with these times."""
+    rows = MANY if rows is None else rows
+
+    def change(k: int, cells: list[str]) -> list[str]:
+        found = times(k)
+        return with_middle(k, ["" if found is None else found if isinstance(found, str) else f"{found:.12g}", *cells[1:]])
+
+    content = text(rows, headings=[heading, *NAMES[1:]], change=change)
+    return read_all(
+        folder, {"a.csv": content}, columns=plain(**COLUMNS | {"t": heading}), states={"plateaus": {"steady": "1 kPa"}}
+    )
+
+
+def stamp(seconds: float) -> str:
+    return (datetime(2026, 3, 29, 1, 59, 0) + timedelta(seconds=seconds)).isoformat(sep=" ", timespec="milliseconds")
+
+
+@pytest.mark.parametrize(
+    ("times", "heading", "says"),
+    [
+        (lambda k: stamp(0.1 * k + 3600 * (k >= 600)), "Uhrzeit", "the clock goes forward by 1 h"),
+        (lambda k: stamp(0.1 * k - 3600 * (k >= 611)), "Uhrzeit", "the clock goes back by 1 h"),
+        (lambda k: stamp(0.1 * k - 1800 * (k >= 611)), "Uhrzeit", "the clock goes back by 0.5 h"),
+        (lambda k: 500 + 0.1 * k - 0.9 * (k >= 611), "t [s]", "the clock goes back by 0.9 s while rows go on"),
+        (lambda k: float((2**32 - 60_000 + 100 * k) % 2**32), "t [ms]", ""),
+        (lambda k: float((65_000 + 100 * k) % 2**16), "t [ms]", ""),
+        (lambda k: f"{59 + k // 600:02d}:{k % 600 / 10:04.1f}" if k < 600 else f"00:{k % 600 / 10:04.1f}", "Uhrzeit", ""),
+    ],
+    ids=["summer", "winter", "half an hour", "set back", "32 bits", "16 bits", "minutes"],
+)
+def test_a_clock_that_was_set_and_a_counter_that_overflows_neither_part_nor_stretch_a_state(
+    times: Callable[[int], float | str], heading: str, says: str, tmp_path: Path
+) -> None:
+    plain_rows = timed(tmp_path, lambda k: 0.1 * k).table
+    made = timed(tmp_path, times, heading, MANY[:1200])
+    assert len(made.table) == PLATEAUS and made.table["hold"] == pytest.approx(plain_rows["hold"], abs=0.06)
+    assert set(made.table["trial"]) == set(plain_rows["trial"])
+    assert any(says in q and "a.csv, line" in q for q in made.questions) if says else not made.questions
+
+
+@pytest.mark.parametrize("step", [90.0, 3600.0, 86_400.0 * 3])
+def test_a_gap_ends_a_state_and_is_asked_about(step: float, tmp_path: Path) -> None:
+    made = timed(tmp_path, lambda k: 0.1 * k + step * (k >= 620))
+    assert made.table["hold"].max() < 5 and len(made.table) == PLATEAUS + 1
+    (question,) = made.questions
+    assert f"a.csv, line 622: a gap of {step + 0.1:.5g} s" in question and "was the logger stopped" in question
+
+
+def test_times_that_fall_to_somewhere_else_than_where_they_began_are_asked_about(tmp_path: Path) -> None:
+    made = timed(tmp_path, lambda k: 1000 + 0.1 * k - 71.3 * (k >= 800))
+    assert any("a.csv, line 802: times fall by 71.2 s, but not to where they began" in q for q in made.questions)
+    assert (np.diff(made.table["t"]) > 0).all()
+
+
+def test_rows_without_a_time_have_none_and_are_counted(tmp_path: Path) -> None:
+    made = timed(tmp_path, lambda k: 0.1 * k if k % 7 else None)
+    assert len(made.table) == PLATEAUS and not made.questions
+    assert any(
+        f"{len(MANY[::7])} of {len(MANY)} rows have no time (first line 2): no state is made of them" in n for n in made.notes
+    )
+
+
+def test_times_that_are_all_equal_or_coarse_are_told(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"columns.t: all rows have one time; name another column"):
+        timed(tmp_path, lambda k: 7.0)
+    assert any("is there a finer column of time" in q for q in timed(tmp_path, lambda k: 4.0 * (k // 40)).questions)
 
 
 # ------------------------------------------------------------------ units

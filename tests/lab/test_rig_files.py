@@ -184,7 +184,7 @@ name:   "arm 7"            # engraved on the base
 length: 31.5 cm +- 2 mm    # tape, three readings
 outer_radius:     4.0e-2
 inner_radius: 20 mm
-density: &rho 1_080        # data sheet
+density: &rho 1080        # data sheet
 
 youngs_modulus: 350e3      # pulled at 20 %
 shear_modulus: '117 kPa'

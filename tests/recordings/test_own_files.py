@@ -56,6 +56,14 @@ def test_what_fails_on_the_way_leaves_the_old_file(tmp_path: Path) -> None:
     assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("a.txt", "old")]
 
 
+def test_an_error_names_the_file_that_was_asked_for_and_not_the_one_that_is_written_first(tmp_path: Path) -> None:
+    (tmp_path / "folder.csv").mkdir()
+    for path in (tmp_path / "nowhere" / "a.csv", tmp_path / "folder.csv"):
+        with pytest.raises(OSError) as caught:
+            replaced(path, "text")
+        assert caught.value.filename == str(path) and ".new" not in str(caught.value)
+
+
 def test_recording_journal_and_index_refuse_a_link_in_their_place(tmp_path: Path, target: Path) -> None:
     for name in ("a.mcap", "a.journal", INDEX):
         (tmp_path / name).symlink_to(target)

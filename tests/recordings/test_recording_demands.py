@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from synthetic_run import state
 
+from recordings.ambient import AMBIENT
 from recordings.campaign.replay import compare, replay, replay_states, table_of
 from recordings.errors import BadMessage, BadTable, Misplaced, NoResistance, NotSettled, VacuumLost
 from recordings.events import Mark
@@ -19,7 +20,7 @@ from recordings.file.verify import verify
 from recordings.file.writer import Recorder
 from recordings.states.concluding import conclude
 from recordings.states.demands import Bodies, VacuumBand, elsewhere, jumped
-from recordings.states.rules import AMBIENT, Probe, State, Window
+from recordings.states.rules import Probe, State, Window
 from recordings.states.zeros import Drift, Unloaded, Zeros, drift, unloaded, without_drift
 from recordings.table_file import read_csv, write_csv
 from recordings.trials import Table, TrialRow

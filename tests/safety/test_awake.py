@@ -1,8 +1,15 @@
 """A silence counts only while this process was awake to hear something."""
 
-import pytest
+import os
 
+import pytest
+from house import House
+
+import timing
 from lab.guard.awake import LONGEST_LOOK, Awake
+from lab.rig.actuators import ActuatorsLost
+from lab.rig.assembly import Rig
+from lab.verbs.run import slower
 
 
 class Host:
@@ -33,3 +40,29 @@ def test_a_process_that_is_always_late_still_hears_a_silence_in_the_end() -> Non
         host.now += 5.0
         clock.look()
     assert clock.now == pytest.approx(10 * LONGEST_LOOK)
+
+
+def test_a_silence_on_a_busy_computer_is_put_down_to_it_before_a_cable(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert timing.busy_or("check its cable").endswith("check its cable")
+    monkeypatch.setattr(os, "getloadavg", lambda: (1e4, 1.0, 1.0))
+    cores = len(os.sched_getaffinity(0))
+    assert timing.busy_or("check its cable") == (
+        f"this computer is busy: load 10000 on {cores} core{'s' * (cores > 1)}, end other programs; if that does not help, "
+        "check its cable"
+    )
+
+
+@pytest.mark.real
+def test_a_guard_that_was_lost_tells_what_it_had_of_a_busy_computer(
+    small: House, rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "getloadavg", lambda: (1e4, 1.0, 1.0))
+    with pytest.raises(
+        ActuatorsLost, match=r"no answer within 0 s; the guard has had \d+\.\d s of processor time; this computer is"
+    ):
+        rig.actuators._answer(-1, "start", 0.0)
+
+
+@pytest.mark.parametrize("speed", [1.2, 2.0, 5.0, 20.0, 200.0])
+def test_the_speed_that_is_advised_is_below_the_present_one(speed: float) -> None:
+    assert 1.0 <= slower(speed) < speed

@@ -1,10 +1,14 @@
 """The program dies, freezes, hangs or loses its guard: the rig lands, says why, and stays locked when it cannot be confirmed."""
 
+import errno
 import os
+import resource
 import signal
 import subprocess
+import sys
 import threading
 from collections.abc import Iterator
+from multiprocessing import Pipe
 from pathlib import Path
 
 import pytest
@@ -17,10 +21,12 @@ from lab.console import Screen
 from lab.files.inputs import read_case
 from lab.files.rig_file import load_rig
 from lab.guard import new_guard
-from lab.guard.child import PRIORITY, SESSION
+from lab.guard.child import start_child
+from lab.guard.door import names_of_path, owners
 from lab.guard.guard import Guard
 from lab.guard.latch import RigLocked
-from lab.guard.messages import RigLanded
+from lab.guard.messages import RigLanded, Start
+from lab.priority import FIRST
 from lab.rig.actuators import ActuatorsLost
 from lab.rig.assembly import Rig
 from lab.verbs.fakes import PATIENT
@@ -74,6 +80,57 @@ def test_a_frozen_program_is_landed_and_finds_out_when_it_wakes(house: House, tm
     assert program.returncode == 1
     assert "no heartbeat" in output and "no heartbeat" in journal(house)
     assert "was lost" not in output  # the guard was sound: the program itself had been away
+
+
+@pytest.mark.real
+def test_a_guard_without_a_file_descriptor_left_hears_that_its_program_is_silent(small: House, rig: Rig) -> None:
+    inflate(rig, small)
+    before = resource.prlimit(rig.actuators.pid, resource.RLIMIT_NOFILE)
+    resource.prlimit(rig.actuators.pid, resource.RLIMIT_NOFILE, (3, before[1]))
+    rig.actuators.pulse._ended.set()  # no heartbeat any more
+    try:
+        assert small.vented()
+    finally:
+        resource.prlimit(rig.actuators.pid, resource.RLIMIT_NOFILE, before)
+
+
+@pytest.mark.parametrize("failing", ["lab.guard.pulse.Listener.take", "lab.guard.limit_monitor.LimitMonitor.check"])
+def test_a_watch_of_the_guard_that_fails_lands_the_rig(
+    small: House, rig: Rig, monkeypatch: pytest.MonkeyPatch, failing: str
+) -> None:
+    inflate(rig, small)
+
+    def fails(*_: object) -> None:
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    monkeypatch.setattr(failing, fails)
+    assert small.vented()
+    monkeypatch.undo()
+    assert until(lambda: "Too many open files" in journal(small))
+    with pytest.raises(RigLanded, match="watch on the program|polling of"):
+        rig.actuators.call("pressure", "set", (20e3, 20e3, 20e3))
+
+
+@pytest.mark.real
+@pytest.mark.parametrize("after", [0, 1], ids=["before it says which rig", "while the guard takes it over"])
+def test_a_guard_whose_program_ends_while_it_starts_ends_without_a_traceback(small: House, after: int) -> None:
+    commands, theirs = Pipe()
+    reports, their_reports = Pipe(duplex=False)
+    their_pulse, pulse = os.pipe()
+    given = (theirs.fileno(), their_pulse, their_reports.fileno())
+    guard = start_child("lab.guard.process", given, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    for end in (theirs, their_reports):
+        end.close()
+    os.close(their_pulse)
+    if after:
+        rig = load_rig(small.rig)
+        commands.send(Start(rig.model_dump_json(), str(rig.path), timing.now(), False, "a test"))
+    for end in (commands, reports):
+        end.close()
+    os.close(pulse)
+    said, _ = guard.communicate(timeout=60)
+    assert said == b"" and guard.returncode == 1 - after
+    assert owners(names_of_path(small.rig)) == []
 
 
 @pytest.mark.long
@@ -199,14 +256,29 @@ def test_a_refused_command_raises_what_landed_the_rig_and_no_error_is_its_own_ca
 
 
 @pytest.mark.real
-def test_the_guard_and_its_session_come_first_where_the_system_allows_it(rig: Rig) -> None:
-    pid = rig.actuators.pid
-    assert os.getsid(pid) == pid  # no Ctrl-C of the terminal reaches it
-    may = subprocess.run(["nice", "-n", str(PRIORITY), "true"], capture_output=True, text=True, check=False).stderr == ""
-    assert os.getpriority(os.PRIO_PROCESS, pid) == (PRIORITY if may else os.getpriority(os.PRIO_PROCESS, 0))
-    scheduled = Path(f"/proc/{pid}/autogroup")
-    if may and scheduled.exists():
-        assert scheduled.read_text().endswith(f" nice {SESSION}\n")
+def test_what_holds_instruments_comes_first_from_its_start_where_the_system_allows_it() -> None:
+    child = start_child("code", stdin=subprocess.PIPE)  # a module that knows nothing of places, and waits
+    try:
+        assert os.getsid(child.pid) == child.pid  # no Ctrl-C of the terminal reaches it
+        first = ["nice", "-n", str(FIRST.process), "true"]
+        may = subprocess.run(first, capture_output=True, text=True, check=False).stderr == ""
+        assert os.getpriority(os.PRIO_PROCESS, child.pid) == (FIRST.process if may else os.getpriority(os.PRIO_PROCESS, 0))
+        scheduled = Path(f"/proc/{child.pid}/autogroup")
+        if may and scheduled.exists():
+            assert scheduled.read_text().endswith(f" nice {FIRST.session}\n")
+    finally:
+        child.kill()
+        child.communicate()
+
+
+@pytest.mark.parametrize(
+    "module", ["lab.guard.process", "lab.guard.hosted", "lab.guard.new_guard", "lab.rig.hosted_stream", "lab.rig.real_time"]
+)
+def test_what_holds_instruments_is_ready_without_the_libraries_that_compute(module: str) -> None:
+    slow = {"numpy", "pandas", "scipy", "numba", "matplotlib", "google.protobuf", "rich"}
+    code = f"import sys, {module}; from lab.files.all_drivers import drivers; drivers(); print(*{slow} & set(sys.modules))"
+    imported = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert imported == "\n"
 
 
 def test_a_rig_that_was_closed_leaves_no_file_open(small: House) -> None:
@@ -331,3 +403,14 @@ def test_twenty_signals_during_the_clean_up_still_end_safe(house: House, tmp_pat
     assert "stopped" in output and "Traceback" not in output
     (file,) = tmp_path.glob("*.mcap")
     assert read_case([file]).robot is not None
+
+
+def test_an_instrument_that_is_read_at_less_than_half_of_poll_is_named_once_with_the_remedies(small: House) -> None:
+    small.change_instrument("spine", timeout=1.0)
+    with small.opened() as rig:
+        assert until(lambda: rig.counts.get("/spine", 0) > 30) and not any("`poll" in text for text in rig.notices)
+        small.fakes.lines["spine"].faults.delay = 0.15
+        assert until(lambda: any("`poll" in text for text in rig.notices))
+        timing.sleep(5.0)
+        (told,) = [text for text in rig.notices if "`poll" in text]
+        assert told.startswith("spine: ") and "`poll: 20` Hz" in told and "latency timer" in told

@@ -10,7 +10,7 @@ import pytest
 from house import House, inflate, until
 
 import timing
-from drivers.errors import InstrumentError, Unreachable
+from drivers.errors import InstrumentError, Unreachable, WrongDevice
 from lab.files.rig_file import load_rig
 from lab.guard import new_guard
 from lab.guard.instruments import ACTUATORS
@@ -20,6 +20,7 @@ from lab.rig import assembly
 from lab.rig.assembly import Rig
 from lab.verbs.fakes import PATIENT, write_rig
 from sim_fakes.rig import FakeRig
+from tests.sim_fakes.plugged import Plugged
 from timing import RigClock
 
 FIRST, SECOND = "alicat+dynamixel", "smc_itv+tmcl"
@@ -215,3 +216,22 @@ def test_a_killed_program_s_guard_lands_what_comes_back(house: House, tmp_path: 
     house.fakes.switch.end()
     assert house.vented()
     assert until(lambda: not house.latch.exists())
+
+
+def test_an_adapter_that_comes_back_under_the_name_of_another_is_landed_and_not_used_again(
+    small: House, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spine, gauge = (small.fakes.lines[name].port for name in ("spine", "gauge"))
+    plugged = Plugged(monkeypatch, [line.port for line in small.fakes.lines.values()])
+    with small.opened() as rig:
+        inflate(rig, small)
+        small.fakes.lines["spine"].unplug()
+        assert small.vented()
+        plugged.exchange(spine, gauge)
+        small.fakes.lines["spine"].plug()
+        assert until(lambda: rig.make_safe().confirmed)
+        with pytest.raises(WrongDevice, match="is the USB adapter .* as before"):
+            rig.actuators.resume()
+        plugged.exchange(spine, gauge)
+        rig.actuators.resume()
+        inflate(rig, small)

@@ -104,11 +104,9 @@ def test_sync_and_bulk_instructions_reach_the_servo_among_others(wire: Wire) -> 
     assert wire.ask(0x82, struct.pack("<HH", GOAL_CURRENT, 2) + b"\7", 254, within=0.1) is None
 
 
-def test_the_makers_own_groups_read_and_write(wire: Wire, bench: Bench) -> None:
-    wire.port.close()
-    port, packets = Port(wire.fake.port, 1.0), dynamixel_sdk.PacketHandler(2.0)
-    assert port.openPort()
-    bench.ends.callback(port.closePort)
+def test_the_makers_own_groups_read_and_write(wire: Wire) -> None:
+    wire.port.timeout = 0.005
+    port, packets = Port(wire.port, wire.fake.port, 57600, 1.0), dynamixel_sdk.PacketHandler(2.0)
     assert packets.broadcastPing(port)[0] == {1: [1020, 45]}
     write = dynamixel_sdk.GroupSyncWrite(port, packets, GOAL_CURRENT, 2)
     assert write.addParam(1, [100, 0]) and write.txPacket() == dynamixel_sdk.COMM_SUCCESS

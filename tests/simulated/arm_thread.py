@@ -185,6 +185,9 @@ class Receive:
     def getRuntimeState(self) -> int:  # noqa: N802
         return int(self._value("runtime_state"))
 
+    def getSpeedScaling(self) -> float:  # noqa: N802
+        return float(self._value("speed_scaling"))
+
     def getTargetSpeedFraction(self) -> float:  # noqa: N802
         return float(self._value("target_speed_fraction"))
 

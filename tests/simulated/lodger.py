@@ -8,6 +8,7 @@ from typing import Any
 
 import timing
 from lab.guard.child import new_process
+from lab.priority import Place
 
 HOLDERS = {"lab.guard.process", "lab.guard.hosted", "lab.rig.hosted_stream"}
 """Modules whose processes hold instruments."""
@@ -37,8 +38,8 @@ class Lodger:
         """Nothing: a thread ends when its pipes do."""
 
 
-def started(module: str, passed: Sequence[int], more: Sequence[str], streams: Any) -> Any:
+def started(module: str, passed: Sequence[int], more: Sequence[str], place: Place, streams: Any) -> Any:
     """Stands in for `lab.guard.child.new_process`."""
     if module in HOLDERS:
         return Lodger(module, [os.dup(one) for one in passed])
-    return new_process(module, passed, more, streams)
+    return new_process(module, passed, more, place, streams)

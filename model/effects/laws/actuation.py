@@ -32,7 +32,8 @@ def slack(p: np.ndarray, band: np.ndarray) -> np.ndarray:
 
 def _time_offset(q: Quantities, v: Values) -> None:
     """Pressure and tip are read apart, which matters while the pressure moves."""
-    moving = (q.design.hold <= 0) & ~q.design.stiffness & (q.design.pressure.max(axis=1) > USED)
+    pressed = q.design.pressure.max(axis=1) > USED * q.scales.pressure
+    moving = (q.design.hold <= 0) & ~q.design.stiffness & pressed
     resting = (q.design.hold <= 0) & ~q.design.stiffness & ~moving
     sign = np.where(q.design.unload, -1.0, 1.0)
     slope = sign * q.design.rate * (moving + v["rest"] * resting)
@@ -86,8 +87,7 @@ def _chamber_ballooning(q: Quantities, v: Values) -> None:
     def beyond(p: np.ndarray) -> np.ndarray:
         return _above(p - onset, soft) - _above(-onset, soft)
 
-    # ballooning is quoted at 250 kPa
-    grown = (beyond(np.maximum(q.pressure, 0.0)) / beyond(np.full_like(onset, 250e3))) ** power
+    grown = (beyond(np.maximum(q.pressure, 0.0)) / beyond(np.full_like(onset, q.scales.pressure))) ** power
     q.area_factor = q.area_factor * (1 + v["growth"][..., None] * grown)
 
 
@@ -215,8 +215,8 @@ SPECS = (
         label="ballooning of the chambers",
         says="the chambers' area [grows|shrinks] by {} under pressure",
         stage="actuation",
-        equation="A_eff = A (1 + b (f(P) / f(250 kPa))^(1.25 + g)), f(P) what P is above an onset P0, its corner rounded over "
-        "P0 / 2",
+        equation="A_eff = A (1 + b (f(P) / f(P_max))^(1.25 + g)), f(P) what P is above an onset P0, its corner rounded over "
+        "P0 / 2, P_max the largest pressure",
         parameters=(
             Parameter("growth", "1", 0.15, -0.5, 1.0),
             Parameter("power", "1", 0.25, -0.5, 1.0, role="shape"),

@@ -14,8 +14,8 @@ Array = NDArray[np.float64]
 
 YIELDS = np.array([1 / 8, 1 / 2, 2.0, 8.0])
 """Spread of the sliding elements about it: a core slides in patches, all over the curvatures that the robot goes through."""
-GRIP = 0.10
-"""m from the spine's end over which friction builds up (shear lag)."""
+GRIP = 2.0
+"""Outer radii from the spine's end over which friction builds up (shear lag)."""
 RELAXATION_TIMES = {"fast": 5.0, "slow": 25.0, "long": 125.0}
 """s; what lies between is a mixture of neighbours."""
 
@@ -25,10 +25,10 @@ def _spine_slip(h: History, v: Values) -> None:
     robot = h.quantities.robot
     if robot.spine is None:
         return
-    # 1/m, change of curvature at which friction is half spent
-    yields = 0.12 * np.exp(v["stroke"][:, :1]) * YIELDS
-    long = h.quantities.spine_length
-    built_up = np.where(long > GRIP, 1 - GRIP / (2 * np.maximum(long, GRIP)), long / (2 * GRIP))
+    # change of bend, rad, over the robot's length at which friction is half spent
+    yields = 0.048 / robot.length * np.exp(v["stroke"][:, :1]) * YIELDS
+    long, grip = h.quantities.spine_length, GRIP * robot.outer_radius
+    built_up = np.where(long > grip, 1 - grip / (2 * np.maximum(long, grip)), long / (2 * grip))
     bend = h.sliding(h.drive[..., 0:2], yields)
     pull = h.sliding(h.drive[..., 3:4], yields * robot.spine.radius)
     moment = v["moment"] * built_up
@@ -72,19 +72,19 @@ def _spine_shear(q: Quantities, v: Values) -> None:
     q.shear_mix = q.shear_mix + v["mix"]
 
 
-def _grown(length: Array, power: Array) -> Array:
-    """(length / 0.2 m)^power; below a centimetre as there."""
-    return np.asarray((np.maximum(length, 0.01) / 0.2) ** power)
+def _grown(q: Quantities, length: Array, power: Array) -> Array:
+    """(length / half the robot's length)^power; below a fortieth of it as there."""
+    return np.asarray((2 * np.maximum(length / q.robot.length, 0.025)) ** power)
 
 
 def _vacuum_leak(q: Quantities, v: Values) -> None:
-    q.vacuum_loss = q.vacuum_loss + v["lost"] * q.design.nominal_vacuum * _grown(q.spine_length, v["length"])
+    q.vacuum_loss = q.vacuum_loss + v["lost"] * q.design.nominal_vacuum * _grown(q, q.spine_length, v["length"])
 
 
 def _spine_length_offset(q: Quantities, v: Values) -> None:
     # A retracted spine stands at its stop: there is nothing to misread.
     out = q.design.spine_length
-    offset = np.where(out > 0, v["offset"] * _grown(out, v["growth"]), 0.0)
+    offset = np.where(out > 0, v["offset"] * _grown(q, out, v["growth"]), 0.0)
     q.spine_length = q.spine_length + offset
     q.tabulated_length = q.tabulated_length + (1 - v["read"]) * offset
 
@@ -155,7 +155,7 @@ SPECS = (
         label="error of the spine length",
         says="the spine is {} [longer|shorter] than read",
         stage="structure",
-        equation="L_s = L_s,read + e, e = d (L_s,read / 0.2 m)^g for a spine that is out; its moduli those of "
+        equation="L_s = L_s,read + e, e = d (2 L_s,read / L)^g for a spine that is out; its moduli those of "
         "L_s,read + (1 - m) e: a table measured with the same error holds by the length read (m = 1)",
         parameters=(
             Parameter("offset", "m", 0.012, -0.05, 0.05),
@@ -172,7 +172,7 @@ SPECS = (
         label="vacuum lost in the spine",
         says="the spine loses {} of its vacuum",
         stage="structure",
-        equation="E_s ~ sqrt((v - x v_nominal (L_s / 0.2 m)^g) / v_nominal)",
+        equation="E_s ~ sqrt((v - x v_nominal (2 L_s / L)^g) / v_nominal)",
         parameters=(
             Parameter("lost", "1", 0.3, 0.0, 0.97, sign="positive"),
             Parameter("length", "1", 0.5, 0.0, 1.0, role="shape"),

@@ -11,6 +11,9 @@ from model.effects.rotations import rolled
 from model.effects.shows import by_chambers
 from model.effects.spec import EffectSpec, Law, Parameter, Values
 
+OBSTACLE = 0.175
+"""Robot lengths from the axis at which an obstacle is looked for first."""
+
 
 def _vector(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """(v, n, 3) with z = 0."""
@@ -57,7 +60,7 @@ def _chamber_thrust(q: Quantities, v: Values) -> None:
 def _contact(q: Quantities, v: Values) -> None:
     q.plane_stiffness = q.plane_stiffness + v["stiffness"]
     # m from the axis to the obstacle
-    q.plane_distance = np.maximum(0.07 + v["distance"], 0.005)
+    q.plane_distance = np.maximum(OBSTACLE * q.robot.length + v["distance"], 0.0125 * q.robot.length)
     q.plane_turn = q.plane_turn + v["turn"]
     q.plane_lever = q.plane_lever + v["lever"]
 
@@ -147,8 +150,8 @@ SPECS = (
         label="contact with an obstacle",
         says="the body touches an obstacle of {}",
         stage="load",
-        equation="F = -k <e . p(L - l) - (70 mm + d)> e, l from the tip, e turned by t from where the campaign bends "
-        "to, < > positive part over 2 mm",
+        equation="F = -k <e . p(L - l) - (0.175 L + d)> e, l from the tip, e turned by t from where the campaign bends "
+        "to, < > positive part over L / 200",
         parameters=(
             Parameter("stiffness", "N/m", 300.0, 0.0, 5e3, sign="positive", starts=(0.0, 200.0)),
             Parameter("distance", "m", 0.025, -0.06, 0.2, role="shape", starts=(-0.03, 0.03)),

@@ -1,0 +1,89 @@
+"""What the exchanges of a serial line show of its cable and adapter: requests repeated, an echo, answers that come late."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import timing
+
+from .usb_adapter import latency_file, latency_timer
+
+REPEATED_OF_LAST, MOST_REPEATED = 40, 10
+"""Requests that are judged together, and how many of them may be repeated: a sound line repeats a few in a thousand."""
+TIMED = 20
+"""Answers that are judged together."""
+LATE = 0.005
+"""s beyond its time on the line in which a supported instrument answers; adapters with a latency timer take up to 16 ms."""
+SHORT_TIMER = 2
+"""ms of a latency timer that delays nothing here."""
+
+
+class LineQuality:
+    """One line; each notice is given once."""
+
+    def __init__(self, path: str, byte_time: float) -> None:
+        """`byte_time`: s that a byte takes on the line."""
+        self._path, self._byte_time = path, byte_time
+        self.echoes = False
+        """The adapter has returned a request as it was sent."""
+        self._bytes_sent = 0
+        """Of the request whose answer is awaited."""
+        self._repeated: deque[bool] = deque(maxlen=REPEATED_OF_LAST)
+        self.repeats = 0
+        """Requests repeated in all."""
+        self._delays: deque[float] = deque(maxlen=TIMED)
+        self._given: set[str] = set()
+
+    def sent(self, count: int) -> None:
+        """Note that a request of `count` bytes was sent."""
+        self._bytes_sent = count
+
+    def answered(self, since: float, count: int) -> None:
+        """Note its first answer: `count` bytes with what came before, waited for since the host time `since` (s)."""
+        if self._bytes_sent:
+            self._delays.append(timing.now() - since - self._byte_time * (self._bytes_sent + count))
+            self._bytes_sent = 0
+
+    def count(self, repeated: bool) -> None:
+        """Note a request; whether it was the repetition of one that failed."""
+        self._repeated.append(repeated)
+        self.repeats += repeated
+
+    def notices(self) -> list[str]:
+        """Return what is worth a warning and was not yet given."""
+        found = {}
+        if sum(self._repeated) > MOST_REPEATED:
+            found["retries"] = (
+                f"{sum(self._repeated)} of the last {len(self._repeated)} requests on {self._path} had to be repeated, "
+                f"{self.repeats} in all; check cable, baud rate and adapter"
+            )
+        if self.echoes:
+            found["echo"] = f"the adapter on {self._path} echoes what is sent; switch its local echo off"
+        # three of four, so that neither a busy moment of the computer counts nor a timer that happens to run out early
+        if len(self._delays) == TIMED and (delay := sorted(self._delays)[TIMED // 4]) > LATE:
+            found["late"] = self._late(delay)
+        new = [text for what, text in found.items() if what not in self._given]
+        self._given |= found.keys()
+        return new
+
+    def _late(self, delay: float) -> str:
+        """The notice of answers that come `delay` s later than the line needs, with the remedy for what the computer knows."""
+        late = f"answers on {self._path} come {delay * 1e3:.0f} ms later than the line needs"
+        timer = latency_timer(self._path)
+        if timer is not None and timer <= SHORT_TIMER:
+            return (
+                f"{late}, although the latency timer of its adapter is {timer} ms: the instrument is slow, or this computer is "
+                "busy; ask less often (`poll` in rig.yaml), or end other programs"
+            )
+        if timer is not None:
+            return (
+                f"{late}, because the latency timer of its adapter is {timer} ms; set it to 1 ms: echo 1 | sudo tee "
+                f"{latency_file(self._path)}"
+            )
+        if "://" in self._path:
+            return f"{late}, by the network or its serial server; set the server's packing time (latency) to the least"
+        return (
+            f"{late}: most USB adapters hold bytes back for a latency timer of 16 ms, set it to 1 ms (Linux: latency_timer of "
+            "the port in /sys/bus/usb-serial/devices; Windows: advanced settings of the port); else the instrument is slow, or "
+            "this computer is busy"
+        )

@@ -1,0 +1,188 @@
+"""The one place that judges times: their period and gaps, clocks that were set, counters that overflow, rows without a time.
+
+No time is made up: a row without one has none. Where a clock was set while rows went on at their period, later times are moved by
+the step, which is asked about; a step whose length nothing tells ends what is averaged, and is asked about.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+EPOCH = (6e8, 4.2e9)
+"""s since 1970, from 1989 to 2103."""
+LONG_STEP, MANY = 5.0, 200
+"""Step and number of rows from which times without a unit are not in s."""
+STEPS = {"ms": 5e3, "us": 5e6}
+"""Step below which such times are in this unit."""
+BETWEEN_RUNS = 60.0
+"""s from the end of one run or file to the start of the next, where only each one's own time is known."""
+FAR, LEAST_GAP = 10.0, 2.0
+"""Periods, and s, beyond which a step is a gap: in less a robot does not go to another pressure, stay there and come back."""
+RARE = (3, 0.02)
+"""Number and share of steps up to which far ones are gaps; more of them are the period of rows that come in bursts."""
+HALF_HOUR, LARGEST_CHANGE = 1800.0, 48
+"""s by whole numbers of which clocks are set to another time zone or to summer time, and the largest such number: a day."""
+AT_ONCE = 1.0
+"""s that a clock may be off besides, and within which rows that are earlier than the one before came late."""
+BITS = (16, 24, 31, 32)
+"""Of counters, after whose largest number comes 0."""
+TICKS = (1e-3, 1e-6)
+"""s by which clocks of microcontrollers count, besides the unit of the column."""
+MOST_FALLING = 0.5
+"""Share of steps back beyond which rows stand in the reverse order of time."""
+BATCH = 5
+"""Rows beyond which earlier ones that follow each other are no late messages, but those of a clock that was set back."""
+
+
+@dataclass
+class Timeline:
+    """The rows of a file that have a time, in the order of time."""
+
+    t: Array
+    """(n,) s, never falling."""
+    rows: Ints
+    """(n,) from 0, in the file."""
+    run: Ints
+    """(n,) of runs whose times begin again, from 0."""
+    notes: list[str] = field(default_factory=list)
+    questions: list[str] = field(default_factory=list)
+    """What a person has to check."""
+
+
+def period(t: Array) -> float:
+    """s from row to row, or from burst to burst where rows come in bursts; 0 of times that are all equal."""
+    return _usual(np.diff(t[np.isfinite(t)]))
+
+
+def _usual(steps: Array) -> float:
+    steps = steps[steps > 0]
+    if not len(steps):
+        return 0.0
+    usual = float(np.median(steps))
+    far = steps[steps > FAR * usual]
+    return _usual(far) if len(far) > max(RARE[0], RARE[1] * len(steps)) else usual
+
+
+def unit_of_steps(times: Array) -> str:
+    """The unit of times of which nothing says it, where their steps are too long for s; else empty."""
+    times = times[np.isfinite(times)]
+    step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+    if step < LONG_STEP or len(times) <= MANY or times[0] >= EPOCH[0]:
+        return ""
+    return next((unit for unit, most in STEPS.items() if step < most), "ns")
+
+
+def gaps(t: Array) -> NDArray[np.bool_]:
+    """(n,) rows that follow the row before by far more than the period."""
+    found = np.zeros(len(t), bool)
+    found[1:] = np.diff(t) > max(FAR * period(t), LEAST_GAP)
+    return found
+
+
+def timeline(t: Array, tick: float, place: Callable[[int], str], several: bool) -> Timeline:
+    """Judge the times (n,) s of a file, as they stand in it; `tick` s is the unit of the column, `place` names a row (from 0);
+    `several`: states are means of several rows, which gaps end."""
+    rows = np.flatnonzero(np.isfinite(t))
+    line = Timeline(t[rows], rows, np.zeros(len(rows), np.int64))
+    if absent := len(t) - len(rows):
+        first = place(int(np.argmax(~np.isfinite(t))))
+        line.notes.append(f"{absent} of {len(t)} rows have no time (first {first}): no state is made of them")
+    if len(rows) > 1 and (np.diff(line.t) < 0).mean() > MOST_FALLING:
+        line.notes.append("times fall from row to row: the file is read from its end to its begin")
+        line.t, line.rows = line.t[::-1], line.rows[::-1]
+    _continue(line, tick, place)
+    late = line.t < np.maximum.accumulate(line.t)
+    if late.any():
+        first = place(int(line.rows[np.argmax(late)]))
+        line.notes.append(f"{int(late.sum())} rows are earlier than the row before (first in {first}): put in order of time")
+        order = np.argsort(line.t, kind="stable")
+        line.t, line.rows, line.run = line.t[order], line.rows[order], line.run[order]
+    if several:
+        line.questions += _far(line, place)
+    return line
+
+
+def _continue(line: Timeline, tick: float, place: Callable[[int], str]) -> None:
+    """Move times behind each step of the clock to where they belong, and begin a run where times begin again."""
+    steps, usual = np.diff(line.t), period(line.t)
+    plain = np.abs(steps[np.abs(steps) < max(FAR * usual, LEAST_GAP)])
+    regular = bool(len(plain)) and float(np.percentile(plain, 95)) <= 2 * usual
+    near = max(AT_ONCE, min(0.5 * usual, 5 * AT_ONCE))
+    shift, again, begin = np.zeros(len(line.t)), [], float(line.t[0]) if len(line.t) else 0.0
+    for i in np.flatnonzero((steps < 0) | (steps > max(FAR * usual, LEAST_GAP))).tolist():
+        before, after, off = float(line.t[i]), float(line.t[i + 1]), float(steps[i]) - usual
+        where, change = place(int(line.rows[i + 1])), HALF_HOUR * round(off / HALF_HOUR)
+        of_clock = regular and change and abs(off - change) <= near and abs(change) <= LARGEST_CHANGE * HALF_HOUR
+        on_the_hour = abs((before + usual + near) % (2 * HALF_HOUR)) <= 2 * near
+        if modulus := _overflow(line.t, off, usual, tick):
+            shift[i + 1 :] += modulus
+            line.notes.append(f"{where}: the count of time overflows ({before:.6g} s to {after:.6g} s) and is read as going on")
+        elif of_clock and (on_the_hour if off > 0 else abs(after - begin) > near):
+            shift[i + 1 :] -= change
+            line.questions.append(
+                f"{where}: the clock goes {'forward' if off > 0 else 'back'} by {abs(change) / 3600:g} h between two rows, which "
+                f"follow each other every {usual:.3g} s: taken for a clock that was set (summer time, time zone), and later rows "
+                "are read as going on; if that time did pass, write them to a file of their own"
+            )
+        elif steps[i] < -max(AT_ONCE, 3 * usual):
+            again.append(i + 1)
+            shift[i + 1 :] += BETWEEN_RUNS - steps[i]
+            if abs(after - begin) > near:
+                line.questions.append(
+                    f"{where}: times fall by {-steps[i]:.4g} s, but not to where they began: was the clock set? Another trial "
+                    "begins there; write the rows from there on to a file of their own if they are of another run"
+                )
+            begin = after
+        elif steps[i] < 0 and regular and _set_back(line.t, i, usual):
+            shift[i + 1 :] += usual - steps[i]
+            line.questions.append(
+                f"{where}: the clock goes back by {usual - steps[i]:.3g} s while rows go on every {usual:.3g} s: taken for a "
+                "clock that was set, and later rows are read as going on"
+            )
+    if again:
+        i = again[0]
+        line.notes.append(
+            f"times begin again {len(again)} times, first in {place(int(line.rows[i]))} ({line.t[i - 1]:.6g} s to "
+            f"{line.t[i]:.6g} s): each time another trial begins, {BETWEEN_RUNS:g} s later"
+        )
+    line.t, line.run = line.t + shift, np.searchsorted(np.array(again), np.arange(len(line.t)), side="right")
+
+
+def _overflow(t: Array, off: float, usual: float, tick: float) -> float:
+    """s after which a counter that fell by `off` (s, its period aside) begins again; 0 of what is none."""
+    sizes = [2.0**bits * unit for bits in BITS for unit in (tick, *TICKS)]
+    fits = [size for size in sizes if abs(off + size) <= 3 * usual < 0.1 * size and np.ptp(t) <= size]
+    return fits[0] if fits else 0.0
+
+
+def _set_back(t: Array, i: int, usual: float) -> bool:
+    """Whether rows go on from behind row i, whose next is earlier, without a leap back to where they were."""
+    ahead = np.flatnonzero(t[i + 1 :] >= t[i])
+    end = i + 1 + int(ahead[0]) if len(ahead) else len(t)
+    return end - i - 1 > BATCH and float(np.diff(t[i + 1 : end + 1]).max(initial=0.0)) <= 3 * usual
+
+
+def _far(line: Timeline, place: Callable[[int], str]) -> Iterator[str]:
+    """About gaps within a run, and times that are too coarse to tell how long anything was held."""
+    usual, steps = period(line.t), np.diff(line.t)
+    found = np.flatnonzero(gaps(line.t)[1:] & (np.diff(line.run) == 0)) + 1
+    if len(found):
+        first, more = int(found[0]), f" ({len(found)} such steps)" if len(found) > 1 else ""
+        whole = abs(steps[first - 1] / HALF_HOUR - round(steps[first - 1] / HALF_HOUR)) * HALF_HOUR <= 2 * max(usual, AT_ONCE)
+        yield (
+            f"{place(int(line.rows[first]))}: a gap of {steps[first - 1]:.5g} s"
+            f"{' (whole hours or half hours)' if whole else ''} in rows that follow each other every {usual:.3g} s{more}: no "
+            "state goes on over it; was the logger stopped, or its clock set?"
+        )
+    if len(steps) and (steps == 0).mean() > 0.5 and usual >= LEAST_GAP:
+        yield (
+            f"{int((steps == 0).sum())} of {len(line.t)} rows have the time of the row before, and times step by {usual:.3g} s: "
+            "durations are not known better; is there a finer column of time?"
+        )

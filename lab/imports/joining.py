@@ -1,0 +1,390 @@
+"""Streams of one experiment joined in time: of several files, of tables below each other in one, or of rows that take turns.
+
+The rows of the stream that holds the tip stay. The others add what they held at its times: on the line between two readings, and
+nothing where the nearest reading is older than the stream's own period.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import correlate
+
+from ..files.config import ConfigError
+from ..files.units import KINDS
+from .clock import EPOCH, HALF_HOUR, LARGEST_CHANGE, period, timeline, unit_of_steps
+from .headings import heading, is_unit, own_column, quantity, triples
+from .map_file import Column, Map, Name
+from .reading import axes_of, name_of, numbers, seconds, unit_in
+from .series import Series, Texts, listed
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+JOIN = "join them in time first (docs: data from elsewhere)"
+"""The remedy where tables cannot be joined here."""
+AGE = 1.5
+"""Periods of a stream that its nearest reading may be old."""
+MOST_STREAMS = 20
+"""Groups of columns that take turns."""
+OWN_ROWS, TOGETHER, TURNS = 0.8, 0.2, 0.2
+"""Share of rows up to which a column is one of a stream, share of the smaller one's rows that two streams have in common at most,
+and least share of rows with which the stream changes where they take turns."""
+LEAST_LAG, CLEAR, CLEARER = 1.0, 0.2, 1.5
+"""s, correlation, and how many times that at once, from which another offset between pressures and tip is proposed."""
+LONGEST_LAG = 120.0
+"""s of offset that is looked for."""
+
+
+@dataclass(frozen=True)
+class Stream:
+    """A table and its times."""
+
+    series: Series
+    label: str
+    t: Array
+    """(n,) s, NaN of rows without a time."""
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """First and last time."""
+        return float(np.nanmin(self.t)), float(np.nanmax(self.t))
+
+    @property
+    def absolute(self) -> bool:
+        """Whether its times are dates."""
+        return self.span[0] >= EPOCH[0]
+
+
+def stream_of(series: Series, label: str, given: Map | None = None) -> tuple[Stream, tuple[str, ...]]:
+    """A table with its times by the map, or by its headings, and what to ask about them; raises ConfigError where it has none."""
+    source, column = (given.source, given.columns.get("t")) if given else (None, None)
+    if column is not None and _has(series, column.column):
+        t, tick = _seconds(series, column)
+    elif source is not None and source.rate is not None:
+        t, tick = np.arange(len(series)) / source.rate, 1.0
+    elif (name := time_heading(series)) is not None:
+        t, tick = _seconds(series, Column(column=name))
+    else:
+        raise ConfigError(
+            f"{label}: no heading names a time by which it could be joined; there are {listed(series.names)}; name it under "
+            f"files: {{{label!r}: {{columns: {{t: ..}}}}, '*': {{}}}}, or {JOIN}"
+        )
+    if not np.isfinite(t).any():
+        raise ConfigError(f"{label}: no row has a time; {JOIN}")
+    line = timeline(t, tick, series.place, several=False)
+    judged = np.full(len(t), np.nan)
+    judged[line.rows] = line.t + (source.offset if source else 0.0)
+    return Stream(series, label, judged), tuple(f"{label}, {text}" for text in line.questions)
+
+
+def time_heading(series: Series) -> str | None:
+    """The first column whose heading is one of times."""
+    for name in series.numbers:
+        h = heading(name, series.units.get(name, ""))
+        if own_column(h) in (None, "t") and (quantity(h) == "t" or h.kind == "s"):
+            return name
+    return None
+
+
+def _has(series: Series, name: Name) -> bool:
+    return isinstance(name, int) or name in series.names
+
+
+def _seconds(series: Series, column: Column) -> tuple[Array, float]:
+    """Times of a column in s, and its unit in s."""
+    name = name_of(series, column.column, "columns.t")
+    values = numbers(series, name, "columns.t") * column.scale
+    unit = column.unit or unit_in(series, name, KINDS["s"]) or unit_of_steps(values)
+    return seconds(values, unit, KINDS["s"].get(unit, 1.0)), column.scale * KINDS["s"].get(unit, 1.0)
+
+
+# ------------------------------------------------------------------ values at other times
+def at_times(at: Array, times: Array, values: Array, oldest: float) -> Array:
+    """Values at other times, on the line between two readings; NaN where the nearest reading is older than `oldest` (s).
+
+    A count or a switch, whole numbers that mostly stand still, keeps its last reading. Where two readings are further apart than
+    half of all that the column ever passes through (an angle that has turned past 180 deg), the nearer one counts.
+    """
+    seen = np.isfinite(values) & np.isfinite(times)
+    if not seen.any():
+        return np.full(len(at), np.nan)
+    times, values = times[seen], values[seen]
+    before, after, nearest, far = _around(at, times, oldest)
+    steps = np.diff(values)
+    if np.all(values == np.round(values)) and 2 * np.count_nonzero(steps) < steps.size:
+        return np.where(far, np.nan, values[before])
+    leaps = np.abs(values[after] - values[before]) > 0.5 * np.ptp(values)
+    return np.where(far, np.nan, np.where(leaps, values[nearest], np.interp(at, times, values)))
+
+
+def _words_at(at: Array, times: Array, words: Texts, oldest: float) -> Texts:
+    """The last words before other times; empty where the nearest are older than `oldest` (s)."""
+    seen = (words != "") & np.isfinite(times)
+    if not seen.any():
+        return np.full(len(at), "", np.str_)
+    before, _, _, far = _around(at, times[seen], oldest)
+    return np.where(far, "", words[seen][before])
+
+
+def _around(at: Array, times: Array, oldest: float) -> tuple[Ints, Ints, Ints, NDArray[np.bool_]]:
+    """Of times in order, those before, after and nearest to each of `at`, and whether the nearest is older than `oldest`."""
+    before = np.clip(np.searchsorted(times, at, side="right") - 1, 0, None)
+    after = np.clip(before + (times[before] < at), 0, len(times) - 1)
+    nearest = np.where(np.abs(times[after] - at) < np.abs(times[before] - at), after, before)
+    return before, after, nearest, ~(np.abs(times[nearest] - at) <= oldest)
+
+
+def joined(lead: Stream, others: Sequence[Stream]) -> Series:
+    """The rows of one stream with the columns of others; raises ConfigError where they have no time in common."""
+    columns, units, notes = dict(lead.series.columns), dict(lead.series.units), list(lead.series.notes)
+    common = dict(lead.series.common_units)
+    added: set[str] = set()
+    for other in others:
+        if lead.absolute != other.absolute or _overlap(lead, other) <= 0:
+            raise ConfigError(_apart(lead, other))
+        order = np.argsort(other.t, kind="stable")  # rows without a time come last
+        times, oldest = other.t[order], AGE * max(period(np.sort(other.t)), 1e-9)
+        for name, values in other.series.columns.items():
+            own = f"{name} ({other.label})" if name in columns and name not in added else name
+            if name == time_heading(other.series) or (own != name and _counts_rows(values)):
+                continue
+            before = columns.get(own)  # of an earlier file of its kind
+            if values.dtype.kind == "U":
+                columns[own] = _words_at(lead.t, times, np.asarray(values[order], np.str_), oldest)
+            else:
+                columns[own] = at_times(lead.t, times, np.asarray(values[order], np.float64), oldest)
+            if before is not None and before.dtype.kind == values.dtype.kind:
+                columns[own] = np.where(_holds(columns[own]), columns[own], before)
+            added.add(own)
+            if unit := other.series.units.get(name):
+                units[own] = unit
+            if strange := other.series.strange.get(name):
+                words = ", ".join(repr(w[:40]) for w in strange.words)
+                notes.append(f"{other.label}: {strange.cells} cells of {name!r} are no numbers ({words}): taken as missing")
+        notes += [n for n in other.series.notes if n not in notes]
+        common = {**other.series.common_units, **common}
+    return replace(lead.series, columns=columns, units=units, common_units=common, notes=tuple(notes))
+
+
+def _holds(values: Array | Texts) -> NDArray[np.bool_]:
+    """(n,) cells that are not missing."""
+    return np.asarray(values != "" if values.dtype.kind == "U" else np.isfinite(np.asarray(values, np.float64)))
+
+
+def _counts_rows(values: Array | Texts) -> bool:
+    """Whether a column only counts."""
+    return values.dtype.kind == "f" and bool((np.diff(np.asarray(values[_holds(values)], np.float64)) >= 0).all())
+
+
+def _overlap(a: Stream, b: Stream) -> float:
+    """s that both have in common."""
+    return min(a.span[1], b.span[1]) - max(a.span[0], b.span[0])
+
+
+def _apart(lead: Stream, other: Stream) -> str:
+    """That two tables have no time in common, and what to do."""
+    spans = " and ".join(f"{s.label} ({s.span[0]:.10g} .. {s.span[1]:.10g} s)" for s in (lead, other))
+    zones = [k * HALF_HOUR for k in range(-LARGEST_CHANGE, LARGEST_CHANGE + 1)]
+    moved = [z for z in zones if min(lead.span[1], other.span[1] + z) > max(lead.span[0], other.span[0] + z)]
+    zone = min(moved, key=abs) if moved and lead.absolute == other.absolute else None
+    start, why = lead.span[0] - other.span[0], "if both started together"
+    proposed, why = (start, why) if zone is None else (zone, "if one clock is set to another time zone")
+    return (
+        f"{spans} have no time in common: state by how many s the times of one are to be moved, {why} files: {{{other.label!r}: "
+        f"{{source: {{offset: {proposed:.10g}}}}}, '*': {{}}}}, or {JOIN}"
+    )
+
+
+# ------------------------------------------------------------------ which belong together
+def experiments(
+    streams: Sequence[Stream], lacks: Sequence[frozenset[str]], leads: Callable[[frozenset[str]], bool]
+) -> list[tuple[Stream, list[Stream]]]:
+    """Each table of the kind that `leads`, with those of other kinds that belong to it; raises ConfigError.
+
+    Kinds are told apart by what they lack. Tables with dates belong together that have time in common, others in their order.
+    """
+    kinds = {kind: [s for s, own in zip(streams, lacks, strict=True) if own == kind] for kind in dict.fromkeys(lacks)}
+    first = next((kind for kind in kinds if leads(kind)), next(iter(kinds)))
+    out: list[tuple[Stream, list[Stream]]] = [(lead, []) for lead in kinds.pop(first)]
+    for others in kinds.values():
+        if all(s.absolute for s in (*others, *(lead for lead, _ in out))):
+            for lead, own in out:
+                there = sorted((s for s in others if _overlap(lead, s) > 0), key=lambda s: s.span)
+                own += there or [min(others, key=lambda s: -_overlap(lead, s))]
+        elif len(others) == len(out):
+            for (_, own), other in zip(out, others, strict=True):
+                own.append(other)
+        else:
+            raise ConfigError(
+                f"{len(out)} tables such as {out[0][0].label} and {len(others)} such as {others[0].label} have no dates that say "
+                f"which belong together: give those of one run at a time, or {JOIN}"
+            )
+    return out
+
+
+def asked(lead: Stream, others: Sequence[Stream]) -> str:
+    """What a person has to check of tables that were joined."""
+    spans = ", ".join(f"{s.label} ({s.span[0] - lead.span[0]:.4g} .. {s.span[1] - lead.span[0]:.4g} s)" for s in (lead, *others))
+    return (
+        f"joined in time, as their clocks say: {spans}, from the start of {lead.label}. Do these clocks agree? If not: files: "
+        f"{{{others[0].label!r}: {{source: {{offset: SECONDS}}}}, '*': {{}}}}"
+    )
+
+
+def in_time(read: Sequence[tuple[Series, Map]]) -> list[tuple[Series, Map]]:
+    """Files with their maps; where each lacks columns that another one holds, joined in time. Raises ConfigError."""
+    lacks = [_lacking(series, own) for series, own in read]
+    if len(read) < 2 or not all(lacks) or frozenset.intersection(*lacks):
+        return list(read)
+    streams, maps, questions = [], {}, {}
+    for series, own in read:
+        stream, doubts = stream_of(series, series.path.name, own)
+        streams.append(stream)
+        maps[id(stream)], questions[id(stream)] = own, doubts
+    out = []
+    for lead, others in experiments(streams, lacks, lambda kind: not kind & {"x", "y", "z", "tip"}):
+        columns = {n: c for other in others for n, c in maps[id(other)].columns.items() if n != "t"} | maps[id(lead)].columns
+        doubts = (asked(lead, others), *(q for stream in (lead, *others) for q in questions[id(stream)]))
+        series = replace(joined(lead, others), questions=doubts)
+        out.append((series, maps[id(lead)].model_copy(update={"columns": columns})))
+    return out
+
+
+def _lacking(series: Series, wanted: Map) -> frozenset[str]:
+    """The keys of the map whose column a file has not, but for its times."""
+    names: dict[str, list[Name | tuple[Name, Name, Name]]] = {n: [c.column] for n, c in wanted.columns.items() if n != "t"}
+    names |= {n: [*p.of, *p.against] for n, p in wanted.points.items()}
+    names |= {"orientation": list(wanted.orientation.columns)} if wanted.orientation else {}
+    return frozenset(key for key, own in names.items() if not all(_there(series, name, key in wanted.points) for name in own))
+
+
+def _there(series: Series, name: Name | tuple[Name, Name, Name], point: bool) -> bool:
+    try:
+        if isinstance(name, tuple):
+            return all(_has(series, one) for one in name)
+        return bool(axes_of(series, name, "")) if point and isinstance(name, str) else _has(series, name)
+    except ConfigError:
+        return False
+
+
+# ------------------------------------------------------------------ tables in one file
+def of_one_file(tables: Sequence[Series]) -> Series:
+    """Tables that stand below each other in one file, joined in time; raises ConfigError where one has no times."""
+    streams = [stream_of(table, f"table {k}")[0] for k, table in enumerate(tables, 1)]
+    lead = max(streams, key=lambda s: (_holds_places(s.series), len(s.series)))
+    others = [s for s in streams if s is not lead]
+    made = joined(lead, others)
+    return replace(made, notes=(f"{len(tables)} tables below each other are joined in time", *made.notes))
+
+
+def _holds_places(series: Series) -> bool:
+    return bool(triples([heading(n, series.units.get(n, "")) for n in series.numbers]))
+
+
+def of_rows_in_turn(series: Series) -> Series:
+    """The same where columns take turns, row by row, in holding values, or names of quantities do beside one column of values:
+    joined in time, to the rows that hold places."""
+    series = _by_name(series)
+    groups = list(_in_turn(series))
+    if not groups:
+        return series
+    times = time_heading(series)
+    t = _seconds(series, Column(column=times))[0] if times else np.arange(len(series), dtype=np.float64)
+    taken = {name for _, names in groups for name in names}
+    lead = max(range(len(groups)), key=lambda k: (_holds_places(_part(series, *groups[k])), len(groups[k][0])))
+    streams = []
+    for k, (rows, names) in enumerate(groups):
+        kept = [n for n in series.names if n in names or (k == lead and n not in taken)]
+        streams.append(Stream(_part(series, rows, kept), ", ".join(names[:3]), t[rows]))
+    made = joined(streams[lead], [s for k, s in enumerate(streams) if k != lead])
+    note = (
+        f"{len(streams)} groups of columns hold values in rows of their own ({'; '.join(s.label for s in streams)}): joined in "
+        f"{'time' if times else 'the order of rows'} to the {len(made)} rows of {streams[lead].label}"
+    )
+    return replace(made, columns={n: made.columns[n] for n in series.names}, notes=(note, *series.notes))
+
+
+def _by_name(series: Series) -> Series:
+    """A table of times, names and values with a column for each name; any other as it is."""
+    times = time_heading(series)
+    values = [n for n in series.numbers if n != times]
+    units = next((n for n, w in series.words.items() if all(map(is_unit, set(w.tolist())))), None)
+    names = [n for n in series.words if n != units]
+    if times is None or len(values) != 1 or len(names) != 1:
+        return series
+    named, held = series.words[names[0]], series.numbers[values[0]]
+    every = [n for n in dict.fromkeys(named.tolist()) if n]
+    if not 1 < len(every) <= MOST_STREAMS or (named[1:] != named[:-1]).mean() < TURNS or set(every) & {times}:
+        return series
+    columns = {times: series.numbers[times]} | {n: np.where(named == n, held, np.nan) for n in every}
+    stated = {n: str(series.words[units][np.argmax(named == n)]) for n in every} if units else {}
+    return replace(series, columns=columns, units={**series.units, **stated})
+
+
+def _part(series: Series, rows: NDArray[np.int64], names: Sequence[str]) -> Series:
+    """Some rows and columns."""
+    strange = {
+        n: replace(s, row=int(np.argmax(np.isin(s.column[rows], s.words))), column=s.column[rows])
+        for n, s in series.strange.items()
+        if n in names
+    }
+    lines = None if series.lines is None else series.lines[rows]
+    return replace(series, columns={n: series.columns[n][rows] for n in names}, lines=lines, strange=strange, notes=())
+
+
+def _in_turn(series: Series) -> Iterator[tuple[NDArray[np.int64], list[str]]]:
+    """Rows and columns of each group of columns, where groups take turns in holding values."""
+    masks: list[tuple[NDArray[np.bool_], list[str]]] = []
+    for name, values in series.numbers.items():
+        seen = np.isfinite(values)
+        if name in series.strange or seen.mean() > OWN_ROWS:
+            continue
+        for k, (mask, names) in enumerate(masks):
+            if (mask & seen).sum() > 0.5 * min(mask.sum(), seen.sum()):
+                masks[k] = (mask | seen, [*names, name])
+                break
+        else:
+            if len(masks) > MOST_STREAMS:
+                return
+            masks.append((seen, [name]))
+    if not 1 < len(masks) <= MOST_STREAMS:
+        return
+    every = np.array([mask for mask, _ in masks])
+    if any((a & b).sum() > TOGETHER * min(a.sum(), b.sum()) for i, a in enumerate(every) for b in every[:i]):
+        return
+    which = np.argmax(every, axis=0)[every.any(axis=0)]
+    if sum(a != b for a, b in pairwise(which.tolist())) < TURNS * len(which) or len(which) < OWN_ROWS * len(series):
+        return
+    yield from ((np.flatnonzero(mask), names) for mask, names in masks)
+
+
+# ------------------------------------------------------------------ whether clocks agree
+def lag(t: Array, pressures: Array, tip: Array) -> float | None:
+    """s by which the tip (n, 3) moves after the pressures (n, k) change, where that fits clearly better than at once."""
+    span, usual = float(np.ptp(t)) if len(t) else 0.0, period(t)
+    if usual <= 0 or span < 20 * usual:
+        return None
+    grid = np.linspace(t[0], t[-1], int(min(span / usual, 20_000)) + 1)
+    activity = []
+    for values in (pressures, tip):
+        seen = np.isfinite(values).all(axis=1)
+        if seen.sum() < 10:
+            return None
+        held = np.column_stack([np.interp(grid, t[seen], column) for column in values[seen].T])
+        speed = np.linalg.norm(np.diff(held, axis=0), axis=1)
+        activity.append((speed - speed.mean()) / max(float(speed.std()), 1e-300))
+    step, size = float(grid[1] - grid[0]), len(activity[0])
+    agreement = correlate(activity[1], activity[0], method="fft") / size
+    lags = np.arange(1 - size, size)
+    kept = np.abs(lags) * step <= min(LONGEST_LAG, span / 4)
+    lags, agreement = lags[kept], agreement[kept]
+    best = int(np.argmax(agreement))
+    now = float(agreement[np.abs(lags) <= 1].max())
+    late = float(lags[best]) * step
+    clear = agreement[best] > CLEAR and agreement[best] > CLEARER * now
+    return late if clear and abs(late) > max(LEAST_LAG, 3 * usual) else None

@@ -1,0 +1,82 @@
+"""What the sizes of effects are multiples of: a robot's own length, stiffness and largest pressure.
+
+The catalogue holds sizes of a robot with the scales `STANDARD`; those of another robot are in proportion to its own. Of similar
+robots (lengths, moduli and pressures in proportion, gravity to match) the same share of a scale moves the tip by the same share
+of the length.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.body import body_of
+from model.errors import BadRobot
+from model.robot import Robot
+
+BALLOONING = "chamber_ballooning"
+"""Effect whose size is that at a pressure."""
+NEAR = 0.6
+"""Share of robot.yaml's max_pressure from which states use all of it."""
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Scales of one robot and its campaign."""
+
+    length: float
+    """m, of the body."""
+    stiffness: float
+    """N m^2, E I of the body."""
+    pressure: float
+    """Pa, the largest; at which sizes that grow with pressure are quoted."""
+    gravity: float = 9.81
+    """m/s^2."""
+
+    def of(self, unit: str) -> float:
+        """The scale of quantities with this unit; 1 for pure numbers, angles and times, which belong to material and instruments.
+
+        >>> STANDARD.of("rad/m"), STANDARD.of("Pa"), STANDARD.of("1")
+        (2.5, 250000.0, 1.0)
+        """
+        force = self.stiffness / self.length**2
+        known = {
+            "Pa": self.pressure, "m": self.length, "1/m": 1 / self.length, "rad/m": 1 / self.length, "N": force,
+            "N m": force * self.length, "N/m": force / self.length, "m/N": self.length / force,
+            "rad/(N m)": 1 / (force * self.length), "kg": force / self.gravity,
+        }  # fmt: skip
+        return known.get(unit, 1.0)
+
+    def times_standard(self, unit: str) -> float:
+        """This scale over the standard one."""
+        return self.of(unit) / STANDARD.of(unit)
+
+
+STANDARD = Scales(0.4, 507147.0 * math.pi / 4 * (0.05**4 - 0.029**4), 250e3)
+"""A cast body of 40 cm and 10 cm across."""
+
+
+def scales(robot: Robot, pressure: NDArray[np.float64] | None = None) -> Scales:
+    """Scales of a robot whose states have these pressures (n, chambers), Pa; None: of any states.
+
+    Its pressure is that of robot.yaml where it states one (`quoted_pressure`), or `max_pressure` where it states a size that is
+    quoted there or states come near it; else the largest of the states, to two digits, so that noise does not change what a
+    size means. Raises `BadRobot` where such a size is stated without its pressure.
+    """
+    quoted = robot.quoted_pressure
+    if quoted is None and (BALLOONING in robot.effects or pressure is None):
+        quoted = robot.max_pressure
+        if quoted is None and BALLOONING in robot.effects:
+            raise BadRobot(
+                f"robot {robot.name!r}: effects.{BALLOONING} needs quoted_pressure, the pressure at which its growth is stated"
+            )
+    if quoted is None:
+        highest = 0.0 if pressure is None else float(np.abs(pressure).max(initial=0.0))
+        most = robot.max_pressure or STANDARD.pressure
+        near = robot.max_pressure is not None and NEAR * most <= highest <= most / NEAR
+        quoted = most if near or highest == 0 else float(f"{highest:.2g}")
+    stiffness = robot.youngs_modulus * body_of(robot).mean_second
+    return Scales(robot.length, stiffness, quoted, float(np.linalg.norm(robot.gravity)) or STANDARD.gravity)
