@@ -16,7 +16,7 @@ from diagnosis.errors import DiagnosisError
 from model.condition import States
 from model.robot import Robot
 from recordings.bounded import read_bounded
-from recordings.campaign.resumed import campaigns, merged
+from recordings.campaign.replay import campaigns, merged
 from recordings.file.reader import Recording
 from recordings.file.verify import verify
 from recordings.table_file import read_csv

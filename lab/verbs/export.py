@@ -13,7 +13,7 @@ from diagnosis.errors import DiagnosisError
 from model.robot import Robot
 from recordings.campaign.export import StreamFormat, export_case, export_streams, write_mat
 from recordings.campaign.info import info as summary
-from recordings.campaign.resumed import tables
+from recordings.campaign.replay import tables
 from recordings.file.reader import Recording
 from recordings.own_files import copied
 from recordings.table_file import read_csv, write_csv

@@ -1,7 +1,5 @@
 """What a driver refuses before anything is connected, and at opening: named, with what to do."""
 
-from __future__ import annotations
-
 import socket
 from pathlib import Path
 from typing import Any
@@ -11,7 +9,7 @@ from pydantic import ValidationError
 
 from drivers.configs import known_port
 from drivers.errors import LimitExceeded, Unreachable, WrongDevice
-from drivers.serial_line import SerialLine, open_port
+from drivers.serial_line import SerialLine, SerialPort
 from lab.driver_contract import Unit, answers, unit
 from lab.files.all_drivers import drivers
 
@@ -76,7 +74,7 @@ def test_a_port_is_a_device_path_or_a_terminal_server(port: str, tmp_path: Path)
         with pytest.raises(ValidationError, match=f"{key}\n.*is not a port; write the path of a device, .*socket://HOST:PORT"):
             config.model_validate(table | changes)
     with pytest.raises(Unreachable, match="is not a port; write the path of a device"):
-        open_port("valve", port, 19200)
+        SerialPort("valve", port, 19200, 1.0).open()
     assert file.read_text() == "data"
 
 

@@ -1,7 +1,5 @@
 """Bad input gets one clear message with everything that is wrong and the right exit code, whatever verb reads it."""
 
-from __future__ import annotations
-
 import copy
 import errno
 import json

@@ -1,7 +1,5 @@
 """Work on processes and on a Dask cluster on loopback: the same results as here, none lost with a process or worker."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

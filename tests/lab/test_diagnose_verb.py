@@ -1,7 +1,5 @@
 """`lab diagnose`: exit codes, what is written, and that bad input never earns a confident verdict."""
 
-from __future__ import annotations
-
 import html
 import json
 from collections.abc import Callable, Mapping

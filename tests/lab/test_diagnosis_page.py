@@ -1,7 +1,5 @@
 """The page of a diagnosis: whole without a network, with a picture in every frame, and drawn by a real browser."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re

@@ -1,7 +1,5 @@
 """`lab effects`: every effect has a signature, a person's own effect is shown with the others."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

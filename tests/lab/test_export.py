@@ -1,7 +1,5 @@
 """`lab export --mat`, `--crate` and `--arviz`: what other programs read; and no folder of results is written through a link."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import shutil

@@ -1,7 +1,5 @@
 """`lab import`: files of other programs, by a map or by a map that is proposed."""
 
-from __future__ import annotations
-
 import json
 import pickle
 import shlex

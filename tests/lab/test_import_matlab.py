@@ -1,7 +1,5 @@
 """Files of MATLAB and of motion capture: tables, cells, structures and arrays on their side; Motive's and Vicon's CSV, C3D."""
 
-from __future__ import annotations
-
 import sys
 import warnings
 import zlib

@@ -1,7 +1,5 @@
 """What installed packages announce: one that is broken hinders nobody, and is named with what to do where it is used."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`lab fit --with`, `lab predict` and the tables that verbs print: files, screens, exit codes, one number for each quantity."""
 
-from __future__ import annotations
-
 import csv
 import re
 from pathlib import Path

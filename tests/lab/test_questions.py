@@ -1,7 +1,5 @@
 """Numbers that hint at a wrong unit are asked about, and a gauge that has frozen is told from one that is at rest."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

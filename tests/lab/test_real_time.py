@@ -1,7 +1,5 @@
 """A clock that is not the host's belongs to fakes: what is real is told by what it is, and refused."""
 
-from __future__ import annotations
-
 import os
 import pty
 import socket

@@ -1,7 +1,5 @@
 """`lab info`, `runs`, `replay` and `export` of one recording, of several, and of a torn one next to what was recovered of it."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path
@@ -14,7 +12,7 @@ from lab.files.inputs import marked_notes, read_case, same_body
 from lab.rig.losses import losses
 from lab.verbs.run import recording_of
 from recordings.campaign.info import info
-from recordings.campaign.resumed import metadata
+from recordings.campaign.replay import metadata
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
 from recordings.states.rules import State, Window

@@ -1,7 +1,5 @@
 """rig.yaml, robot.yaml and any file of settings: one message tells all that is wrong, and what is written reads back."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

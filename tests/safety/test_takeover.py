@@ -1,7 +1,5 @@
 """`lab safe` while a run is going: its guard lands the rig at once and for good, whatever became of the rig's files."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

@@ -1,7 +1,5 @@
 """The driver's end of a line in this process: what opens a port of `MEMORY` gets it."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import serial

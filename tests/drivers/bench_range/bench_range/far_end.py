@@ -1,7 +1,5 @@
 """Fake range finders, which look at the tip from below, and a fake vacuum gauge."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
