@@ -219,7 +219,7 @@ def test_cases_of_one_name_are_exported_apart(case: Path, tmp_path: Path, cli: C
 @pytest.mark.parametrize(
     "words",
     [("export", "RECORDING"), ("export", "RECORDING", "--case"), ("export", "CASE", "--crate"), ("export", "CASE", "--mat"),
-     ("compare", "CASE"), ("fit", "CASE"), ("effects",), ("paper",), ("diagnose", "CASE")],
+     ("compare", "CASE"), ("fit", "CASE"), ("effects",), ("diagnose", "CASE")],
     ids=" ".join,
 )  # fmt: skip
 def test_a_folder_that_holds_something_else_is_never_added_to(words: Sequence[str], case: Path, tmp_path: Path, cli: Cli) -> None:
