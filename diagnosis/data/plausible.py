@@ -50,7 +50,7 @@ def implausible_values(robot: Robot, table: Table) -> tuple[str, ...]:
 
 
 def contradicting_attitudes(robot: Robot, table: Table) -> tuple[str, ...]:
-    """A message where attitudes contradict the places of the tip; empty where they do not, or where other values are implausible."""
+    """A message where attitudes contradict the tip's places; empty where they do not, or other values are implausible."""
     tips = table.take(table.with_tip & np.isfinite(table.orientation).all(axis=1))
     if not len(tips) or implausible_values(robot, tips):
         return ()
