@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
@@ -27,6 +27,8 @@ class Words:
     """Decimals that matter."""
     by_rig: bool
     """Whether a rig can drive them; else a person does, state by state."""
+    vocabulary: Mapping[str, str]
+    """Field of a template -> word."""
     instead: Mapping[str, str] = field(default_factory=dict)
     """Words for chambers -> those for these actuators; whole words."""
 
@@ -47,6 +49,14 @@ class Words:
             return text
         said = re.sub(rf"\b({'|'.join(self.instead)})\b", lambda found: self.instead[found[0]], text)
         return re.sub(r"\b([Aa])n (?=tension|tendon)", r"\1 ", said)
+
+    def fill(self, template: str, *amounts: str, **values: Any) -> str:
+        """Fill a template whose fields may name these actuators, such as {pressures}, or `values`.
+
+        >>> Tendons.words.fill("{inflate} {actuators} {numbers}", numbers="1, 2"), Chambers.words.fill("{an_area_factor}")
+        ('pull tendons 1, 2', 'an area factor')
+        """
+        return template.format(*amounts, **{**self.vocabulary, **values})
 
     def number(self, pressure: float, more: int = 0) -> str:
         """A pressure of the tables (Pa) as a number in the unit, with `more` decimals than usual.
@@ -70,7 +80,14 @@ class Chambers(BaseModel):
     """Pressure chambers: equal round channels along the body."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
-    words: ClassVar[Words] = Words("chambers", "kPa", 1e3, 0, True)
+    words: ClassVar[Words] = Words(
+        "chambers", "kPa", 1e3, 0, True,
+        {
+            "actuator": "chamber", "actuators": "chambers", "pressure": "pressure", "pressures": "pressures",
+            "inflate": "inflate", "inflated": "inflated", "area_factor": "area factor", "an_area_factor": "an area factor",
+            "actuator_area": "chambers' area", "actuator_areas": "areas of the chambers", "regulators": "regulators",
+        },
+    )  # fmt: skip
 
     radius: FiniteFloat = Field(gt=0, le=0.5, json_schema_extra={"unit": "m"})
     path_radius: FiniteFloat = Field(gt=0, le=1, json_schema_extra={"unit": "m"})
@@ -93,6 +110,11 @@ class Tendons(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
     words: ClassVar[Words] = Words(
         "tendons", "N", 1 / PULL_AREA, 1, False,
+        {
+            "actuator": "tendon", "actuators": "tendons", "pressure": "tension", "pressures": "tensions", "inflate": "pull",
+            "inflated": "pulled", "area_factor": "tension factor", "an_area_factor": "a tension factor",
+            "actuator_area": "tendons' pull", "actuator_areas": "tensions of the tendons", "regulators": "motors",
+        },
         {
             "area factor": "tension factor", "area factors": "tension factors", "chamber areas": "tendons' tensions",
             "areas of the chambers": "tensions of the tendons", "chambers' area": "tendons' pull", "chamber": "tendon",

@@ -15,6 +15,7 @@ from model.robot import Robot
 
 from ..criticism.relatives import RELATIVES
 from ..criticism.stage_errors import StageError
+from ..findings import Finding, finding
 from ..inference.posterior import UNKNOWN
 from ..inference.problem import Parameters
 from ..judgement import (
@@ -32,6 +33,7 @@ from ..judgement import (
 from .headline import LEAST_STATED, for_people, percent, stated
 from .result import Alike, Calibration, Carries, Conclusion, Locate, Ranked, Shrink, Simulator, Waterfall
 from .shrink import share_closed
+from .size import Size
 from .verdict import Decision, stage
 
 
@@ -61,12 +63,8 @@ class Facts:
     """The number of robot.yaml that was calibrated first, or how many; empty where none was."""
     names: Mapping[str, str] = field(default_factory=dict)
     """Effect -> plain name."""
-    doubts: Sequence[str] = ()
-    """Why what is named is not certain."""
 
 
-BEYOND_TOLERANCE = "Beyond tolerance (in brackets, one standard deviation): "
-"""How the concern about a number of robot.yaml begins."""
 NO_EFFECT, OUTSIDE = "no effect", "a cause outside the catalogue"
 
 
@@ -91,11 +89,6 @@ def with_id(effect: str, names: Mapping[str, str]) -> str:
     """
     name = plain_name(effect, names)
     return name if name == OUTSIDE else f"{name} [{effect}]"
-
-
-def with_id_in(text: str, names: Mapping[str, str]) -> str:
-    """A text in which identifiers of effects stand as their names."""
-    return " ".join(with_id(word, names) if word in names else word for word in text.split(" "))
 
 
 def hypothesis_name(effects: Iterable[str], names: Mapping[str, str], ids: bool = True) -> str:
@@ -127,9 +120,8 @@ def _verdict(f: Facts) -> str:
         return f"Cause: {named} ({_sure(f)}).{_second(f)}"
     if f.conclusion == "one of several":
         by = f" To tell them apart: {f.tie_breaker}." if f.tie_breaker else ""
-        why = f" Not certain: {'; '.join(with_id_in(text, f.names) for text in f.doubts)}." if f.doubts else ""
         text = f"Behaves most like {named} ({_sure(f)}); the data do not exclude {_others(f)}."
-        return f"{text}{why}{by}{_second(f)}{_relatives(f)}"
+        return f"{text}{by}{_second(f)}{_relatives(f)}"
     if f.conclusion == "none" and f.decision.too_small:
         leading = " and ".join(with_id(e, f.names) for e in f.decision.too_small)
         return (
@@ -291,20 +283,16 @@ def _by_calibration(f: Facts, otherwise: str, rest: str = "") -> str:
     )
 
 
-def beyond_tolerance(p: Parameters, moved: Mapping[int, float], robot: Robot) -> Iterator[str]:
-    """What to say of the numbers of robot.yaml that a fit moves beyond their tolerances (`Parameters.tense`), in one concern."""
+def beyond_tolerance(p: Parameters, moved: Mapping[int, float], robot: Robot) -> Iterator[Finding]:
+    """One finding on the numbers of robot.yaml that a fit moves beyond their tolerances (`Parameters.tense`)."""
     by_stiffness = robot.bending_stiffness is not None
     each = []
     for i, value in moved.items():
-        info, sd = p.infos[i], float(p.sd[i])
-        off, allowed = (f"{v:.3g} {u}" for v, u in (_in_percent(abs(value), info.unit), _in_percent(sd, info.unit)))
-        key = "bending_stiffness" if info.source == "youngs_modulus" and by_stiffness else info.source
-        each.append(f"{key} {off} {'above' if value > 0 else 'below'} robot.yaml ({allowed})")
+        (by, unit), (sd, sd_unit) = (_in_percent(v, p.infos[i].unit) for v in (abs(value), float(p.sd[i])))
+        name = "bending_stiffness" if p.infos[i].source == "youngs_modulus" and by_stiffness else p.infos[i].source
+        each.append(finding("number_above" if value > 0 else "number_below", name=name, by=by, unit=unit, sd=sd, sd_unit=sd_unit))
     if each:
-        yield (
-            f"{BEYOND_TOLERANCE}{', '.join(each)}: measure and correct robot.yaml, or state it less surely; until then no cause "
-            "is certain"
-        )
+        yield finding("beyond_tolerance", numbers=each)
 
 
 def _in_percent(value: float, unit: str) -> tuple[float, str]:
@@ -312,23 +300,27 @@ def _in_percent(value: float, unit: str) -> tuple[float, str]:
     return (100 * value, "%") if unit == "1" else for_people(value, unit)
 
 
-def far_off(stiffness: float) -> Iterator[str]:
-    """What to ask where the calibrated body is `stiffness` times as stiff as that of robot.yaml: a wrong unit does that."""
+def far_off(stiffness: float, words: Words) -> Iterator[Finding]:
+    """A finding where the calibrated body is `stiffness` times as stiff as that of robot.yaml: a wrong unit does that."""
     if not 1 / OTHER_UNIT < stiffness < OTHER_UNIT:
-        yield (
-            f"calibration asks for a body {stiffness:.2g} times as stiff as that of robot.yaml, or for pressures "
-            f"{1 / stiffness:.2g} times as high: check youngs_modulus, outer_radius, path_radius and area_factor of robot.yaml, "
-            "and the unit of the pressures (psi and kPa differ by 6.9); until then no cause is certain"
-        )
+        yield finding("stiffness_far_off", words, stiffness=stiffness, pressure_ratio=1 / stiffness)
 
 
-def scatter(excess: float) -> Iterator[str]:
-    """What to say where repeats scatter `excess` times more than usual."""
+def scatter(excess: float) -> Iterator[Finding]:
+    """A finding where repeats scatter `excess` times more than usual."""
     if excess >= USUAL_EXCESS:
-        yield (
-            f"repeats of the same state scatter {excess:.1f} times more than instruments and re-grown spines usually do: "
-            "find out what changes from trial to trial before trusting a cause"
-        )
+        yield finding("scatter_of_repeats", factor=excess)
+
+
+def against(
+    sizes: Sequence[Size], named: Sequence[str], errors: Sequence[StageError], names: Mapping[str, str], words: Words
+) -> Iterator[Finding]:
+    """What speaks against the effects named: a size that cannot be, a stage that asks for an error of its own next to them."""
+    for x in (x for x in sizes if x.impossible):
+        number, unit = for_people(x.mean, x.unit, words)
+        yield finding("impossible_size", parameter=with_id(x.name, names), size=f"{number:.3g} {unit}".rstrip())
+    for e in errors[:2] if named else ():
+        yield finding("stage_error", stage=e.stage, varies=words.say(e.varies), gain=e.gain)
 
 
 def _simulator(f: Facts) -> str:

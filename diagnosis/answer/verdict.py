@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..criticism.stage_errors import StageError
+from ..findings import Finding, finding
 from ..inference.evidence import NONE
 from ..inference.posterior import UNKNOWN, Posterior
 from ..judgement import (
@@ -82,18 +83,20 @@ def rivals(d: Decision, posterior: Posterior) -> tuple[str, ...]:
     return tuple(dict.fromkeys(e for h in others for e in h if e not in d.effects))
 
 
-def doubts(sizes: Sequence[Size], effects: Sequence[str], unseen: Shrink | None, alone: Sequence[str] = ()) -> Iterator[str]:
-    """Why effects of these sizes are no certain cause, with what they leave of the gap on unseen states; `alone`: effects that do
-    as well without any calibration."""
-    for effect in effects:
-        own = [s for s in sizes if s.name.startswith(f"{effect}.") and s.role == "size"]
+def doubts(
+    sizes: Sequence[Size], effects: Mapping[str, str], unseen: Shrink | None, alone: Sequence[str] = ()
+) -> Iterator[Finding]:
+    """Why effects (id -> name) of these sizes are no certain cause, with what they leave of the gap on unseen states; `alone`:
+    names of effects that do as well without any calibration."""
+    for effect, name in effects.items():
+        own = [s for s in sizes if s.name.partition(".")[0] == effect and s.role == "size"]
         if any(s.impossible for s in own):
-            yield f"{effect} would have an impossible size"
+            yield finding("cause_impossible", effect=name)
         elif own and not any(s.certain for s in own):
-            yield f"the size of {effect} is zero within its error"
-    yield from (f"{effect} alone would do the same without calibration" for effect in alone[:1])
+            yield finding("cause_within_error", effect=name)
+    yield from (finding("cause_or_calibration", effect=name) for name in alone[:1])
     if unseen is not None and unseen.after_mm > max(LEFT_FLOORS * unseen.floor_mm, LEFT_SHARE * unseen.before_mm):
-        yield f"{unseen.after_mm:.2g} mm remain on unseen states"
+        yield finding("gap_remains", mm=unseen.after_mm)
 
 
 def conclude(d: Decision, gap: bool, asking: Sequence[StageError], tense: bool = False) -> Conclusion:

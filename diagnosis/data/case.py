@@ -17,6 +17,7 @@ from recordings.trials import Table
 
 from ..arrays import Array, Ints, Mask
 from ..errors import BadCase
+from ..findings import Finding, finding
 from . import plausible, pushes
 from .campaign import Campaign
 from .levels import FORCE_GAP, MASS_GAP, RATE_GAP, ROLL_GAP, SPINE_GAP, VACUUM_GAP, by_frequency, distinct, levels, pressure_gap
@@ -40,7 +41,7 @@ class Case:
     table: Table
 
 
-def states(case: CaseLike) -> tuple[Campaign, tuple[str, ...]]:
+def states(case: CaseLike) -> tuple[Campaign, tuple[Finding, ...]]:
     """The states with a tip and those of stiffness trials, and concerns about the table; raises `BadCase`."""
     robot = case.robot
     table, row = case.table, np.arange(len(case.table))
@@ -54,12 +55,12 @@ def states(case: CaseLike) -> tuple[Campaign, tuple[str, ...]]:
     every, good = len(of_robot) + len(of_trials), len(usable) + len(usable_pushes)
     if not good:
         raise BadCase(f"all {every} states have values that are not finite: nothing can be compared")
-    concerns = [f"{every - good} of {every} states have values that are not finite and are left out"] if good < every else []
+    concerns = [finding("states_not_finite", left_out=every - good, states=every)] if good < every else []
     plausible.require_plausible(robot, table.take(np.concatenate([usable, usable_pushes])))
     pushes.require_plausible(robot, table.take(usable_pushes))
     arrays = _arrays(table, usable, usable_pushes)
-    concerns += _concerns(arrays, robot.spine is not None) if len(usable) else ()
-    return arrays, (*concerns, *pushes.concerns(arrays, bool(len(usable))))
+    concerns += _concerns(arrays, robot) if len(usable) else ()
+    return arrays, (*concerns, *pushes.concerns(arrays, bool(len(usable)), robot.actuators.words))
 
 
 def _arrays(table: Table, of_robot: Ints, of_trials: Ints) -> Campaign:
@@ -163,25 +164,16 @@ def lacking(s: Campaign) -> tuple[str, ...]:
     return () if len(np.unique(levels(own.highest, s.pressure_gap))) > 1 else ("only one pressure",)
 
 
-def _concerns(s: Campaign, spine: bool) -> Iterator[str]:
-    own = s.take(s.main)
-    lengths = len(np.unique(levels(own.spine_length, SPINE_GAP)))
-    pressures = len(np.unique(levels(own.highest, s.pressure_gap)))
-    if spine and lengths < 2:
-        yield "only one spine length: effects of the spine and of the body cannot be distinguished; record at least two lengths"
-    if pressures < 2:
-        yield (
-            "only one pressure: no cause can be distinguished from an error of the chambers' area; record at least two pressures"
-        )
+def _concerns(s: Campaign, robot: Robot) -> Iterator[Finding]:
+    """What a small table cannot answer."""
+    own, words = s.take(s.main), robot.actuators.words
+    if robot.spine is not None and len(np.unique(levels(own.spine_length, SPINE_GAP))) < 2:
+        yield finding("one_spine_length", words)
+    if len(np.unique(levels(own.highest, s.pressure_gap))) < 2:
+        yield finding("one_pressure", words)
     if s.highest.max() < s.pressure_gap:
-        yield "no state is bent: chambers, spine and material cannot be judged; record a bending sweep"
+        yield finding("not_bent", words)
     if s.repeats < 3:
-        yield (
-            "no state was repeated: the noise floor is that of usual instruments and misses differences between trials, so no "
-            "cause is named; repeat the sweep three times"
-            if s.repeats < 2
-            else "a state was read in two trials (median over all states): the noise floor rests on few differences, and "
-            "probabilities are less sure than stated; repeat the sweep three times"
-        )
+        yield finding("not_repeated" if s.repeats < 2 else "repeated_once", words)
     if not (own.branch < 0).any():
-        yield "no unload branch: friction, creep and a time lag cannot be distinguished; read the states on the way down too"
+        yield finding("no_unload", words)

@@ -28,6 +28,7 @@ from model.rods import FINE, solve
 from model.section import body_mass, rods_of
 
 from ..arrays import Array, Mask
+from ..findings import Finding, finding
 from ..judgement import (
     FIRST_AS_GOOD,
     FIRST_AT_BOUND,
@@ -43,15 +44,13 @@ from ..judgement import (
     UPSIDE_DOWN_GAIN,
 )
 from .campaign import Campaign, settings, spread_over, tip_masses
-from .chamber_sides import can_name_order, exchanged, order_told, with_order
+from .chamber_sides import can_name_order, exchanged, reordered, with_order
 
 NAMES = ("area_factor", "youngs_modulus", "azimuth", "gravity_x", "gravity_y", "origin_x", "origin_y", "origin_z")
 ORIGIN, STEP = 5, 1.5e-8
 """The first parameter of the origin, which moves every tip alike, and the step of differences by the others, relative."""
 DIRECT = replace(FINE, follow=False)
 """A rod so soft that it has to be loaded in steps, at a thousand times the cost, counts as one that does not stand."""
-CALIBRATED_FIRST = "calibrated first"
-"""How the concern about it begins."""
 STIFFER = (3.0, 9.0)
 """Times the modulus, with the area factor as it is or as many times larger, where the wide fit may begin."""
 QUARTERS = (0.0, np.pi / 2, -np.pi / 2, np.pi)
@@ -72,10 +71,13 @@ class Adjusted:
     rather: str = ""
     """Another number that may be wrong by as much."""
 
-    def __str__(self) -> str:
-        bound = ", and would go beyond: another number beside it is wrong too" if self.at_bound else ""
-        also = f", or {self.rather} wrong by as much" if self.rather else ""
-        return f"{self.name} {self.found:.4g} {self.unit} instead of {self.given:.4g} {self.unit}{also}{bound}"
+    @property
+    def finding(self) -> Finding:
+        """What a person reads of it."""
+        return finding(
+            "refitted_to_limit" if self.at_bound else "refitted_or" if self.rather else "refitted",
+            name=self.name, found=self.found, given=self.given, unit=self.unit, rather=self.rather,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -90,17 +92,13 @@ class FirstCalibration:
     before: float = 0.0
     after: float = 0.0
     """m, robust rms of the tip within `FIRST_USUAL`, and with the numbers found."""
-    order: str = ""
-    """Chambers that are connected in another order, in words; empty where they are not."""
+    order: Finding | None = None
+    """Chambers that are connected in another order."""
 
     @property
-    def changed(self) -> bool:
-        """Whether anything was."""
-        return bool(self.adjusted or self.order)
-
-    @property
-    def _told(self) -> str:
-        return "; ".join(filter(None, (self.order, *map(str, self.adjusted))))
+    def changes(self) -> list[Finding]:
+        """What was changed; empty where nothing was."""
+        return [*([self.order] if self.order else ()), *(a.finding for a in self.adjusted)]
 
     @property
     def named(self) -> str:
@@ -109,25 +107,17 @@ class FirstCalibration:
         return f"{len(names)} numbers of robot.yaml" if len(names) > 1 else "".join(names)
 
     @property
-    def concern(self) -> str:
-        """What a person has to know and to check."""
-        return (
-            f"{CALIBRATED_FIRST}, because robot.yaml is far from these data ({self.before * 1e3:.2f} mm at best, with "
-            f"these numbers {self.after * 1e3:.2f} mm; a robust rms, which counts readings far off less): "
-            f"{self._told}. Everything below is about the robot with these numbers; check them; no cause is certain before"
-        )
-
-    @property
-    def sentence(self) -> str:
-        """The same in short."""
-        return f"Calibrated first: {self._told}."
+    def concerns(self) -> list[Finding]:
+        """What a person has to know and to check; nothing where nothing was changed."""
+        before_mm, after_mm = self.before * 1e3, self.after * 1e3
+        return [finding("refitted_first", before_mm=before_mm, after_mm=after_mm, changes=self.changes)] if self.changes else []
 
     def detail(self) -> dict[str, object]:
         """For the answer's JSON."""
         keys = ("name", "given", "found", "unit", "at_bound")
         adjusted = [{key: getattr(a, key) for key in keys} for a in self.adjusted]
         numbers = {"before_mm": self.before * 1e3, "after_mm": self.after * 1e3, "adjusted": adjusted}
-        return numbers | ({"order": self.order} if self.order else {})
+        return numbers | ({"order": self.order.text} if self.order else {})
 
     def moved(self, states: Campaign) -> Campaign:
         """Other states in the same frame."""
@@ -173,7 +163,7 @@ def calibrate_first(robot: Robot, states: Campaign, effects: Collection[str] = (
     made = _with(_sensed(robot, gravity, counting), theta)
     x, y, z = (theta[ORIGIN:] * robot.length).tolist()
     adjusted = tuple(_adjusted(robot, made, theta, beyond, gravity < 0, counting < 0))
-    order = "" if place is None else order_told(robot, place)
+    order = None if place is None else reordered(robot, place)
     made = made if place is None else with_order(made, place)
     found = FirstCalibration(made, states, adjusted, (x, y, z), before, after, order)
     return replace(found, states=found.moved(states))
@@ -317,18 +307,18 @@ def _with(robot: Robot, theta: Array) -> Robot:
 def _adjusted(robot: Robot, made: Robot, theta: Array, beyond: Mask, hanging: bool, counted: bool) -> Iterator[Adjusted]:
     """The numbers of `made` that were taken over; `hanging`: upside down, `counted`: chambers counted the other way round."""
     at_bound = np.abs(theta) > FIRST_AT_BOUND * FIRST_WIDEST
-    given, now = robot.actuators.azimuths_deg, made.actuators.azimuths_deg
+    given, now, words = robot.actuators.azimuths_deg, made.actuators.azimuths_deg, robot.actuators.words
     if hanging:
         k = int(np.argmax(np.abs(robot.gravity)))
         yield Adjusted(f"gravity {'xyz'[k]}", robot.gravity[k], made.gravity[k], "m/s^2")
     if counted:
         second = min(1, len(now) - 1)
-        name = "chambers counted the other way round, azimuth of the second"
-        yield Adjusted(name, given[second], now[second], "deg", short="chambers counted the other way")
+        short = words.fill("{actuators} counted the other way")
+        yield Adjusted(f"{short} round, azimuth of the second", given[second], now[second], "deg", short=short)
     if beyond[1]:
         yield Adjusted("youngs_modulus", robot.youngs_modulus / 1e3, made.youngs_modulus / 1e3, "kPa", bool(at_bound[1]))
     if beyond[2]:
-        yield Adjusted("azimuth of the first chamber", given[0], now[0], "deg")
+        yield Adjusted(words.fill("azimuth of the first {actuator}"), given[0], now[0], "deg")
     if beyond[3] or beyond[4]:
         tilt = float(np.degrees(np.linalg.norm(theta[3:5])))
         yield Adjusted("gravity, turned from the one stated by", 0.0, tilt, "deg", bool(at_bound[3:5].any()), "gravity")

@@ -15,7 +15,6 @@ from diagnosis.answer.experiments import to_apply
 from diagnosis.answer.headline import for_people, percent, stated
 from diagnosis.answer.result import Diagnosis
 from diagnosis.answer.sentences import (
-    BEYOND_TOLERANCE,
     also_present,
     closed_alone,
     disorder,
@@ -24,7 +23,6 @@ from diagnosis.answer.sentences import (
     stands_for,
     with_id,
 )
-from diagnosis.data.first_calibration import CALIBRATED_FIRST
 from diagnosis.inference.posterior import UNKNOWN
 from diagnosis.judgement import RIVAL_WORTH_SEPARATING
 from model.actuators import Words
@@ -32,7 +30,7 @@ from recordings.campaign.labels import RECORD
 from recordings.file.reader import Recording
 from recordings.trials import Table
 
-from ..files.inputs import UNCONFIRMED_GUESSES, Case
+from ..files.inputs import Case
 from ..next_step import FIRST, command, nothing_next
 from ..version import version_text
 from . import diagnosis_figures as draw
@@ -74,7 +72,7 @@ def opened(title: str, d: Diagnosis, case: Case, inputs: Sequence[Path], protoco
     """A page with the answer on top and where it comes from at its foot."""
     source = ", ".join(map(str, inputs))
     return Report(
-        title, f"{time.strftime('%Y-%m-%d %H:%M')}, {source}", d.headline or d.statement, _on_top(d), small(d),
+        title, f"{time.strftime('%Y-%m-%d %H:%M')}, {source}", d.headline or d.statement, d.texts("critical"), small(d),
         gap_numbers(d), _first_step(d, protocols), origin(case.robot.name, inputs), names(d).keys(),
     )  # fmt: skip
 
@@ -109,8 +107,7 @@ def fill(report: Report, d: Diagnosis, case: Case, protocols: Path | None) -> No
             section.text(d.change.statement)
             rows = [[hypothesis(effects, d) if effects else "nothing", stated(p)] for effects, p in d.change.ranking[:6]]
             section.table(("changed", "probability"), rows)
-        against = _against(d)
-        if against:
+        if against := d.texts("warning", "note"):
             section = report.section("What speaks against the answer")
             for line in against:
                 section.text(line[:1].upper() + line[1:])
@@ -159,11 +156,6 @@ def gap_numbers(d: Diagnosis) -> list[tuple[str, str, str]]:
     return [*((name, f"{mm:.{digits}f} mm", f"rms, {how}{told.get(name, '')}") for name, mm in found), floor]
 
 
-def _on_top(d: Diagnosis) -> list[str]:
-    """Concerns that have to be known before the answer is believed."""
-    return [c.removeprefix(UNCONFIRMED_GUESSES) for c in d.concerns if c.startswith(ON_TOP)]
-
-
 def explained(d: Diagnosis) -> str:
     """Name of the model with the leading hypothesis in every figure and table."""
     return WITH_CAUSE if d.attribute.verdict == "effect" else NEAREST
@@ -187,7 +179,6 @@ def _first_step(d: Diagnosis, protocols: Path | None) -> tuple[str, str]:
     return f"{text}.", command(first, protocols)
 
 
-ON_TOP = (UNCONFIRMED_GUESSES, CALIBRATED_FIRST, BEYOND_TOLERANCE)
 STEPS = {
     "calibration": "calibration with one area factor",
     "simulator": "the simulator taken back to the rod",
@@ -204,7 +195,7 @@ def _steps(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
     if w is None:
         s.text("A single trial: nothing can be left out of the fit, so how far the gap shrinks on unseen data is unknown.")
         return
-    beside = {"calibration": f"{STEPS['calibration']} and the numbers {CALIBRATED_FIRST}"}
+    beside = {"calibration": f"{STEPS['calibration']} and the numbers calibrated first"}
     named = {**STEPS, **(beside if "first_calibration" in d.detail else {})}
     steps = {step: d.words.say(label) for step, label in named.items()}
     s.figure(
@@ -243,24 +234,6 @@ def _steps(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
         alone = closed_alone(w, d.shrink) if d.attribute.verdict == "effect" else None
         itself = "" if alone is None else f", {percent(alone)} % by itself and the rest by tolerances of other effects"
         s.text(f"Share of the reducible gap closed on unseen states with {of}: {closed}{interval}{itself}.")
-
-
-def _against(d: Diagnosis) -> list[str]:
-    """Concerns, sizes that cannot be, errors that stages ask for."""
-    lines = [c for c in d.concerns if not c.startswith(ON_TOP)]
-    lines += [
-        f"The data would require {with_id(x['name'], names(d))} = {_number(x['mean'], x['unit'], d.words)}, which is physically "
-        "impossible: evidence against the effect itself."
-        for x in d.detail["sizes"]
-        if x["impossible"]
-    ]
-    if d.attribute.verdict == "effect":
-        lines += [
-            f"In addition to the cause, a free-form error in the {e.stage} that "
-            f"{d.words.say(e.varies)} would gain {e.gain:.1f} in log evidence."
-            for e in d.attribute.stage_errors[:2]
-        ]
-    return lines
 
 
 def _mm(value: float) -> str:

@@ -90,7 +90,7 @@ def fit_with(inputs: Sequence[Path], robot: Path | None, asked: WithEffects, fol
         raise
     except (DiagnosisError, ModelError) as e:
         raise ConfigError(str(e)) from e
-    note(found.concerns)
+    note(map(str, found.findings))
     written: list[Path] = []
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
