@@ -107,7 +107,7 @@ def sentence(
     """What changed, in words; `sizes` of the most probable change's parameters."""
     named, p = found.ranking[0]
     sure = f"p = {p:.2f}, {BENCHMARK}"
-    names = {e: words.say(spec.name) for e, spec in catalogue.items()}
+    names = {e: spec.name(words) for e, spec in catalogue.items()}
     effects = OUTSIDE if named == UNKNOWN else " and ".join(with_id(e, names) for e in named)
     if named == NONE:
         return f"No change since the reference stands out from the noise ({sure})."

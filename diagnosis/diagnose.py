@@ -127,7 +127,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     where = locate(found, stages)
     held_out = predicting()
     words = case.robot.actuators.words
-    names = {e: words.say(spec.name) for e, spec in wanted.catalogue.items()}
+    names = {e: spec.name(words) for e, spec in wanted.catalogue.items()}
     shown = detail(found, held_out.errors, tested, names)
     scale = calibration(found)
     far = tuple(far_off(scale.stiffness, words)) if scale is not None and predicted is None else ()
@@ -140,7 +140,8 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     facts = Facts(
         found.decision, which.conclusion, where, assemble.budget_section(found), held_out.shrink, held_out.waterfall,
         which.rivals, next((x.do for x in proposals if x.separates), None), found.best.named, found.asking,
-        found.misfit.outlier_trial, lacking(first.states), simulator(found), scale, first.named, names,
+        found.misfit.outlier_trial, tuple(map(words.fill, lacking(first.states))), simulator(found), scale, first.named, names,
+        words,
     )  # fmt: skip
     text = statement(facts)
     if first.changes:
@@ -163,7 +164,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     beyond = any(a.at_bound for a in (*first.adjusted, *([scale] if scale is not None else ())))
     closed = None if held_out.shrink is None else held_out.shrink.share_closed
     answer = Diagnosis(
-        statement=words.say(text) + (f" {shown['holdout']['statement']}" if tested is not None else ""),
+        statement=text + (f" {shown['holdout']['statement']}" if tested is not None else ""),
         data=assemble.data_section(prepared, case.table),
         locate=where,
         attribute=which,

@@ -266,7 +266,7 @@ def effects() -> Iterator[str]:
     for stage in STAGES:
         yield from (f"## {stage}", "")
         for e in (e for e in CATALOGUE.values() if e.stage == stage):
-            yield from (f"### {e.id}", "", f"{_sentence(e.name)}", "", *_wrapped(f"`{e.equation}`"), "")
+            yield from (f"### {e.id}", "", f"{_sentence(e.name())}", "", *_wrapped(f"`{e.equation}`"), "")
             yield from _wrapped("; ".join(map(_parameter, e.parameters)) + ".")
             source = f" Source: {e.citation}." if len(e.citation.split()) > 1 else ""
             yield from ("", *_wrapped(f"Shows in: {e.seen_best_in}.{source}"), "")

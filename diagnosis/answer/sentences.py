@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Any
 
-from model.actuators import Words
+from model.actuators import Chambers, Words
 from model.robot import Robot
 
 from ..criticism.relatives import RELATIVES
@@ -63,6 +63,7 @@ class Facts:
     """The number of robot.yaml that was calibrated first, or how many; empty where none was."""
     names: Mapping[str, str] = field(default_factory=dict)
     """Effect -> plain name."""
+    words: Words = Chambers.words
 
 
 NO_EFFECT, OUTSIDE = "no effect", "a cause outside the catalogue"
@@ -138,8 +139,8 @@ def _verdict(f: Facts) -> str:
     if found is not None:
         other = next((f", in the {e.stage} {e.gain:.1f}" for e in f.asking if e.stage != found.stage), "")
         where = (
-            f" An error in the {found.stage} that {found.varies} fits best (log evidence {found.gain:.1f}{other}); a cause of "
-            "another stage may do the same to these states."
+            f" An error in the {found.stage} that {f.words.fill(found.varies)} fits best (log evidence "
+            f"{found.gain:.1f}{other}); a cause of another stage may do the same to these states."
         )
     return f"The cause is not in the catalogue ({_sure(f)}).{where}{_relatives(f)}"
 
@@ -154,8 +155,9 @@ def _relatives(f: Facts) -> str:
     """Causes outside the catalogue that do what these readings show, and how to find out."""
     said = [RELATIVES[r] for r in f.decision.relatives[:2]]
     if f.decision.verdict == "unknown":
-        return "".join(f" It may be {s.name}: {s.seen_best_in}, to find out." for s in said)
-    return "".join(f" {s.name[0].upper()}{s.name[1:]} would do this too: {s.seen_best_in}, to find out." for s in said)
+        return "".join(f" It may be {s.name(f.words)}: {f.words.fill(s.seen_best_in)}, to find out." for s in said)
+    each = [(s.name(f.words), f.words.fill(s.seen_best_in)) for s in said]
+    return "".join(f" {name[0].upper()}{name[1:]} would do this too: {test}, to find out." for name, test in each)
 
 
 def _others(f: Facts) -> str:
@@ -176,12 +178,13 @@ def _gap(f: Facts) -> str:
     if f.waterfall is None:
         missed = f"{f.where.gap_rmse_mm:.{digits}f} mm rms (in-sample)"
         by = _factor(f) if f.simulator is None else " and towards the rod"
-        return f"Calibrated with one area factor{by} {model} misses {what} by {missed}; {floor}."
+        return f"Calibrated with one {f.words.area_factor}{by} {model} misses {what} by {missed}; {floor}."
     calibrated = f.waterfall.steps[0].left_mm
     wrong = f.conclusion != "noise" and calibrated >= f.waterfall.given_mm
-    vain = ", no less: no area factor makes up for what is wrong" if wrong else ""
+    vain = f", no less: no {f.words.area_factor} makes up for what is wrong" if wrong else ""
     return (
-        f"Uncalibrated, {model} misses {what} by {f.waterfall.given_mm:.{digits}f} mm rms, calibrated with one area factor"
+        f"Uncalibrated, {model} misses {what} by {f.waterfall.given_mm:.{digits}f} mm rms, calibrated with one "
+        f"{f.words.area_factor}"
         f"{_factor(f)} by {calibrated:.{digits}f} mm on states that the fit did not see{vain}; {floor}."
     )
 
@@ -207,12 +210,12 @@ def changed_by(f: Facts) -> str:
     if f.calibration is None:
         return ""
     if f.simulator is not None:
-        return _acts_as(f.simulator, f.calibration)
+        return _acts_as(f, f.simulator, f.calibration)
     return " or ".join([f"a body {as_stiff(f.calibration)}", *(alike_in_words(a, f.names) for a in f.calibration.alike[:1])])
 
 
-def _acts_as(own: Simulator, c: Calibration) -> str:
-    return f"{own.name} acts as with {c.stiffness:.2f} times the pressure"
+def _acts_as(f: Facts, own: Simulator, c: Calibration) -> str:
+    return f"{own.name} acts as with {c.stiffness:.2f} times the {f.words.pressure}"
 
 
 def alike_in_words(a: Alike, names: Mapping[str, str], ids: bool = False) -> str:
@@ -227,10 +230,11 @@ def _alike(f: Facts) -> str:
     if c is None or f.simulator is not None or closed_by_calibration(f) is None:
         return ""
     each = [f"{alike_in_words(a, f.names, ids=True)} ({a.left_mm:.2f} mm remain)" for a in c.alike]
-    others = ", ".join([*each, "the gain of the pressures, a radius of robot.yaml"])
+    others = ", ".join([*each, f"the gain of the {f.words.pressures}, a radius of robot.yaml"])
     return (
-        f"With robot.yaml's area factor the same would be done by: {others}. To tell them apart: weigh what the tip carries, "
-        "hang a known mass on it without pressure, hold a gauge against the pressures, and measure a section."
+        f"With robot.yaml's {f.words.area_factor} the same would be done by: {others}. To tell them apart: weigh what the tip "
+        f"carries, hang a known mass on it without {f.words.pressure}, hold a gauge against the {f.words.pressures}, and measure "
+        "a section."
     )
 
 
@@ -242,10 +246,10 @@ def as_stiff(c: Calibration) -> str:
 
 
 ORIGINS = {
-    "pressures": "the readings of the pressures",
-    "area_factor": "area_factor (effective over geometric area of the chambers)",
+    "pressures": "the readings of the {pressures}",
+    "area_factor": "area_factor (effective over geometric area of the {actuators})",
 }
-"""Origins that robot.yaml does not hold, or whose key says little -> what to call them."""
+"""Origins that robot.yaml does not hold, or whose key says little -> what to call them, in templates of `Words`."""
 
 
 def stands_for(c: Calibration | None, words: Words) -> str:
@@ -253,16 +257,18 @@ def stands_for(c: Calibration | None, words: Words) -> str:
     if c is None or abs(c.stiffness - 1) < CALIBRATION_STATED or not c.origins:
         return ""
     each = [
-        f"{ORIGINS.get(o.name, o.name)} {100 * abs(o.factor - 1):.1f} % {'larger' if o.factor > 1 else 'smaller'} "
+        f"{words.fill(ORIGINS.get(o.name, o.name))} {100 * abs(o.factor - 1):.1f} % {'larger' if o.factor > 1 else 'smaller'} "
         f"(p = {stated(o.probability)})"
         for o in c.origins
         if o.probability >= LEAST_STATED or o is c.origins[0]
     ]
     stiff = any(o.name in ("youngs_modulus", "bending_stiffness") for o in c.origins)
-    by_mass = "measure the body's stiffness without pressures (a stiffness trial, or a mass at the tip), " if stiff else ""
-    return words.say(
+    by_mass = (
+        f"measure the body's stiffness without {words.pressures} (a stiffness trial, or a mass at the tip), " if stiff else ""
+    )
+    return (
         "What calibration changed may stem from one wrong number (p: probability that it makes up most of the change): "
-        f"{', or '.join(each)}. To find out, {by_mass}hold a gauge against the pressures, and measure a section"
+        f"{', or '.join(each)}. To find out, {by_mass}hold a gauge against the {words.pressures}, and measure a section"
     )
 
 
@@ -320,7 +326,7 @@ def against(
         number, unit = for_people(x.mean, x.unit, words)
         yield finding("impossible_size", parameter=with_id(x.name, names), size=f"{number:.3g} {unit}".rstrip())
     for e in errors[:2] if named else ():
-        yield finding("stage_error", stage=e.stage, varies=words.say(e.varies), gain=e.gain)
+        yield finding("stage_error", stage=e.stage, varies=words.fill(e.varies), gain=e.gain)
 
 
 def _simulator(f: Facts) -> str:
@@ -330,7 +336,7 @@ def _simulator(f: Facts) -> str:
         return ""
     acts = _simulator_acts(f, own)
     apart = f"{acts}{own.name} differs from the rod of robot.yaml by {own.differs_mm:.2f} mm rms"
-    beyond = f"and by {own.beyond_calibration_mm:.2f} mm after an area factor is fitted"
+    beyond = f"and by {own.beyond_calibration_mm:.2f} mm after {f.words.an_area_factor} is fitted"
     if own.beyond_calibration_mm < f.where.noise_floor_mm:
         return f"{apart}, {beyond}: less than the noise floor."
     step = next((s for s in (f.waterfall.steps if f.waterfall else ()) if s.step == "simulator"), None)
@@ -346,14 +352,14 @@ def _simulator_acts(f: Facts, own: Simulator) -> str:
     if c is None or w is None or closed_by_calibration(f) is None:
         return ""
     left = w.steps[0].left_mm
-    text = f"{_acts_as(own, c)}; that closes {w.given_mm - left:.1f} of {w.given_mm:.1f} mm."
+    text = f"{_acts_as(f, own, c)}; that closes {w.given_mm - left:.1f} of {w.given_mm:.1f} mm."
     if own.of_robot is None:
         return f"{text} "
     of_rod, of_data = own.area_factor / own.of_robot, c.area_factor / own.of_robot
     if abs(of_data - 1) < SAME_FACTOR < abs(of_rod - 1):
-        text += f" The rod of robot.yaml does not: the gap is in {own.name}; check its pressures, areas and modulus."
+        text += f" The rod of robot.yaml does not: the gap is in {own.name}; check its {f.words.pressures}, areas and modulus."
     elif abs(of_rod - 1) < SAME_FACTOR:
-        text += " So does the rod: check area_factor and youngs_modulus of robot.yaml, and the gain of the pressures."
+        text += f" So does the rod: check area_factor and youngs_modulus of robot.yaml, and the gain of the {f.words.pressures}."
     return f"{text} "
 
 
@@ -370,7 +376,7 @@ def _moved(f: Facts) -> str:
     gap = f.waterfall.steps[0].left_mm if f.waterfall is not None else f.where.gap_rmse_mm
     more = max(c.mm for c in f.budget if c.role == "named") > MORE_THAN_GAP * gap
     hidden = ", more than the gap, since tolerances of other effects counteract it" if more else ""
-    return f"Beyond what an area factor takes up, {'; '.join(shares)}{hidden}."
+    return f"Beyond what {f.words.an_area_factor} takes up, {'; '.join(shares)}{hidden}."
 
 
 def _closing(f: Facts) -> str:
@@ -415,7 +421,7 @@ def _absorbed(f: Facts) -> str:
     if a is None or f.decision.verdict != "effect" or a.per_length_mm > ABSORBED * a.one_mm:
         return ""
     left = f"{a.per_length_mm:.2f} mm would remain of {a.one_mm:.2f} mm"
-    return f"An area factor for each spine length would hide it: {left} ({a.how})."
+    return f"{f.words.an_area_factor.capitalize()} for each spine length would hide it: {left} ({a.how})."
 
 
 def also_present(budget: Sequence[Carries], name: Callable[[str], str], digits: int) -> str:

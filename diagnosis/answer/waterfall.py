@@ -203,7 +203,7 @@ def _absorbed(f: Attribution, executor: Executor) -> Callable[[], Absorbed | Non
     length, pressure = levels(p.states.spine_length, SPINE_GAP), levels(p.states.highest, p.states.pressure_gap)
     if p.pushes_only or p.baseline is not None or len(np.unique(length)) < 2 or len(np.unique(pressure)) < 3:
         return lambda: None
-    how = "leave one pressure out"
+    how = f"leave one {p.robot.actuators.words.pressure} out"
     models = [baseline_model(p, f.calibrated), *([candidate_model(p, f.best)] if f.decision.effects else [])]
     errors = HeldOut(p, pressure, how, executor).errors(models, DiagnosisStep.GAP_STEP_BY_STEP)
 

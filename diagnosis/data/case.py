@@ -153,7 +153,7 @@ def _vacuums(vacuum: Array, spine: Array) -> Ints:
 
 def lacking(s: Campaign) -> tuple[str, ...]:
     """What it takes to name a cause and is not there: repeated states, a robot bent at two pressures; or, of stiffness trials, a
-    specimen pushed to two deflections at two lengths."""
+    specimen pushed to two deflections at two lengths. Templates of `Words`."""
     own = s.take(~s.pushed)
     if not (len(own) and own.repeats >= 2):
         if pushes.can_name_cause(s.take(s.pushed)):
@@ -161,7 +161,7 @@ def lacking(s: Campaign) -> tuple[str, ...]:
         return ("no state was repeated",) if len(own) else ("no repeated pushes to two deflections at two lengths",)
     if own.highest.max() <= s.pressure_gap:
         return ("no state is bent",)
-    return () if len(np.unique(levels(own.highest, s.pressure_gap))) > 1 else ("only one pressure",)
+    return () if len(np.unique(levels(own.highest, s.pressure_gap))) > 1 else ("only one {pressure}",)
 
 
 def _concerns(s: Campaign, robot: Robot) -> Iterator[Finding]:

@@ -359,7 +359,7 @@ def _useful(g: Guess, series: Series, h: Heading, own: Sequence[Change], stages:
         g.doubts.append(f"each change of {h.name!r} begins a trial, though the robot does not come to rest between two")
     elif away and returns:
         used = len(away) <= len(own) / 2 and len(own) < len(stages.start) / 2
-        driven = robot.actuators.words.say("chambers are inflated")
+        driven = robot.actuators.words.fill("{actuators} are {inflated}")
         g.doubts.append(
             f"{h.name!r} changes while {driven} (first from {away[0].before!r} to {away[0].after!r} in "
             f"{series.place(away[0].row)}): {'no trial begins there; correct the cells' if used else 'it is not used'}"

@@ -86,7 +86,7 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
     if not rests:
         g.doubts.append(
             "frame: in no row with a tip is the robot at rest; its axes and unit follow from the rows with the lowest "
-            f"{robot.actuators.words.say('pressures')}, and where the straight robot is stays open (straight)"
+            f"{robot.actuators.words.pressures}, and where the straight robot is stays open (straight)"
         )
     unit, why = _length_unit(g, common, tips[0], between[rest], robot.length)
     names = [c for t in tips for c in t.columns]

@@ -307,7 +307,7 @@ def _jump_notes(
         series, q, _ = files[states[jump.state].file]
         body = ["the tip", *(f"marker {k}" for k in range(1, 100))]
         what = (
-            f"{body[jump.body]} moves by {1e3 * jump.distance:.1f} mm while no {words.say('pressure')} changes by more than "
+            f"{body[jump.body]} moves by {1e3 * jump.distance:.1f} mm while no {words.pressure} changes by more than "
             f"{jump.pressure / words.pascal:.3g} {words.unit}, farther than the body can: was it another marker, or was "
             "something moved?"
             if jump.exchanged is None

@@ -23,6 +23,7 @@ from diagnosis.answer.sentences import (
     stands_for,
     with_id,
 )
+from diagnosis.criticism.stage_errors import in_words
 from diagnosis.inference.posterior import UNKNOWN
 from diagnosis.judgement import RIVAL_WORTH_SEPARATING
 from model.actuators import Words
@@ -113,7 +114,7 @@ def fill(report: Report, d: Diagnosis, case: Case, protocols: Path | None) -> No
                 section.text(line[:1].upper() + line[1:])
         if d.detail["sizes"]:
             _sizes(report.section("How large the cause is", folded=True), d, folder)
-        factors = d.words.say(f"{'spine length, ' if spine else ''}pressure, branch and time")
+        factors = f"{'spine length, ' if spine else ''}{d.words.pressure}, branch and time"
         _by_factor(report.section(f"The gap by {factors}", folded=True), d, spine)
         if "stiffness" in d.detail:
             _pushed(report.section("Stiffness trials", folded=tips), d, folder)
@@ -180,7 +181,7 @@ def _first_step(d: Diagnosis, protocols: Path | None) -> tuple[str, str]:
 
 
 STEPS = {
-    "calibration": "calibration with one area factor",
+    "calibration": "calibration with one {area_factor}",
     "simulator": "the simulator taken back to the rod",
     "tolerances": "tolerances of every other effect",
     "regular": "systematic residual",
@@ -197,11 +198,11 @@ def _steps(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
         return
     beside = {"calibration": f"{STEPS['calibration']} and the numbers calibrated first"}
     named = {**STEPS, **(beside if "first_calibration" in d.detail else {})}
-    steps = {step: d.words.say(label) for step, label in named.items()}
+    steps = {step: d.words.fill(label) for step, label in named.items()}
     s.figure(
         draw.waterfall(w, [plain_name(x.effect, names(d)) if x.effect else steps[x.step] for x in w.steps], length, folder),
         f"Error of the {d.locate.of}, mm rms over {w.n} states, each predicted by fits that did not see it "
-        f"({d.words.say(w.how)}). Each bar is what the step takes; whiskers: 95 % interval, from drawing trials anew "
+        f"({w.how}). Each bar is what the step takes; whiskers: 95 % interval, from drawing trials anew "
         "(bootstrap) and adding causes in every order.",
     )
     model = d.detail["baseline"]["name"] if "baseline" in d.detail else "model"
@@ -220,9 +221,9 @@ def _steps(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
         s.text(f"{origins}.")
     if w.absorbed is not None:
         a = w.absorbed
-        cause = "" if a.cause_mm is None else f"; one area factor and what is named leave {a.cause_mm:.2f} mm"
+        cause = "" if a.cause_mm is None else f"; one {d.words.area_factor} and what is named leave {a.cause_mm:.2f} mm"
         s.text(
-            f"What a calibration hides ({d.words.say(a.how)}, unseen states): one area factor leaves {a.one_mm:.2f} mm, one "
+            f"What a calibration hides ({a.how}, unseen states): one {d.words.area_factor} leaves {a.one_mm:.2f} mm, one "
             f"for each spine length {a.per_length_mm:.2f} mm{cause}."
         )
     if d.shrink is not None:
@@ -267,16 +268,14 @@ def _where(s: Section, d: Diagnosis, folder: Path) -> None:
     _shapes(s, d, folder)
     s.figure(
         draw.gap_map(d, explained(d), folder),
-        d.words.say(
-            f"Gap of all states by chambers inflated{_lengths(d)} and pressure, in-sample, on one colour scale; models are those "
-            "of an average trial, while the numbers on top of the page also fit what single trials differ by"
-        ),
+        f"Gap of all states by {d.words.actuators} {d.words.inflated}{_lengths(d)} and {d.words.pressure}, in-sample, on one "
+        "colour scale; models are those of an average trial, while the numbers on top of the page also fit what single trials "
+        "differ by",
     )
     s.figure(
         draw.loops(d, explained(d), folder),
-        d.words.say(
-            "Gap along and across the direction in which these chambers bend the robot, up and down, in-sample; grey: noise floor"
-        ),
+        f"Gap along and across the direction in which these {d.words.actuators} bend the robot, up and down, in-sample; grey: "
+        "noise floor",
     )
 
 
@@ -287,7 +286,7 @@ def _lengths(d: Diagnosis, joint: str = ", ") -> str:
 def _by_factor(s: Section, d: Diagnosis, spine: bool) -> None:
     rows = [
         [
-            f"{d.words.say(_words(name))} {_at(name, c.value, d.words)}",
+            f"{d.words.fill(in_words(name))} {_at(name, c.value, d.words)}",
             str(c.n),
             f"{c.rmse_mm:.2f}",
             f"{c.low95_mm:.2f} .. {c.high95_mm:.2f}",
@@ -350,7 +349,7 @@ def _which(s: Section, d: Diagnosis, folder: Path) -> None:
             [with_id(c.effect, names(d)), f"{c.mm:.2f}", f"{c.low95_mm:.2f} .. {c.high95_mm:.2f}", words[c.role]]
             for c in d.budget
         ]
-        s.table(("effect", d.words.say("moves the tip beyond an area factor by, mm rms"), "95 %", ""), rows)
+        s.table(("effect", d.words.fill("moves the tip beyond {an_area_factor} by, mm rms"), "95 %", ""), rows)
     rows = [
         [hypothesis(r.effects, d), stated(r.probability), "" if r.effects == UNKNOWN else f"{r.log_evidence:.1f}",
          "" if r.heldout_rmse_mm is None else f"{r.heldout_rmse_mm:.2f}"]
@@ -367,7 +366,7 @@ def _misfit(s: Section, d: Diagnosis, spine: bool) -> None:
     if d.attribute.stage_errors:
         s.table(
             ("stage with an error of free form", "varies with", "log evidence gained"),
-            [[e.stage, d.words.say(_words(e.dependence)), f"{e.gain:.1f}"] for e in d.attribute.stage_errors],
+            [[e.stage, d.words.fill(in_words(e.dependence)), f"{e.gain:.1f}"] for e in d.attribute.stage_errors],
         )
     found = dict(d.detail["misfit"])
     if found.get(FURTHEST):
@@ -423,7 +422,7 @@ def _shapes(s: Section, d: Diagnosis, folder: Path) -> None:
         return
     s.figure(
         draw_shapes(states, explained(d), folder, d.words),
-        d.words.say(f"States with the largest calibrated error, one for each group of chambers{_lengths(d, ' and ')}, in-sample")
+        f"States with the largest calibrated error, one for each group of {d.words.actuators}{_lengths(d, ' and ')}, in-sample"
         + "; mm, base frame",
     )
     rows = [
