@@ -41,8 +41,6 @@ MOST_JUMPS = 3
 """Jumps of places that are told one by one."""
 FOLLOWS, FEW_SETTINGS = 0.9, 4
 """Share of a column's variance that the pressures account for in no table of mountings, and values of which there are fewer."""
-NOT_READ = "not read: "
-"""How the note on a file that cannot be read begins."""
 SAME_MASS, SAME_ROLL = 2e-3, 2.0
 """kg at the tip, deg of roll: the same of these."""
 
@@ -55,6 +53,8 @@ class Imported:
     files: tuple[tuple[Series, Quantities, tuple[Cut, ...]], ...]
     notes: tuple[str, ...]
     """What was left out, or taken for granted."""
+    unread: tuple[str, ...]
+    """Files that cannot be read, and why; `notes` has them, too."""
 
 
 @dataclass(frozen=True)
@@ -114,10 +114,10 @@ def _recordings(files: Sequence[tuple[Path, Map]]) -> list[tuple[tuple[Path, ...
 
 def _read(
     given: Sequence[Path], wanted: Map, drive: Words, progress: Callable[[float, float], None]
-) -> tuple[list[tuple[Series, Quantities, Map]], list[str]]:
-    """Every file, in the order of their times where these tell it, and notes."""
+) -> tuple[list[tuple[Series, Quantities, Map]], list[str], list[str]]:
+    """Every file, in the order of their times where these tell it, notes, and what cannot be read."""
     files, made = _recordings(files_of(given, wanted)), []
-    unread: list[ConfigError] = []
+    failed: list[ConfigError] = []
     for number, (parts, own) in enumerate(files):
         progress(number, len(files))
         try:
@@ -125,16 +125,17 @@ def _read(
         except ConfigError as e:
             if set(parts) & set(given) or wanted.files:  # asked for by name
                 raise
-            unread.append(e)
+            failed.append(e)
             continue
         made.append((series, quantities_of(series, own, drive), own))
     if not made:
-        raise unread[0]
+        raise failed[0]
     said: dict[str, list[str]] = {}
     for series, q, _ in made:
         for text in (*series.notes, *q.notes):
             said.setdefault(text, []).append(series.path.name)
-    notes = [f"{NOT_READ}{e}" for e in unread] + [f"{', '.join(names)}: {text}" for text, names in said.items()]
+    unread = [f"not read: {e}" for e in failed]
+    notes = [*unread] + [f"{', '.join(names)}: {text}" for text, names in said.items()]
     ordered = sorted(made, key=lambda one: float(one[1].t[0]))
     if [s.path for s, _, _ in ordered] != [s.path for s, _, _ in made]:
         first, last = float(ordered[0][1].t[0]), float(ordered[-1][1].t[0])
@@ -145,7 +146,7 @@ def _read(
             notes.append(f"files are read in the order of their times: {names}")
         elif apart:
             notes.append(f"files are read in the order of their names; by their times, unless over midnight, it is: {names}")
-    return made, notes
+    return made, notes, unread
 
 
 def imported(
@@ -156,7 +157,7 @@ def imported(
 ) -> Imported:
     """Read, cut and put into the robot's frame; raises ConfigError."""
     straight, arcs = _straight_point(robot), robot.markers
-    every, notes = _read(given, wanted, robot.actuators.words, progress)
+    every, notes, unread = _read(given, wanted, robot.actuators.words, progress)
     read_files, states = [], []
     group, start, origin = 0, 0.0, 0.0
     for number, (series, q, own_map) in enumerate(every):
@@ -212,7 +213,7 @@ def imported(
         table = Table.of(TrialRow.from_cells(r.cells()) for r in rows)
     except RecordingError as e:
         raise ConfigError(f"the table made by the map is none: {e}") from e
-    return Imported(table, tuple(read_files), tuple(notes))
+    return Imported(table, tuple(read_files), tuple(notes), tuple(unread))
 
 
 def _contradictions(rows: Sequence[TrialRow], length: float) -> Iterator[str]:

@@ -22,7 +22,7 @@ from ..imports.guess import guess_map
 from ..imports.map_file import Map, Source, demand_units
 from ..imports.proposal import Guess, guess_text
 from ..imports.series import Series
-from ..imports.table import NOT_READ, Imported, imported
+from ..imports.table import Imported, imported
 from ..options import ANY_SIZE, JSON, Verb, inputs, option
 from ..questions.table import doubtful
 
@@ -97,11 +97,7 @@ def grouped(proposed: Guess) -> dict[str, list[str]]:
     found: dict[str, list[str]] = {}
     for key, reason in proposed.reasons.items():
         found.setdefault(reason, []).append(key)
-    return {
-        reason: keys
-        for reason, keys in found.items()
-        if not any(d.startswith((f"{keys[0]}:", f"{keys[0]} ")) for d in proposed.doubts)
-    }
+    return {reason: keys for reason, keys in found.items() if keys[0] not in proposed.doubtful}
 
 
 def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, as_json: bool) -> int:
@@ -116,25 +112,23 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, as_json
     folder.mkdir(parents=True, exist_ok=True)
     copied(robot_path, folder / "robot.yaml")
     replaced(folder / MAP, guess_text(proposed, Path("robot.yaml"), [series.path], series.form))
-    told_of = [f"check: {d}" for d in (*series.notes, *proposed.doubts)]
+    checks = [*series.notes, *proposed.doubts]
     made = None
     try:
         made = imported(inputs, load(folder / MAP, Map), robot)
-        found = (*implausible_values(robot, made.table), *doubtful(robot, made.table, str(robot_path)))
-        told_of += [f"check: {text}" for text in (*found, *(n for n in made.notes if n.startswith(NOT_READ)))]
+        checks += (*implausible_values(robot, made.table), *doubtful(robot, made.table, str(robot_path)), *made.unread)
         from ..pages.import_figure import draw
 
         draw(made, robot, folder / PICTURE)
     except ConfigError as e:
-        told_of.append(f"check: {e}")
+        checks.append(str(e))
     if as_json:
-        checks = [t.removeprefix("check: ") for t in told_of]
         about = {"map": str(folder / MAP), "reasons": proposed.reasons, "check": checks}
         print(json.dumps(about | {"states": len(made.table) if made else 0}, indent=1))
         return 0
     for reason, keys in grouped(proposed).items():
         out.print(f"{', '.join(keys):24s} {reason}")
-    note(told_of)
+    note(f"check: {text}" for text in checks)
     if made is not None:
         out.print(
             f"{len(made.table)} states; look at {folder / PICTURE} and {folder / MAP}, delete each # CHECK once settled, then:",
