@@ -188,8 +188,7 @@ class _JointForward:
 
 
 def _joined(before: Prepared, after: Prepared) -> Problem:
-    """One problem of the values of both campaigns, reference first: each has a discrepancy of its own, the model-form error is
-    of the later one, whose changes are named."""
+    """One problem of the values of both campaigns, reference first; the model-form error is of the later one."""
     forward = _JointForward(before, after)
     first, second = before.problem, after.problem
     smooth = block_diag(first.discrepancy, second.discrepancy)

@@ -163,11 +163,7 @@ def fit_effects(
 
 
 def _posterior(p: Prepared, c: Candidate, left: float) -> tuple[dict[str, Stated], dict[str, Any], tuple[str, ...]]:
-    """Values and standard deviations of the parameters that are written; robot.yaml's `posterior`; names of the effects'
-    parameters that the data do not determine.
-
-    `left` (m) rms of the tip after the fit: its excess over what noise can leave counts as discrepancy.
-    """
+    """Written parameters, robot.yaml's `posterior`, and names of what the data do not determine; `left` (m) rms after the fit."""
     parameters = p.problem.parameters
     prior = c.prior(parameters)
     linear = c.linear(p.problem)
@@ -227,8 +223,7 @@ def _lasting(p: Prepared, named: Sequence[str]) -> dict[str, int]:
 
 
 def _model_errors(c: Candidate, linear: Linear, parameters: Parameters) -> tuple[float, float]:
-    """Sizes of the model-form error (share of what the named effects do) and of the discrepancy (units of `Linear.discrepancy`):
-    the root of their mean square over the posterior, which is computed on a grid of both and of the tolerances' spike."""
+    """Posterior rms of the model-form error (share) and of the discrepancy (units of `Linear.discrepancy`), on a grid of both."""
     grid = replace(
         KNOWN.part(c.with_tolerances),
         form_errors=FITTED_LAW_ERRORS,

@@ -102,10 +102,7 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Experiment]:
 
 
 def _other_chambers(chambers: list[int], count: int, s: Campaign) -> list[int]:
-    """The chambers shifted around the ring of `count` so that the campaign never inflated them together; empty if all were.
-
-    Chambers are numbered from 1. A shift by a third of the ring is tried first.
-    """
+    """The campaign's chambers, counted from 1, shifted round the ring to a group it never inflated; empty if there is none."""
     shifts = sorted(range(1, count), key=lambda shift: (shift != count // 3, shift))
     shifted = (sorted((c - 1 + shift) % count + 1 for c in chambers) for shift in shifts)
     return next((group for group in shifted if tuple(group) not in s.chambers), [])

@@ -85,8 +85,7 @@ def _behind(first: Ints, second: Ints) -> Ints:
 
 
 def _conditions(s: Campaign) -> Ints:
-    """(n,) number of each state's condition: spine length, highest pressure, branch, kind and hold; and the pressure of each
-    chamber, where chambers of equal highest pressure were set to different ones."""
+    """(n,) number of each state's condition: spine length, pressures, branch, kind and hold."""
     # settled readings wait as long as it takes, holds of 2, 5 and 10 s were meant to differ
     hold = levels(np.log1p(s.trials.get("hold", 0.0)), 0.4)
     level, branch = levels(s.highest, s.pressure_gap), s.branch.astype(np.int64)
@@ -100,8 +99,7 @@ def _conditions(s: Campaign) -> Ints:
 
 
 def _kinds(s: Campaign) -> Ints:
-    """(n,) number of each state's kind of experiment, 0 the most frequent: protocol, chambers of its sweep, tip mass, roll, force
-    at the tip, vacuum, and the rate of a trial that was read while ramping. What a row does not state counts as 0."""
+    """(n,) number of each state's kind of experiment, 0 the most frequent; what a row does not state counts as 0."""
     trials = s.trials
     while_ramping, rate = trials.get("hold") <= 0, np.abs(trials.get("rate", 0.0))
     inflated, ramp = s.inflated.copy(), np.zeros(len(trials))
@@ -122,11 +120,7 @@ def _kinds(s: Campaign) -> Ints:
 
 
 def _sweeps(inflated: Mask, highest: Array, gap: float) -> Mask:
-    """(m, chambers) chambers of the sweep that each of the m states of a trial belongs to.
-
-    They are those of the state of highest pressure, unless a state has none of these inflated; near zero pressure those of the
-    next state with pressure, or of the last. `highest` (m,) and `gap` in Pa.
-    """
+    """(m, chambers) chambers of the sweep that each of the m states of a trial belongs to; `highest` (m,) and `gap` in Pa."""
     top = inflated[np.argmax(highest)]
     out = np.where((inflated & top).any(axis=1, keepdims=True), top, inflated)
     # closer to zero, the readings do not show which chambers are inflated

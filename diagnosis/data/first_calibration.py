@@ -185,8 +185,7 @@ def _widely_fitted(robot: Robot, states: Campaign) -> tuple[Array, tuple[float, 
 
 
 def _weight_explains(robot: Robot, states: Campaign, most: float) -> bool:
-    """Whether one weight more, at the tip or all along the body, leaves less than `most` (m) of robust rms, all other numbers
-    within the bounds of the diagnosis' own fit."""
+    """Whether one weight more, at the tip or along the body, leaves less than `most` (m) of robust rms within `FIRST_USUAL`."""
     heavier = [(robot, _with_payload(robot, states, share * body_mass(robot))) for share in FIRST_PAYLOADS]
     heavier += [(robot.model_copy(update={"gravity": tuple(f * g for g in robot.gravity)}), states) for f in FIRST_WEIGHTS]
     fits = ((r, s, _fitted(r, s, FIRST_USUAL, _turned(0.0))) for r, s in heavier)
@@ -214,8 +213,7 @@ def _turned(turn: float, area: float = 0.0, modulus: float = 0.0) -> Array:
 
 
 def _standing(robot: Robot, states: Campaign, turn: float) -> Array:
-    """(8,) the start of a fit: modulus, and perhaps area factor, several times larger where that is nearer to the data; rods that
-    do not stand have no derivative to follow."""
+    """(8,) the start of a fit, stiffer where that is nearer to the data: rods that do not stand have no derivative to follow."""
     stiffer = itertools.product(np.log(STIFFER), (0.0, 1.0))
     starts = [_turned(turn), *(_turned(turn, area * factor, factor) for factor, area in stiffer)]
     return min(starts, key=lambda theta: _rms(robot, states, theta))
@@ -229,9 +227,7 @@ def _sensed(robot: Robot, gravity: float, counting: float) -> Robot:
 
 
 def _fitted(robot: Robot, states: Campaign, bounds: Array, start: Array) -> Array | None:
-    """(8,) theta in the order of `NAMES` at the minimum stated above, within -bounds .. bounds (8,), searched from `start` (8,);
-    None where a rod cannot be computed.
-    """
+    """(8,) theta at the minimum stated above, within -bounds .. bounds; None where a rod cannot be computed."""
     start = np.clip(start, -0.99 * bounds, 0.99 * bounds)  # least_squares begins inside
     try:
         misfit = _Misfit(robot, states)
@@ -278,8 +274,7 @@ class _Misfit:
 
 
 def _missed(robot: Robot, states: Campaign, theta: Array, asked: States) -> Array:
-    """(n, 3) m, tip predicted minus measured; a robot length in each axis where the rod has no equilibrium. `asked`: settings of
-    the states."""
+    """(n, 3) m, tip predicted for settings `asked` minus measured; a robot length where the rod has no equilibrium."""
     found = solve(rods_of(_with(robot, theta), asked), DIRECT)
     tip = states.tip - theta[ORIGIN:] * robot.length
     return np.where(found.converged[:, None], np.nan_to_num(found.tip - tip), robot.length)

@@ -205,8 +205,7 @@ def _distinct(b: Budget) -> tuple[list[list[bool]], list[float]]:
 
 
 def _names(floors: Array, size: Array, own: Mask) -> Mask:
-    """(d, e) which effects draws name, by the rule above, of what they carry (d, e) in noise floors, their sizes (d, e) in
-    plausible ones and which are their hypothesis' own (e,)."""
+    """(d, e) which effects draws name, of floors they carry (d, e), plausible sizes (d, e) and their hypothesis' own (e,)."""
     least, draws, largest = np.where(own, LEAST_NAMED_FLOORS, OUTSTANDING_FLOORS), np.arange(len(floors)), floors.argmax(axis=1)
     most = floors[draws, largest]
     named = (floors >= np.maximum(least, COMPARABLE * most[:, None])) & (own | (size >= LEAST_NAMED_SIZE))

@@ -174,18 +174,14 @@ class Search:
         return TEMPERATURE * float(np.log(hypothesis_prior(named, len(self.problem.parameters.ids))))
 
     def _margin(self, c: Candidate) -> float:
-        """How far below the best hypothesis a point may lie: of one that was searched, so that one effect more would be within
-        the margin if it explained nothing."""
+        """How far below the best hypothesis a point may lie and still win by one effect more."""
         more = (*c.named, "")
         if not c.turns or len(more) not in PRIOR_OF_NUMBER or len(c.named) == len(self.problem.parameters.ids):
             return SEARCH_MARGIN
         return SEARCH_MARGIN - self._log_prior(c.named) + self._log_prior(more)
 
     def _add(self, found: Iterable[Candidate]) -> None:
-        """Keep the best of what was tried of each hypothesis, and queue what may be searched on.
-
-        A new point of a known hypothesis must be more probable by a factor e than any before.
-        """
+        """Keep the best of each hypothesis, and queue what is new or more probable by a factor e than any before."""
         for c in found:
             key = c.named, c.with_tolerances
             known, promised = self._tried.get(key), self._promised.get(key, -np.inf)
@@ -196,11 +192,7 @@ class Search:
                 self._queue.append(c)
 
     def _most_promising(self) -> list[Candidate]:
-        """Take the points that are searched on next, at most one of each hypothesis, from the queue.
-
-        Points that promise too little are dropped: less than the best hypothesis has reached, by the margin, or no more than
-        another search of the same hypothesis has reached.
-        """
+        """Take the next points from the queue, one of each hypothesis; drop those that promise less than what was reached."""
         searched = {key: c for key, c in self._tried.items() if c.turns}
         best = max(c.log_evidence + self._log_prior(c.named) for c in searched.values())
         alone: dict[int, float] = {}
@@ -234,10 +226,7 @@ class Search:
     # ------------------------------------------------------------------ one point
 
     def _searched_on(self, c: Candidate) -> list[Candidate]:
-        """A hypothesis searched on from a point, and, where its search has ended and it leads, the hypotheses next to it.
-
-        What leads is searched without and with tolerances, whatever the one promises where the other was found.
-        """
+        """Search a hypothesis on from a point; add its neighbours where that has ended and it leads."""
         found = self._turn(c)
         if not found.ended:
             return [found]
@@ -285,8 +274,7 @@ class Search:
         return replace(found, ended=stalled or converged)
 
     def _next_to(self, c: Candidate) -> list[Candidate]:
-        """A candidate and the hypotheses with one effect more, one less and one exchanged, and the same with tolerances on or
-        off, weighed where it was fitted."""
+        """A candidate's neighbours by one effect more, less or exchanged, or by tolerances, weighed where it was fitted."""
         here = self._whole(c)
         (own,) = self._around(here, [c.named], c.with_tolerances)
         out = [replace(own, turns=c.turns, ended=True), *self._around(here, [c.named], not c.with_tolerances)]
@@ -365,8 +353,7 @@ class Search:
         return fit(self.problem, own, size, start, rounds, frozen)
 
     def _as_reference(self, f: Fit) -> Fit:
-        """A fit around which other hypotheses are weighed and searched: they share its derivatives and the model-form error of
-        what it does not name."""
+        """A fit that lends its derivatives and the model-form error of what is not named to hypotheses around it."""
         form_error = f.form_error
         assert form_error is not None
         # with no response of the named effects, only columns for the laws of the others are made

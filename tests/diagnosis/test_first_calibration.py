@@ -65,7 +65,7 @@ def test_what_is_far_off_is_found_and_told(case: Measured, told: Robot, name: st
     first = calibrate_first(told, states(case)[0])
     assert [a.name for a in first.adjusted] == [name] and not first.adjusted[0].at_bound
     assert first.adjusted[0].found == pytest.approx(found, rel=0.1, abs=6)
-    assert first.after < 0.3 * first.before and name in first.concern
+    assert first.after < 0.3 * first.before and name in first.concerns[0].text
 
 
 def test_the_slope_of_what_is_left_is_its_slope(case: Measured) -> None:
