@@ -46,7 +46,7 @@ from .data.case import CaseLike, lacking, states
 from .data.chamber_sides import ORDER
 from .data.first_calibration import FirstCalibration, calibrate_first
 from .errors import BadCase
-from .findings import Finding
+from .findings import Finding, finding
 from .inference.executor import SINGLE_THREAD, Executor, one_thread
 from .inference.prepare import prepare
 from .judgement import CAUSE_PROBABILITY
@@ -159,6 +159,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         *beyond_tolerance(prepared.problem.parameters, found.tense, first.robot),
         *scatter(prepared.noise_components.excess_scatter),
         *against(size, found.decision.effects, found.asking, names, words),
+        *([finding("residual_ignored")] if case.robot.residual is not None else ()),
     )
     changed = first.named or changed_by(facts)
     beyond = any(a.at_bound for a in (*first.adjusted, *([scale] if scale is not None else ())))

@@ -96,8 +96,7 @@ def diagnose(
         there = open_while_diagnosed.enter_context(cluster(scheduler)) if scheduler is not None else beside(len(case.table))
         executor = Executor(remote_map=None if there is None else there.in_order)
         answer = worth_doing(_answer(case, robot, comparisons, executor))
-    ignored = [finding("residual_ignored")] if case.robot.residual is not None else []
-    answer = replace(answer, findings=(*unconfirmed_guesses(inputs), *answer.findings, *ignored))
+    answer = replace(answer, findings=(*unconfirmed_guesses(inputs), *answer.findings))
     if outputs.json is not None:
         outputs.json.write_text(answer.to_json() + "\n", encoding="utf-8")
     written = []
