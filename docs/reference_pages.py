@@ -282,7 +282,7 @@ def _parameter(p: Parameter) -> str:
 
 def findings() -> Iterator[str]:
     """Codes of what an answer states besides its numbers, by severity."""
-    yield from ("# Findings", "", "Codes of `findings` in diagnosis.json, each with `severity`, `values` and `text`.", "")
+    yield from ("# Findings", "", "Codes in diagnosis.json (`findings`: `code`, `severity`, `values`, `text`).", "")
     for severity, texts in TEMPLATES.items():
         yield from (*_wrapped(f"**{severity}**: {', '.join(map(_code, texts))}."), "")
 
