@@ -127,12 +127,7 @@ def sentence(
 
 
 class _JointForward:
-    """Two campaigns as one forward model.
-
-    Its parameters theta are those of the reference; those that the later campaign has for itself (trials, repeats, drift, what
-    another day brings); and the change of each effect since, which is added to the value that both share. Only the changes can
-    be named as a cause.
-    """
+    """Two campaigns as one forward model: parameters of the reference, the later campaign's own, and each effect's change."""
 
     def __init__(self, before: Prepared, after: Prepared) -> None:
         self._parts = before.problem, after.problem

@@ -16,7 +16,7 @@ import numpy as np
 from model.effects.catalogue import CATALOGUE
 from model.effects.spec import EffectSpec
 
-from .answer import assemble
+from .answer import assemble, sentences
 from .answer.attribute import attribute, begin
 from .answer.calibration import alone_as_good, calibration, simulator
 from .answer.detail import detail
@@ -26,18 +26,6 @@ from .answer.holdout import evaluate_holdout, unseen_states
 from .answer.locate import locate
 from .answer.result import Diagnosis
 from .answer.rivals import Rivals
-from .answer.sentences import (
-    Facts,
-    against,
-    beyond_tolerance,
-    changed_by,
-    closed_by_calibration,
-    far_off,
-    scatter,
-    statement,
-    stiffness_sentence,
-    with_id,
-)
 from .answer.size import sizes
 from .answer.verdict import doubts
 from .answer.waterfall import Unseen, UnseenStates
@@ -130,25 +118,25 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     names = {e: spec.name(words) for e, spec in wanted.catalogue.items()}
     shown = detail(found, held_out.errors, tested, names)
     scale = calibration(found)
-    far = tuple(far_off(scale.stiffness, words)) if scale is not None and predicted is None else ()
+    far = tuple(sentences.far_off(scale.stiffness, words)) if scale is not None and predicted is None else ()
     alone, size = alone_as_good(scale, found), sizes(prepared, found.best)
     why: tuple[Finding, ...] = ()
     if found.decision.probability >= CAUSE_PROBABILITY:
-        named = {e: with_id(e, names) for e in found.decision.effects}
-        why = tuple(doubts(size, named, held_out.shrink, [with_id(e, names) for e in alone]))
+        named = {e: sentences.with_id(e, names) for e in found.decision.effects}
+        why = tuple(doubts(size, named, held_out.shrink, [sentences.with_id(e, names) for e in alone]))
     which = assemble.attribute_section(found, where.significant, held_out.rms_mm, why, bool(far or first.adjusted))
-    facts = Facts(
+    facts = sentences.Facts(
         found.decision, which.conclusion, where, assemble.budget_section(found), held_out.shrink, held_out.waterfall,
         which.rivals, next((x.do for x in proposals if x.separates), None), found.best.named, found.asking,
         found.misfit.outlier_trial, tuple(map(words.fill, lacking(first.states))), simulator(found), scale, first.named, names,
         words,
     )  # fmt: skip
-    text = statement(facts)
+    text = sentences.statement(facts)
     if first.changes:
         shown["first_calibration"] = first.detail()
         text = f"Calibrated first: {'; '.join(map(str, first.changes))}. {'Beyond that: ' if first.order else ''}{text}"
     if "stiffness" in shown and where.of == "tip":
-        text += f" {stiffness_sentence(shown['stiffness'], found.decision)}"
+        text += f" {sentences.stiffness_sentence(shown['stiffness'], found.decision)}"
     if first.order:
         which = assemble.beside(which, ORDER)
     findings = (
@@ -156,13 +144,14 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         *findings,
         *why,
         *far,
-        *beyond_tolerance(prepared.problem.parameters, found.tense, first.robot),
-        *scatter(prepared.noise_components.excess_scatter),
-        *against(size, found.decision.effects, found.asking, names, words),
+        *sentences.beyond_tolerance(prepared.problem.parameters, found.tense, first.robot),
+        *sentences.scatter(prepared.noise_components.excess_scatter),
+        *sentences.against(size, found.decision.effects, found.asking, names, words),
         *([finding("residual_ignored")] if case.robot.residual is not None else ()),
     )
-    changed = first.named or changed_by(facts)
+    changed = first.named or sentences.changed_by(facts)
     beyond = any(a.at_bound for a in (*first.adjusted, *([scale] if scale is not None else ())))
+    by_calibration = sentences.closed_by_calibration(facts)
     closed = None if held_out.shrink is None else held_out.shrink.share_closed
     answer = Diagnosis(
         statement=text + (f" {shown['holdout']['statement']}" if tested is not None else ""),
@@ -176,8 +165,6 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         budget=facts.budget,
         waterfall=held_out.waterfall,
         calibration=scale,
-        headline=headline(
-            which, wanted.catalogue, words, facts.missing, closed_by_calibration(facts), closed, changed, beyond, bool(alone)
-        ),
+        headline=headline(which, wanted.catalogue, words, facts.missing, by_calibration, closed, changed, beyond, bool(alone)),
     )
     return Examined(answer, rivals, first)

@@ -13,23 +13,12 @@ from typing import Any
 from model.actuators import Chambers, Words
 from model.robot import Robot
 
+from .. import judgement
 from ..criticism.relatives import RELATIVES
 from ..criticism.stage_errors import StageError
 from ..findings import Finding, finding
 from ..inference.posterior import UNKNOWN
 from ..inference.problem import Parameters
-from ..judgement import (
-    ABSORBED,
-    BENCHMARK,
-    CALIBRATION_STATED,
-    EXPLAINS,
-    MORE_THAN_GAP,
-    OTHER_UNIT,
-    OUTSIDE_STATED,
-    OUTSTANDING_FLOORS,
-    SAME_FACTOR,
-    USUAL_EXCESS,
-)
 from .headline import LEAST_STATED, for_people, percent, stated
 from .result import Alike, Calibration, Carries, Conclusion, Locate, Ranked, Shrink, Simulator, Waterfall
 from .shrink import share_closed
@@ -111,8 +100,9 @@ def _what(f: Facts) -> tuple[str, int]:
 
 def _sure(f: Facts) -> str:
     d = f.decision
-    given = "" if d.verdict == "unknown" or d.outside < OUTSIDE_STATED else f"; {d.within:.2f} if it is in the catalogue"
-    return f"p = {d.probability:.2f}{given}; {BENCHMARK}"
+    open_ended = d.verdict != "unknown" and d.outside >= judgement.OUTSIDE_STATED
+    given = f"; {d.within:.2f} if it is in the catalogue" if open_ended else ""
+    return f"p = {d.probability:.2f}{given}; {judgement.BENCHMARK}"
 
 
 def _verdict(f: Facts) -> str:
@@ -127,7 +117,7 @@ def _verdict(f: Facts) -> str:
         leading = " and ".join(with_id(e, f.names) for e in f.decision.too_small)
         return (
             f"{_by_calibration(f, 'No cause stands out', 'no cause stands out')}: probably no effect carries "
-            f"{OUTSTANDING_FLOORS:.0f} noise floors ({_sure(f)}). The most probable one is {leading}."
+            f"{judgement.OUTSTANDING_FLOORS:.0f} noise floors ({_sure(f)}). The most probable one is {leading}."
         )
     if f.conclusion == "none":
         return f"{_by_calibration(f, 'No cause:')} no effect accounts for enough above the noise floor ({_sure(f)})."
@@ -192,7 +182,7 @@ def _gap(f: Facts) -> str:
 def _factor(f: Facts) -> str:
     """Value of the calibrated area factor, in brackets; empty where it is that of robot.yaml."""
     c = f.calibration
-    if c is None or max(abs(c.stiffness - 1), abs(c.modulus - 1)) < CALIBRATION_STATED:
+    if c is None or max(abs(c.stiffness - 1), abs(c.modulus - 1)) < judgement.CALIBRATION_STATED:
         return ""
     if f.simulator is not None:
         return f" ({c.area_factor:.2f} in place of the {c.given:.2f} with which the rod comes nearest to {f.simulator.name})"
@@ -200,7 +190,7 @@ def _factor(f: Facts) -> str:
     how = f"; {body} would look the same"
     if c.at_bound:
         how = f", with {c.modulus:.2f} times the modulus, at the limit of the fit"
-    elif abs(c.modulus - 1) >= CALIBRATION_STATED:
+    elif abs(c.modulus - 1) >= judgement.CALIBRATION_STATED:
         how = f", with {c.modulus:.2f} times the modulus; these data show hardly more than their ratio, that of {body}"
     return f" ({c.area_factor:.2f} instead of {c.given:.2f}{how})"
 
@@ -254,7 +244,7 @@ ORIGINS = {
 
 def stands_for(c: Calibration | None, words: Words) -> str:
     """What a calibrated area factor may stand for, and what tells; empty where it is that of robot.yaml."""
-    if c is None or abs(c.stiffness - 1) < CALIBRATION_STATED or not c.origins:
+    if c is None or abs(c.stiffness - 1) < judgement.CALIBRATION_STATED or not c.origins:
         return ""
     each = [
         f"{words.fill(ORIGINS.get(o.name, o.name))} {100 * abs(o.factor - 1):.1f} % {'larger' if o.factor > 1 else 'smaller'} "
@@ -278,7 +268,7 @@ def closed_by_calibration(f: Facts) -> float | None:
     if f.calibration is None or w is None or not (_factor(f) or f.first):
         return None
     closed = share_closed(w.given_mm, w.steps[0].left_mm, f.where.noise_floor_mm)
-    return closed if closed is not None and closed > EXPLAINS else None
+    return closed if closed is not None and closed > judgement.EXPLAINS else None
 
 
 def _by_calibration(f: Facts, otherwise: str, rest: str = "") -> str:
@@ -308,13 +298,13 @@ def _in_percent(value: float, unit: str) -> tuple[float, str]:
 
 def far_off(stiffness: float, words: Words) -> Iterator[Finding]:
     """A finding where the calibrated body is `stiffness` times as stiff as that of robot.yaml: a wrong unit does that."""
-    if not 1 / OTHER_UNIT < stiffness < OTHER_UNIT:
+    if not 1 / judgement.OTHER_UNIT < stiffness < judgement.OTHER_UNIT:
         yield finding("stiffness_far_off", words, stiffness=stiffness, pressure_ratio=1 / stiffness)
 
 
 def scatter(excess: float) -> Iterator[Finding]:
     """A finding where repeats scatter `excess` times more than usual."""
-    if excess >= USUAL_EXCESS:
+    if excess >= judgement.USUAL_EXCESS:
         yield finding("scatter_of_repeats", factor=excess)
 
 
@@ -341,7 +331,8 @@ def _simulator(f: Facts) -> str:
         return f"{apart}, {beyond}: less than the noise floor."
     step = next((s for s in (f.waterfall.steps if f.waterfall else ()) if s.step == "simulator"), None)
     left = f" Without that part, {step.left_mm:.2f} mm of the gap remain on unseen states." if step else ""
-    if step and own.share > EXPLAINS and step.mm > EXPLAINS * (step.mm + step.left_mm - f.where.noise_floor_mm):
+    most = judgement.EXPLAINS
+    if step and own.share > most and step.mm > most * (step.mm + step.left_mm - f.where.noise_floor_mm):
         left += f" The gap is in {own.name}."
     return f"{apart}, {beyond}; the measurements do not show {own.not_measured_mm:.2f} mm of that (in-sample).{left}"
 
@@ -356,9 +347,9 @@ def _simulator_acts(f: Facts, own: Simulator) -> str:
     if own.of_robot is None:
         return f"{text} "
     of_rod, of_data = own.area_factor / own.of_robot, c.area_factor / own.of_robot
-    if abs(of_data - 1) < SAME_FACTOR < abs(of_rod - 1):
+    if abs(of_data - 1) < judgement.SAME_FACTOR < abs(of_rod - 1):
         text += f" The rod of robot.yaml does not: the gap is in {own.name}; check its {f.words.pressures}, areas and modulus."
-    elif abs(of_rod - 1) < SAME_FACTOR:
+    elif abs(of_rod - 1) < judgement.SAME_FACTOR:
         text += f" So does the rod: check area_factor and youngs_modulus of robot.yaml, and the gain of the {f.words.pressures}."
     return f"{text} "
 
@@ -374,7 +365,7 @@ def _moved(f: Facts) -> str:
     if not shares:
         return ""
     gap = f.waterfall.steps[0].left_mm if f.waterfall is not None else f.where.gap_rmse_mm
-    more = max(c.mm for c in f.budget if c.role == "named") > MORE_THAN_GAP * gap
+    more = max(c.mm for c in f.budget if c.role == "named") > judgement.MORE_THAN_GAP * gap
     hidden = ", more than the gap, since tolerances of other effects counteract it" if more else ""
     return f"Beyond what {f.words.an_area_factor} takes up, {'; '.join(shares)}{hidden}."
 
@@ -396,7 +387,7 @@ def _closing(f: Facts) -> str:
     nearest = " and ".join(with_id(e, f.names) for e in f.nearest)
     if not nearest or share is None:
         return ""
-    if share < EXPLAINS:
+    if share < judgement.EXPLAINS:
         return (
             f"Closest: {nearest}, which does not explain the gap ({before} mm without it, {after} mm with it on unseen states)."
         )
@@ -413,12 +404,12 @@ def closed_alone(w: Waterfall | None, s: Shrink | None) -> float | None:
     if not left or s is None or s.share_closed is None or s.share_closed < 0:
         return None
     alone = share_closed(s.before_mm, left[-1], s.floor_mm)
-    return None if alone is None or alone >= EXPLAINS * s.share_closed else max(alone, 0.0)
+    return None if alone is None or alone >= judgement.EXPLAINS * s.share_closed else max(alone, 0.0)
 
 
 def _absorbed(f: Facts) -> str:
     a = None if f.waterfall is None else f.waterfall.absorbed
-    if a is None or f.decision.verdict != "effect" or a.per_length_mm > ABSORBED * a.one_mm:
+    if a is None or f.decision.verdict != "effect" or a.per_length_mm > judgement.ABSORBED * a.one_mm:
         return ""
     left = f"{a.per_length_mm:.2f} mm would remain of {a.one_mm:.2f} mm"
     return f"{f.words.an_area_factor.capitalize()} for each spine length would hide it: {left} ({a.how})."

@@ -133,10 +133,7 @@ def _sweeps(inflated: Mask, highest: Array, gap: float) -> Mask:
 
 
 def _vacuums(vacuum: Array, spine: Array) -> Ints:
-    """(n,) number of each row's level of vacuum (n,) Pa, 0 for the strongest, counted among rows of the same spine length (n,) m.
-
-    A leak takes more from a longer spine, so a weak vacuum at one length may read like a strong one at another.
-    """
+    """(n,) level of each row's vacuum among rows of its spine length, 0 the strongest: a leak takes more from a longer spine."""
     out = np.zeros(len(vacuum), np.int64)
     length = levels(spine, SPINE_GAP)
     for k in np.unique(length):

@@ -27,22 +27,9 @@ from model.robot import Robot
 from model.rods import FINE, solve
 from model.section import body_mass, rods_of
 
+from .. import judgement
 from ..arrays import Array, Mask
 from ..findings import Finding, finding
-from ..judgement import (
-    FIRST_AS_GOOD,
-    FIRST_AT_BOUND,
-    FIRST_CONVERGED,
-    FIRST_GAIN,
-    FIRST_LOSS_SCALE,
-    FIRST_NEAR_BOUND,
-    FIRST_PAYLOADS,
-    FIRST_SD,
-    FIRST_USUAL,
-    FIRST_WEIGHTS,
-    FIRST_WIDEST,
-    UPSIDE_DOWN_GAIN,
-)
 from .campaign import Campaign, settings, spread_over, tip_masses
 from .chamber_sides import can_name_order, exchanged, reordered, with_order
 
@@ -140,18 +127,21 @@ def calibrate_first(robot: Robot, states: Campaign, effects: Collection[str] = (
     seen = with_tip.take(np.isin(np.arange(len(with_tip)), spread_over(len(with_tip), 60)))
     # one area factor, as the diagnosis has it
     one = robot.with_area_factor(float(np.mean(robot.area_factor_at(seen.spine_length))))
-    near = _fitted(one, seen, FIRST_USUAL, _turned(0.0))
+    near = _fitted(one, seen, judgement.FIRST_USUAL, _turned(0.0))
     if near is None:
         return unchanged
     before = _rms(one, seen, near)
-    if before < FIRST_LOSS_SCALE * robot.length and not (np.abs(near) > FIRST_NEAR_BOUND * FIRST_USUAL)[1:].any():
+    if (
+        before < judgement.FIRST_LOSS_SCALE * robot.length
+        and not (np.abs(near) > judgement.FIRST_NEAR_BOUND * judgement.FIRST_USUAL)[1:].any()
+    ):
         return unchanged
     far, (gravity, counting), after = _widely_fitted(one, seen)
-    beyond = np.abs(far) > FIRST_USUAL
+    beyond = np.abs(far) > judgement.FIRST_USUAL
     upright = min(gravity, counting) > 0
-    if not (beyond.any() or not upright) or after > FIRST_GAIN * before:
+    if not (beyond.any() or not upright) or after > judgement.FIRST_GAIN * before:
         return unchanged
-    if upright and _weight_explains(one, seen, min(FIRST_AS_GOOD * after, FIRST_GAIN * before)):
+    if upright and _weight_explains(one, seen, min(judgement.FIRST_AS_GOOD * after, judgement.FIRST_GAIN * before)):
         return unchanged  # the diagnosis names weights
     named = np.array(NAMES)
     turned = _with(_sensed(robot, gravity, counting), far * (named == "azimuth")).actuators.azimuths_deg
@@ -170,25 +160,26 @@ def calibrate_first(robot: Robot, states: Campaign, effects: Collection[str] = (
 
 
 def _widely_fitted(robot: Robot, states: Campaign) -> tuple[Array, tuple[float, float], float]:
-    """Theta (8,) of the wide fit, the senses of gravity and of counting the chambers (1 or -1), and the robust rms (m): the first
-    that converges of the robot as it is, with chambers counted otherwise, and upside down; infinite where no rod stands."""
+    """Theta (8,) of the wide fit, senses of gravity and of counting (1 or -1), robust rms (m), infinite if no rod stands."""
     theta, senses, least = np.zeros(len(NAMES)), (1.0, 1.0), np.inf
     for turn, gravity, counting in dict.fromkeys(((0.0, 1.0, 1.0), _counted(robot, states), (0.0, -1.0, 1.0))):
-        if least < FIRST_CONVERGED * robot.length:
+        if least < judgement.FIRST_CONVERGED * robot.length:
             break
         there = _sensed(robot, gravity, counting)
-        found = _fitted(there, states, FIRST_WIDEST, _standing(there, states, turn))
+        found = _fitted(there, states, judgement.FIRST_WIDEST, _standing(there, states, turn))
         left = np.inf if found is None else _rms(there, states, found)
-        if found is not None and left < (least if min(gravity, counting) > 0 else UPSIDE_DOWN_GAIN * least):
+        if found is not None and left < (least if min(gravity, counting) > 0 else judgement.UPSIDE_DOWN_GAIN * least):
             theta, senses, least = found, (gravity, counting), left
     return theta, senses, least
 
 
 def _weight_explains(robot: Robot, states: Campaign, most: float) -> bool:
     """Whether one weight more, at the tip or along the body, leaves less than `most` (m) of robust rms within `FIRST_USUAL`."""
-    heavier = [(robot, _with_payload(robot, states, share * body_mass(robot))) for share in FIRST_PAYLOADS]
-    heavier += [(robot.model_copy(update={"gravity": tuple(f * g for g in robot.gravity)}), states) for f in FIRST_WEIGHTS]
-    fits = ((r, s, _fitted(r, s, FIRST_USUAL, _turned(0.0))) for r, s in heavier)
+    heavier = [(robot, _with_payload(robot, states, share * body_mass(robot))) for share in judgement.FIRST_PAYLOADS]
+    heavier += [
+        (robot.model_copy(update={"gravity": tuple(f * g for g in robot.gravity)}), states) for f in judgement.FIRST_WEIGHTS
+    ]
+    fits = ((r, s, _fitted(r, s, judgement.FIRST_USUAL, _turned(0.0))) for r, s in heavier)
     return any(theta is not None and _rms(r, s, theta) < most for r, s, theta in fits)
 
 
@@ -232,8 +223,8 @@ def _fitted(robot: Robot, states: Campaign, bounds: Array, start: Array) -> Arra
     try:
         misfit = _Misfit(robot, states)
         found = least_squares(
-            misfit.residual, start, misfit.slope, bounds=(-bounds, bounds), x_scale=np.minimum(FIRST_SD, 0.3), loss="soft_l1",
-            max_nfev=25, ftol=1e-4, xtol=1e-4,
+            misfit.residual, start, misfit.slope, bounds=(-bounds, bounds), x_scale=np.minimum(judgement.FIRST_SD, 0.3),
+            loss="soft_l1", max_nfev=25, ftol=1e-4, xtol=1e-4,
         )  # fmt: skip
     except (ModelError, ValueError):
         return None
@@ -245,12 +236,12 @@ class _Misfit:
 
     def __init__(self, robot: Robot, states: Campaign) -> None:
         self._robot, self._states, self._asked = robot, states, settings(robot, states.trials)
-        self._unit = FIRST_LOSS_SCALE * robot.length
+        self._unit = judgement.FIRST_LOSS_SCALE * robot.length
         self._last: tuple[Array, Array] = (np.full(len(NAMES), np.nan), np.zeros(0))
 
     def residual(self, theta: Array) -> Array:
         """(3 n + 7,) tip errors over s, and all parameters but the first over their prior's width w."""
-        return np.concatenate([self._missed(theta).ravel() / self._unit, theta[1:] / FIRST_SD[1:]])
+        return np.concatenate([self._missed(theta).ravel() / self._unit, theta[1:] / judgement.FIRST_SD[1:]])
 
     def slope(self, theta: Array) -> Array:
         """(3 n + 7, 8) its derivatives."""
@@ -264,7 +255,7 @@ class _Misfit:
         stands = (missed != self._robot.length).any(axis=1)
         tip[..., ORIGIN:] = self._robot.length * stands[:, None, None] * np.eye(3)
         tip /= self._unit
-        out[missed.size :, 1:] = np.diag(1 / FIRST_SD[1:])
+        out[missed.size :, 1:] = np.diag(1 / judgement.FIRST_SD[1:])
         return out
 
     def _missed(self, theta: Array) -> Array:
@@ -282,7 +273,7 @@ def _missed(robot: Robot, states: Campaign, theta: Array, asked: States) -> Arra
 
 def _rms(robot: Robot, states: Campaign, theta: Array) -> float:
     """m, s sqrt(mean rho(d^2 / s^2)) over the states: the rms of distances d that are small, while large ones count less."""
-    scale = FIRST_LOSS_SCALE * robot.length
+    scale = judgement.FIRST_LOSS_SCALE * robot.length
     squared = (_missed(robot, states, theta, settings(robot, states.trials)) ** 2).sum(axis=1) / scale**2
     return scale * float(np.sqrt(np.mean(2 * (np.sqrt(1 + squared) - 1))))
 
@@ -301,7 +292,7 @@ def _with(robot: Robot, theta: Array) -> Robot:
 
 def _adjusted(robot: Robot, made: Robot, theta: Array, beyond: Mask, hanging: bool, counted: bool) -> Iterator[Adjusted]:
     """The numbers of `made` that were taken over; `hanging`: upside down, `counted`: chambers counted the other way round."""
-    at_bound = np.abs(theta) > FIRST_AT_BOUND * FIRST_WIDEST
+    at_bound = np.abs(theta) > judgement.FIRST_AT_BOUND * judgement.FIRST_WIDEST
     given, now, words = robot.actuators.azimuths_deg, made.actuators.azimuths_deg, robot.actuators.words
     if hanging:
         k = int(np.argmax(np.abs(robot.gravity)))

@@ -153,11 +153,7 @@ def budget(problem: Problem, where: Sequence[Part], candidates: Sequence[Candida
 
 
 def _drawn(weighed: Weighed, standard: Array) -> Array:
-    """(DRAWS, p) of the effects' parameters.
-
-    By the triangular factor of the correlations: unlike eigenvectors it moves little when the last digits of the covariance
-    do, so that an answer does not depend on rounding.
-    """
+    """(DRAWS, p) of the effects' parameters, by the triangular factor, which moves little with rounding, unlike eigenvectors."""
     sd = np.sqrt(np.maximum(np.diag(weighed.covariance), TINY))
     factor = np.linalg.cholesky(weighed.covariance / np.outer(sd, sd) + JITTER * np.eye(len(sd)))
     return np.asarray(weighed.mean + standard @ factor.T * sd)

@@ -135,9 +135,7 @@ class Search:
         self._executor.progress(str(DiagnosisStep.HYPOTHESES), 1.0)
 
     def _first(self) -> list[Candidate]:
-        """Every single effect around none without and with tolerances; those that are not linear, at each of their starts, with
-        or without tolerances as none is more probable. One that is never tolerated is tried both ways: tolerances of the others
-        can take its place in none, not where it acts in full."""
+        """Every single effect around none, with and without tolerances; those that are not linear at each of their starts."""
         out, at_starts = [], []
         p = self.problem.parameters
         better = max(self._none, key=lambda w: self._none[w].log_evidence)
@@ -251,12 +249,8 @@ class Search:
         return c.log_evidence + self._log_prior(c.named) > self._standing.best - self._margin(c)
 
     def _turn(self, c: Candidate) -> Candidate:
-        """A hypothesis searched on from a point, and whether its search has ended.
-
-        First with the derivatives of all but what is named as they are there, or, far from where the robot was calibrated, after
-        another calibration with all of them anew; later with all anew. It ends where evidence rises by less than `UNCONVERGED`,
-        or the linear problem promises no more, of a leading hypothesis with its own derivatives and discrepancy.
-        """
+        """Search a hypothesis on: first with the derivatives of what is not named as they are, later with all anew; whether it
+        has ended, because evidence rises by less than `UNCONVERGED` or the linear problem promises no more."""
         start: Array | Fit = c.fit
         rounds, frozen = (ROUNDS, None) if c.turns else (FIRST_ROUNDS, c.base)
         if c.turns and c.base is not None:
