@@ -131,7 +131,7 @@ def _search(
     fresh: Mask, tolerance: float, least_promise: float, dampings: Sequence[float] = DAMPINGS,
 ) -> Fit:  # fmt: skip
     """Minimise the cost, half the squared misfit and distance from the prior, discrepancy integrated out, until the minimum
-    of the linear problem is within `tolerance` sd or promises less than `least_promise`; derivatives by `fresh` (k,) are taken anew."""
+    of the linear problem is within `tolerance` or promises too little; derivatives by `fresh` (k,) are taken anew."""
     descent = _Descent(problem, prior, size, frozen, np.flatnonzero(fresh), least_promise, dampings)
     local = descent.begin(start)
     if rounds:

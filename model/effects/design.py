@@ -102,7 +102,7 @@ def _sittings(t: Array, trial: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _progress(t: Array, trial: NDArray[np.int64], own: Flags) -> Array:
-    """Part 0..1 (n,) of the campaign passed at the robot's `own` states, by time where trials follow one another, else by trial."""
+    """Part 0..1 (n,) of the campaign past at the robot's `own` states, by time where trials follow each other, else by trial."""
     out = np.zeros(len(t))
     if own.any():
         begins = np.array([t[own & (trial == k)][0] for k in np.unique(trial[own])])

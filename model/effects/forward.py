@@ -596,7 +596,7 @@ class ForwardModel:
         return r
 
     def _every_row(self, results: Array) -> Array:
-        """(v, full, columns) results of rods in their places among all states and the rests behind them; zeros for stiffness pushes."""
+        """(v, full, columns) results of rods in their places among all states, then rests; zeros for stiffness pushes."""
         if results.shape[1] == len(self._full):
             return results
         out = np.zeros((len(results), len(self._full), results.shape[2]))
