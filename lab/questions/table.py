@@ -55,9 +55,10 @@ def _gain(robot: Robot, seen: Pressures) -> Iterator[str]:
     # a lighter body's weight changes the ratio by less than a factor of two or so, and models are right within one of three
     if weight_ratio(robot) > 10.0 or seen.unit != 1.0 or 1 / 5.0 < seen.ratio < 5.0:
         return
-    yield robot.actuators.words.say(
-        f"the tip moves {seen.ratio:.2g} times as far as a beam with the numbers of robot.yaml under these pressures: check the "
-        "unit and scale of the pressures, the moduli, radii and path_radius"
+    pressures = robot.actuators.words.pressures
+    yield (
+        f"the tip moves {seen.ratio:.2g} times as far as a beam with the numbers of robot.yaml under these {pressures}: check "
+        f"the unit and scale of the {pressures}, the moduli, radii and path_radius"
     )
 
 

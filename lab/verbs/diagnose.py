@@ -22,6 +22,7 @@ from diagnosis.data.baseline import Baseline
 from diagnosis.diagnose import Options
 from diagnosis.diagnose import diagnose as diagnosed
 from diagnosis.errors import BadHoldout, DiagnosisError
+from diagnosis.findings import finding
 from diagnosis.inference.executor import PRACTISED, Executor, FirstLook
 from diagnosis.inference.posterior import UNKNOWN
 from model.actuators import Words
@@ -35,7 +36,7 @@ from ..cluster import cluster
 from ..console import Screen, note, out
 from ..files.baseline import from_simulator, from_table, simulator
 from ..files.config import ConfigError, demand_writable, in_units
-from ..files.inputs import UNCONFIRMED_GUESSES, Case, marked_notes, read_case, unconfirmed_guesses
+from ..files.inputs import Case, marked_notes, read_case, unconfirmed_guesses
 from ..files.output_folder import demand_free, whole
 from ..files.own_effects import catalogue
 from ..next_step import FIRST, command, nothing_next, worth_doing
@@ -97,13 +98,10 @@ def diagnose(
             case = _of_robot(case)
         note(case.table.warnings)
         note(marked_notes(case.table))
-        if case.robot.residual is not None:
-            note(["the residual in robot.yaml is left out: what was learnt has no cause, and would hide one"])
         there = open_while_diagnosed.enter_context(cluster(scheduler)) if scheduler is not None else beside(len(case.table))
         executor = Executor(remote_map=None if there is None else there.in_order)
         answer = worth_doing(_answer(case, robot, comparisons, executor))
-    if guesses := unconfirmed_guesses(inputs):
-        answer = replace(answer, concerns=(*guesses, *answer.concerns))
+    answer = replace(answer, findings=(*unconfirmed_guesses(inputs), *answer.findings))
     if outputs.json is not None:
         outputs.json.write_text(answer.to_json() + "\n", encoding="utf-8")
     written = []
@@ -130,7 +128,7 @@ def _answer(case: Case, robot: Path | None, comparisons: Comparisons, executor: 
         with Screen("weighing hypotheses") as screen:
             shown = replace(_shown(screen, executor), first_look=lambda look: _at_first_sight(screen, look))
             found = diagnosed(case, Options(catalogue=weighed, holdout=held, baseline=baseline, executor=shown))
-        answer = replace(found, concerns=(*found.concerns, *(f"not considered: {why}" for why in left_out)))
+        answer = replace(found, findings=(*found.findings, *(finding("not_considered", why=why) for why in left_out)))
         if comparisons.reference is None:
             return answer
         earlier = read_case([comparisons.reference], robot)
@@ -241,14 +239,12 @@ def _write_states(p: Proposal, path: Path, robot: Robot) -> Path:
 
 def show(d: Diagnosis, protocols: Path | None = None) -> None:
     """Print an answer; `protocols`: the folder with the proposed experiments, where they were written."""
-    unconfirmed = [c for c in d.concerns if c.startswith(UNCONFIRMED_GUESSES)]
-    for concern in unconfirmed:
-        out.print(concern)
+    for text in d.texts("critical"):
+        out.print(f"settle first: {text}")
     out.print(d.headline)
     out.print(d.statement)
-    for concern in d.concerns:
-        if concern not in unconfirmed:
-            out.print(f"  note: {concern}")
+    for text in d.texts("warning", "note"):
+        out.print(f"  note: {text}")
     if d.change is not None:
         out.print(d.change.statement)
     out.print(ranked(d.attribute.ranking, d.words))

@@ -100,7 +100,7 @@ def fit_with(
         raise
     except (DiagnosisError, ModelError) as e:
         raise ConfigError(str(e)) from e
-    note(found.concerns)
+    note(map(str, found.findings))
     written: list[Path] = []
     if folder is not None:
         with whole(folder, OWN, replace, inputs) as place:
@@ -172,7 +172,7 @@ def sheet(c: Calibration) -> Sheet:
         rows.append(("E of the body (eq. 8)", "0 cm", _mpa(e), str(e.n), f"{e.rms_residual:.3f} N"))
     areas = [("set-up exact", f"{length * 100:.1f} cm", a) for length, a in c.area_factor_by_length.items()]
     areas += [("tolerances", "all", c.area_factor)] if c.area_factor else []
-    factor = c.robot.actuators.words.say("area factor")
+    factor = c.robot.actuators.words.area_factor
     for kind, where, a in areas:
         rows.append((f"{factor}, {kind}", where, _plain(a.factor), str(a.states), f"{a.rmse * 1e3:.2f} mm rms"))
     t = Sheet(title="Calibration (± standard error)", title_justify="left")
@@ -187,10 +187,11 @@ def sheet(c: Calibration) -> Sheet:
 def baseline_line(c: Calibration, area: AreaFit) -> str:
     """The baseline of a diagnosis, in its words."""
     spine = c.robot.spine is not None
-    return c.robot.actuators.words.say(
-        f"calibrated with one area factor{' for all lengths' if spine else ''} and the tolerances of the set-up, the model "
-        f"misses the tip by {area.rmse * 1e3:.2f} mm rms on the {area.states} states (in-sample): the calibrated model of lab "
-        "diagnose" + (". Factors per length take the set-up as exact, so they need not lie about that one" if spine else "")
+    return (
+        f"calibrated with one {c.robot.actuators.words.area_factor}{' for all lengths' if spine else ''} and the tolerances of "
+        f"the set-up, the model misses the tip by {area.rmse * 1e3:.2f} mm rms on the {area.states} states (in-sample): the "
+        "calibrated model of lab diagnose"
+        + (". Factors per length take the set-up as exact, so they need not agree with that one" if spine else "")
     )
 
 

@@ -24,7 +24,7 @@ from ..imports.joining import experiments, joined, stream_of
 from ..imports.map_file import Map, Source, demand_units
 from ..imports.proposal import Guess, guess_text
 from ..imports.series import Series
-from ..imports.table import NOT_READ, Imported, imported
+from ..imports.table import Imported, imported
 from ..options import ANY_SIZE, JSON, REPLACE, Verb, inputs, option
 from ..questions.table import doubtful
 
@@ -119,11 +119,7 @@ def grouped(proposed: Guess) -> dict[str, list[str]]:
     found: dict[str, list[str]] = {}
     for key, reason in proposed.reasons.items():
         found.setdefault(reason, []).append(key)
-    return {
-        reason: keys
-        for reason, keys in found.items()
-        if not any(d.startswith((f"{keys[0]}:", f"{keys[0]} ")) for d in proposed.doubts)
-    }
+    return {reason: keys for reason, keys in found.items() if keys[0] not in proposed.doubtful}
 
 
 def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, as_json: bool, replace_all: bool = False) -> int:
@@ -137,30 +133,27 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, as_json
     demand_free(folder, own, replace_all, inputs)
     robot = load(robot_path, Robot)
     series, proposed = _first_proposal(inputs, robot)
-    told_of = [f"check: {d}" for d in (*series.notes, *proposed.doubts)]
+    checks = [*series.notes, *proposed.doubts]
     made = None
     with whole(folder, own, replace_all, inputs) as place:
         copied(robot_path, place / "robot.yaml")
         replaced(place / MAP, guess_text(proposed, Path("robot.yaml"), [series.path], series.form))
         try:
             made = imported(inputs, load(place / MAP, Map), robot)
-            found = (*implausible_values(robot, made.table), *doubtful(robot, made.table, str(robot_path)))
-            told_of += [
-                f"check: {text}" for text in (*found, *made.questions, *(n for n in made.notes if n.startswith(NOT_READ)))
-            ]
+            checks += (*implausible_values(robot, made.table), *doubtful(robot, made.table, str(robot_path)))
+            checks += (*made.questions, *made.unread)
             from ..pages.import_figure import draw
 
             draw(made, robot, place / PICTURE)
         except ConfigError as e:
-            told_of.append(f"check: {e}".replace(str(place), str(folder)))
+            checks.append(str(e).replace(str(place), str(folder)))
     if as_json:
-        checks = [t.removeprefix("check: ") for t in told_of]
         about = {"map": str(folder / MAP), "reasons": proposed.reasons, "check": checks}
         print(json.dumps(about | {"states": len(made.table) if made else 0}, indent=1))
         return 0
     for reason, keys in grouped(proposed).items():
         out.print(f"{', '.join(keys):24s} {reason}")
-    note(told_of)
+    note(f"check: {text}" for text in checks)
     if made is not None:
         out.print(
             f"{len(made.table)} states; look at {folder / PICTURE} and {folder / MAP}, delete each # CHECK once settled, then:",
