@@ -107,7 +107,7 @@ def sentence(
     """What changed, in words; `sizes` of the most probable change's parameters."""
     named, p = found.ranking[0]
     sure = f"p = {p:.2f}, {BENCHMARK}"
-    names = {e: words.say(spec.name) for e, spec in catalogue.items()}
+    names = {e: spec.name(words) for e, spec in catalogue.items()}
     effects = OUTSIDE if named == UNKNOWN else " and ".join(with_id(e, names) for e in named)
     if named == NONE:
         return f"No change since the reference stands out from the noise ({sure})."
@@ -127,12 +127,7 @@ def sentence(
 
 
 class _JointForward:
-    """Two campaigns as one forward model.
-
-    Its parameters theta are those of the reference; those that the later campaign has for itself (trials, repeats, drift, what
-    another day brings); and the change of each effect since, which is added to the value that both share. Only the changes can
-    be named as a cause.
-    """
+    """Two campaigns as one forward model: parameters of the reference, the later campaign's own, and each effect's change."""
 
     def __init__(self, before: Prepared, after: Prepared) -> None:
         self._parts = before.problem, after.problem
@@ -188,8 +183,7 @@ class _JointForward:
 
 
 def _joined(before: Prepared, after: Prepared) -> Problem:
-    """One problem of the values of both campaigns, reference first: each has a discrepancy of its own, the model-form error is
-    of the later one, whose changes are named."""
+    """One problem of the values of both campaigns, reference first; the model-form error is of the later one."""
     forward = _JointForward(before, after)
     first, second = before.problem, after.problem
     smooth = block_diag(first.discrepancy, second.discrepancy)

@@ -16,7 +16,7 @@ import numpy as np
 from model.effects.catalogue import CATALOGUE
 from model.effects.spec import EffectSpec
 
-from .answer import assemble
+from .answer import assemble, sentences
 from .answer.attribute import attribute, begin
 from .answer.calibration import alone_as_good, calibration, simulator
 from .answer.detail import detail
@@ -26,24 +26,18 @@ from .answer.holdout import evaluate_holdout, unseen_states
 from .answer.locate import locate
 from .answer.result import Diagnosis
 from .answer.rivals import Rivals
-from .answer.sentences import (
-    Facts,
-    beyond_tolerance,
-    changed_by,
-    closed_by_calibration,
-    far_off,
-    scatter,
-    statement,
-    stiffness_sentence,
-)
+from .answer.size import sizes
+from .answer.verdict import doubts
 from .answer.waterfall import Unseen, UnseenStates
 from .data.baseline import Baseline
 from .data.case import CaseLike, lacking, states
 from .data.chamber_sides import ORDER
 from .data.first_calibration import FirstCalibration, calibrate_first
 from .errors import BadCase
+from .findings import Finding, finding
 from .inference.executor import SINGLE_THREAD, Executor, one_thread
 from .inference.prepare import prepare
+from .judgement import CAUSE_PROBABILITY
 
 
 @dataclass(frozen=True)
@@ -95,7 +89,7 @@ def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
 def examine(case: CaseLike, options: Options | None = None) -> Examined:
     """The same with the hypotheses that are still in play, which predict what an experiment would give."""
     wanted = options or Options()
-    own, concerns = states(case)
+    own, findings = states(case)
     other = unseen_states(case, wanted.holdout) if wanted.holdout is not None else None
     predicted = wanted.baseline.take(own.row) if wanted.baseline is not None else None
     first = calibrate_first(case.robot, own, wanted.catalogue) if predicted is None else FirstCalibration(case.robot, own)
@@ -106,8 +100,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
             "the model of robot.yaml is too far from these data to be compared with them: check youngs_modulus, area_factor and "
             "gravity of robot.yaml, and the units of the table"
         ) from error
-    if first.changed:
-        concerns = (first.concern, *concerns)
+    if first.changes:
         prepared = replace(prepared, described=(case.robot, own))
         other = None if other is None else first.moved(other)
     stages = {e: spec.stage for e, spec in wanted.catalogue.items()}
@@ -122,49 +115,56 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     where = locate(found, stages)
     held_out = predicting()
     words = case.robot.actuators.words
-    names = {e: words.say(spec.name) for e, spec in wanted.catalogue.items()}
+    names = {e: spec.name(words) for e, spec in wanted.catalogue.items()}
     shown = detail(found, held_out.errors, tested, names)
     scale = calibration(found)
-    far = tuple(far_off(scale.stiffness)) if scale is not None and predicted is None else ()
-    doubtful = bool(far or first.adjusted)
-    alone = alone_as_good(scale, found)
-    which = assemble.attribute_section(found, where.significant, held_out.rms_mm, held_out.shrink, alone, doubtful)
-    facts = Facts(
+    far = tuple(sentences.far_off(scale.stiffness, words)) if scale is not None and predicted is None else ()
+    alone, size = alone_as_good(scale, found), sizes(prepared, found.best)
+    why: tuple[Finding, ...] = ()
+    if found.decision.probability >= CAUSE_PROBABILITY:
+        named = {e: sentences.with_id(e, names) for e in found.decision.effects}
+        why = tuple(doubts(size, named, held_out.shrink, [sentences.with_id(e, names) for e in alone]))
+    which = assemble.attribute_section(found, where.significant, held_out.rms_mm, why, bool(far or first.adjusted))
+    facts = sentences.Facts(
         found.decision, which.conclusion, where, assemble.budget_section(found), held_out.shrink, held_out.waterfall,
         which.rivals, next((x.do for x in proposals if x.separates), None), found.best.named, found.asking,
-        found.misfit.outlier_trial, lacking(first.states), simulator(found), scale, first.named, names, which.doubts,
+        found.misfit.outlier_trial, tuple(map(words.fill, lacking(first.states))), simulator(found), scale, first.named, names,
+        words,
     )  # fmt: skip
-    text = statement(facts)
-    if first.changed:
+    text = sentences.statement(facts)
+    if first.changes:
         shown["first_calibration"] = first.detail()
-        text = f"{first.sentence} {'Beside that: ' if first.order else ''}{text}"
+        text = f"Calibrated first: {'; '.join(map(str, first.changes))}. {'Beyond that: ' if first.order else ''}{text}"
     if "stiffness" in shown and where.of == "tip":
-        text += f" {stiffness_sentence(shown['stiffness'], found.decision)}"
+        text += f" {sentences.stiffness_sentence(shown['stiffness'], found.decision)}"
     if first.order:
         which = assemble.beside(which, ORDER)
-    concerns = (
-        *concerns,
+    findings = (
+        *first.concerns,
+        *findings,
+        *why,
         *far,
-        *beyond_tolerance(prepared.problem.parameters, found.tense, first.robot),
-        *scatter(prepared.noise_components.excess_scatter),
+        *sentences.beyond_tolerance(prepared.problem.parameters, found.tense, first.robot),
+        *sentences.scatter(prepared.noise_components.excess_scatter),
+        *sentences.against(size, found.decision.effects, found.asking, names, words),
+        *([finding("residual_ignored")] if case.robot.residual is not None else ()),
     )
-    changed = first.named or changed_by(facts)
+    changed = first.named or sentences.changed_by(facts)
     beyond = any(a.at_bound for a in (*first.adjusted, *([scale] if scale is not None else ())))
+    by_calibration = sentences.closed_by_calibration(facts)
     closed = None if held_out.shrink is None else held_out.shrink.share_closed
     answer = Diagnosis(
-        statement=words.say(text) + (f" {shown['holdout']['statement']}" if tested is not None else ""),
+        statement=text + (f" {shown['holdout']['statement']}" if tested is not None else ""),
         data=assemble.data_section(prepared, case.table),
         locate=where,
         attribute=which,
         shrink=held_out.shrink,
         next_experiment=proposals,
-        concerns=tuple(map(words.say, concerns)),
+        findings=findings,
         detail=shown,
         budget=facts.budget,
         waterfall=held_out.waterfall,
         calibration=scale,
-        headline=headline(
-            which, wanted.catalogue, words, facts.missing, closed_by_calibration(facts), closed, changed, beyond, bool(alone)
-        ),
+        headline=headline(which, wanted.catalogue, words, facts.missing, by_calibration, closed, changed, beyond, bool(alone)),
     )
     return Examined(answer, rivals, first)

@@ -11,7 +11,7 @@ down is the most probable point and how uncertain it is. Effects that are not na
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -32,6 +32,7 @@ from .data.case import CaseLike, states
 from .data.chamber_sides import ORDER, contradicted
 from .data.first_calibration import calibrate_first
 from .errors import BadCase
+from .findings import Finding
 from .fit_residual import DIGITS, learn_residual
 from .inference.candidate import Candidate
 from .inference.evidence import KNOWN, weigh
@@ -70,7 +71,7 @@ class Fitted:
     """The area factor of that model."""
     fitted_mm: float
     """The same with the effects."""
-    concerns: tuple[str, ...]
+    findings: tuple[Finding, ...]
     undetermined: tuple[str, ...] = ()
     """Parameters of the effects of which the data say no more than was assumed."""
     left_out_mm: float | None = None
@@ -93,6 +94,7 @@ class Fitted:
             },
             "parameters": {n: p.model_dump() for n, p in self.parameters.items()},
             "in_sample": True,
+            "findings": [asdict(f) for f in self.findings],
             "noise_floor_mm": 1e3 * posterior.noise.floor if posterior else None,
             "law_error": posterior.law_error if posterior else None,
             "discrepancy_mm": 1e3 * posterior.discrepancy if posterior else None,
@@ -118,14 +120,13 @@ def fit_effects(
         if effect not in catalogue:
             raise BadEffect(f"effect {effect!r}: is not known, {nearest(effect, catalogue)}")
     named = tuple(id for id in catalogue if id in effects)
-    own, concerns = states(case)
+    own, findings = states(case)
     if own.pushed.all():
         raise BadCase("effects are fitted to tips, and no row has one: record a bending or elongation run")
     kept = {id: stated for id, stated in case.robot.effects.items() if id not in named}
     robot = case.robot.model_copy(update={"effects": kept, "tolerances": {}, "posterior": None, "residual": None})
     first = calibrate_first(robot, own, named)  # leaves a robot with effects as it is
     robot, own = first.robot, first.states
-    concerns = (first.concern, *concerns) if first.changed else concerns
     # an order that was found is part of the robot now
     found_before = tuple(id for id in named if id in robot.effects)
     named = tuple(id for id in named if id not in found_before)
@@ -154,19 +155,15 @@ def fit_effects(
         learnt, left_out = learn_residual(made, own.trial[main], pressure, length, missed)
         made = made.model_copy(update={"residual": learnt})
     parameters = p.problem.parameters
-    concerns = (*concerns, *beyond_tolerance(parameters, parameters.tense(found.fit.theta), robot))
+    findings = (*first.concerns, *findings, *beyond_tolerance(parameters, parameters.tense(found.fit.theta), robot))
     return Fitted(
         made, (*found_before, *named), stated, len(own), len(np.unique(own.trial)), 1e3 * rms(before),
-        p.area_factor(baseline.theta), 1e3 * after, concerns, unseen, None if left_out is None else 1e3 * left_out,
+        p.area_factor(baseline.theta), 1e3 * after, findings, unseen, None if left_out is None else 1e3 * left_out,
     )  # fmt: skip
 
 
 def _posterior(p: Prepared, c: Candidate, left: float) -> tuple[dict[str, Stated], dict[str, Any], tuple[str, ...]]:
-    """Values and standard deviations of the parameters that are written; robot.yaml's `posterior`; names of the effects'
-    parameters that the data do not determine.
-
-    `left` (m) rms of the tip after the fit: its excess over what noise can leave counts as discrepancy.
-    """
+    """Written parameters, robot.yaml's `posterior`, and names of what the data do not determine; `left` (m) rms after the fit."""
     parameters = p.problem.parameters
     prior = c.prior(parameters)
     linear = c.linear(p.problem)
@@ -226,8 +223,7 @@ def _lasting(p: Prepared, named: Sequence[str]) -> dict[str, int]:
 
 
 def _model_errors(c: Candidate, linear: Linear, parameters: Parameters) -> tuple[float, float]:
-    """Sizes of the model-form error (share of what the named effects do) and of the discrepancy (units of `Linear.discrepancy`):
-    the root of their mean square over the posterior, which is computed on a grid of both and of the tolerances' spike."""
+    """Posterior rms of the model-form error (share) and of the discrepancy (units of `Linear.discrepancy`), on a grid of both."""
     grid = replace(
         KNOWN.part(c.with_tolerances),
         form_errors=FITTED_LAW_ERRORS,

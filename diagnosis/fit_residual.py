@@ -63,11 +63,7 @@ def learn_residual(robot: Robot, trial: Ints, pressure: Array, length: Array, mi
 
 
 def _scales(u: Array, length: Array, trial: Ints, missed: Array, ranges: tuple[float, ...]) -> list[float]:
-    """Scales of the Gaussian process at their most probable values, from several starts: amplitude (m), scales of pressure (Pa)
-    and of spine length (m), standard deviations (m) of trials and of readings.
-
-    `u` (n, 3) Pa: sums of the pressures over the section; `missed` (n, 3) m; `ranges`: the largest |u| and the largest length.
-    """
+    """Most probable scales: amplitude (m), pressure (Pa), spine length (m), standard deviations of trials and readings (m)."""
     size = max(rms(missed) / np.sqrt(3), 1e-9)  # m, of one axis
     log_usual = np.log([size, *ranges, size, size])
 

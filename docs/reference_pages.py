@@ -15,6 +15,7 @@ from typing import Any, get_args
 from pydantic import BaseModel
 
 import lab
+from diagnosis.findings import TEMPLATES
 from drivers import interfaces
 from drivers.registry import ROLES
 from lab.files.all_drivers import drivers
@@ -92,6 +93,7 @@ def write_all(folder: Path) -> None:
         "effects": effects(),
         "quantities": quantities(),
         "streams": streams(),
+        "findings": findings(),
         "python": python(),
     }
     pages["../glossary"] = glossary()
@@ -266,7 +268,7 @@ def effects() -> Iterator[str]:
     for stage in STAGES:
         yield from (f"## {stage}", "")
         for e in (e for e in CATALOGUE.values() if e.stage == stage):
-            yield from (f"### {e.id}", "", f"{_sentence(e.name)}", "", *_wrapped(f"`{e.equation}`"), "")
+            yield from (f"### {e.id}", "", f"{_sentence(e.name())}", "", *_wrapped(f"`{e.equation}`"), "")
             yield from _wrapped("; ".join(map(_parameter, e.parameters)) + ".")
             source = f" Source: {e.citation}." if len(e.citation.split()) > 1 else ""
             yield from ("", *_wrapped(f"Shows in: {e.seen_best_in}.{source}"), "")
@@ -276,6 +278,13 @@ def _parameter(p: Parameter) -> str:
     unit = "" if p.unit == "1" else f" {p.unit}"
     bounds = f"+-{p.high:.4g}" if p.low == -p.high else f"[{p.low:.4g}, {p.high:.4g}]"
     return f"{'shape ' if p.role == 'shape' else ''}`{p.name}` {p.scale:.4g}{unit}, {bounds}"
+
+
+def findings() -> Iterator[str]:
+    """Codes of what an answer states besides its numbers, by severity."""
+    yield from ("# Findings", "", "Codes in diagnosis.json (`findings`: `code`, `severity`, `values`, `text`).", "")
+    for severity, texts in TEMPLATES.items():
+        yield from (*_wrapped(f"**{severity}**: {', '.join(map(_code, texts))}."), "")
 
 
 def streams() -> Iterator[str]:

@@ -2,15 +2,30 @@
 
 from __future__ import annotations
 
+import re
 from typing import ClassVar
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from .interfaces import Vector3
 
 PORTS, HOSTS = ("port", "ports"), ("host", "server", "local")
 """Keys of an instrument's table that hold the path of a serial line, and the address of a computer: every table has one of them,
 and tells by it whether the instrument is on this computer alone."""
+
+SERVED = re.compile(r"(?:socket|rfc2217)://(?:[A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\]):([0-9]{1,5})")
+"""Ports of terminal servers, without the options of a URL: some of them write files."""
+
+
+def known_port(port: str) -> str:
+    """The same port, where it is a device path or that of a terminal server; raises ValueError."""
+    served = SERVED.fullmatch(port)
+    if ("://" in port or not port.startswith("/") or not port.isprintable()) and not (served and 0 < int(served[1]) < 65536):
+        raise ValueError(
+            f"{port[:80]!r} is not a port; write the path of a device, such as /dev/serial/by-id/.., or of a terminal server "
+            "socket://HOST:PORT or rfc2217://HOST:PORT, without options"
+        )
+    return port
 
 
 class InstrumentConfig(BaseModel):
@@ -20,6 +35,14 @@ class InstrumentConfig(BaseModel):
 
     driver: str = ""
     """The driver's registered name; rig.yaml must give it."""
+
+    @field_validator(*PORTS, check_fields=False)
+    @classmethod
+    def _known_port(cls, value: object) -> object:
+        for port in value if isinstance(value, tuple) else (value,):
+            if isinstance(port, str):
+                known_port(port)
+        return value
 
 
 class RegulatorsConfig(InstrumentConfig):

@@ -19,6 +19,7 @@ import serial
 
 import timing
 
+from .configs import known_port
 from .errors import BadReply, InstrumentError, NoReply, NotReady, Refused, Unreachable, WrongDevice
 from .line_quality import LineQuality
 from .stop_first import SLICE, StopFirst
@@ -97,7 +98,7 @@ class SerialPort:
             self.close()
             try:
                 self._serial = serial.serial_for_url(
-                    self.port,
+                    known_port(self.port),
                     self.baud,
                     parity=self._parity,
                     stopbits=self._stopbits,

@@ -5,8 +5,6 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from serial.tools import list_ports
-
 TTYS = Path("/sys/class/tty")
 """Where Linux describes its serial ports."""
 
@@ -29,6 +27,8 @@ def adapter(path: str) -> str:
 
     Empty for what is no USB adapter.
     """
+    from serial.tools import list_ports  # a computer without the instruments' libraries has none
+
     device = os.path.realpath(path)
     for port in list_ports.comports():
         if os.path.realpath(port.device) == device and port.vid is not None and port.pid is not None:

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from recordings.numbers import number, whole_number
+
 
 @dataclass(frozen=True)
 class Option:
@@ -103,8 +105,14 @@ def unknown(said: str, kind: str, name: str, known: Iterable[str], otherwise: st
     return f"{said}: is not {kind}; " + (f"did you mean {near[0]}?" if near else otherwise)
 
 
+TYPES: dict[Any, Callable[[str], float]] = {float: number, int: whole_number}
+"""How numbers of the command line are read."""
+
+
 def option(*names: str, **how: Any) -> Option:
     """Return an option, or an argument that is given by its place; `how` as argparse's add_argument takes it."""
+    if how.get("type") in TYPES:
+        how["type"] = TYPES[how["type"]]
     return Option(names, how)
 
 
@@ -130,6 +138,7 @@ ANY_SIZE = option(
     help="read files that claim to unpack to more than their size allows; only if you trust them",
 )
 """Of every verb that reads recordings, whose limits of size it lifts."""
+REPLACE = option("--replace", action="store_true", help="replace the output folder as a whole, whatever it holds")
 INPUTS = inputs("recordings (.mcap) or case folders, as one")
 ROBOT = option("--robot", type=Path, metavar="ROBOT.yaml", help="robot.yaml (default: the one in the input)")
 WORKERS = option("--workers", type=int, metavar="N", help="processor cores to use (default: all)")

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Annotated, ClassVar
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
@@ -27,26 +26,30 @@ class Words:
     """Decimals that matter."""
     by_rig: bool
     """Whether a rig can drive them; else a person does, state by state."""
-    instead: Mapping[str, str] = field(default_factory=dict)
-    """Words for chambers -> those for these actuators; whole words."""
+    actuator: str
+    actuators: str
+    pressure: str
+    pressures: str
+    inflate: str
+    inflated: str
+    area_factor: str
+    an_area_factor: str
+    actuator_area: str
+    actuator_areas: str
+    regulators: str
 
     @property
     def axis(self) -> str:
         """Label of an axis of pressures or tensions."""
-        return self.say(f"pressure, {self.unit}")
+        return f"{self.pressure}, {self.unit}"
 
-    def say(self, text: str) -> str:
-        """A text about chambers as one about these actuators; identifiers stay.
+    def fill(self, template: str, *amounts: str, **values: Any) -> str:
+        """Fill a template whose fields are attributes of these words, such as {pressures}, or `values`.
 
-        >>> Tendons.words.say("inflate chambers 1, 2"), Tendons.words.say("offset of the pressures [pressure_offset]")
-        ('pull tendons 1, 2', 'offset of the tensions [pressure_offset]')
-        >>> Tendons.words.say("calibrated with an area factor")
-        'calibrated with a tension factor'
+        >>> Tendons.words.fill("{inflate} {actuators} {numbers}", numbers="1, 2"), Chambers.words.fill("{an_area_factor}")
+        ('pull tendons 1, 2', 'an area factor')
         """
-        if not self.instead:
-            return text
-        said = re.sub(rf"\b({'|'.join(self.instead)})\b", lambda found: self.instead[found[0]], text)
-        return re.sub(r"\b([Aa])n (?=tension|tendon)", r"\1 ", said)
+        return template.format(*amounts, **{**vars(self), **values})
 
     def number(self, pressure: float, more: int = 0) -> str:
         """A pressure of the tables (Pa) as a number in the unit, with `more` decimals than usual.
@@ -62,15 +65,18 @@ class Words:
         >>> Chambers.words.group([1, 2]), Tendons.words.group([4]), Tendons.words.group([])
         ('chambers 1, 2', 'tendon 4', 'nothing pulled')
         """
-        named = f"chamber{'s' if len(numbers) > 1 else ''} {', '.join(map(str, numbers))}"
-        return self.say(named if numbers else "nothing inflated")
+        named = self.actuators if len(numbers) > 1 else self.actuator
+        return f"{named} {', '.join(map(str, numbers))}" if numbers else f"nothing {self.inflated}"
 
 
 class Chambers(BaseModel):
     """Pressure chambers: equal round channels along the body."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
-    words: ClassVar[Words] = Words("chambers", "kPa", 1e3, 0, True)
+    words: ClassVar[Words] = Words(
+        "chambers", "kPa", 1e3, 0, True, "chamber", "chambers", "pressure", "pressures", "inflate", "inflated", "area factor",
+        "an area factor", "chambers' area", "areas of the chambers", "regulators",
+    )  # fmt: skip
 
     radius: FiniteFloat = Field(gt=0, le=0.5, json_schema_extra={"unit": "m"})
     path_radius: FiniteFloat = Field(gt=0, le=1, json_schema_extra={"unit": "m"})
@@ -92,13 +98,8 @@ class Tendons(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     words: ClassVar[Words] = Words(
-        "tendons", "N", 1 / PULL_AREA, 1, False,
-        {
-            "area factor": "tension factor", "area factors": "tension factors", "chamber areas": "tendons' tensions",
-            "areas of the chambers": "tensions of the tendons", "chambers' area": "tendons' pull", "chamber": "tendon",
-            "chambers": "tendons", "Chambers": "Tendons", "inflate": "pull", "inflates": "pulls",
-            "inflated": "pulled", "pressure": "tension", "pressures": "tensions", "regulators": "motors",
-        },
+        "tendons", "N", 1 / PULL_AREA, 1, False, "tendon", "tendons", "tension", "tensions", "pull", "pulled", "tension factor",
+        "a tension factor", "tendons' pull", "tensions of the tendons", "motors",
     )  # fmt: skip
 
     path_radius: FiniteFloat = Field(gt=0, le=1, json_schema_extra={"unit": "m"})

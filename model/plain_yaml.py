@@ -29,8 +29,8 @@ LARGEST_INTEGER = 2**53
 _PLAIN = {f"tag:yaml.org,2002:{name}" for name in ("null", "bool", "int", "float", "str")}
 _UNSAYABLE = re.compile("[\0-\x08\x0b\x0c\x0e-\x1f\x7f\ud800-\udfff]")
 """Characters that no name, path or unit holds: control characters and halves of a character."""
-_OTHER_BASE = re.compile(r"[-+]?(?:0[\d_]+$|.*:)")
-"""Numbers that YAML takes for octal (010) and sexagesimal (1:30) ones."""
+_UNUSUAL = re.compile(r"[-+]?(?:0[0-9]+$|0[xb]|.*[_:])")
+"""Numbers that YAML takes for octal (010), sexagesimal (1:30), other bases (0x10) or grouped (1_000) ones."""
 
 
 class BadYaml(ValueError):
@@ -123,8 +123,8 @@ def _scalar(loader: _Loader, node: yaml.ScalarNode) -> object:
         if len(text) > LONGEST_NUMBER:
             raise ValueError("too long")
         make = loader.construct_yaml_int if kind == "int" else loader.construct_yaml_float
-        if _OTHER_BASE.match(text):
-            raise ValueError("another base")
+        if _UNUSUAL.match(text):
+            raise ValueError("unusual")
         number = make(node)  # type: ignore[no-untyped-call]
     except (ValueError, IndexError, OverflowError) as error:
         why = f"{text[:LONGEST_NUMBER]!r} is not a usable number; write a plain one, or a text in quotation marks"

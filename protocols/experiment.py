@@ -10,9 +10,9 @@ from typing import Literal, TypeVar
 
 from drivers.errors import DeviceFault
 from recordings.ambient import AMBIENT
-from recordings.campaign.journal import Journal
 from recordings.errors import Misplaced, NoResistance, NotSettled, TooFewSamples, VacuumLost
 from recordings.events import Mark, marked
+from recordings.file.journal import Journal
 from recordings.messages import SENSORS as OWN
 from recordings.states.concluding import SLOW_OLDEST, conclude, of_sensor
 from recordings.states.demands import elsewhere

@@ -29,6 +29,6 @@ Keeping:
 
     file.verify.verify(path) -> Verification            is every byte what was written
     file.recover.recover(path, target) -> Recovery      all that can be read of a torn or damaged file
-    campaign.journal.Journal, campaign.resumed.tables   a run that was broken off, and those that resumed it
+    file.journal.Journal, campaign.replay.tables        a run that was broken off, and those that resumed it
     campaign.shelf.runs(folder, since=..., protocol=..., spine=...)     the recordings of a folder tree
 """

@@ -1,21 +1,29 @@
-"""Reading small files from outside: regular files only, and never more of them than makes sense."""
+"""Reading files from outside: regular files only, and never more of small ones than makes sense."""
 
 from __future__ import annotations
 
 import os
 import stat
-from pathlib import Path
+
+
+def regular(path: str | os.PathLike[str], error: type[Exception]) -> int:
+    """A regular file, open for reading; raises `error` for any other: nobody waits for a named pipe."""
+    if "\0" in str(path):
+        raise error(f"{str(path)!r}: is not a file name")
+    try:
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except OSError as problem:
+        raise error(f"{path}: cannot be read ({problem.strerror}); check the path") from problem
+    if not stat.S_ISREG(os.fstat(handle).st_mode):
+        os.close(handle)
+        raise error(f"{path}: is not a file")
+    return handle
 
 
 def read_bounded(path: str | os.PathLike[str], most: int, error: type[Exception]) -> bytes:
     """The bytes of a regular file of `most` bytes at most; raises `error` for any other."""
-    path = Path(path)
-    if "\0" in str(path):
-        raise error(f"{str(path)!r}: is not a file name")
     try:
-        if not stat.S_ISREG(path.stat().st_mode):
-            raise error(f"{path}: is not a file")
-        with open(path, "rb") as file:
+        with open(regular(path, error), "rb") as file:
             data = file.read(most + 1)
     except OSError as problem:
         raise error(f"{path}: cannot be read ({problem.strerror}); check the path") from problem

@@ -9,8 +9,8 @@ import math
 import os
 import re
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +19,10 @@ from numpy.typing import NDArray
 
 from .bounded import read_bounded
 from .errors import BadTable
+from .numbers import number as number_in
 from .own_files import replaced
 from .states.rules import BRANCHES, PROTOCOL, PROTOCOL_IS, SPECIMENS
-from .trials import DOUBTS, INTEGERS, LARGEST_INTEGER, ORIENTATION, TEXTS, TIP, Table, column_order
-
-REQUIRED = ("trial", "step", "protocol", "repeat", "branch", "t", "spine_length", "p1")
+from .trials import DOUBTS, INTEGERS, LARGEST_INTEGER, REQUIRED, TEXTS, Cell, Table, column_of, column_order, highest, incomplete
 
 MOST_COLUMNS = 2000
 """Of a table: a robot of a hundred chambers and markers has a thousand."""
@@ -37,6 +36,7 @@ LIMITS = (
     (r"hold", 0.0, math.inf, "{value:g} s is before the ramp's end"),
     (r"force_[xyz]", -500.0, 500.0, "{value:g} N exceeds {high:g} N: looks like mN or grams; forces are in N"),
     (r"tip_mass", 0.0, 10.0, "{value:g} kg is outside 0 .. 10 kg: looks like g; masses are in kg: divide by 1000"),
+    (r".*", -math.inf, math.inf, ""),
 )  # fmt: skip
 """Columns, their least and greatest value, and what is said of any other: no robot of this kind can have it. No chamber can be
 below vacuum, none of silicone lives above 20 bar."""
@@ -71,39 +71,24 @@ def read_csv(path: str | os.PathLike[str]) -> Table:
     path = Path(path)
     # bytes; a row has some 300, and a campaign some thousands of rows
     data = read_bounded(path, 20_000_000, BadTable)
-    numbers: list[int] = []
-    records: list[list[str]] = []
+    states: list[dict[str, Cell]] = []
     try:
         lines = csv.reader(io.StringIO(data.decode("utf-8-sig"), newline=""))
         first = next(lines, [])
         header = [name.strip() for name in first]
         _check_separator(path, first)
-        ignored = _check_header(path, header)
+        ignored, bodies = _check_header(path, header), highest(header)
         for number, line in enumerate(lines, 2):
             if any(cell.strip() for cell in line):
-                _check_width(f"{path} line {number}", header, line)
-                numbers.append(number)
-                records.append(line)
-            if len(records) > MOST_ROWS:
+                states.append(_state(f"{path} line {number}", header, line, bodies))
+            if len(states) > MOST_ROWS:
                 raise BadTable(f"{path}: has more than {MOST_ROWS} rows, the limit for a table of trials")
     except (UnicodeDecodeError, csv.Error) as error:
         raise BadTable(f"{path}: is not a text table: {error}") from error
-    if not records:
+    if not states:
         raise BadTable(f"{path}: has a header but no rows")
-    source = _Lines(path, numbers)
-    cells = dict(zip(header, zip(*records, strict=True), strict=True))
-    columns: dict[str, NDArray[Any]] = {}
-    wrong: list[_BadState] = []
-    for name, texts in cells.items():
-        if name not in ignored:
-            try:
-                columns[name] = source.column(name, [text.strip() for text in texts])
-            except _BadState as error:
-                wrong.append(error)
-    if wrong:
-        raise min(wrong, key=lambda error: error.state)
+    columns = {name: column_of(name, [cells.get(name) for cells in states]) for name in header if name not in ignored}
     table = Table(columns, ignored)
-    source.demand_complete(table)
     return replace(table, warnings=tuple(_doubts(table)))
 
 
@@ -135,100 +120,60 @@ def _check_header(path: Path, header: list[str]) -> tuple[str, ...]:
     return ignored
 
 
-def _check_width(where: str, header: list[str], line: list[str]) -> None:
+def _state(where: str, header: list[str], line: list[str], bodies: tuple[int, int]) -> dict[str, Cell]:
+    """The values of a line; raises `BadTable` where one cannot be right or is missing. `bodies`: its chambers and markers."""
     if len(line) != len(header):
         split = "; a decimal comma splits one number into two cells: write points (0.40)" if len(line) > len(header) else ""
         raise BadTable(f"{where}: {len(line)} cells under {len(header)} columns{split}")
+    cells: dict[str, Cell] = {}
+    for name, text in zip(header, map(str.strip, line), strict=True):
+        if text and column_order(name) is not None:
+            try:
+                cells[name] = _value(name, text)
+            except ValueError as error:
+                raise BadTable(f"{where}, {name}: {error}") from None
+    lacking = incomplete(frozenset(cells), *bodies)
+    if not lacking and cells["protocol"] != "stiffness" and "x" not in cells:
+        lacking = f"a {cells['protocol']} row needs the tip's x, y, z"
+    if not lacking and cells["protocol"] == "stiffness" and not {"specimen", "force", "deflection"} <= cells.keys():
+        lacking = "a stiffness row needs specimen, force and deflection"
+    if lacking:
+        raise BadTable(f"{where}: {lacking}")
+    return cells
 
 
-class _BadState(BadTable):
-    """A state that cannot be right."""
-
-    def __init__(self, message: str, state: int) -> None:
-        super().__init__(message)
-        self.state = state
-
-
-@dataclass(frozen=True)
-class _Lines:
-    """The lines of a file that hold states."""
-
-    path: Path
-    numbers: Sequence[int]
-    """Of each line, from 1."""
-
-    def column(self, name: str, texts: Sequence[str]) -> NDArray[Any]:
-        """The values of a column's cells, checked."""
-        if name in TEXTS:
-            for i, text in enumerate(texts):
-                if text and (wrong := _wrong_text(name, text)):
-                    raise self.error(i, f", {name}: {text[:80]!r} {wrong}")
-            return np.array(texts, dtype=np.str_)
-        values = np.array([self._number(i, name, text) for i, text in enumerate(texts)], np.float64)
-        if name in INTEGERS:
-            self._demand(~(np.abs(values) > LARGEST_INTEGER), name, texts, f"exceeds {LARGEST_INTEGER}")
-            self._demand((values == np.round(values)) | np.isnan(values), name, texts, "is not a whole number")
-            self._demand(~np.isnan(values), name, texts, "")
-            return values.astype(np.int64)
-        if name == "clipped":
-            told = "is neither 0 nor 1; 1 where set-points were clipped, else 0 or empty"
-            self._demand(np.isin(values, (0, 1)) | np.isnan(values), name, texts, told)
-        for pattern, low, high, text in LIMITS:
-            if re.fullmatch(pattern, name):
-                for i in np.flatnonzero((values < low) | (values > high))[:1].tolist():
-                    looks = "looks like gauge pressure: change the sign; " if -110e3 <= values[i] < 0 else ""
-                    raise self.error(i, f", {name}: {text.format(value=values[i], low=low, high=high, looks=looks)}")
-        return values
-
-    def demand_complete(self, table: Table) -> None:
-        """Raises `BadTable` for a state without what every state has, or with half a position."""
-        required = ("protocol", "branch", "t", "spine_length", *(f"p{k}" for k in range(1, table.pressures.shape[1] + 1)))
-        for name in required:
-            column = table.get(name)
-            self._all(column != "" if name in TEXTS else ~np.isnan(column), f": no value for {name}")
-        groups = (TIP, ORIENTATION, *([f"m{k}{axis}" for axis in "xyz"] for k in range(1, table.markers.shape[1] + 1)))
-        for group in groups:
-            given = np.array([~np.isnan(table.get(name)) for name in group])
-            for i in np.flatnonzero(given.any(axis=0) & ~given.all(axis=0))[:1].tolist():
-                named = [name for name, there in zip(group, given[:, i], strict=True) if there]
-                raise self.error(i, f": {', '.join(named)} without {', '.join(n for n in group if n not in named)}")
-        pushes = table.pushed
-        complete = ~np.isnan(table.get("force")) & ~np.isnan(table.get("deflection")) & (table.get("specimen") != "")
-        self._all(~pushes | complete, ": a stiffness row needs specimen, force and deflection")
-        for i in np.flatnonzero(~pushes & ~table.with_tip)[:1].tolist():
-            raise self.error(i, f": a {table['protocol'][i]} row needs the tip's x, y, z")
-
-    def error(self, state: int, text: str) -> _BadState:
-        """The error about a state, an index from 0."""
-        return _BadState(f"{self.path} line {self.numbers[state]}{text}", state)
-
-    def _all(self, right: NDArray[np.bool_], text: str) -> None:
-        for i in np.flatnonzero(~right)[:1].tolist():
-            raise self.error(i, text)
-
-    def _demand(self, right: NDArray[np.bool_], name: str, texts: Sequence[str], text: str) -> None:
-        for i in np.flatnonzero(~right)[:1].tolist():
-            raise self.error(i, f", {name}: {texts[i]} {text}" if texts[i] else f": no value for {name}")
-
-    def _number(self, state: int, name: str, text: str) -> float:
-        """One cell; NaN where it is empty."""
-        if not text:
-            return math.nan
-        try:
-            number = float(text)
-        except ValueError:
-            comma = f"; looks like a decimal comma: write {text.replace(',', '.')}" if _DECIMAL_COMMA.fullmatch(text[:80]) else ""
-            raise self.error(state, f", {name}: {text[:80]!r} is not a number{comma}") from None
-        if not math.isfinite(number):
-            raise self.error(state, f", {name}: is {text[:80]}; leave the cell empty where nothing was measured")
-        return number
+def _value(name: str, text: str) -> Cell:
+    """The value of a cell; raises ValueError for one that cannot stand in this column."""
+    if name == "protocol" and not PROTOCOL.fullmatch(text):
+        raise ValueError(f"{text[:80]!r} {PROTOCOL_IS}")
+    if name in TEXTS:
+        if name in _CHOICES and text not in _CHOICES[name]:
+            raise ValueError(f"{text[:80]!r} is not one of {', '.join(_CHOICES[name])}")
+        return text
+    try:
+        number = number_in(text)
+    except ValueError:
+        comma = f"; looks like a decimal comma: write {text.replace(',', '.')}" if _DECIMAL_COMMA.fullmatch(text[:80]) else ""
+        raise ValueError(f"{text[:80]!r} is not a number{comma}") from None
+    if not math.isfinite(number):
+        raise ValueError(f"is {text[:80]}; leave the cell empty where nothing was measured")
+    if name in INTEGERS and abs(number) > LARGEST_INTEGER:
+        raise ValueError(f"{text} exceeds {LARGEST_INTEGER}")
+    if name in INTEGERS and not number.is_integer():
+        raise ValueError(f"{text} is not a whole number")
+    if name == "clipped" and number not in (0, 1):
+        raise ValueError(f"{text} is neither 0 nor 1; 1 where set-points were clipped, else 0 or empty")
+    low, high, wrong = _limits(name)
+    if not low <= number <= high:
+        looks = "looks like gauge pressure: change the sign; " if -110e3 <= number < 0 else ""
+        raise ValueError(wrong.format(value=number, low=low, high=high, looks=looks))
+    return int(number) if name in INTEGERS else number
 
 
-def _wrong_text(name: str, text: str) -> str:
-    """Why a text cannot stand in a column; empty where it can."""
-    if name == "protocol":
-        return "" if PROTOCOL.fullmatch(text) else PROTOCOL_IS
-    return "" if text in _CHOICES[name] else f"is not one of {', '.join(_CHOICES[name])}"
+@cache
+def _limits(name: str) -> tuple[float, float, str]:
+    """Least and greatest value of a column, and what is said of any other."""
+    return next((low, high, text) for pattern, low, high, text in LIMITS if re.fullmatch(pattern, name))
 
 
 def _doubts(table: Table) -> list[str]:

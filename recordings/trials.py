@@ -34,6 +34,7 @@ Vector3 = tuple[float, float, float]
 
 HEAD: tuple[str, ...] = ("trial", "step", "protocol", "repeat", "branch", "t", "rate", "hold", "spine_length", "vacuum")
 HEAD += ("tip_mass", "roll_deg", "force_x", "force_y", "force_z")
+REQUIRED = ("trial", "step", "protocol", "repeat", "branch", "t", "spine_length", "p1")
 INTEGERS = frozenset({"trial", "step", "repeat"})
 TEXTS = frozenset({"protocol", "branch", "specimen", "doubt"})
 DOUBTS = ("soft", "bodies", "drift")
@@ -147,14 +148,13 @@ class TrialRow:
         """Column -> value in the table's order, without what was not measured."""
         values: dict[str, Any] = {name: getattr(self, name) for name in (*HEAD, *TAIL)}
         values["clipped"] = 1 if self.clipped else None
-        values |= {f"p{i}": p for i, p in enumerate(self.pressures, 1)}
-        values |= dict(zip(TIP, self.tip or (), strict=False))
-        values |= dict(zip(ORIENTATION, self.orientation or (), strict=False))
-        values |= {f"m{i}{axis}": c for i, m in enumerate(self.markers, 1) for axis, c in zip("xyz", m, strict=True)}
+        groups = [(pressure_columns(len(self.pressures)), self.pressures), (TIP, self.tip), (ORIENTATION, self.orientation)]
+        groups += zip(marker_columns(len(self.markers)), self.markers, strict=True)
+        values |= {name: value for names, own in groups if own is not None for name, value in zip(names, own, strict=True)}
         values |= self.sensors
         values |= {f"sd_{name}": value for name, value in self.sd.items()}
         measured = {name: v for name, v in values.items() if v is not None and v == v}
-        return {name: measured[name] for name in sorted(measured, key=_place)}
+        return {name: measured[name] for name in _ordered(measured)}
 
     @property
     def tip_force(self) -> Vector3:
@@ -164,28 +164,20 @@ class TrialRow:
     @classmethod
     def from_cells(cls, cells: Mapping[str, Cell]) -> TrialRow:
         """The row with these cells; raises `BadTable` for unknown columns, gaps in p1..pN, or half a position."""
-        unknown = [name for name in cells if column_order(name) is None]
-        if unknown:
-            raise BadTable(f"unknown column {', '.join(unknown)}")
-        given: dict[str, Any] = dict(cells)
+        given: dict[str, Any] = {name: cells[name] for name in _ordered(cells)}
         for name, value in given.items():
             if not _fits(name, value):
                 raise BadTable(f"{name}: {repr(value)[:80]} is not allowed in this column")
-        plain = {name: given[name] for name in (*HEAD, *TAIL) if name in given}
-        plain["clipped"] = bool(given.get("clipped", 0))
-        places = [order for name in given if (order := column_order(name)) is not None]
-        chambers = sum(1 for place, _, _ in places if place == PRESSURES)
-        markers = max((number for place, number, _ in places if place == MARKERS), default=0)
-        missing = [n for n in ("trial", "step", "protocol", "repeat", "branch", "t", "spine_length") if n not in given]
-        missing += [f"p{i}" for i in range(1, max(chambers, 1) + 1) if f"p{i}" not in given]
-        if missing:
-            raise BadTable(f"no value for {', '.join(missing)}")
+        plain = {name: given[name] for name in (*HEAD, *TAIL) if name in given} | {"clipped": bool(given.get("clipped", 0))}
+        chambers, markers = highest(given)
+        if lacking := incomplete(frozenset(given), chambers, markers):
+            raise BadTable(lacking)
         return cls(
             **plain,
-            pressures=tuple(given[f"p{i}"] for i in range(1, chambers + 1)),
+            pressures=_group(given, pressure_columns(chambers)),
             tip=_group(given, TIP),
             orientation=_group(given, ORIENTATION),
-            markers=tuple(_group(given, [f"m{i}{axis}" for axis in "xyz"]) or (math.nan,) * 3 for i in range(1, markers + 1)),
+            markers=tuple(_group(given, names) or (math.nan,) * 3 for names in marker_columns(markers)),
             sensors={name: value for name, value in given.items() if name.startswith("sensor_")},
             sd={name[3:]: value for name, value in given.items() if name.startswith("sd_")},
         )
@@ -211,19 +203,46 @@ def _fits(name: str, value: object) -> bool:
     return type(value) is float or (type(value) is int and abs(value) <= LARGEST_INTEGER)
 
 
-def _place(name: str) -> tuple[int, int, int, str]:
-    order = column_order(name)
-    if order is None:
-        raise BadTable(f"unknown column {name}")
-    return (*order, name)
+def _ordered(names: Iterable[str]) -> list[str]:
+    """Columns in the table's order; raises `BadTable` for a name that is none."""
+    orders = {name: column_order(name) or () for name in names}
+    if unknown := [name for name, order in orders.items() if not order]:
+        raise BadTable(f"unknown column {', '.join(unknown)}")
+    return sorted(orders, key=lambda name: (*orders[name], name))
+
+
+def pressure_columns(chambers: int) -> tuple[str, ...]:
+    """The columns of the chambers' pressures."""
+    return tuple(f"p{k}" for k in range(1, chambers + 1))
+
+
+def marker_columns(markers: int) -> tuple[tuple[str, ...], ...]:
+    """The three columns of each marker's place."""
+    return tuple(tuple(f"m{k}{axis}" for axis in "xyz") for k in range(1, markers + 1))
+
+
+def highest(names: Iterable[str]) -> tuple[int, int]:
+    """The highest number of a chamber and of a marker in the names of columns; 0 where there is none."""
+    orders = [order for name in names if (order := column_order(name)) is not None]
+    chambers, markers = (max((n for place, n, _ in orders if place == group), default=0) for group in (PRESSURES, MARKERS))
+    return chambers, markers
+
+
+@lru_cache
+def incomplete(given: frozenset[str], chambers: int, markers: int) -> str:
+    """What a state with values in the given columns lacks, for people; empty where it has all, and no half a position."""
+    if missing := [name for name in dict.fromkeys((*REQUIRED, *pressure_columns(chambers))) if name not in given]:
+        return f"no value for {', '.join(missing)}"
+    for group in (TIP, ORIENTATION, *marker_columns(markers)):
+        rest = [name for name in group if name not in given]
+        if 0 < len(rest) < len(group):
+            return f"{', '.join(name for name in group if name in given)} without {', '.join(rest)}"
+    return ""
 
 
 def _group(cells: Mapping[str, Any], names: Sequence[str]) -> Any:
-    """The values of columns that belong together; None when none of them is there."""
-    there = [name for name in names if name in cells]
-    if there and len(there) < len(names):
-        raise BadTable(f"{', '.join(there)} without {', '.join(set(names) - set(there))}")
-    return tuple(cells[name] for name in names) if there else None
+    """The values of columns that belong together; None when they are not there."""
+    return tuple(cells[name] for name in names) if names[0] in cells else None
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -246,14 +265,14 @@ class Table:
     """Unit of each sensor's column, where the input states it: a recording does, trials.csv does not."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "values", {name: self.values[name] for name in sorted(self.values, key=_place)})
+        object.__setattr__(self, "values", {name: self.values[name] for name in _ordered(self.values)})
 
     @classmethod
     def of(cls, rows: Iterable[TrialRow], warnings: tuple[str, ...] = (), sensor_units: Mapping[str, str] | None = None) -> Table:
         """The columns of rows."""
         cells = [row.cells() for row in rows]
         names = {name for row in cells for name in row}
-        columns = {name: _column(name, [row.get(name) for row in cells]) for name in names}
+        columns = {name: column_of(name, [row.get(name) for row in cells]) for name in names}
         return cls(columns, warnings=warnings, sensor_units=sensor_units or {})
 
     @classmethod
@@ -279,8 +298,7 @@ class Table:
 
     def moved(self, shift: Sequence[float]) -> Table:
         """The same states with tip and markers moved by (3,) m."""
-        orders = {name: column_order(name) for name in self.columns}
-        places = [name for name, order in orders.items() if order is not None and (name in TIP or order[0] == MARKERS)]
+        places = [name for name in sum(marker_columns(highest(self.columns)[1]), TIP) if name in self.columns]
         return self.replaced({name: self.values[name] + shift["xyz".index(name[-1])] for name in places})
 
     def take(self, states: NDArray[Any]) -> Table:
@@ -316,7 +334,7 @@ class Table:
     @cached_property
     def columns(self) -> tuple[str, ...]:
         """Names of all columns that at least one state has a value for, in order."""
-        return tuple(name for name, column in self.values.items() if _present(column).any())
+        return tuple(name for name, column in self.values.items() if present(column).any())
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         """One column, shape (n,): float64, int64 for trial, step and repeat, or text."""
@@ -370,7 +388,7 @@ class Table:
     @property
     def pressures(self) -> NDArray[np.float64]:
         """(n, chambers) Pa gauge, measured."""
-        return self._together([f"p{k}" for k in range(1, self._highest(PRESSURES) + 1)])
+        return self._together(pressure_columns(highest(self.values)[0]))
 
     @property
     def tip(self) -> NDArray[np.float64]:
@@ -385,7 +403,7 @@ class Table:
     @property
     def markers(self) -> NDArray[np.float64]:
         """(n, k, 3) m, base frame."""
-        names = [f"m{k}{axis}" for k in range(1, self._highest(MARKERS) + 1) for axis in "xyz"]
+        names = sum(marker_columns(highest(self.values)[1]), ())
         return self._together(names).reshape(len(self), -1, 3)
 
     @property
@@ -395,10 +413,6 @@ class Table:
 
     def _together(self, names: Sequence[str], missing: float = math.nan) -> NDArray[np.float64]:
         return np.array([self.get(name, missing) for name in names], np.float64).reshape(len(names), len(self)).T
-
-    def _highest(self, group: int) -> int:
-        orders = (column_order(name) for name in self.values)
-        return max((order[1] for order in orders if order is not None and order[0] == group), default=0)
 
     # -- for people
     @property
@@ -433,7 +447,8 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
-def _column(name: str, values: Sequence[Cell | None]) -> NDArray[Any]:
+def column_of(name: str, values: Sequence[Cell | None]) -> NDArray[Any]:
+    """(n,) a column of these values, None where there is none."""
     if name in TEXTS:
         return np.array([value or "" for value in values], dtype=np.str_)
     if name in INTEGERS:
@@ -441,8 +456,6 @@ def _column(name: str, values: Sequence[Cell | None]) -> NDArray[Any]:
     return np.array([math.nan if value is None else value for value in values], dtype=np.float64)
 
 
-def _present(column: NDArray[Any]) -> NDArray[np.bool_]:
+def present(column: NDArray[Any]) -> NDArray[np.bool_]:
     """(n,) where a column has a value."""
-    if column.dtype.kind == "U":
-        return np.asarray(column != "")
-    return np.asarray(column == column)
+    return np.asarray(column != "" if column.dtype.kind == "U" else column == column)

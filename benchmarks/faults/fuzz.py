@@ -35,8 +35,7 @@ from protocols.bending import Bending
 from protocols.stiffness import Stiffness
 from recordings.campaign.export import export_streams
 from recordings.campaign.info import info
-from recordings.campaign.replay import compare, replay_states, table_of
-from recordings.campaign.resumed import tables
+from recordings.campaign.replay import compare, replay_states, table_of, tables
 from recordings.campaign.shelf import INDEX, runs
 from recordings.errors import RecordingError
 from recordings.file.player import play

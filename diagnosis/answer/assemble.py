@@ -10,15 +10,16 @@ import numpy as np
 
 from recordings.trials import Table
 
+from ..findings import Finding
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.posterior import UNKNOWN
 from ..inference.prepare import Prepared
-from ..judgement import CAUSE_PROBABILITY, PRESENT_FLOORS
+from ..judgement import PRESENT_FLOORS
 from .attribute import Attribution
 from .distinguishability import visible
-from .result import Attribute, Carries, Data, Ranked, Role, Shrink
+from .result import Attribute, Carries, Data, Ranked, Role
 from .size import sizes, values
-from .verdict import conclude, doubts, rivals
+from .verdict import conclude, rivals
 
 LISTED = 12
 """Hypotheses shown in the ranking, besides none and unknown, which always are."""
@@ -41,13 +42,12 @@ def attribute_section(
     f: Attribution,
     significant: bool,
     heldout: Mapping[Hypothesis, float],
-    unseen: Shrink | None,
-    alone: Sequence[str] = (),
+    why: Sequence[Finding],
     doubtful: bool = False,
 ) -> Attribute:
-    """Verdict and ranking; `heldout` is the mm rms of hypotheses on unseen states and `unseen` what they leave there,
-    `significant` whether the gap is above the noise floor anywhere, `alone` effects that do as well without calibration,
-    `doubtful` whether robot.yaml is so far from the data that no cause is certain."""
+    """Verdict and ranking; `why` it is not certain, `heldout` is the mm rms of hypotheses on unseen states, `significant`
+    whether the gap is above the noise floor anywhere, `doubtful` whether robot.yaml is so far from the data that no cause is
+    certain."""
     listed, rest = f.posterior.ranking[:LISTED], f.posterior.ranking[LISTED:]
     ranked = []
     for named, probability in (*listed, *(x for x in rest if x[0] in (NONE, UNKNOWN))):
@@ -55,11 +55,10 @@ def attribute_section(
         size = values(sizes(f.prepared, candidate))
         ranked.append(Ranked(named, probability, candidate.log_evidence, heldout.get(named), size))
     d = f.decision
-    why = tuple(doubts(sizes(f.prepared, f.best), d.effects, unseen, alone)) if d.probability >= CAUSE_PROBABILITY else ()
     return Attribute(
         d.verdict, d.effects, d.probability, f.posterior.credible_set, tuple(ranked), f.cannot_tell_apart, f.asking,
         conclude(d, significant, f.asking, doubtful or bool(f.tense or why)), rivals(d, f.posterior), d.relatives, d.second,
-        why,
+        tuple(map(str, why)),
     )  # fmt: skip
 
 

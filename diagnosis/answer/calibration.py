@@ -81,8 +81,7 @@ def alone_as_good(c: Calibration | None, f: Attribution) -> tuple[str, ...]:
 
 
 def _alone(forward: ForwardModel, observed: Array, free: list[int], noise: float) -> tuple[Array, float]:
-    """Parameters (k,) at the least squares of values (n,), in m with this noise, by those in `free`, the first without a prior;
-    and the rms distance of tips that is left; infinite where rods do not stand."""
+    """Least-squares parameters (k,) by those in `free`, the first without a prior, and the rms tip distance (m) left."""
     infos, sd = forward.parameters, np.array([forward.parameters[k].sd for k in free])
     low, high = ([getattr(infos[k], side) for k in free] for side in ("low", "high"))
     theta, sd[0] = np.zeros(len(infos)), np.inf

@@ -72,10 +72,7 @@ def _states(p: Prepared, calibrated: Array, explained: Array, unseen: HeldOutErr
 
 
 def _worst_shapes(p: Prepared, calibrated: Array, explained: Array) -> list[dict[str, Any]]:
-    """Shapes in the states that are missed most: the worst of each chamber group and spine length, at most four.
-
-    `calibrated` and `explained` are parameters (k,). Another simulator in the rod's place tells no shape.
-    """
+    """Shapes of the worst state of each chamber group and spine length, at most four; a simulator has none."""
     if p.baseline is not None:
         return []
     models = {"calibrated": p.common(calibrated), "explained": p.common(explained)}

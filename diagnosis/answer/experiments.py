@@ -75,17 +75,17 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Experiment]:
     offered: list[Experiment] = []
 
     def offer(id: str, do: str, hands: float = 0.0, channels: tuple[str, ...] = (), **changed: Any) -> None:
-        offered.append(Experiment(id, words.say(do), {**base, **changed}, hands, channels))
+        offered.append(Experiment(id, do, {**base, **changed}, hands, channels))
 
     low, every = [round(0.6 * p, -3) for p in pressures], list(range(1, count + 1))
     offer("unload", "read the unload branch too", unload=True)
     offer("orientation", "track the tip's orientation (rigid body in motion capture)", 5.0, ORIENTATION)
-    offer("elongation", "inflate all chambers together", protocol="elongation", pressures=low, chambers=every)
+    offer("elongation", f"{words.inflate} all {words.actuators} together", protocol="elongation", pressures=low, chambers=every)
     if others := _other_chambers(chambers, count, s):
-        offer("other_chambers", f"inflate {words.group(others)} instead", chambers=others)
+        offer("other_chambers", f"{words.inflate} {words.group(others)} instead", chambers=others)
     offer("roll", f"turn the body by {TURN:g} deg in its mount", 15.0, roll_deg=TURN)
     offer("tip_mass", f"hang {MASS * 1e3:g} g more on the tip", 3.0, tip_mass=round(mass + MASS, 4))
-    offer("hold", "hold each pressure and read again and again", reading="hold", hold_times=[2.0, 10.0, 30.0])
+    offer("hold", f"hold each {words.pressure} and read it repeatedly", reading="hold", hold_times=[2.0, 10.0, 30.0])
     offer("rate", "ramp fast up and down, and read without stopping", reading="sweep", rate=100e3, unload=True)
     if robot.spine is not None and (between := _between(s.spine_length, 0.005)):
         shown = ", ".join(f"{x * 100:g}" for x in between)
@@ -93,7 +93,7 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Experiment]:
     if robot.spine is not None:
         offer("vacuum", "sweep the vacuum", vacuums=[round(share * vacuum, -3) for share in (0.5, 0.75, 1.0)])
     if between := _between(bent, s.pressure_gap):
-        offer("pressures", "pressures in between", pressures=between)
+        offer("pressures", f"{words.pressures} in between", pressures=between)
     if robot.markers:
         names = tuple(f"m{k}{axis}" for k in range(1, len(robot.markers) + 1) for axis in "xyz")
         offer("markers", "put markers along the body", 20.0, names)
@@ -102,10 +102,7 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Experiment]:
 
 
 def _other_chambers(chambers: list[int], count: int, s: Campaign) -> list[int]:
-    """The chambers shifted around the ring of `count` so that the campaign never inflated them together; empty if all were.
-
-    Chambers are numbered from 1. A shift by a third of the ring is tried first.
-    """
+    """The campaign's chambers, counted from 1, shifted round the ring to a group it never inflated; empty if there is none."""
     shifts = sorted(range(1, count), key=lambda shift: (shift != count // 3, shift))
     shifted = (sorted((c - 1 + shift) % count + 1 for c in chambers) for shift in shifts)
     return next((group for group in shifted if tuple(group) not in s.chambers), [])

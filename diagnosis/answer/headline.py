@@ -106,14 +106,13 @@ def headline(
             return f"{by}; no effect closes the rest."
         text = f"{_says_all(a.effects, _sizes(a, a.effects), catalogue, words)} {sure}."
         if a.conclusion == "one of several" and closed is not None and closed <= 0:
-            text = f"unclear: nothing closes the gap; nearest is {_name_all(a.effects, catalogue)} {sure}."
+            text = f"unclear: nothing closes the gap; nearest is {_name_all(a.effects, catalogue, words)} {sure}."
         elif a.conclusion == "one of several":
             text = _tied(a, catalogue, words) or f"most likely {text}"
-        said = words.say(text)
-        return said[0].upper() + said[1:]
+        return text[0].upper() + text[1:]
     if a.verdict == "unknown":
         found = stage(a.stage_errors)
-        where = f"; it may be in the {found.stage} and {words.say(found.varies)}" if found else ""
+        where = f"; it may be in the {found.stage} and {words.fill(found.varies)}" if found else ""
         return f"No known cause fits {sure}{where}.".replace("_", " ")
     if by_calibration is not None:
         other = "is needed" if a.probability >= CAUSE_PROBABILITY else "stands out"
@@ -135,7 +134,7 @@ def _tied(a: Attribute, catalogue: Mapping[str, EffectSpec], words: Words) -> st
         return ""
     both = (a.effects, second.effects)
     in_full = (_says_all(effects, _sizes(a, effects), catalogue, words, spread=False) for effects in both)
-    by_name = (_name_all(effects, catalogue) for effects in both)
+    by_name = (_name_all(effects, catalogue, words) for effects in both)
     for first, other in (in_full, by_name):
         text = f"{first} or {other} (p = {a.probability:.2f}, {second.probability:.2f})."
         if len(text.split()) <= MOST_WORDS:
@@ -143,10 +142,10 @@ def _tied(a: Attribute, catalogue: Mapping[str, EffectSpec], words: Words) -> st
     return ""
 
 
-def _name_all(effects: Sequence[str], catalogue: Mapping[str, EffectSpec]) -> str:
+def _name_all(effects: Sequence[str], catalogue: Mapping[str, EffectSpec], words: Words) -> str:
     if tuple(effects) == UNKNOWN:
         return "a cause outside the catalogue"
-    names = [catalogue[e].name if e in catalogue else e.replace("_", " ") for e in effects]
+    names = [catalogue[e].name(words) if e in catalogue else e.replace("_", " ") for e in effects]
     return " and ".join(names) or "no effect"
 
 
@@ -177,10 +176,10 @@ def _says_all(
 def _says(effect: str, catalogue: Mapping[str, EffectSpec], sizes: Mapping[str, Value], words: Words, spread: bool) -> str:
     spec = catalogue.get(effect)
     if spec is None or not spec.says:
-        return f"{effect.replace('_', ' ') if spec is None else spec.name} is at work"
+        return f"{effect.replace('_', ' ') if spec is None else spec.name(words)} is at work"
     parts = [p for p in spec.parameters if p.role == "size" and f"{effect}.{p.name}" in sizes]
     if not any(sizes[f"{effect}.{p.name}"].determined for p in parts):
-        return re.sub(r"\[(\w+)\|(\w+)\]", r"\1 or \2", spec.says).replace("{}", "some amount")
+        return words.fill(re.sub(r"\[(\w+)\|(\w+)\]", r"\1 or \2", spec.says), "some amount")
     own = [sizes[f"{effect}.{p.name}"] for p in parts if p.unit == parts[0].unit]
     total = parts[0].sign == "positive" and len(own) > 1
     size = own[0].value if len(own) == 1 else sum(v.value for v in own) if total else math.hypot(*(v.value for v in own))
@@ -188,7 +187,7 @@ def _says(effect: str, catalogue: Mapping[str, EffectSpec], sizes: Mapping[str, 
     sd = 0.0 if total or not size else math.hypot(*(v.value / size * v.sd for v in own))
     said = re.sub(r"\[(\w+)\|(\w+)\]", r"\1" if size >= 0 else r"\2", spec.says)
     amount = _amount(abs(size) if "[" in spec.says else size, sd if spread else 0.0, parts[0].unit, words)
-    return said.replace("{}", amount)
+    return words.fill(said, amount)
 
 
 def _amount(value: float, sd: float, unit: str, words: Words) -> str:

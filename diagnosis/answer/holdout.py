@@ -128,10 +128,7 @@ def evaluate_holdout(f: Attribution, own: Campaign) -> Holdout:
 
 
 def _tip_errors(p: Prepared, own: Campaign, theta: Array) -> Array:
-    """Tip distance (n,) m between measured and predicted at parameters (k,); NaN where the rod has no equilibrium.
-
-    Parameters that last are taken from `theta` by name; those of single trials are at 0, their prior mean.
-    """
+    """Tip distance (n,) m at the lasting parameters of `theta`, those of trials at 0; NaN where the rod has no equilibrium."""
     forward = p.forward.on(design_from_columns(p.robot, table_columns(own)))
     fitted = dict(zip(p.problem.parameters.names, theta, strict=True))
     predicted = forward.predict(np.array([fitted.get(i.name, 0.0) if i.lasts else 0.0 for i in forward.parameters]))

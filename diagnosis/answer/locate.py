@@ -50,10 +50,7 @@ def locate(f: Attribution, stages: Mapping[str, str]) -> Locate:
 
 
 def _cells(p: Prepared, missed: Array, gap: Array, seen: Mask) -> Iterator[tuple[str, Cell, float]]:
-    """Factor, cell and the probability of such a gap by noise alone. `missed` (values,), `gap` (states, 3) m, `seen` (states,).
-
-    The gap of stiffness trials alone is the deflection, along x; next to tips they are split by specimen and spine length.
-    """
+    """Factor, cell and the probability of such a gap by noise alone; `missed` (values,), `gap` (states, 3) m."""
     rng = np.random.default_rng(20240)
     s, tips = p.states.take(seen), not p.pushes_only
     gap = gap[seen] if tips else gap[seen, :1]
@@ -116,10 +113,7 @@ def _mean(values: Array, own: Mask) -> float:
 
 
 def _cell(value: float | str, trial: Ints, missed: Array, floor: float, rng: np.random.Generator) -> tuple[Cell, float]:
-    """The cell, its 95 % interval from trials drawn anew, and the probability of a mean square as large by the floor alone.
-
-    `missed` (n, axes) m, `trial` (n,), `floor` m rms; a floor that is not known (NaN) makes no cell significant.
-    """
+    """The cell with its bootstrap interval, and the probability of such a mean square by `floor` (m rms) alone."""
     squared = (missed**2).sum(axis=1)
     names, index = np.unique(trial, return_inverse=True)
     total, count = np.bincount(index, squared), np.bincount(index)

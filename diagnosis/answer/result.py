@@ -6,9 +6,9 @@ import html
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cache
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BeforeValidator, TypeAdapter
 
@@ -17,6 +17,7 @@ from recordings.json_text import read_json
 
 from ..criticism.stage_errors import StageError
 from ..errors import BadCase
+from ..findings import Finding, Severity, finding
 
 SCHEMA = "diagnosis/1"
 FACTORS = ("spine_length", "pressure", "axis", "branch", "time", "arc_length")
@@ -319,8 +320,8 @@ class Diagnosis:
     attribute: Attribute
     shrink: Shrink | None
     next_experiment: tuple[Proposal, ...]
-    concerns: tuple[str, ...] = ()
-    """What could not be concluded, and why."""
+    findings: tuple[Finding, ...] = ()
+    """What could not be concluded and why, what was done, and what speaks against the answer."""
     detail: Mapping[str, Any] = field(default_factory=dict)
     """What the figures of the report need beyond the contract."""
     budget: tuple[Carries, ...] = ()
@@ -333,6 +334,15 @@ class Diagnosis:
     """What calibration changed; None in answers of earlier versions."""
     headline: str = ""
     """The conclusion in at most 20 plain words; empty in answers of earlier versions."""
+
+    def texts(self, *severities: Severity) -> list[str]:
+        """Texts of the findings of these severities."""
+        return [f.text for f in self.findings if f.severity in severities]
+
+    @property
+    def concerns(self) -> list[str]:
+        """Texts of all findings; diagnosis.json has them, too, for readers of earlier versions."""
+        return self.texts(*get_args(Severity))
 
     @property
     def words(self) -> Words:
@@ -352,7 +362,7 @@ class Diagnosis:
     def to_json(self) -> str:
         """The text of diagnosis.json."""
         plain = json.loads(_adapter().dump_json(self, fallback=lambda array: array.tolist()))
-        return json.dumps({"schema": SCHEMA, **plain}, indent=1)
+        return json.dumps({"schema": SCHEMA, **plain, "concerns": self.concerns}, indent=1)
 
     @classmethod
     def from_json(cls, text: str) -> Diagnosis:
@@ -367,6 +377,8 @@ class Diagnosis:
             data = read_json(text)
             if data["schema"] != SCHEMA:
                 raise BadCase(f"schema {repr(data['schema'])[:80]}, this version reads {SCHEMA!r}")
+            if "findings" not in data:
+                data["findings"] = [asdict(finding("earlier_version", text=text)) for text in data.get("concerns", ())]
             return _adapter().validate_python(data)
         except BadCase:
             raise

@@ -10,28 +10,19 @@ from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Any
 
-from model.actuators import Words
+from model.actuators import Chambers, Words
 from model.robot import Robot
 
+from .. import judgement
 from ..criticism.relatives import RELATIVES
 from ..criticism.stage_errors import StageError
+from ..findings import Finding, finding
 from ..inference.posterior import UNKNOWN
 from ..inference.problem import Parameters
-from ..judgement import (
-    ABSORBED,
-    BENCHMARK,
-    CALIBRATION_STATED,
-    EXPLAINS,
-    MORE_THAN_GAP,
-    OTHER_UNIT,
-    OUTSIDE_STATED,
-    OUTSTANDING_FLOORS,
-    SAME_FACTOR,
-    USUAL_EXCESS,
-)
 from .headline import LEAST_STATED, for_people, percent, stated
 from .result import Alike, Calibration, Carries, Conclusion, Locate, Ranked, Shrink, Simulator, Waterfall
 from .shrink import share_closed
+from .size import Size
 from .verdict import Decision, stage
 
 
@@ -61,12 +52,9 @@ class Facts:
     """The number of robot.yaml that was calibrated first, or how many; empty where none was."""
     names: Mapping[str, str] = field(default_factory=dict)
     """Effect -> plain name."""
-    doubts: Sequence[str] = ()
-    """Why what is named is not certain."""
+    words: Words = Chambers.words
 
 
-BEYOND_TOLERANCE = "Beyond tolerance (in brackets, one standard deviation): "
-"""How the concern about a number of robot.yaml begins."""
 NO_EFFECT, OUTSIDE = "no effect", "a cause outside the catalogue"
 
 
@@ -93,11 +81,6 @@ def with_id(effect: str, names: Mapping[str, str]) -> str:
     return name if name == OUTSIDE else f"{name} [{effect}]"
 
 
-def with_id_in(text: str, names: Mapping[str, str]) -> str:
-    """A text in which identifiers of effects stand as their names."""
-    return " ".join(with_id(word, names) if word in names else word for word in text.split(" "))
-
-
 def hypothesis_name(effects: Iterable[str], names: Mapping[str, str], ids: bool = True) -> str:
     """Name of a hypothesis, with or without the identifiers of its effects."""
     return " + ".join(with_id(e, names) if ids else plain_name(e, names) for e in effects) or NO_EFFECT
@@ -117,8 +100,9 @@ def _what(f: Facts) -> tuple[str, int]:
 
 def _sure(f: Facts) -> str:
     d = f.decision
-    given = "" if d.verdict == "unknown" or d.outside < OUTSIDE_STATED else f"; {d.within:.2f} if it is in the catalogue"
-    return f"p = {d.probability:.2f}{given}; {BENCHMARK}"
+    open_ended = d.verdict != "unknown" and d.outside >= judgement.OUTSIDE_STATED
+    given = f"; {d.within:.2f} if it is in the catalogue" if open_ended else ""
+    return f"p = {d.probability:.2f}{given}; {judgement.BENCHMARK}"
 
 
 def _verdict(f: Facts) -> str:
@@ -127,14 +111,13 @@ def _verdict(f: Facts) -> str:
         return f"Cause: {named} ({_sure(f)}).{_second(f)}"
     if f.conclusion == "one of several":
         by = f" To tell them apart: {f.tie_breaker}." if f.tie_breaker else ""
-        why = f" Not certain: {'; '.join(with_id_in(text, f.names) for text in f.doubts)}." if f.doubts else ""
         text = f"Behaves most like {named} ({_sure(f)}); the data do not exclude {_others(f)}."
-        return f"{text}{why}{by}{_second(f)}{_relatives(f)}"
+        return f"{text}{by}{_second(f)}{_relatives(f)}"
     if f.conclusion == "none" and f.decision.too_small:
         leading = " and ".join(with_id(e, f.names) for e in f.decision.too_small)
         return (
             f"{_by_calibration(f, 'No cause stands out', 'no cause stands out')}: probably no effect carries "
-            f"{OUTSTANDING_FLOORS:.0f} noise floors ({_sure(f)}). The most probable one is {leading}."
+            f"{judgement.OUTSTANDING_FLOORS:.0f} noise floors ({_sure(f)}). The most probable one is {leading}."
         )
     if f.conclusion == "none":
         return f"{_by_calibration(f, 'No cause:')} no effect accounts for enough above the noise floor ({_sure(f)})."
@@ -146,8 +129,8 @@ def _verdict(f: Facts) -> str:
     if found is not None:
         other = next((f", in the {e.stage} {e.gain:.1f}" for e in f.asking if e.stage != found.stage), "")
         where = (
-            f" An error in the {found.stage} that {found.varies} fits best (log evidence {found.gain:.1f}{other}); a cause of "
-            "another stage may do the same to these states."
+            f" An error in the {found.stage} that {f.words.fill(found.varies)} fits best (log evidence "
+            f"{found.gain:.1f}{other}); a cause of another stage may do the same to these states."
         )
     return f"The cause is not in the catalogue ({_sure(f)}).{where}{_relatives(f)}"
 
@@ -162,8 +145,9 @@ def _relatives(f: Facts) -> str:
     """Causes outside the catalogue that do what these readings show, and how to find out."""
     said = [RELATIVES[r] for r in f.decision.relatives[:2]]
     if f.decision.verdict == "unknown":
-        return "".join(f" It may be {s.name}: {s.seen_best_in}, to find out." for s in said)
-    return "".join(f" {s.name[0].upper()}{s.name[1:]} would do this too: {s.seen_best_in}, to find out." for s in said)
+        return "".join(f" It may be {s.name(f.words)}: {f.words.fill(s.seen_best_in)}, to find out." for s in said)
+    each = [(s.name(f.words), f.words.fill(s.seen_best_in)) for s in said]
+    return "".join(f" {name[0].upper()}{name[1:]} would do this too: {test}, to find out." for name, test in each)
 
 
 def _others(f: Facts) -> str:
@@ -184,12 +168,13 @@ def _gap(f: Facts) -> str:
     if f.waterfall is None:
         missed = f"{f.where.gap_rmse_mm:.{digits}f} mm rms (in-sample)"
         by = _factor(f) if f.simulator is None else " and towards the rod"
-        return f"Calibrated with one area factor{by} {model} misses {what} by {missed}; {floor}."
+        return f"Calibrated with one {f.words.area_factor}{by} {model} misses {what} by {missed}; {floor}."
     calibrated = f.waterfall.steps[0].left_mm
     wrong = f.conclusion != "noise" and calibrated >= f.waterfall.given_mm
-    vain = ", no less: no area factor makes up for what is wrong" if wrong else ""
+    vain = f", no less: no {f.words.area_factor} makes up for what is wrong" if wrong else ""
     return (
-        f"Uncalibrated, {model} misses {what} by {f.waterfall.given_mm:.{digits}f} mm rms, calibrated with one area factor"
+        f"Uncalibrated, {model} misses {what} by {f.waterfall.given_mm:.{digits}f} mm rms, calibrated with one "
+        f"{f.words.area_factor}"
         f"{_factor(f)} by {calibrated:.{digits}f} mm on states that the fit did not see{vain}; {floor}."
     )
 
@@ -197,7 +182,7 @@ def _gap(f: Facts) -> str:
 def _factor(f: Facts) -> str:
     """Value of the calibrated area factor, in brackets; empty where it is that of robot.yaml."""
     c = f.calibration
-    if c is None or max(abs(c.stiffness - 1), abs(c.modulus - 1)) < CALIBRATION_STATED:
+    if c is None or max(abs(c.stiffness - 1), abs(c.modulus - 1)) < judgement.CALIBRATION_STATED:
         return ""
     if f.simulator is not None:
         return f" ({c.area_factor:.2f} in place of the {c.given:.2f} with which the rod comes nearest to {f.simulator.name})"
@@ -205,7 +190,7 @@ def _factor(f: Facts) -> str:
     how = f"; {body} would look the same"
     if c.at_bound:
         how = f", with {c.modulus:.2f} times the modulus, at the limit of the fit"
-    elif abs(c.modulus - 1) >= CALIBRATION_STATED:
+    elif abs(c.modulus - 1) >= judgement.CALIBRATION_STATED:
         how = f", with {c.modulus:.2f} times the modulus; these data show hardly more than their ratio, that of {body}"
     return f" ({c.area_factor:.2f} instead of {c.given:.2f}{how})"
 
@@ -215,12 +200,12 @@ def changed_by(f: Facts) -> str:
     if f.calibration is None:
         return ""
     if f.simulator is not None:
-        return _acts_as(f.simulator, f.calibration)
+        return _acts_as(f, f.simulator, f.calibration)
     return " or ".join([f"a body {as_stiff(f.calibration)}", *(alike_in_words(a, f.names) for a in f.calibration.alike[:1])])
 
 
-def _acts_as(own: Simulator, c: Calibration) -> str:
-    return f"{own.name} acts as with {c.stiffness:.2f} times the pressure"
+def _acts_as(f: Facts, own: Simulator, c: Calibration) -> str:
+    return f"{own.name} acts as with {c.stiffness:.2f} times the {f.words.pressure}"
 
 
 def alike_in_words(a: Alike, names: Mapping[str, str], ids: bool = False) -> str:
@@ -235,10 +220,11 @@ def _alike(f: Facts) -> str:
     if c is None or f.simulator is not None or closed_by_calibration(f) is None:
         return ""
     each = [f"{alike_in_words(a, f.names, ids=True)} ({a.left_mm:.2f} mm remain)" for a in c.alike]
-    others = ", ".join([*each, "the gain of the pressures, a radius of robot.yaml"])
+    others = ", ".join([*each, f"the gain of the {f.words.pressures}, a radius of robot.yaml"])
     return (
-        f"With robot.yaml's area factor the same would be done by: {others}. To tell them apart: weigh what the tip carries, "
-        "hang a known mass on it without pressure, hold a gauge against the pressures, and measure a section."
+        f"With robot.yaml's {f.words.area_factor} the same would be done by: {others}. To tell them apart: weigh what the tip "
+        f"carries, hang a known mass on it without {f.words.pressure}, hold a gauge against the {f.words.pressures}, and measure "
+        "a section."
     )
 
 
@@ -250,27 +236,29 @@ def as_stiff(c: Calibration) -> str:
 
 
 ORIGINS = {
-    "pressures": "the readings of the pressures",
-    "area_factor": "area_factor (effective over geometric area of the chambers)",
+    "pressures": "the readings of the {pressures}",
+    "area_factor": "area_factor (effective over geometric area of the {actuators})",
 }
-"""Origins that robot.yaml does not hold, or whose key says little -> what to call them."""
+"""Origins that robot.yaml does not hold, or whose key says little -> what to call them, in templates of `Words`."""
 
 
 def stands_for(c: Calibration | None, words: Words) -> str:
     """What a calibrated area factor may stand for, and what tells; empty where it is that of robot.yaml."""
-    if c is None or abs(c.stiffness - 1) < CALIBRATION_STATED or not c.origins:
+    if c is None or abs(c.stiffness - 1) < judgement.CALIBRATION_STATED or not c.origins:
         return ""
     each = [
-        f"{ORIGINS.get(o.name, o.name)} {100 * abs(o.factor - 1):.1f} % {'larger' if o.factor > 1 else 'smaller'} "
+        f"{words.fill(ORIGINS.get(o.name, o.name))} {100 * abs(o.factor - 1):.1f} % {'larger' if o.factor > 1 else 'smaller'} "
         f"(p = {stated(o.probability)})"
         for o in c.origins
         if o.probability >= LEAST_STATED or o is c.origins[0]
     ]
     stiff = any(o.name in ("youngs_modulus", "bending_stiffness") for o in c.origins)
-    by_mass = "measure the body's stiffness without pressures (a stiffness trial, or a mass at the tip), " if stiff else ""
-    return words.say(
+    by_mass = (
+        f"measure the body's stiffness without {words.pressures} (a stiffness trial, or a mass at the tip), " if stiff else ""
+    )
+    return (
         "What calibration changed may stem from one wrong number (p: probability that it makes up most of the change): "
-        f"{', or '.join(each)}. To find out, {by_mass}hold a gauge against the pressures, and measure a section"
+        f"{', or '.join(each)}. To find out, {by_mass}hold a gauge against the {words.pressures}, and measure a section"
     )
 
 
@@ -280,7 +268,7 @@ def closed_by_calibration(f: Facts) -> float | None:
     if f.calibration is None or w is None or not (_factor(f) or f.first):
         return None
     closed = share_closed(w.given_mm, w.steps[0].left_mm, f.where.noise_floor_mm)
-    return closed if closed is not None and closed > EXPLAINS else None
+    return closed if closed is not None and closed > judgement.EXPLAINS else None
 
 
 def _by_calibration(f: Facts, otherwise: str, rest: str = "") -> str:
@@ -291,20 +279,16 @@ def _by_calibration(f: Facts, otherwise: str, rest: str = "") -> str:
     )
 
 
-def beyond_tolerance(p: Parameters, moved: Mapping[int, float], robot: Robot) -> Iterator[str]:
-    """What to say of the numbers of robot.yaml that a fit moves beyond their tolerances (`Parameters.tense`), in one concern."""
+def beyond_tolerance(p: Parameters, moved: Mapping[int, float], robot: Robot) -> Iterator[Finding]:
+    """One finding on the numbers of robot.yaml that a fit moves beyond their tolerances (`Parameters.tense`)."""
     by_stiffness = robot.bending_stiffness is not None
     each = []
     for i, value in moved.items():
-        info, sd = p.infos[i], float(p.sd[i])
-        off, allowed = (f"{v:.3g} {u}" for v, u in (_in_percent(abs(value), info.unit), _in_percent(sd, info.unit)))
-        key = "bending_stiffness" if info.source == "youngs_modulus" and by_stiffness else info.source
-        each.append(f"{key} {off} {'above' if value > 0 else 'below'} robot.yaml ({allowed})")
+        (by, unit), (sd, sd_unit) = (_in_percent(v, p.infos[i].unit) for v in (abs(value), float(p.sd[i])))
+        name = "bending_stiffness" if p.infos[i].source == "youngs_modulus" and by_stiffness else p.infos[i].source
+        each.append(finding("number_above" if value > 0 else "number_below", name=name, by=by, unit=unit, sd=sd, sd_unit=sd_unit))
     if each:
-        yield (
-            f"{BEYOND_TOLERANCE}{', '.join(each)}: measure and correct robot.yaml, or state it less surely; until then no cause "
-            "is certain"
-        )
+        yield finding("beyond_tolerance", numbers=each)
 
 
 def _in_percent(value: float, unit: str) -> tuple[float, str]:
@@ -312,23 +296,27 @@ def _in_percent(value: float, unit: str) -> tuple[float, str]:
     return (100 * value, "%") if unit == "1" else for_people(value, unit)
 
 
-def far_off(stiffness: float) -> Iterator[str]:
-    """What to ask where the calibrated body is `stiffness` times as stiff as that of robot.yaml: a wrong unit does that."""
-    if not 1 / OTHER_UNIT < stiffness < OTHER_UNIT:
-        yield (
-            f"calibration asks for a body {stiffness:.2g} times as stiff as that of robot.yaml, or for pressures "
-            f"{1 / stiffness:.2g} times as high: check youngs_modulus, outer_radius, path_radius and area_factor of robot.yaml, "
-            "and the unit of the pressures (psi and kPa differ by 6.9); until then no cause is certain"
-        )
+def far_off(stiffness: float, words: Words) -> Iterator[Finding]:
+    """A finding where the calibrated body is `stiffness` times as stiff as that of robot.yaml: a wrong unit does that."""
+    if not 1 / judgement.OTHER_UNIT < stiffness < judgement.OTHER_UNIT:
+        yield finding("stiffness_far_off", words, stiffness=stiffness, pressure_ratio=1 / stiffness)
 
 
-def scatter(excess: float) -> Iterator[str]:
-    """What to say where repeats scatter `excess` times more than usual."""
-    if excess >= USUAL_EXCESS:
-        yield (
-            f"repeats of the same state scatter {excess:.1f} times more than instruments and re-grown spines usually do: "
-            "find out what changes from trial to trial before trusting a cause"
-        )
+def scatter(excess: float) -> Iterator[Finding]:
+    """A finding where repeats scatter `excess` times more than usual."""
+    if excess >= judgement.USUAL_EXCESS:
+        yield finding("scatter_of_repeats", factor=excess)
+
+
+def against(
+    sizes: Sequence[Size], named: Sequence[str], errors: Sequence[StageError], names: Mapping[str, str], words: Words
+) -> Iterator[Finding]:
+    """What speaks against the effects named: a size that cannot be, a stage that asks for an error of its own next to them."""
+    for x in (x for x in sizes if x.impossible):
+        number, unit = for_people(x.mean, x.unit, words)
+        yield finding("impossible_size", parameter=with_id(x.name, names), size=f"{number:.3g} {unit}".rstrip())
+    for e in errors[:2] if named else ():
+        yield finding("stage_error", stage=e.stage, varies=words.fill(e.varies), gain=e.gain)
 
 
 def _simulator(f: Facts) -> str:
@@ -338,12 +326,13 @@ def _simulator(f: Facts) -> str:
         return ""
     acts = _simulator_acts(f, own)
     apart = f"{acts}{own.name} differs from the rod of robot.yaml by {own.differs_mm:.2f} mm rms"
-    beyond = f"and by {own.beyond_calibration_mm:.2f} mm after an area factor is fitted"
+    beyond = f"and by {own.beyond_calibration_mm:.2f} mm after {f.words.an_area_factor} is fitted"
     if own.beyond_calibration_mm < f.where.noise_floor_mm:
         return f"{apart}, {beyond}: less than the noise floor."
     step = next((s for s in (f.waterfall.steps if f.waterfall else ()) if s.step == "simulator"), None)
     left = f" Without that part, {step.left_mm:.2f} mm of the gap remain on unseen states." if step else ""
-    if step and own.share > EXPLAINS and step.mm > EXPLAINS * (step.mm + step.left_mm - f.where.noise_floor_mm):
+    most = judgement.EXPLAINS
+    if step and own.share > most and step.mm > most * (step.mm + step.left_mm - f.where.noise_floor_mm):
         left += f" The gap is in {own.name}."
     return f"{apart}, {beyond}; the measurements do not show {own.not_measured_mm:.2f} mm of that (in-sample).{left}"
 
@@ -354,14 +343,14 @@ def _simulator_acts(f: Facts, own: Simulator) -> str:
     if c is None or w is None or closed_by_calibration(f) is None:
         return ""
     left = w.steps[0].left_mm
-    text = f"{_acts_as(own, c)}; that closes {w.given_mm - left:.1f} of {w.given_mm:.1f} mm."
+    text = f"{_acts_as(f, own, c)}; that closes {w.given_mm - left:.1f} of {w.given_mm:.1f} mm."
     if own.of_robot is None:
         return f"{text} "
     of_rod, of_data = own.area_factor / own.of_robot, c.area_factor / own.of_robot
-    if abs(of_data - 1) < SAME_FACTOR < abs(of_rod - 1):
-        text += f" The rod of robot.yaml does not: the gap is in {own.name}; check its pressures, areas and modulus."
-    elif abs(of_rod - 1) < SAME_FACTOR:
-        text += " So does the rod: check area_factor and youngs_modulus of robot.yaml, and the gain of the pressures."
+    if abs(of_data - 1) < judgement.SAME_FACTOR < abs(of_rod - 1):
+        text += f" The rod of robot.yaml does not: the gap is in {own.name}; check its {f.words.pressures}, areas and modulus."
+    elif abs(of_rod - 1) < judgement.SAME_FACTOR:
+        text += f" So does the rod: check area_factor and youngs_modulus of robot.yaml, and the gain of the {f.words.pressures}."
     return f"{text} "
 
 
@@ -376,9 +365,9 @@ def _moved(f: Facts) -> str:
     if not shares:
         return ""
     gap = f.waterfall.steps[0].left_mm if f.waterfall is not None else f.where.gap_rmse_mm
-    more = max(c.mm for c in f.budget if c.role == "named") > MORE_THAN_GAP * gap
+    more = max(c.mm for c in f.budget if c.role == "named") > judgement.MORE_THAN_GAP * gap
     hidden = ", more than the gap, since tolerances of other effects counteract it" if more else ""
-    return f"Beyond what an area factor takes up, {'; '.join(shares)}{hidden}."
+    return f"Beyond what {f.words.an_area_factor} takes up, {'; '.join(shares)}{hidden}."
 
 
 def _closing(f: Facts) -> str:
@@ -398,7 +387,7 @@ def _closing(f: Facts) -> str:
     nearest = " and ".join(with_id(e, f.names) for e in f.nearest)
     if not nearest or share is None:
         return ""
-    if share < EXPLAINS:
+    if share < judgement.EXPLAINS:
         return (
             f"Closest: {nearest}, which does not explain the gap ({before} mm without it, {after} mm with it on unseen states)."
         )
@@ -415,15 +404,15 @@ def closed_alone(w: Waterfall | None, s: Shrink | None) -> float | None:
     if not left or s is None or s.share_closed is None or s.share_closed < 0:
         return None
     alone = share_closed(s.before_mm, left[-1], s.floor_mm)
-    return None if alone is None or alone >= EXPLAINS * s.share_closed else max(alone, 0.0)
+    return None if alone is None or alone >= judgement.EXPLAINS * s.share_closed else max(alone, 0.0)
 
 
 def _absorbed(f: Facts) -> str:
     a = None if f.waterfall is None else f.waterfall.absorbed
-    if a is None or f.decision.verdict != "effect" or a.per_length_mm > ABSORBED * a.one_mm:
+    if a is None or f.decision.verdict != "effect" or a.per_length_mm > judgement.ABSORBED * a.one_mm:
         return ""
     left = f"{a.per_length_mm:.2f} mm would remain of {a.one_mm:.2f} mm"
-    return f"An area factor for each spine length would hide it: {left} ({a.how})."
+    return f"{f.words.an_area_factor.capitalize()} for each spine length would hide it: {left} ({a.how})."
 
 
 def also_present(budget: Sequence[Carries], name: Callable[[str], str], digits: int) -> str:

@@ -70,7 +70,7 @@ class HeldOut:
             return cls(p, length, "leave one spine length out", executor)
         pressure = levels(p.states.highest, p.states.pressure_gap)
         if len(np.unique(pressure[~p.states.pushed])) >= 3:
-            return cls(p, pressure, "leave one pressure out", executor)
+            return cls(p, pressure, f"leave one {p.robot.actuators.words.pressure} out", executor)
         trial = np.unique(p.states.trial, return_inverse=True)[1].astype(np.int64)
         return cls(p, trial, "leave one trial out", executor) if trial.any() else None
 

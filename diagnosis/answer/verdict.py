@@ -16,18 +16,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from .. import judgement
 from ..criticism.stage_errors import StageError
+from ..findings import Finding, finding
 from ..inference.evidence import NONE
 from ..inference.posterior import UNKNOWN, Posterior
-from ..judgement import (
-    CAUSE_PROBABILITY,
-    LEFT_FLOORS,
-    LEFT_SHARE,
-    NAMED_PROBABILITY,
-    OUTSIDE_PROBABILITY,
-    STAGE_SHARE,
-    TEMPERATURE,
-)
 from .result import Conclusion, Shrink, Verdict
 from .size import Size
 
@@ -65,35 +58,38 @@ def decide(posterior: Posterior, enough: bool, nothing_stands_out: float = 0.0) 
     outside = posterior.probability(UNKNOWN)
     named, probability = next((h, p) for h, p in posterior.ranking if h != UNKNOWN)
     small = (1 - outside) * nothing_stands_out
-    if not enough or outside >= OUTSIDE_PROBABILITY:
+    if not enough or outside >= judgement.OUTSIDE_PROBABILITY:
         return Decision("unknown", (), outside, outside, enough)
     if named == NONE:
         return Decision("none", (), probability, outside)
-    if probability < min(small, NAMED_PROBABILITY):
+    if probability < min(small, judgement.NAMED_PROBABILITY):
         return Decision("none", (), small, outside, too_small=named)
     return Decision("effect", named, probability, outside)
 
 
 def rivals(d: Decision, posterior: Posterior) -> tuple[str, ...]:
     """Effects of the 95 % set that are not named, most probable first; only where an effect is named and not sure."""
-    if d.verdict != "effect" or d.probability >= CAUSE_PROBABILITY:
+    if d.verdict != "effect" or d.probability >= judgement.CAUSE_PROBABILITY:
         return ()
     others = (h for h in posterior.credible_set if h not in (NONE, UNKNOWN, d.effects))
     return tuple(dict.fromkeys(e for h in others for e in h if e not in d.effects))
 
 
-def doubts(sizes: Sequence[Size], effects: Sequence[str], unseen: Shrink | None, alone: Sequence[str] = ()) -> Iterator[str]:
-    """Why effects of these sizes are no certain cause, with what they leave of the gap on unseen states; `alone`: effects that do
-    as well without any calibration."""
-    for effect in effects:
-        own = [s for s in sizes if s.name.startswith(f"{effect}.") and s.role == "size"]
+def doubts(
+    sizes: Sequence[Size], effects: Mapping[str, str], unseen: Shrink | None, alone: Sequence[str] = ()
+) -> Iterator[Finding]:
+    """Why effects (id -> name) of these sizes are no certain cause, with what they leave of the gap on unseen states; `alone`:
+    names of effects that do as well without any calibration."""
+    for effect, name in effects.items():
+        own = [s for s in sizes if s.name.partition(".")[0] == effect and s.role == "size"]
         if any(s.impossible for s in own):
-            yield f"{effect} would have an impossible size"
+            yield finding("cause_impossible", effect=name)
         elif own and not any(s.certain for s in own):
-            yield f"the size of {effect} is zero within its error"
-    yield from (f"{effect} alone would do the same without calibration" for effect in alone[:1])
-    if unseen is not None and unseen.after_mm > max(LEFT_FLOORS * unseen.floor_mm, LEFT_SHARE * unseen.before_mm):
-        yield f"{unseen.after_mm:.2g} mm remain on unseen states"
+            yield finding("cause_within_error", effect=name)
+    yield from (finding("cause_or_calibration", effect=name) for name in alone[:1])
+    floors, share = judgement.LEFT_FLOORS, judgement.LEFT_SHARE
+    if unseen is not None and unseen.after_mm > max(floors * unseen.floor_mm, share * unseen.before_mm):
+        yield finding("gap_remains", mm=unseen.after_mm)
 
 
 def conclude(d: Decision, gap: bool, asking: Sequence[StageError], tense: bool = False) -> Conclusion:
@@ -102,7 +98,7 @@ def conclude(d: Decision, gap: bool, asking: Sequence[StageError], tense: bool =
     if not d.enough:
         return "too little data"
     if d.verdict == "effect":
-        sure = d.probability >= CAUSE_PROBABILITY and not tense and not d.relatives
+        sure = d.probability >= judgement.CAUSE_PROBABILITY and not tense and not d.relatives
         return "cause" if sure else "one of several"
     if d.verdict == "none":
         return "none" if gap else "noise"
@@ -113,6 +109,6 @@ def stage(asking: Sequence[StageError]) -> StageError | None:
     """The stage that asks for an error of its own, with what the error goes with most; None where none stands out."""
     if not asking:
         return None
-    gains = np.exp((np.array([e.gain for e in asking]) - max(e.gain for e in asking)) / TEMPERATURE)
+    gains = np.exp((np.array([e.gain for e in asking]) - max(e.gain for e in asking)) / judgement.TEMPERATURE)
     own = np.array([e.stage == asking[0].stage for e in asking])
-    return asking[0] if gains[own].sum() >= STAGE_SHARE * gains.sum() else None
+    return asking[0] if gains[own].sum() >= judgement.STAGE_SHARE * gains.sum() else None

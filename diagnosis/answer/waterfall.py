@@ -193,17 +193,12 @@ class _Steps:
 
 
 def _absorbed(f: Attribution, executor: Executor) -> Callable[[], Absorbed | None]:
-    """What an area factor for each spine length would hide: tip errors on pressures that no fit saw, with one area factor, with
-    one for each length, and with the named causes. None with one length, with fewer than three pressures, and where there is no
-    area factor (stiffness trials) or no more than one (another simulator).
-
-    Starts the refits that run elsewhere; the function that is returned fits the rest meanwhile and waits for them.
-    """
+    """Start the refits for `Absorbed`; the result waits for them. None with one length or fewer than three pressures."""
     p = f.prepared
     length, pressure = levels(p.states.spine_length, SPINE_GAP), levels(p.states.highest, p.states.pressure_gap)
     if p.pushes_only or p.baseline is not None or len(np.unique(length)) < 2 or len(np.unique(pressure)) < 3:
         return lambda: None
-    how = "leave one pressure out"
+    how = f"leave one {p.robot.actuators.words.pressure} out"
     models = [baseline_model(p, f.calibrated), *([candidate_model(p, f.best)] if f.decision.effects else [])]
     errors = HeldOut(p, pressure, how, executor).errors(models, DiagnosisStep.GAP_STEP_BY_STEP)
 

@@ -26,6 +26,7 @@ from model.effects.forward import ForwardModel
 from model.effects.parameters import ParameterInfo
 from model.effects.spec import EffectSpec
 
+from .. import judgement
 from ..arrays import Array, Mask
 from ..inference.candidate import Candidate
 from ..inference.evidence import KNOWN, Hypothesis, weigh
@@ -34,20 +35,6 @@ from ..inference.linear import Linear
 from ..inference.posterior import log_weight
 from ..inference.prepare import Prepared, least_sizes, observable_effects, parameters
 from ..inference.problem import MaskedForward, Parameters, linearise
-from ..judgement import (
-    FIT_DISCREPANCY_SIZE,
-    FIT_TOLERATED_SIZE,
-    FREE_FORM_ODDS,
-    LARGEST_EXCESS,
-    LARGEST_ODDS,
-    LEAST_NAMED_SIZE,
-    PRIOR_OF_NUMBER,
-    RELATIVE_ODDS,
-    SAME_ODDS,
-    SEPARATED_EVIDENCE,
-    TEMPERATURE,
-    USUAL_EXCESS,
-)
 from .relatives import RELATIVES
 
 LEAST_SHARE, MOST_FITTED, ROUNDS = 0.1, 3, 8
@@ -109,15 +96,15 @@ def related(p: Prepared, candidates: Sequence[Candidate], reached: Mapping[Hypot
 def _log_weight(r: Related, effects: int) -> float:
     """As `log_weight`: a catalogue of few effects makes no relative more probable."""
     named, of = (*r.beside, r.relative), max(effects, len(CATALOGUE))
-    return log_weight(named, r.log_evidence, of) if len(named) in PRIOR_OF_NUMBER else -math.inf
+    return log_weight(named, r.log_evidence, of) if len(named) in judgement.PRIOR_OF_NUMBER else -math.inf
 
 
 def alike(among: Sequence[Related], named: Hypothesis, log_evidence: float) -> tuple[str, ...]:
     """Relatives that do the same as an effect of what is named, as far as these readings tell, best first; where nothing is
     named, that explain more than the best hypothesis. `log_evidence`: of that."""
-    own = [r for r in among if set(r.beside) < set(named) and r.log_evidence > log_evidence - SEPARATED_EVIDENCE]
-    if not named and among and among[0].log_evidence > log_evidence + SEPARATED_EVIDENCE:
-        own = [r for r in among if r.log_evidence > among[0].log_evidence - SEPARATED_EVIDENCE]
+    own = [r for r in among if set(r.beside) < set(named) and r.log_evidence > log_evidence - judgement.SEPARATED_EVIDENCE]
+    if not named and among and among[0].log_evidence > log_evidence + judgement.SEPARATED_EVIDENCE:
+        own = [r for r in among if r.log_evidence > among[0].log_evidence - judgement.SEPARATED_EVIDENCE]
     return tuple(dict.fromkeys(r.relative for r in own))
 
 
@@ -131,14 +118,14 @@ def _fitted(p: Prepared, r: Related, start: Candidate) -> tuple[float, float]:
     own = Parameters(
         infos,
         np.where(old < 0, [i.sd for i in infos], known.sd[old]),
-        tuple(LEAST_NAMED_SIZE if j < 0 else known.least_of_each[j] for j in old.tolist()),
+        tuple(judgement.LEAST_NAMED_SIZE if j < 0 else known.least_of_each[j] for j in old.tolist()),
     )
     problem = replace(p.problem, forward=MaskedForward(forward, _measured(p, forward)), parameters=own)
     named = (*r.beside, r.relative)
     theta = np.where(old < 0, 0.0, start.fit.theta[old])
     theta[[i for i, e in enumerate(own.effects) if e in start.named and e not in named]] = 0.0
-    wide = own.prior(own.mask(named), FIT_TOLERATED_SIZE)
-    reached = fit(problem, wide, FIT_DISCREPANCY_SIZE, theta, ROUNDS)
+    wide = own.prior(own.mask(named), judgement.FIT_TOLERATED_SIZE)
+    reached = fit(problem, wide, judgement.FIT_DISCREPANCY_SIZE, theta, ROUNDS)
     whole = reached.with_all_derivatives(problem).with_form_error(problem, named)
     with_it, without = weigh(whole.linear(problem), KNOWN, own, [named, r.beside])
     return with_it.log_evidence - reached.predicted_decrease, without.log_evidence
@@ -186,7 +173,7 @@ def _relatives(p: Prepared, forward: ForwardModel, c: Candidate) -> _Relatives:
     whole = np.hstack([c.fit.derivatives(problem).whole, slope])
     made = replace(problem.parameters, infos=problem.parameters.infos + infos, sd=np.append(problem.parameters.sd, sd))
     least = least_sizes(made, p.labels, whole, p.noise_floor)[len(problem.parameters.sd) :]
-    return _Relatives(infos, least or (LEAST_NAMED_SIZE,) * len(infos), problem.noise.whiten(slope * sd))
+    return _Relatives(infos, least or (judgement.LEAST_NAMED_SIZE,) * len(infos), problem.noise.whiten(slope * sd))
 
 
 def _measured(p: Prepared, forward: ForwardModel) -> Mask:
@@ -208,10 +195,11 @@ def odds_outside(
     `effects`: number of effects in the catalogue; `free_form`: log evidence that errors of free form gain; `excess_scatter`: of
     repeats, see `NoiseComponents`.
     """
-    unnamed = SAME_ODDS + FREE_FORM_ODDS * math.exp(min(free_form / TEMPERATURE, LARGEST_ODDS))
-    odds = unnamed * max(min(excess_scatter, LARGEST_EXCESS) / USUAL_EXCESS, 1.0)
+    free = math.exp(min(free_form / judgement.TEMPERATURE, judgement.LARGEST_ODDS))
+    unnamed = judgement.SAME_ODDS + judgement.FREE_FORM_ODDS * free
+    odds = unnamed * max(min(excess_scatter, judgement.LARGEST_EXCESS) / judgement.USUAL_EXCESS, 1.0)
     if not among:
         return odds
     total = logsumexp([log_weight(c.named, c.log_evidence, effects) for c in tried])
     relatives = logsumexp([_log_weight(r, effects) for r in among])
-    return odds + RELATIVE_ODDS * math.exp(min(relatives - total, LARGEST_ODDS))
+    return odds + judgement.RELATIVE_ODDS * math.exp(min(relatives - total, judgement.LARGEST_ODDS))

@@ -128,11 +128,11 @@ RELATIVES: Mapping[str, EffectSpec] = MappingProxyType({
             "spine_ages", "structure", "a spine that packs or wears during the campaign", AGAIN,
             Law(before=_spine_ages), Parameter("slope", "1", 0.2, -0.5, 1.0)),
         _relative(
-            "spine_pressed", "structure", "chambers that press on the spine",
-            "measure the stiffness of the body with inflated chambers",
+            "spine_pressed", "structure", "{actuators} that press on the spine",
+            "measure the stiffness of the body with {inflated} {actuators}",
             Law(before=_spine_pressed), Parameter("gain", "1", 0.2, -0.5, 1.0)),
         _relative(
-            "spine_off_axis", "structure", "a spine beside the axis", "inflate all chambers at once",
+            "spine_off_axis", "structure", "a spine beside the axis", "{inflate} all {actuators} at once",
             Law(before=_spine_off_axis), Parameter("x", "1/m", 0.1, -1.0, 1.0), Parameter("y", "1/m", 0.1, -1.0, 1.0)),
         _relative(
             "mount_creeps", "boundary", "a mount that turns during the campaign", AGAIN,

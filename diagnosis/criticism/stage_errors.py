@@ -50,8 +50,13 @@ class StageError:
 
     @property
     def varies(self) -> str:
-        """What it does, after "an error that" or "the error"."""
-        return "is the same in all states" if self.dependence == "nothing" else f"varies with {self.dependence}"
+        """What it does, after "an error that" or "the error", as a template of `Words`."""
+        return "is the same in all states" if self.dependence == "nothing" else f"varies with {in_words(self.dependence)}"
+
+
+def in_words(factor: str) -> str:
+    """A factor of the data as a template of `Words`."""
+    return factor.replace("_", " ").replace("pressure", "{pressure}")
 
 
 WANDER = ("measurement", "time")

@@ -17,6 +17,7 @@ from recordings.trials import Table
 
 from ..arrays import Array, Ints, Mask
 from ..errors import BadCase
+from ..findings import Finding, finding
 from . import plausible, pushes
 from .campaign import Campaign
 from .levels import FORCE_GAP, MASS_GAP, RATE_GAP, ROLL_GAP, SPINE_GAP, VACUUM_GAP, by_frequency, distinct, levels, pressure_gap
@@ -40,7 +41,7 @@ class Case:
     table: Table
 
 
-def states(case: CaseLike) -> tuple[Campaign, tuple[str, ...]]:
+def states(case: CaseLike) -> tuple[Campaign, tuple[Finding, ...]]:
     """The states with a tip and those of stiffness trials, and concerns about the table; raises `BadCase`."""
     robot = case.robot
     table, row = case.table, np.arange(len(case.table))
@@ -54,12 +55,12 @@ def states(case: CaseLike) -> tuple[Campaign, tuple[str, ...]]:
     every, good = len(of_robot) + len(of_trials), len(usable) + len(usable_pushes)
     if not good:
         raise BadCase(f"all {every} states have values that are not finite: nothing can be compared")
-    concerns = [f"{every - good} of {every} states have values that are not finite and are left out"] if good < every else []
+    concerns = [finding("states_not_finite", left_out=every - good, states=every)] if good < every else []
     plausible.require_plausible(robot, table.take(np.concatenate([usable, usable_pushes])))
     pushes.require_plausible(robot, table.take(usable_pushes))
     arrays = _arrays(table, usable, usable_pushes)
-    concerns += _concerns(arrays, robot.spine is not None) if len(usable) else ()
-    return arrays, (*concerns, *pushes.concerns(arrays, bool(len(usable))))
+    concerns += _concerns(arrays, robot) if len(usable) else ()
+    return arrays, (*concerns, *pushes.concerns(arrays, bool(len(usable)), robot.actuators.words))
 
 
 def _arrays(table: Table, of_robot: Ints, of_trials: Ints) -> Campaign:
@@ -84,8 +85,7 @@ def _behind(first: Ints, second: Ints) -> Ints:
 
 
 def _conditions(s: Campaign) -> Ints:
-    """(n,) number of each state's condition: spine length, highest pressure, branch, kind and hold; and the pressure of each
-    chamber, where chambers of equal highest pressure were set to different ones."""
+    """(n,) number of each state's condition: spine length, pressures, branch, kind and hold."""
     # settled readings wait as long as it takes, holds of 2, 5 and 10 s were meant to differ
     hold = levels(np.log1p(s.trials.get("hold", 0.0)), 0.4)
     level, branch = levels(s.highest, s.pressure_gap), s.branch.astype(np.int64)
@@ -99,8 +99,7 @@ def _conditions(s: Campaign) -> Ints:
 
 
 def _kinds(s: Campaign) -> Ints:
-    """(n,) number of each state's kind of experiment, 0 the most frequent: protocol, chambers of its sweep, tip mass, roll, force
-    at the tip, vacuum, and the rate of a trial that was read while ramping. What a row does not state counts as 0."""
+    """(n,) number of each state's kind of experiment, 0 the most frequent; what a row does not state counts as 0."""
     trials = s.trials
     while_ramping, rate = trials.get("hold") <= 0, np.abs(trials.get("rate", 0.0))
     inflated, ramp = s.inflated.copy(), np.zeros(len(trials))
@@ -121,11 +120,7 @@ def _kinds(s: Campaign) -> Ints:
 
 
 def _sweeps(inflated: Mask, highest: Array, gap: float) -> Mask:
-    """(m, chambers) chambers of the sweep that each of the m states of a trial belongs to.
-
-    They are those of the state of highest pressure, unless a state has none of these inflated; near zero pressure those of the
-    next state with pressure, or of the last. `highest` (m,) and `gap` in Pa.
-    """
+    """(m, chambers) chambers of the sweep that each of the m states of a trial belongs to; `highest` (m,) and `gap` in Pa."""
     top = inflated[np.argmax(highest)]
     out = np.where((inflated & top).any(axis=1, keepdims=True), top, inflated)
     # closer to zero, the readings do not show which chambers are inflated
@@ -138,10 +133,7 @@ def _sweeps(inflated: Mask, highest: Array, gap: float) -> Mask:
 
 
 def _vacuums(vacuum: Array, spine: Array) -> Ints:
-    """(n,) number of each row's level of vacuum (n,) Pa, 0 for the strongest, counted among rows of the same spine length (n,) m.
-
-    A leak takes more from a longer spine, so a weak vacuum at one length may read like a strong one at another.
-    """
+    """(n,) level of each row's vacuum among rows of its spine length, 0 the strongest: a leak takes more from a longer spine."""
     out = np.zeros(len(vacuum), np.int64)
     length = levels(spine, SPINE_GAP)
     for k in np.unique(length):
@@ -152,7 +144,7 @@ def _vacuums(vacuum: Array, spine: Array) -> Ints:
 
 def lacking(s: Campaign) -> tuple[str, ...]:
     """What it takes to name a cause and is not there: repeated states, a robot bent at two pressures; or, of stiffness trials, a
-    specimen pushed to two deflections at two lengths."""
+    specimen pushed to two deflections at two lengths. Templates of `Words`."""
     own = s.take(~s.pushed)
     if not (len(own) and own.repeats >= 2):
         if pushes.can_name_cause(s.take(s.pushed)):
@@ -160,28 +152,19 @@ def lacking(s: Campaign) -> tuple[str, ...]:
         return ("no state was repeated",) if len(own) else ("no repeated pushes to two deflections at two lengths",)
     if own.highest.max() <= s.pressure_gap:
         return ("no state is bent",)
-    return () if len(np.unique(levels(own.highest, s.pressure_gap))) > 1 else ("only one pressure",)
+    return () if len(np.unique(levels(own.highest, s.pressure_gap))) > 1 else ("only one {pressure}",)
 
 
-def _concerns(s: Campaign, spine: bool) -> Iterator[str]:
-    own = s.take(s.main)
-    lengths = len(np.unique(levels(own.spine_length, SPINE_GAP)))
-    pressures = len(np.unique(levels(own.highest, s.pressure_gap)))
-    if spine and lengths < 2:
-        yield "only one spine length: effects of the spine and of the body cannot be distinguished; record at least two lengths"
-    if pressures < 2:
-        yield (
-            "only one pressure: no cause can be distinguished from an error of the chambers' area; record at least two pressures"
-        )
+def _concerns(s: Campaign, robot: Robot) -> Iterator[Finding]:
+    """What a small table cannot answer."""
+    own, words = s.take(s.main), robot.actuators.words
+    if robot.spine is not None and len(np.unique(levels(own.spine_length, SPINE_GAP))) < 2:
+        yield finding("one_spine_length", words)
+    if len(np.unique(levels(own.highest, s.pressure_gap))) < 2:
+        yield finding("one_pressure", words)
     if s.highest.max() < s.pressure_gap:
-        yield "no state is bent: chambers, spine and material cannot be judged; record a bending sweep"
+        yield finding("not_bent", words)
     if s.repeats < 3:
-        yield (
-            "no state was repeated: the noise floor is that of usual instruments and misses differences between trials, so no "
-            "cause is named; repeat the sweep three times"
-            if s.repeats < 2
-            else "a state was read in two trials (median over all states): the noise floor rests on few differences, and "
-            "probabilities are less sure than stated; repeat the sweep three times"
-        )
+        yield finding("not_repeated" if s.repeats < 2 else "repeated_once", words)
     if not (own.branch < 0).any():
-        yield "no unload branch: friction, creep and a time lag cannot be distinguished; read the states on the way down too"
+        yield finding("no_unload", words)

@@ -12,6 +12,7 @@ from model.effects.spec import EffectSpec
 from model.robot import Robot
 from model.stated import Stated
 
+from ..findings import Finding, finding
 from .campaign import Campaign
 
 ORDER = "chamber_order"
@@ -57,10 +58,11 @@ def with_order(robot: Robot, place: int) -> Robot:
     return robot.model_copy(update={"effects": {**robot.effects, ORDER: stated}})
 
 
-def order_told(robot: Robot, place: int) -> str:
-    """The order in words."""
-    held = " ".join(str(k + 1) for k in orders(robot.actuators.azimuths_deg)[place])
-    return f"chambers 1 to {len(robot.actuators.azimuths_deg)} hold the pressures of {held} ({ORDER})"
+def reordered(robot: Robot, place: int) -> Finding:
+    """The order that the chambers have."""
+    azimuths = robot.actuators.azimuths_deg
+    held = " ".join(str(k + 1) for k in orders(azimuths)[place])
+    return finding("reordered", robot.actuators.words, count=len(azimuths), order=held, effect=ORDER)
 
 
 def can_name_order(robot: Robot, states: Campaign, effects: Collection[str]) -> bool:

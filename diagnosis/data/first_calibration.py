@@ -27,31 +27,17 @@ from model.robot import Robot
 from model.rods import FINE, solve
 from model.section import body_mass, rods_of
 
+from .. import judgement
 from ..arrays import Array, Mask
-from ..judgement import (
-    FIRST_AS_GOOD,
-    FIRST_AT_BOUND,
-    FIRST_CONVERGED,
-    FIRST_GAIN,
-    FIRST_LOSS_SCALE,
-    FIRST_NEAR_BOUND,
-    FIRST_PAYLOADS,
-    FIRST_SD,
-    FIRST_USUAL,
-    FIRST_WEIGHTS,
-    FIRST_WIDEST,
-    UPSIDE_DOWN_GAIN,
-)
+from ..findings import Finding, finding
 from .campaign import Campaign, settings, spread_over, tip_masses
-from .chamber_sides import can_name_order, exchanged, order_told, with_order
+from .chamber_sides import can_name_order, exchanged, reordered, with_order
 
 NAMES = ("area_factor", "youngs_modulus", "azimuth", "gravity_x", "gravity_y", "origin_x", "origin_y", "origin_z")
 ORIGIN, STEP = 5, 1.5e-8
 """The first parameter of the origin, which moves every tip alike, and the step of differences by the others, relative."""
 DIRECT = replace(FINE, follow=False)
 """A rod so soft that it has to be loaded in steps, at a thousand times the cost, counts as one that does not stand."""
-CALIBRATED_FIRST = "calibrated first"
-"""How the concern about it begins."""
 STIFFER = (3.0, 9.0)
 """Times the modulus, with the area factor as it is or as many times larger, where the wide fit may begin."""
 QUARTERS = (0.0, np.pi / 2, -np.pi / 2, np.pi)
@@ -72,10 +58,13 @@ class Adjusted:
     rather: str = ""
     """Another number that may be wrong by as much."""
 
-    def __str__(self) -> str:
-        bound = ", and would go beyond: another number beside it is wrong too" if self.at_bound else ""
-        also = f", or {self.rather} wrong by as much" if self.rather else ""
-        return f"{self.name} {self.found:.4g} {self.unit} instead of {self.given:.4g} {self.unit}{also}{bound}"
+    @property
+    def finding(self) -> Finding:
+        """What a person reads of it."""
+        return finding(
+            "refitted_to_limit" if self.at_bound else "refitted_or" if self.rather else "refitted",
+            name=self.name, found=self.found, given=self.given, unit=self.unit, rather=self.rather,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -90,17 +79,13 @@ class FirstCalibration:
     before: float = 0.0
     after: float = 0.0
     """m, robust rms of the tip within `FIRST_USUAL`, and with the numbers found."""
-    order: str = ""
-    """Chambers that are connected in another order, in words; empty where they are not."""
+    order: Finding | None = None
+    """Chambers that are connected in another order."""
 
     @property
-    def changed(self) -> bool:
-        """Whether anything was."""
-        return bool(self.adjusted or self.order)
-
-    @property
-    def _told(self) -> str:
-        return "; ".join(filter(None, (self.order, *map(str, self.adjusted))))
+    def changes(self) -> list[Finding]:
+        """What was changed; empty where nothing was."""
+        return [*([self.order] if self.order else ()), *(a.finding for a in self.adjusted)]
 
     @property
     def named(self) -> str:
@@ -109,25 +94,17 @@ class FirstCalibration:
         return f"{len(names)} numbers of robot.yaml" if len(names) > 1 else "".join(names)
 
     @property
-    def concern(self) -> str:
-        """What a person has to know and to check."""
-        return (
-            f"{CALIBRATED_FIRST}, because robot.yaml is far from these data ({self.before * 1e3:.2f} mm at best, with "
-            f"these numbers {self.after * 1e3:.2f} mm; a robust rms, which counts readings far off less): "
-            f"{self._told}. Everything below is about the robot with these numbers; check them; no cause is certain before"
-        )
-
-    @property
-    def sentence(self) -> str:
-        """The same in short."""
-        return f"Calibrated first: {self._told}."
+    def concerns(self) -> list[Finding]:
+        """What a person has to know and to check; nothing where nothing was changed."""
+        before_mm, after_mm = self.before * 1e3, self.after * 1e3
+        return [finding("refitted_first", before_mm=before_mm, after_mm=after_mm, changes=self.changes)] if self.changes else []
 
     def detail(self) -> dict[str, object]:
         """For the answer's JSON."""
         keys = ("name", "given", "found", "unit", "at_bound")
         adjusted = [{key: getattr(a, key) for key in keys} for a in self.adjusted]
         numbers = {"before_mm": self.before * 1e3, "after_mm": self.after * 1e3, "adjusted": adjusted}
-        return numbers | ({"order": self.order} if self.order else {})
+        return numbers | ({"order": self.order.text} if self.order else {})
 
     def moved(self, states: Campaign) -> Campaign:
         """Other states in the same frame."""
@@ -150,18 +127,21 @@ def calibrate_first(robot: Robot, states: Campaign, effects: Collection[str] = (
     seen = with_tip.take(np.isin(np.arange(len(with_tip)), spread_over(len(with_tip), 60)))
     # one area factor, as the diagnosis has it
     one = robot.with_area_factor(float(np.mean(robot.area_factor_at(seen.spine_length))))
-    near = _fitted(one, seen, FIRST_USUAL, _turned(0.0))
+    near = _fitted(one, seen, judgement.FIRST_USUAL, _turned(0.0))
     if near is None:
         return unchanged
     before = _rms(one, seen, near)
-    if before < FIRST_LOSS_SCALE * robot.length and not (np.abs(near) > FIRST_NEAR_BOUND * FIRST_USUAL)[1:].any():
+    if (
+        before < judgement.FIRST_LOSS_SCALE * robot.length
+        and not (np.abs(near) > judgement.FIRST_NEAR_BOUND * judgement.FIRST_USUAL)[1:].any()
+    ):
         return unchanged
     far, (gravity, counting), after = _widely_fitted(one, seen)
-    beyond = np.abs(far) > FIRST_USUAL
+    beyond = np.abs(far) > judgement.FIRST_USUAL
     upright = min(gravity, counting) > 0
-    if not (beyond.any() or not upright) or after > FIRST_GAIN * before:
+    if not (beyond.any() or not upright) or after > judgement.FIRST_GAIN * before:
         return unchanged
-    if upright and _weight_explains(one, seen, min(FIRST_AS_GOOD * after, FIRST_GAIN * before)):
+    if upright and _weight_explains(one, seen, min(judgement.FIRST_AS_GOOD * after, judgement.FIRST_GAIN * before)):
         return unchanged  # the diagnosis names weights
     named = np.array(NAMES)
     turned = _with(_sensed(robot, gravity, counting), far * (named == "azimuth")).actuators.azimuths_deg
@@ -173,33 +153,33 @@ def calibrate_first(robot: Robot, states: Campaign, effects: Collection[str] = (
     made = _with(_sensed(robot, gravity, counting), theta)
     x, y, z = (theta[ORIGIN:] * robot.length).tolist()
     adjusted = tuple(_adjusted(robot, made, theta, beyond, gravity < 0, counting < 0))
-    order = "" if place is None else order_told(robot, place)
+    order = None if place is None else reordered(robot, place)
     made = made if place is None else with_order(made, place)
     found = FirstCalibration(made, states, adjusted, (x, y, z), before, after, order)
     return replace(found, states=found.moved(states))
 
 
 def _widely_fitted(robot: Robot, states: Campaign) -> tuple[Array, tuple[float, float], float]:
-    """Theta (8,) of the wide fit, the senses of gravity and of counting the chambers (1 or -1), and the robust rms (m): the first
-    that converges of the robot as it is, with chambers counted otherwise, and upside down; infinite where no rod stands."""
+    """Theta (8,) of the wide fit, senses of gravity and of counting (1 or -1), robust rms (m), infinite if no rod stands."""
     theta, senses, least = np.zeros(len(NAMES)), (1.0, 1.0), np.inf
     for turn, gravity, counting in dict.fromkeys(((0.0, 1.0, 1.0), _counted(robot, states), (0.0, -1.0, 1.0))):
-        if least < FIRST_CONVERGED * robot.length:
+        if least < judgement.FIRST_CONVERGED * robot.length:
             break
         there = _sensed(robot, gravity, counting)
-        found = _fitted(there, states, FIRST_WIDEST, _standing(there, states, turn))
+        found = _fitted(there, states, judgement.FIRST_WIDEST, _standing(there, states, turn))
         left = np.inf if found is None else _rms(there, states, found)
-        if found is not None and left < (least if min(gravity, counting) > 0 else UPSIDE_DOWN_GAIN * least):
+        if found is not None and left < (least if min(gravity, counting) > 0 else judgement.UPSIDE_DOWN_GAIN * least):
             theta, senses, least = found, (gravity, counting), left
     return theta, senses, least
 
 
 def _weight_explains(robot: Robot, states: Campaign, most: float) -> bool:
-    """Whether one weight more, at the tip or all along the body, leaves less than `most` (m) of robust rms, all other numbers
-    within the bounds of the diagnosis' own fit."""
-    heavier = [(robot, _with_payload(robot, states, share * body_mass(robot))) for share in FIRST_PAYLOADS]
-    heavier += [(robot.model_copy(update={"gravity": tuple(f * g for g in robot.gravity)}), states) for f in FIRST_WEIGHTS]
-    fits = ((r, s, _fitted(r, s, FIRST_USUAL, _turned(0.0))) for r, s in heavier)
+    """Whether one weight more, at the tip or along the body, leaves less than `most` (m) of robust rms within `FIRST_USUAL`."""
+    heavier = [(robot, _with_payload(robot, states, share * body_mass(robot))) for share in judgement.FIRST_PAYLOADS]
+    heavier += [
+        (robot.model_copy(update={"gravity": tuple(f * g for g in robot.gravity)}), states) for f in judgement.FIRST_WEIGHTS
+    ]
+    fits = ((r, s, _fitted(r, s, judgement.FIRST_USUAL, _turned(0.0))) for r, s in heavier)
     return any(theta is not None and _rms(r, s, theta) < most for r, s, theta in fits)
 
 
@@ -224,8 +204,7 @@ def _turned(turn: float, area: float = 0.0, modulus: float = 0.0) -> Array:
 
 
 def _standing(robot: Robot, states: Campaign, turn: float) -> Array:
-    """(8,) the start of a fit: modulus, and perhaps area factor, several times larger where that is nearer to the data; rods that
-    do not stand have no derivative to follow."""
+    """(8,) the start of a fit, stiffer where that is nearer to the data: rods that do not stand have no derivative to follow."""
     stiffer = itertools.product(np.log(STIFFER), (0.0, 1.0))
     starts = [_turned(turn), *(_turned(turn, area * factor, factor) for factor, area in stiffer)]
     return min(starts, key=lambda theta: _rms(robot, states, theta))
@@ -239,15 +218,13 @@ def _sensed(robot: Robot, gravity: float, counting: float) -> Robot:
 
 
 def _fitted(robot: Robot, states: Campaign, bounds: Array, start: Array) -> Array | None:
-    """(8,) theta in the order of `NAMES` at the minimum stated above, within -bounds .. bounds (8,), searched from `start` (8,);
-    None where a rod cannot be computed.
-    """
+    """(8,) theta at the minimum stated above, within -bounds .. bounds; None where a rod cannot be computed."""
     start = np.clip(start, -0.99 * bounds, 0.99 * bounds)  # least_squares begins inside
     try:
         misfit = _Misfit(robot, states)
         found = least_squares(
-            misfit.residual, start, misfit.slope, bounds=(-bounds, bounds), x_scale=np.minimum(FIRST_SD, 0.3), loss="soft_l1",
-            max_nfev=25, ftol=1e-4, xtol=1e-4,
+            misfit.residual, start, misfit.slope, bounds=(-bounds, bounds), x_scale=np.minimum(judgement.FIRST_SD, 0.3),
+            loss="soft_l1", max_nfev=25, ftol=1e-4, xtol=1e-4,
         )  # fmt: skip
     except (ModelError, ValueError):
         return None
@@ -259,12 +236,12 @@ class _Misfit:
 
     def __init__(self, robot: Robot, states: Campaign) -> None:
         self._robot, self._states, self._asked = robot, states, settings(robot, states.trials)
-        self._unit = FIRST_LOSS_SCALE * robot.length
+        self._unit = judgement.FIRST_LOSS_SCALE * robot.length
         self._last: tuple[Array, Array] = (np.full(len(NAMES), np.nan), np.zeros(0))
 
     def residual(self, theta: Array) -> Array:
         """(3 n + 7,) tip errors over s, and all parameters but the first over their prior's width w."""
-        return np.concatenate([self._missed(theta).ravel() / self._unit, theta[1:] / FIRST_SD[1:]])
+        return np.concatenate([self._missed(theta).ravel() / self._unit, theta[1:] / judgement.FIRST_SD[1:]])
 
     def slope(self, theta: Array) -> Array:
         """(3 n + 7, 8) its derivatives."""
@@ -278,7 +255,7 @@ class _Misfit:
         stands = (missed != self._robot.length).any(axis=1)
         tip[..., ORIGIN:] = self._robot.length * stands[:, None, None] * np.eye(3)
         tip /= self._unit
-        out[missed.size :, 1:] = np.diag(1 / FIRST_SD[1:])
+        out[missed.size :, 1:] = np.diag(1 / judgement.FIRST_SD[1:])
         return out
 
     def _missed(self, theta: Array) -> Array:
@@ -288,8 +265,7 @@ class _Misfit:
 
 
 def _missed(robot: Robot, states: Campaign, theta: Array, asked: States) -> Array:
-    """(n, 3) m, tip predicted minus measured; a robot length in each axis where the rod has no equilibrium. `asked`: settings of
-    the states."""
+    """(n, 3) m, tip predicted for settings `asked` minus measured; a robot length where the rod has no equilibrium."""
     found = solve(rods_of(_with(robot, theta), asked), DIRECT)
     tip = states.tip - theta[ORIGIN:] * robot.length
     return np.where(found.converged[:, None], np.nan_to_num(found.tip - tip), robot.length)
@@ -297,7 +273,7 @@ def _missed(robot: Robot, states: Campaign, theta: Array, asked: States) -> Arra
 
 def _rms(robot: Robot, states: Campaign, theta: Array) -> float:
     """m, s sqrt(mean rho(d^2 / s^2)) over the states: the rms of distances d that are small, while large ones count less."""
-    scale = FIRST_LOSS_SCALE * robot.length
+    scale = judgement.FIRST_LOSS_SCALE * robot.length
     squared = (_missed(robot, states, theta, settings(robot, states.trials)) ** 2).sum(axis=1) / scale**2
     return scale * float(np.sqrt(np.mean(2 * (np.sqrt(1 + squared) - 1))))
 
@@ -316,19 +292,19 @@ def _with(robot: Robot, theta: Array) -> Robot:
 
 def _adjusted(robot: Robot, made: Robot, theta: Array, beyond: Mask, hanging: bool, counted: bool) -> Iterator[Adjusted]:
     """The numbers of `made` that were taken over; `hanging`: upside down, `counted`: chambers counted the other way round."""
-    at_bound = np.abs(theta) > FIRST_AT_BOUND * FIRST_WIDEST
-    given, now = robot.actuators.azimuths_deg, made.actuators.azimuths_deg
+    at_bound = np.abs(theta) > judgement.FIRST_AT_BOUND * judgement.FIRST_WIDEST
+    given, now, words = robot.actuators.azimuths_deg, made.actuators.azimuths_deg, robot.actuators.words
     if hanging:
         k = int(np.argmax(np.abs(robot.gravity)))
         yield Adjusted(f"gravity {'xyz'[k]}", robot.gravity[k], made.gravity[k], "m/s^2")
     if counted:
         second = min(1, len(now) - 1)
-        name = "chambers counted the other way round, azimuth of the second"
-        yield Adjusted(name, given[second], now[second], "deg", short="chambers counted the other way")
+        short = words.fill("{actuators} counted the other way")
+        yield Adjusted(f"{short} round, azimuth of the second", given[second], now[second], "deg", short=short)
     if beyond[1]:
         yield Adjusted("youngs_modulus", robot.youngs_modulus / 1e3, made.youngs_modulus / 1e3, "kPa", bool(at_bound[1]))
     if beyond[2]:
-        yield Adjusted("azimuth of the first chamber", given[0], now[0], "deg")
+        yield Adjusted(words.fill("azimuth of the first {actuator}"), given[0], now[0], "deg")
     if beyond[3] or beyond[4]:
         tilt = float(np.degrees(np.linalg.norm(theta[3:5])))
         yield Adjusted("gravity, turned from the one stated by", 0.0, tilt, "deg", bool(at_bound[3:5].any()), "gravity")

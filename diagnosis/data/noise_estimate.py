@@ -52,9 +52,7 @@ def lowest(loss: Loss) -> Array:
 
 
 def _learnt(remainder: Array, change: Array, step: Array) -> Array:
-    """Symmetric rank-one update of the remainder R of the curvature: R + m m^T / (m . step) with m = change - R step, so that the
-    updated R times the step is `change`, what the slope changed by beyond average information times step. R as it is where m is
-    nearly at right angles to the step."""
+    """Symmetric rank-one update of the remainder R of the curvature, so that R step = `change`, unless ill-conditioned."""
     missed = change - remainder @ step
     along = float(missed @ step)
     if abs(along) <= 1e-8 * float(np.linalg.norm(missed) * np.linalg.norm(step)):

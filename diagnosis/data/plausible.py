@@ -35,7 +35,7 @@ LIMP = 30.0
 
 def require_plausible(robot: Robot, table: Table, name: str = "") -> None:
     """Raises `BadCase`, one line for each thing that is wrong, each beginning with `name` (file or files)."""
-    if found := implausible_values(robot, table):
+    if found := (*implausible_values(robot, table), *contradicting_attitudes(robot, table)):
         raise BadCase("\n".join(f"{name}: {text}" if name else text for text in found))
 
 
@@ -47,6 +47,15 @@ def implausible_values(robot: Robot, table: Table) -> tuple[str, ...]:
     of_tips = _of_tips(robot, tips) if len(tips) else ()
     found = (_spines(robot, table), _masses(robot, table), *of_tips, *implausible_pushes(robot, table))
     return tuple(filter(None, found))
+
+
+def contradicting_attitudes(robot: Robot, table: Table) -> tuple[str, ...]:
+    """A message where attitudes contradict the tip's places; empty where they do not, or other values are implausible."""
+    tips = table.take(table.with_tip & np.isfinite(table.orientation).all(axis=1))
+    if not len(tips) or implausible_values(robot, tips):
+        return ()
+    resting = tips.take(Pressures.of(robot, tips).resting)
+    return tuple(filter(None, [attitude_in_another_frame(robot.length, tips, resting, weight_ratio(robot) > LIMP)]))
 
 
 def _of_tips(robot: Robot, states: Table) -> Iterator[str]:
@@ -67,7 +76,7 @@ def _of_tips(robot: Robot, states: Table) -> Iterator[str]:
     yield implausible_roll(robot, pressures)
     resting = states.take(pressures.resting)
     yield _resting_tip(robot, resting) if len(resting) else ""
-    yield _orientation(robot, states, resting)
+    yield _orientation(states, resting)
 
 
 def pressures_of_each(states: Table) -> Ints:
@@ -158,7 +167,7 @@ def weight_ratio(robot: Robot) -> float:
     return weight * robot.length**2 / (robot.youngs_modulus * body_second_moment(robot))
 
 
-def _orientation(robot: Robot, states: Table, resting: Table) -> str:
+def _orientation(states: Table, resting: Table) -> str:
     turned, at_rest = (s.take(~np.isnan(s.orientation[:, 0])) for s in (states, resting))
     if not len(turned):
         return ""
@@ -173,7 +182,7 @@ def _orientation(robot: Robot, states: Table, resting: Table) -> str:
     still = at_rest if len(at_rest) else turned
     # qz: bending and sagging turn about x and y, not about z
     if not float(np.median(np.abs(still.orientation[:, 3]))) > 0.8:
-        return attitude_in_another_frame(robot.length, turned, at_rest, weight_ratio(robot) > LIMP)
+        return ""
     return (
         f"{still.place(0)}, columns qw, qx, qy, qz: {_numbers(still, 0)} of a robot at rest: looks like the "
         "order x, y, z, w; at rest the tip has the base's orientation, (1, 0, 0, 0): write w first, not last"

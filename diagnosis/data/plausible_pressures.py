@@ -141,7 +141,7 @@ def implausible_pressures(robot: Robot, s: Pressures) -> Iterator[str]:
         remedy = ", ".join(f"{unit.remedy}{f' ({unit.name})' if len(units) > 1 else ''}" for unit in units)
         yield (
             f"{place}: largest value {highest:g} in a sweep that moves the tip by {moved * 1e3:.3g} mm: looks like {looks}; "
-            f"{robot.actuators.words.say('pressures')} are in Pa gauge: {remedy}"
+            f"{robot.actuators.words.pressures} are in Pa gauge: {remedy}"
         )
     elif s.ratio > FARTHEST:
         given = robot.bending_stiffness or robot.youngs_modulus

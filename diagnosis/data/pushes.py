@@ -6,12 +6,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from model.actuators import Words
 from model.robot import Robot
 from model.section import annulus_second_moment, body_second_moment
 from recordings.trials import Table
 
 from ..arrays import Array, Ints, Mask
 from ..errors import BadCase
+from ..findings import Finding, finding
 from .campaign import Campaign
 from .levels import SPINE_GAP, VACUUM_GAP, by_frequency, distinct, levels, step_gap
 from .units import FORCE_UNITS, LENGTH_UNITS, nearest
@@ -127,22 +129,15 @@ def can_name_cause(s: Campaign) -> bool:
     return places > 1 and len(np.unique(s.condition)) > places
 
 
-def concerns(s: Campaign, beside: bool) -> Iterator[str]:
+def concerns(s: Campaign, beside: bool, words: Words) -> Iterator[Finding]:
     """What cannot be concluded from the stiffness trials of a campaign; `beside` states of the robot."""
     own = s.take(s.pushed)
     if not len(own):
         return
     if not beside:
-        yield (
-            "only stiffness trials: nothing can be said about chambers, pressures, loads on the robot, base or "
-            "cameras, and only effects that change these readings are considered; record a bending sweep"
-        )
-        yield "only stiffness trials: probabilities were calibrated on bending campaigns, not on such data"
+        yield finding("only_stiffness_trials", words)
+        yield finding("probabilities_not_calibrated")
     if own.repeats < 3:
-        word = "no deflection was repeated" if own.repeats < 2 else "deflections were repeated only once"
-        yield f"stiffness trials: {word}: default scatter of touch point, zero and jamming is assumed; repeat them three times"
+        yield finding("deflections_not_repeated" if own.repeats < 2 else "deflections_repeated_once")
     if len(np.unique(levels(own.spine_length, SPINE_GAP))) < 2:
-        yield (
-            "stiffness trials at only one spine length: modulus, sensor zero and touch point cannot be "
-            "distinguished; measure at two or more"
-        )
+        yield finding("one_stiffness_length")

@@ -153,11 +153,7 @@ def budget(problem: Problem, where: Sequence[Part], candidates: Sequence[Candida
 
 
 def _drawn(weighed: Weighed, standard: Array) -> Array:
-    """(DRAWS, p) of the effects' parameters.
-
-    By the triangular factor of the correlations: unlike eigenvectors it moves little when the last digits of the covariance
-    do, so that an answer does not depend on rounding.
-    """
+    """(DRAWS, p) of the effects' parameters, by the triangular factor, which moves little with rounding, unlike eigenvectors."""
     sd = np.sqrt(np.maximum(np.diag(weighed.covariance), TINY))
     factor = np.linalg.cholesky(weighed.covariance / np.outer(sd, sd) + JITTER * np.eye(len(sd)))
     return np.asarray(weighed.mean + standard @ factor.T * sd)
@@ -205,8 +201,7 @@ def _distinct(b: Budget) -> tuple[list[list[bool]], list[float]]:
 
 
 def _names(floors: Array, size: Array, own: Mask) -> Mask:
-    """(d, e) which effects draws name, by the rule above, of what they carry (d, e) in noise floors, their sizes (d, e) in
-    plausible ones and which are their hypothesis' own (e,)."""
+    """(d, e) which effects draws name, of floors they carry (d, e), plausible sizes (d, e) and their hypothesis' own (e,)."""
     least, draws, largest = np.where(own, LEAST_NAMED_FLOORS, OUTSTANDING_FLOORS), np.arange(len(floors)), floors.argmax(axis=1)
     most = floors[draws, largest]
     named = (floors >= np.maximum(least, COMPARABLE * most[:, None])) & (own | (size >= LEAST_NAMED_SIZE))

@@ -101,8 +101,7 @@ def only(problem: Problem, seen: Mask) -> Problem:
 
 
 def _predicted(problem: Problem, rest: Problem, model: Model, around: tuple[Array, Jacobian], seen: Mask) -> Array:
-    """Prediction (n,) of all values by a fit to `rest`, the values marked `seen`; `around`: prediction and derivatives at the
-    model's parameters, where the fit begins."""
+    """Prediction (n,) of all values by a fit to those `seen`, begun at `around`: prediction and derivatives of the model."""
     predicted, slope = around
     own = Jacobian(slope.parameters, slope.at, slope.own.rows(seen))
     found = refit(rest, model.prior, model.size, Fit(model.theta, predicted[seen], own, np.nan, np.nan))

@@ -69,10 +69,7 @@ def eigenfunctions(place: Array) -> Array:
 
 
 def _by_channel(states: Array, state: Ints, channel: Ints, unit: Array) -> Array:
-    """Columns (n, m * channels) for measured values: the same process, drawn anew for each channel.
-
-    `states` (states, m) from `eigenfunctions`; `state`, `channel` (n,) of each value; `unit` (channels,) the size of 1.
-    """
+    """Columns (n, m * channels): the process `states` (states, m) drawn anew for each channel of size `unit` (channels,)."""
     n, m = len(state), states.shape[1]
     out = np.zeros((n, m * len(unit)))
     for c, size in enumerate(unit):

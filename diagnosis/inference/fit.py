@@ -130,13 +130,8 @@ def _search(
     problem: Problem, prior: SizePrior, size: float, start: Array | Fit, rounds: int, frozen: Jacobian | None,
     fresh: Mask, tolerance: float, least_promise: float, dampings: Sequence[float] = DAMPINGS,
 ) -> Fit:  # fmt: skip
-    """Minimise the cost, half the squared misfit with the discrepancy of `size` integrated out and half the squared distance from
-    the prior, in at most `rounds` steps.
-
-    Derivatives by the parameters marked `fresh` (k,) are taken anew at every point, all others are those of `frozen`. The search
-    ends where the minimum of the linear problem lies within `tolerance` prior standard deviations, where that promises to lower
-    the cost by less than `least_promise`, and where none of the `dampings` leads down.
-    """
+    """Minimise the cost, half the squared misfit and distance from the prior, discrepancy integrated out, until the minimum
+    of the linear problem is within `tolerance` or promises too little; derivatives by `fresh` (k,) are taken anew."""
     descent = _Descent(problem, prior, size, frozen, np.flatnonzero(fresh), least_promise, dampings)
     local = descent.begin(start)
     if rounds:
@@ -223,12 +218,8 @@ class _Descent:
         return None
 
     def _damped(self, local: _Local, damping: float, trial: bool) -> tuple[Array, float] | None:
-        """The point (k,) that a step with this damping leads to, and its cost, which may be higher or infinite; None where the
-        linear problem promises a decrease of less than `least_promise`.
-
-        Where the decrease falls short of the promise by too much, the model is curved: the step is corrected by the difference
-        between the prediction at its end and the linear one. `trial`: see `Forward.predict`.
-        """
+        """The point (k,) that a step with this damping, corrected for curvature, leads to, and its cost, perhaps infinite;
+        None where the linear problem promises less than `least_promise`. `trial`: see `Forward.predict`."""
         goal = local.goal(damping) if damping else local.optimum
         linear = local.predicted_at(goal)
         # negative where the damped step ends higher in the linear problem: that promises nothing, and is tried

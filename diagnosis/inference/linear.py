@@ -123,11 +123,7 @@ def _integrated_out(gram: Array, across: Array) -> tuple[Array, float]:
 
 
 def _factor(matrix: Array) -> Array:
-    """Lower Cholesky factor of a positive definite matrix.
-
-    Rounding can make it indefinite where columns are huge and nearly parallel (a robot about to buckle); then its diagonal is
-    raised by the smallest share in `ROUNDING` that helps.
-    """
+    """Lower Cholesky factor; the smallest share in `ROUNDING` added to the diagonal makes up for rounding."""
     for share in ROUNDING:
         try:
             raised = matrix + np.diag(share * np.diag(matrix)) if share else matrix

@@ -224,8 +224,7 @@ def least_sizes(made: Parameters, labels: Labels, slope: Array, floor: float) ->
 
 
 def _prior_sd(infos: tuple[ParameterInfo, ...], floor: NoiseComponents, pushes: StiffnessTrials | None) -> Array:
-    """(k,) prior standard deviations, in each parameter's unit: of single trials' parameters what the repeats show, `floor` for
-    the robot's trials and `pushes` for stiffness trials; of all others what their effect declares."""
+    """(k,) prior sd in each parameter's unit: of trials what their repeats show, of all others what the effect declares."""
 
     def sd(p: ParameterInfo) -> float:
         of_push = pushes is not None and p.name in pushes.names

@@ -70,10 +70,7 @@ def noise_to_come(floor: NoiseComponents, observed: Observations, design: States
 def _of_channels(
     floor: NoiseComponents, kind: Ints, channel: NDArray[np.str_], block: Ints, time: Array
 ) -> tuple[Array, Lasting | None]:
-    """Standard deviation (n,) of each value's error that does not last, and the errors that do, with those of pressure readings.
-
-    Of the variance of a channel, the share `floor.lasting` lasts. `kind` (n,): index in `KINDS` of each value.
-    """
+    """Sd (n,) of each value's error that does not last, and the errors that do; `kind` (n,): index in `KINDS`."""
 
     def of_kind(by_name: Mapping[str, float], default: float) -> Array:
         return np.array([by_name.get(k, default) for k in KINDS])[kind]

@@ -135,9 +135,7 @@ class Search:
         self._executor.progress(str(DiagnosisStep.HYPOTHESES), 1.0)
 
     def _first(self) -> list[Candidate]:
-        """Every single effect around none without and with tolerances; those that are not linear, at each of their starts, with
-        or without tolerances as none is more probable. One that is never tolerated is tried both ways: tolerances of the others
-        can take its place in none, not where it acts in full."""
+        """Every single effect around none, with and without tolerances; those that are not linear at each of their starts."""
         out, at_starts = [], []
         p = self.problem.parameters
         better = max(self._none, key=lambda w: self._none[w].log_evidence)
@@ -174,18 +172,14 @@ class Search:
         return TEMPERATURE * float(np.log(hypothesis_prior(named, len(self.problem.parameters.ids))))
 
     def _margin(self, c: Candidate) -> float:
-        """How far below the best hypothesis a point may lie: of one that was searched, so that one effect more would be within
-        the margin if it explained nothing."""
+        """How far below the best hypothesis a point may lie and still win by one effect more."""
         more = (*c.named, "")
         if not c.turns or len(more) not in PRIOR_OF_NUMBER or len(c.named) == len(self.problem.parameters.ids):
             return SEARCH_MARGIN
         return SEARCH_MARGIN - self._log_prior(c.named) + self._log_prior(more)
 
     def _add(self, found: Iterable[Candidate]) -> None:
-        """Keep the best of what was tried of each hypothesis, and queue what may be searched on.
-
-        A new point of a known hypothesis must be more probable by a factor e than any before.
-        """
+        """Keep the best of each hypothesis, and queue what is new or more probable by a factor e than any before."""
         for c in found:
             key = c.named, c.with_tolerances
             known, promised = self._tried.get(key), self._promised.get(key, -np.inf)
@@ -196,11 +190,7 @@ class Search:
                 self._queue.append(c)
 
     def _most_promising(self) -> list[Candidate]:
-        """Take the points that are searched on next, at most one of each hypothesis, from the queue.
-
-        Points that promise too little are dropped: less than the best hypothesis has reached, by the margin, or no more than
-        another search of the same hypothesis has reached.
-        """
+        """Take the next points from the queue, one of each hypothesis; drop those that promise less than what was reached."""
         searched = {key: c for key, c in self._tried.items() if c.turns}
         best = max(c.log_evidence + self._log_prior(c.named) for c in searched.values())
         alone: dict[int, float] = {}
@@ -234,10 +224,7 @@ class Search:
     # ------------------------------------------------------------------ one point
 
     def _searched_on(self, c: Candidate) -> list[Candidate]:
-        """A hypothesis searched on from a point, and, where its search has ended and it leads, the hypotheses next to it.
-
-        What leads is searched without and with tolerances, whatever the one promises where the other was found.
-        """
+        """Search a hypothesis on from a point; add its neighbours where that has ended and it leads."""
         found = self._turn(c)
         if not found.ended:
             return [found]
@@ -262,12 +249,8 @@ class Search:
         return c.log_evidence + self._log_prior(c.named) > self._standing.best - self._margin(c)
 
     def _turn(self, c: Candidate) -> Candidate:
-        """A hypothesis searched on from a point, and whether its search has ended.
-
-        First with the derivatives of all but what is named as they are there, or, far from where the robot was calibrated, after
-        another calibration with all of them anew; later with all anew. It ends where evidence rises by less than `UNCONVERGED`,
-        or the linear problem promises no more, of a leading hypothesis with its own derivatives and discrepancy.
-        """
+        """Search a hypothesis on: first with the derivatives of what is not named as they are, later with all anew; whether it
+        has ended, because evidence rises by less than `UNCONVERGED` or the linear problem promises no more."""
         start: Array | Fit = c.fit
         rounds, frozen = (ROUNDS, None) if c.turns else (FIRST_ROUNDS, c.base)
         if c.turns and c.base is not None:
@@ -285,8 +268,7 @@ class Search:
         return replace(found, ended=stalled or converged)
 
     def _next_to(self, c: Candidate) -> list[Candidate]:
-        """A candidate and the hypotheses with one effect more, one less and one exchanged, and the same with tolerances on or
-        off, weighed where it was fitted."""
+        """A candidate's neighbours by one effect more, less or exchanged, or by tolerances, weighed where it was fitted."""
         here = self._whole(c)
         (own,) = self._around(here, [c.named], c.with_tolerances)
         out = [replace(own, turns=c.turns, ended=True), *self._around(here, [c.named], not c.with_tolerances)]
@@ -365,8 +347,7 @@ class Search:
         return fit(self.problem, own, size, start, rounds, frozen)
 
     def _as_reference(self, f: Fit) -> Fit:
-        """A fit around which other hypotheses are weighed and searched: they share its derivatives and the model-form error of
-        what it does not name."""
+        """A fit that lends its derivatives and the model-form error of what is not named to hypotheses around it."""
         form_error = f.form_error
         assert form_error is not None
         # with no response of the named effects, only columns for the laws of the others are made

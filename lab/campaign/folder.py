@@ -6,9 +6,9 @@ import contextlib
 from dataclasses import dataclass
 from pathlib import Path
 
-from recordings.campaign.journal import read
 from recordings.errors import RecordingError
 from recordings.file.counts import counted
+from recordings.file.journal import read
 from recordings.file.reader import Recording
 from recordings.file.recover import recover
 from recordings.own_files import replaced

@@ -40,7 +40,7 @@ READ = ("x", "y", "z", "qw", "qx", "qy", "qz")
 
 def from_table(path: Path, case: Case) -> Baseline:
     """Predictions of a CSV file, matched by trial and step, or by state; raises ConfigError naming line, column and value."""
-    found = read_numbers(path, ("trial", "step", *SETTING, *READ), r"p\d+|m\d+[xyz]", "x, y, z (m)")
+    found = read_numbers(path, ("trial", "step", *SETTING, *READ), r"p[0-9]+|m[0-9]+[xyz]", "x, y, z (m)")
     missing = [name for name in "xyz" if name not in found]
     if missing:
         raise ConfigError(f"{path}: has no column {missing[0]}; a baseline predicts the tip: x, y, z in m, base frame")

@@ -23,6 +23,7 @@ from pydantic_core import ErrorDetails
 
 from model.plain_yaml import MOST_CHARACTERS, MOST_PROBLEMS, BadYaml, parse
 from recordings.bounded import read_bounded
+from recordings.numbers import number
 
 from .units import UnitError, meant, sized, to_si, unit_text, written
 
@@ -225,20 +226,31 @@ def _convert(value: Any, field: FieldInfo, loc: Loc, problems: dict[Loc, Any]) -
         inner = _models(field.annotation, value)
         if inner is not None:
             return _convert_model(value, inner, loc, problems)
+        if _by_number(field):
+            for key in (k for k in value if isinstance(k, str)):
+                try:
+                    number(key)
+                except ValueError as e:
+                    problems[(*loc, key)] = f"{_dotted(loc)}: {e}"
         return {k: _convert(v, _inner(field), (*loc, k), problems) for k, v in value.items()}
     if isinstance(value, list):
         return [_convert(v, field, (*loc, i), problems) for i, v in enumerate(value)]
-    number = _is_number(field)
-    if isinstance(value, str) and (number or unit is not None):
+    numeric = _is_number(field)
+    if isinstance(value, str) and (numeric or unit is not None):
         try:
             value = to_si(value, unit or "")  # YAML takes 1e3 for a text
         except UnitError as e:
             problems[loc] = f"{_dotted(loc)}: {e}" if unit is not None else f"{_dotted(loc)} = {_short(value)}: must be a number"
-    if isinstance(value, bool) and number:
+    if isinstance(value, bool) and numeric:
         problems[loc] = f"{_dotted(loc)} = {str(value).lower()}: must be a number{f' in {unit}' if unit else ''}"
     elif isinstance(value, float) and 0 < abs(value) < SMALLEST:
         problems[loc] = f"{_dotted(loc)} = {f'{_short(value)} {unit or str()}'.strip()}: must be 0, or at least {SMALLEST:.1e}"
     return value
+
+
+def _by_number(field: FieldInfo) -> bool:
+    """Whether a field takes a table whose keys are numbers."""
+    return isinstance(field.json_schema_extra, dict) and "key_unit" in field.json_schema_extra
 
 
 def _is_number(field: FieldInfo) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from diagnosis.data.campaign import settings
 from diagnosis.data.plausible import require_plausible
 from diagnosis.errors import DiagnosisError
+from diagnosis.findings import Finding, finding
 from model.condition import States
 from model.robot import Robot
 from recordings.bounded import read_bounded
-from recordings.campaign.resumed import campaigns, merged
+from recordings.campaign.replay import campaigns, merged
 from recordings.file.reader import Recording
 from recordings.file.verify import verify
 from recordings.table_file import read_csv
@@ -156,9 +157,8 @@ def same_body(a: bytes, b: bytes) -> bool:
     return _body(one) == _body(other)
 
 
-def unconfirmed_guesses(inputs: Sequence[Path]) -> list[str]:
-    """One line for each case whose map.yaml has guesses that `lab import --guess` marks; it begins with `UNCONFIRMED_GUESSES`."""
-    said = []
+def unconfirmed_guesses(inputs: Sequence[Path]) -> Iterator[Finding]:
+    """One finding for each case whose map.yaml has guesses that `lab import --guess` marks."""
     for place in inputs:
         path = place / "map.yaml"
         try:
@@ -169,18 +169,12 @@ def unconfirmed_guesses(inputs: Sequence[Path]) -> list[str]:
         if found:
             names = [line.partition(": ")[0][:MOST_OF_GUESS] for line in found]
             more = f" and {len(found) - MOST_GUESSES} more" if len(found) > MOST_GUESSES else ""
-            counted = "1 guess of the map is" if len(found) == 1 else f"{len(found)} guesses of the map are"
-            said.append(
-                f"{UNCONFIRMED_GUESSES}{counted} not confirmed: {', '.join(names[:MOST_GUESSES])}{more}; check each in {path}, "
-                f"correct it, remove its line {UNCONFIRMED!r}, and import again"
-            )
-    return said
+            guesses = ", ".join(names[:MOST_GUESSES]) + more
+            yield finding("unconfirmed_guesses", count=len(found), guesses=guesses, path=str(path), mark=UNCONFIRMED)
 
 
 UNCONFIRMED = "# CHECK:"
 """How `lab import --guess` begins a line about a guess that the data do not force."""
-UNCONFIRMED_GUESSES = "unconfirmed: "
-"""How a concern about such lines begins."""
 MOST_GUESSES, MOST_OF_GUESS = 6, 60
 """Named one by one; characters of each."""
 DOUBTS = {

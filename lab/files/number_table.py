@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.bounded import read_bounded
+from recordings.numbers import number
 
 from .config import ConfigError
 
@@ -62,7 +63,7 @@ def _number(path: Path, line: int, name: str, text: str) -> float:
     if not text:
         return math.nan
     try:
-        value = float(text)
+        value = number(text)
     except ValueError:
         value = math.nan
     if not math.isfinite(value):

@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from recordings.campaign.journal import Progress, read
 from recordings.campaign.labels import labels_of
-from recordings.campaign.resumed import campaign_of, merged
+from recordings.campaign.replay import campaign_of, merged
+from recordings.file.journal import Progress, read
 from recordings.file.reader import Recording
 from recordings.trials import Table
 

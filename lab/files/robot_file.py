@@ -16,6 +16,7 @@ import yaml
 
 from model.plain_yaml import BadYaml, parse
 from model.robot import Robot
+from recordings.numbers import NUMBER
 from recordings.own_files import replaced
 
 from .config import ConfigError, Loc, Source, check, field_at, unit_of
@@ -93,7 +94,7 @@ class _There(NamedTuple):
     value: yaml.Node
 
 
-NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+WRITTEN = re.compile(NUMBER)
 ANCHOR = re.compile(r"(?:[&!]\S*\s+)*")
 
 
@@ -140,7 +141,7 @@ class _Edited:
     def _written(self, value: Any, like: yaml.Node | None, loc: Loc) -> str:
         """A value in one line; a number with the unit, and whatever else, that stands behind the number of `like`."""
         text = str(like.value) if isinstance(like, yaml.ScalarNode) else ""
-        found = NUMBER.match(text)
+        found = WRITTEN.match(text)
         if found is None or not isinstance(value, (int, float)):
             return in_one_line(value)
         rest = text[found.end() :]

@@ -6,6 +6,8 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 
+from recordings.numbers import NUMBER
+
 KINDS: dict[str, dict[str, float]] = {
     "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254},
     "Pa": {
@@ -46,7 +48,7 @@ KINDS: dict[str, dict[str, float]] = {
 
 LONGEST = 100
 """Characters of a quantity; matching takes a time that grows with the square of it."""
-_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)?\s*")
+_QUANTITY = re.compile(rf"\s*({NUMBER})\s*(\S.*?)?\s*")
 
 
 class UnitError(ValueError):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-import pickle
+import math
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -18,7 +18,7 @@ from recordings.bounded import read_bounded
 from ..files.config import ConfigError
 from .columns import Judged, judge, of_frame
 from .map_file import Source
-from .series import LARGEST, Array, Series, demand_bounded, of_judged
+from .series import LARGEST, Array, Series, demand_bounded, demand_columns, of_judged
 
 LAST = ("point", "axis")
 """Dimensions of an array that become columns."""
@@ -70,6 +70,7 @@ def columns_of(path: Path, given: Mapping[str, Any], source: Source, form: str, 
         if len(part) != rows:
             left.append(f"{label} ({len(part)} instead of {rows} rows)")
             continue
+        demand_columns(path, len(columns) + part[0].size)
         for k, column in enumerate(np.atleast_2d(part.T), 1):
             heading = k if part.ndim == 1 or part.shape[1] not in named else named[part.shape[1]][k - 1] or k
             columns[str(heading) if source.variable else label if part.ndim == 1 else f"{label}.{heading}"] = Judged(column)
@@ -99,7 +100,10 @@ def parts_of(name: str, value: Any, alone: bool) -> Iterator[tuple[str, Array | 
             yield from parts_of(f"{name}.{field}", array.reshape(-1)[0][field], alone)
     elif array.dtype.names and type(array).__name__ not in ("MatlabOpaque", "MatlabFunction"):
         for field in array.dtype.names:
-            yield f"{name}.{field}", _cells(array[field].reshape(-1))
+            if array.dtype.hasobject:
+                yield f"{name}.{field}", _cells(array[field].reshape(-1))
+            else:
+                yield from parts_of(f"{name}.{field}", array[field].reshape(array.size, -1), alone)
     elif array.dtype.kind in "fiub":
         array = np.asarray(array, np.float64).squeeze()
         yield name, array if array.size > 1 else "one number" if array.size else "empty"
@@ -168,7 +172,10 @@ def _by_axes(path: Path, given: Mapping[str, Any], axes: Mapping[str, tuple[str,
     arrays: dict[str, Array] = {}
     sizes: dict[str, int] = {}
     for name, dimensions in axes.items():
-        array = np.asarray(_held(path, given, name, "source.axes"), np.float64)
+        array = np.asarray(_held(path, given, name, "source.axes"))
+        if array.dtype.kind not in "fiub":
+            raise ConfigError(f"{path}: {name} (source.axes) holds no numbers")
+        array = np.asarray(array, np.float64)
         arrays[name] = array.squeeze() if array.ndim > len(dimensions) else array
         if arrays[name].ndim != len(dimensions):
             raise ConfigError(f"{path}: {name} has the shape {array.shape}, source.axes names {', '.join(dimensions)}")
@@ -176,6 +183,7 @@ def _by_axes(path: Path, given: Mapping[str, Any], axes: Mapping[str, tuple[str,
             if sizes.setdefault(dimension, size) != size:
                 raise ConfigError(f"{path}: {name} has {size} in {dimension!r}, another array {sizes[dimension]}")
     rows = [d for d in sizes if d not in LAST]
+    demand_bounded(path, 8 * math.prod(sizes[d] for d in rows) * (len(rows) + len(arrays)))
     at = dict(zip(rows, np.indices([sizes[d] for d in rows]).reshape(len(rows), -1), strict=True))
     yield from ((dimension, (index + 1).astype(np.float64)) for dimension, index in at.items())
     for name, array in arrays.items():
@@ -187,60 +195,57 @@ def _by_axes(path: Path, given: Mapping[str, Any], axes: Mapping[str, tuple[str,
 
 
 def read_numpy(path: Path, source: Source) -> Series:
-    """A .npy or .npz file; of one that holds a table of arrays nothing is run."""
+    """A .npy or .npz file of plain arrays; what it claims must fit what it holds. Raises ConfigError."""
     data = read_bounded(path, LARGEST, ConfigError)
     try:
-        if zipfile.is_zipfile(io.BytesIO(data)):
-            demand_bounded(path, sum(one.file_size for one in zipfile.ZipFile(io.BytesIO(data)).infolist()))
-        elif not data.startswith(b"\x93NUMPY"):
-            raise ConfigError(f"{path}: is not a NumPy file")
-        elif path.suffix.lower() == ".npy" and _holds_objects(data):
-            return columns_of(path, _pickled(path, data), source, "NumPy, a table of arrays")
-        found = np.load(io.BytesIO(data), allow_pickle=False)
-        if isinstance(found, np.lib.npyio.NpzFile):
-            return columns_of(path, {name: found[name] for name in found.files}, source, "NumPy")
-        return columns_of(path, {source.variable or path.stem: found}, source, "NumPy")
-    except (ValueError, MemoryError, OSError, zipfile.BadZipFile) as e:
-        why = "holds objects; save its arrays as numbers" if "allow_pickle" in str(e) else f"is not a NumPy file ({e})"
-        raise ConfigError(f"{path}: {why}") from e
+        arrays = {source.variable or path.stem: data} if data.startswith(NPY) else dict(_members(path, data))
+        types = {name: _claimed(array) for name, array in arrays.items() if array.startswith(NPY)}
+        objects = [name for name, (dtype, _) in types.items() if dtype.hasobject]
+        if objects and (len(objects) == len(types) or {source.variable, *source.axes} & set(objects)):
+            raise ConfigError(f"{path}: {', '.join(objects)[:200]} {OBJECTS}")
+        # before anything is made of it: a few bytes of text take hundreds as a cell
+        demand_bounded(path, sum(count * _size(dtype) for dtype, count in types.values() if not dtype.hasobject))
+        given = {name: np.load(io.BytesIO(arrays[name]), allow_pickle=False) for name in types if name not in objects}
+    except ConfigError:
+        raise
+    except Exception as e:
+        raise ConfigError(f"{path}: is not a NumPy file ({type(e).__name__}: {str(e)[:200]}); save it again") from e
+    return columns_of(path, given, source, "NumPy", [f"not read: {name} {OBJECTS}" for name in objects])
 
 
-def _header(stream: io.BytesIO) -> Any:
-    """The type of a .npy file's array; `stream` is then at its values."""
+NPY = b"\x93NUMPY"
+OBJECTS = "holds Python objects, which may run code when opened; save columns, a .npz of plain arrays, or Parquet"
+CELL = 256
+"""Bytes of memory of a text or a nested cell, about, besides what it holds."""
+
+
+def _members(path: Path, data: bytes) -> Iterator[tuple[str, bytes]]:
+    """The files of a .npz by name; raises ConfigError where they unpack to too much, ValueError where one is packed unusually."""
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        members = archive.infolist()
+        demand_bounded(path, sum(member.file_size for member in members))
+        for member in members:
+            if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                raise ValueError(f"{member.filename[:80]} is packed otherwise than np.savez does")
+            yield member.filename.removesuffix(".npy"), archive.read(member)
+
+
+def _claimed(data: bytes) -> tuple[np.dtype[Any], int]:
+    """Type and number of the cells that a .npy file claims; raises ValueError where it does not hold as many."""
+    stream = io.BytesIO(data)
     version = np.lib.format.read_magic(stream)
     reader = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    return reader(stream)[2]
+    shape, _, dtype = reader(stream)
+    count, held = math.prod(shape), len(data) - stream.tell()
+    if min(shape, default=0) < 0 or (not dtype.hasobject and count * max(dtype.itemsize, 1) > held):
+        raise ValueError(f"claims {' x '.join(map(str, shape)) or 1} cells of {dtype.itemsize} bytes and holds {held} bytes")
+    return dtype, count
 
 
-def _holds_objects(data: bytes) -> bool:
-    return bool(_header(io.BytesIO(data)).hasobject)
-
-
-class _Arrays(pickle.Unpickler):
-    """Reads arrays and what they are made of, and nothing that could run."""
-
-    ALLOWED = frozenset(
-        (module, name)
-        for core in ("numpy.core", "numpy._core")
-        for module, name in ((f"{core}.multiarray", "_reconstruct"), (f"{core}.multiarray", "scalar"), ("numpy", "ndarray"),
-                             ("numpy", "dtype"), (f"{core}.numeric", "_frombuffer"))
-    )  # fmt: skip
-
-    def find_class(self, module: str, name: str) -> Any:
-        """Only what an array needs."""
-        if (module, name) not in self.ALLOWED:
-            raise pickle.UnpicklingError(f"holds {module}.{name}, which is no array")
-        return super().find_class(module, name)
-
-
-def _pickled(path: Path, data: bytes) -> Mapping[str, Any]:
-    """A table of arrays, as np.save writes one."""
-    stream = io.BytesIO(data)
-    try:
-        _header(stream)
-        table = np.asarray(_Arrays(stream).load()).reshape(-1)[0]
-    except Exception as e:
-        raise ConfigError(f"{path}: cannot be read without running what it holds ({e}); save its arrays as .npz") from e
-    if not isinstance(table, dict):
-        raise ConfigError(f"{path}: holds {type(table).__name__}, not arrays by name; save its arrays as .npz")
-    return {str(name): value for name, value in table.items()}
+def _size(dtype: np.dtype[Any]) -> int:
+    """Bytes of memory of a cell once it is in columns."""
+    if dtype.subdtype is not None:
+        return math.prod(dtype.subdtype[1]) * _size(dtype.subdtype[0])
+    if dtype.names is not None:
+        return sum(_size(dtype[name]) for name in dtype.names)
+    return dtype.itemsize + CELL if dtype.kind == "U" else max(dtype.itemsize, 8)

@@ -38,10 +38,10 @@ WRITTEN = str.maketrans({"\u2212": "-", "\u2013": "-", "\u00a0": " ", "\u202f": 
 """How minus signs and blanks are written besides."""
 GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}(?:([.,' ’])\d{3})(?:\1\d{3})*(?=$|[.,]\d*$)")
 """A number with marks between its thousands."""
-PLAIN = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d{1,4})?")
-CLOCK = re.compile(r"(?:(\d{1,3}):)?(\d{1,2}):(\d{2}(?:[.,]\d+)?)\s*([AaPp][Mm])?")
-HOURS = re.compile(r"(\d{1,2}):(\d{2})\s*([AaPp][Mm])?")
-DATE = re.compile(r"\d{1,4}[-/.](?:\d{1,2}|[A-Za-z]{3})[-/.]\d{1,4}(?:[T ,]+\d{1,2}:\d{2}.*)?|\d{8}T\d{6}.*")
+PLAIN = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d{1,4})?", re.ASCII)
+CLOCK = re.compile(r"(?:(\d{1,3}):)?(\d{1,2}):(\d{2}(?:[.,]\d+)?)\s*([AaPp][Mm])?", re.ASCII)
+HOURS = re.compile(r"(\d{1,2}):(\d{2})\s*([AaPp][Mm])?", re.ASCII)
+DATE = re.compile(r"\d{1,4}[-/.](?:\d{1,2}|[A-Za-z]{3})[-/.]\d{1,4}(?:[T ,]+\d{1,2}:\d{2}.*)?|\d{8}T\d{6}.*", re.ASCII)
 DAY = 86400.0
 """s"""
 MOST_WORDS = 5

@@ -21,8 +21,8 @@ from .headings import heading
 from .joining import of_rows_in_turn
 from .map_file import Source
 from .matlab import read_matlab
-from .series import LARGEST, MOST_ELEMENTS, Series, cleaned, demand_bounded, leaves, of_judged, package, unique
-from .text_tables import MOST_COLUMNS, read_text
+from .series import LARGEST, MOST_ELEMENTS, Series, cleaned, demand_bounded, demand_columns, leaves, of_judged, package, unique
+from .text_tables import read_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -48,8 +48,7 @@ def read(paths: Path | Sequence[Path], source: Source, named: Collection[str] | 
     found = of_rows_in_turn(cleaned(found, source.missing))
     if not len(found):
         raise ConfigError(f"{path}: has no rows of numbers")
-    if len(found.names) > MOST_COLUMNS:
-        raise ConfigError(f"{path}: has {len(found.names)} columns, at most {MOST_COLUMNS} are read")
+    demand_columns(path, len(found.names))
     return found
 
 
@@ -61,10 +60,12 @@ def _parquet(path: Path, source: Source) -> Series:
     try:
         file = parquet.ParquetFile(path)
         names, about = file.schema_arrow.names, file.metadata
-        groups = sum(about.row_group(i).total_byte_size for i in range(about.num_row_groups))
+        groups = [about.row_group(g) for g in range(about.num_row_groups)]
+        values = sum(group.column(c).num_values for group in groups for c in range(group.num_columns))
+        size = max(8 * values, sum(group.total_byte_size for group in groups))
     except Exception as e:
         raise ConfigError(f"{path}: is not a Parquet file ({_reason(e)})") from e
-    demand_bounded(path, max(groups, 8 * about.num_rows * len(names)))
+    demand_bounded(path, max(size, 8 * about.num_rows * len(names)))  # a value that repeats takes no bytes
     try:
         columns = dict(enumerate(file.read().columns))
     except Exception:  # of one column, which is found below
@@ -126,7 +127,8 @@ def _c3d(path: Path, source: Source) -> Series:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
             reader = library.Reader(io.BytesIO(data))
-            if not reader.point_used and not reader.analog_used:
+            # frames of no bytes would be read as often as the file claims
+            if not reader.point_used and not reader.analog_used * reader.analog_per_frame:
                 raise ConfigError(f"{path}: has neither markers nor analog channels; export the take again")
             frames = [(points, analog) for _, points, analog in reader.read_frames(copy=True)]
             labels, channels = _labels(reader, "POINT"), _labels(reader, "ANALOG")

@@ -93,7 +93,7 @@ def _missing(g: Guess, series: Series) -> None:
     if words:
         said = list(dict.fromkeys(words))
         g.say("source.missing", said, "cells of these columns that are no numbers")
-        g.doubts.append(f"source.missing: {', '.join(map(repr, said))} are taken as missing values")
+        g.doubt("source.missing", f"{', '.join(map(repr, said))} are taken as missing values")
 
 
 # ------------------------------------------------------------------ pressures
@@ -117,7 +117,7 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
     if not names:
         if wanted == 1:
             g.say("constants", {"p1": 0}, "no column of pressures")
-            g.doubts.append("constants.p1: no column of pressures: 0 is right for a body that nothing inflates")
+            g.doubt("constants.p1", "no column of pressures: 0 is right for a body that nothing inflates")
             return []
         if series.form.startswith(MOTION_CAPTURE):
             g.say(
@@ -125,9 +125,9 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
                 {f"p{k + 1}": "?" for k in range(wanted)},
                 f"{series.form} holds no pressures: fill them in",
             )
-            g.doubts.append(
-                "constants: write each chamber's pressure, such as p1: 50 kPa, or for each file under files: "
-                "{PATTERN: {p1: 50 kPa, ..}}"
+            g.doubt(
+                "constants",
+                "write each chamber's pressure, such as p1: 50 kPa, or for each file under files: {PATTERN: {p1: 50 kPa, ..}}",
             )
             return []
         wants = "a pressure (p1, P2 [kPa], pressure_3 ..)" if robot.tendons is None else "a tension (tendon1 [N], Zug_2 ..)"
@@ -138,7 +138,7 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
         )
     units = (_pressure_units if robot.tendons is None else _tension_units)(series, [by[n] for n in names])
     if guessed := [n for n in names if units[n].guessed]:
-        g.doubts.append(f"columns.p1 ..: the file says no unit of {', '.join(guessed)}: {units[guessed[0]].why}")
+        g.doubt("columns.p1", f"the file says no unit of {', '.join(guessed)}: {units[guessed[0]].why}")
     electric = sorted({by[n].stated for n in names if by[n].stated.casefold() in ELECTRIC})
     for k in range(wanted):
         # fewer regulators than chambers: groups of neighbours
@@ -225,7 +225,7 @@ def _others(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot)
                 {"column": h.name, "scale": 0.01},
                 "GUESSED: no column of time, and some frames are missing",
             )
-            g.doubts.append("columns.t.scale: how many seconds from frame to frame? 0.01 is a guess")
+            g.doubt("columns.t.scale", "how many seconds from frame to frame? 0.01 is a guess")
             continue
         words = h.name in series.words and column not in ("branch", "protocol", "specimen")
         if column in (None, "trial", "repeat") or f"columns.{column}" in g.reasons or words:
@@ -243,12 +243,12 @@ def _others(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot)
             if unit := unit_of_steps(series.numbers[h.name]):
                 entry["unit"], step = unit, float(np.nanmedian(np.diff(series.numbers[h.name])))
                 why = f"{why}, and steps of {step:g}"
-                g.doubts.append(f"columns.t: the file says no unit; steps of {step:g} are taken as {unit}")
+                g.doubt("columns.t", f"the file says no unit; steps of {step:g} are taken as {unit}")
         elif column in ("tip_mass", "spine_length") and float(np.nanmax(series.numbers[h.name])) > 3:
             entry["unit"] = {"tip_mass": "g", "spine_length": "mm"}[column]
             highest = f"values up to {float(np.nanmax(series.numbers[h.name])):g}"
             why = f"{why}, and {highest}"
-            g.doubts.append(f"columns.{column}: the file says no unit; {highest} are taken as {entry['unit']}")
+            g.doubt(f"columns.{column}", f"the file says no unit; {highest} are taken as {entry['unit']}")
         if column == "branch":
             values = _branches(series, h.name)
             if values is None:
@@ -258,7 +258,7 @@ def _others(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot)
         g.say(f"columns.{column}", entry, why)
     if "columns.spine_length" not in g.reasons and robot.spine is not None:
         g.say("constants.spine_length", "0 mm", "no column names the spine")
-        g.doubts.append("constants.spine_length: no column names the spine of robot.yaml: was it 0 mm in all rows?")
+        g.doubt("constants.spine_length", "no column names the spine of robot.yaml: was it 0 mm in all rows?")
     if ignored:
         g.doubts.append(f"not used: {', '.join(ignored[:20])}")
 
@@ -304,7 +304,7 @@ def _states(g: Guess, series: Series, pressures: Sequence[str], robot: Robot) ->
         g.say("states.plateaus", {"steady": f"{steady:g} kPa"}, why)
         if not timed:
             g.say("source.rate", "100 Hz", "GUESSED: no column of time")
-            g.doubts.append("source.rate: how many rows a second? 100 is a guess")
+            g.doubt("source.rate", "how many rows a second? 100 is a guess")
 
 
 # ------------------------------------------------------------------ trials
@@ -365,7 +365,7 @@ def _useful(g: Guess, series: Series, h: Heading, own: Sequence[Change], stages:
         g.doubts.append(f"each change of {h.name!r} begins a trial, though the robot does not come to rest between two")
     elif away and returns:
         used = len(away) <= len(own) / 2 and len(own) < len(stages.start) / 2
-        driven = robot.actuators.words.say("chambers are inflated")
+        driven = robot.actuators.words.fill("{actuators} are {inflated}")
         g.doubts.append(
             f"{h.name!r} changes while {driven} (first from {away[0].before!r} to {away[0].after!r} in "
             f"{series.place(away[0].row)}): {'no trial begins there; correct the cells' if used else 'it is not used'}"

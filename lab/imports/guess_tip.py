@@ -69,7 +69,7 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
         left = _whole([t for t in found if t not in bases]) or found
         tips = [max(left, key=lambda t: _spread(_xyz(series, t)))]
         if len(left) > 1:
-            g.doubts.append(f"columns.x ..: no heading names a tip; {' / '.join(tips[0].columns)} move most")
+            g.doubt("columns.x", f"no heading names a tip; {' / '.join(tips[0].columns)} move most")
     bases = [t for t in bases if t not in tips] or _still(g, series, [t for t in found if t not in tips], tips[0])
     rest = _at_rest(g, series, robot)
     said = {c: _said(series, c) for t in (*tips, *bases) for c in t.columns}
@@ -86,9 +86,10 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
     rests = bool((rest & known).any())
     rest = rest & known if rests else _lowest(g, series, known, robot)
     if not rests:
-        g.doubts.append(
-            "frame: in no row with a tip is the robot at rest; its axes and unit follow from the rows with the lowest "
-            f"{robot.actuators.words.say('pressures')}, and where the straight robot is stays open (straight)"
+        g.doubt(
+            "frame",
+            "in no row with a tip is the robot at rest; its axes and unit follow from the rows with the lowest "
+            f"{robot.actuators.words.pressures}, and where the straight robot is stays open (straight)",
         )
     unit, why = _length_unit(g, common, tips[0], between[rest], robot.length)
     names = [c for t in tips for c in t.columns]
@@ -118,7 +119,7 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
         if not _said(series, t.columns[0]):
             g.say(f"points.m{k}.unit", unit, "as the tip")
     if len(along) > 1:
-        g.doubts.append(f"points.m1 ..: {len(along)} places for the markers of robot.yaml: check which is which")
+        g.doubt("points.m1", f"{len(along)} places for the markers of robot.yaml: check which is which")
     elif others and not along:
         g.doubts.append(
             f"not used: {', '.join('/'.join(t.columns) for t in others)}; markers along the body go under points.m1 .."
@@ -134,7 +135,7 @@ def _still(g: Guess, series: Series, others: Sequence[Triple], tip: Triple) -> l
     still = [t for t in still if np.nanmax(np.abs(_xyz(series, t))) > 0.02 * moves]
     if len(still) != 1:
         return []
-    g.doubts.append(f"points.tip.against: {' / '.join(still[0].columns)} stands still: taken for a marker at the base")
+    g.doubt("points.tip.against", f"{' / '.join(still[0].columns)} stands still: taken for a marker at the base")
     return still
 
 
@@ -191,7 +192,7 @@ def _length_unit(g: Guess, said: str, t: Triple, rest: Array, length: float) -> 
     best = min(times, key=lambda unit: abs(np.log(times[unit])))
     why = f"at rest the tip is {far:.4g} from the origin, the robot is {length:g} m long"
     if not 1 / FITS < times[best] < FITS:
-        g.doubts.append(f"columns.x ..: the file says no unit; {best} is a guess: {why}")
+        g.doubt("columns.x", f"the file says no unit; {best} is a guess: {why}")
     return best, why
 
 
@@ -238,10 +239,11 @@ def _frame(g: Guess, tip: Array, resting: Sequence[Array], robot: Robot, rests: 
         )
     if not told:
         others = [x for x, frame in zip(agreement, frames, strict=True) if frame.z != found.z]
-        g.doubts.append(
-            f"frame.z: where the tip rests does not tell which axis of the file is the base's z, from base to tip; taken as the "
+        g.doubt(
+            "frame.z",
+            f"where the tip rests does not tell which axis of the file is the base's z, from base to tip; taken as the "
             f"file's {found.z}, as the actuators bend it (agreement of directions {agreement[best]:.2f} of 1, with another axis "
-            f"up to {max(others):.2f})"
+            f"up to {max(others):.2f})",
         )
     if (found.x, found.y, found.z) != ("x", "y", "z"):
         lies = "the resting body begins along" if told else "the tip bends across"
@@ -253,9 +255,10 @@ def _frame(g: Guess, tip: Array, resting: Sequence[Array], robot: Robot, rests: 
             f"robot.yaml stands {chord * 1e3:.1f} mm from it and {sag * 1e3:.1f} mm off the axis"
         )
         g.say("straight", "at rest", f"{text}: markers were placed elsewhere")
-        g.doubts.append(
-            f"straight: {text}; `at rest` moves the readings there and hides any error at rest; to keep it, measure where the "
-            "base is among the cameras' axes and write that as `zero` of columns x, y, z"
+        g.doubt(
+            "straight",
+            f"{text}; `at rest` moves the readings there and hides any error at rest; to keep it, measure where the "
+            "base is among the cameras' axes and write that as `zero` of columns x, y, z",
         )
 
 
@@ -376,4 +379,4 @@ def guess_angles(g: Guess, series: Series, found: Sequence[Triple], tip: Tip) ->
     todo = f"Check the order: {ORDERS_IN_WORDS}"
     if off and min(off.values()) > NO_ORDER_FITS:
         todo = "No order fits: two columns of the tip or of the actuators may be exchanged, or the frame is wrong"
-    g.doubts.append(f"orientation.order: {' / '.join(three.columns)} are taken as {order} in {unit}{said}. {todo}")
+    g.doubt("orientation.order", f"{' / '.join(three.columns)} are taken as {order} in {unit}{said}. {todo}")

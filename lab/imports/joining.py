@@ -12,7 +12,6 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import correlate
 
 from ..files.config import ConfigError
 from ..files.units import KINDS
@@ -366,6 +365,8 @@ def _in_turn(series: Series) -> Iterator[tuple[NDArray[np.int64], list[str]]]:
 # ------------------------------------------------------------------ whether clocks agree
 def lag(t: Array, pressures: Array, tip: Array) -> float | None:
     """s by which the tip (n, 3) moves after the pressures (n, k) change, where that fits clearly better than at once."""
+    from scipy.signal import correlate  # only files that are joined wait for it
+
     span, usual = float(np.ptp(t)) if len(t) else 0.0, period(t)
     if usual <= 0 or span < 20 * usual:
         return None

@@ -6,8 +6,9 @@ import io
 import math
 import warnings
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from itertools import islice
 from pathlib import Path
 from typing import Any, Literal
 
@@ -25,8 +26,15 @@ SIMPLE = frozenset(
      "int64", "uint64", "function"]
 )  # fmt: skip
 """Classes of MATLAB that are no objects."""
-MI_MATRIX, MI_COMPRESSED = 14, 15
-"""Kind of a variable, and of one that is compressed."""
+Order = Literal["little", "big"]
+MI_INT32, MI_UINT32, MI_MATRIX, MI_COMPRESSED = 5, 6, 14, 15
+"""Kinds of elements: the dimensions, the flags, an array, and one that is compressed."""
+MX_STRUCT, MX_OBJECT, MX_SPARSE, MX_OPAQUE = 2, 3, 5, 17
+"""Classes of arrays that are not one cell after the other."""
+CELL = 256
+"""Bytes of memory of an array within a variable, about, besides what it holds."""
+OBJECTS = "__function_workspace__"
+"""Where SciPy leaves what objects hold: a file within the file."""
 KINDS = frozenset([*range(1, 8), 9, *range(12, 19)])
 """Kinds of elements of a file of version 5; SciPy ends the process at others."""
 
@@ -50,17 +58,20 @@ def read_matlab(path: Path, source: Source) -> Series:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             # before anything is unpacked: a few kB can hold GB
-            demand_bounded(path, _unpacked_size(data))
             if data[124:128] in (b"\x00\x01IM", b"\x01\x00MI"):
-                _demand_kinds(data[128:], "little" if data[126:128] == b"IM" else "big")
-            with suppress(TypeError):  # of a file with objects
+                order: Order = "little" if data[126:128] == b"IM" else "big"
+                demand_bounded(path, _unpacked_size(data, order))
+                demand_bounded(path, _claimed(memoryview(data)[128:], order))
+            else:
                 demand_bounded(path, sum(8 * math.prod(shape) for _, shape, _ in whosmat(io.BytesIO(data))))
             found = loadmat(io.BytesIO(data), squeeze_me=False, struct_as_record=True)
+            if OBJECTS in found:
+                demand_bounded(path, _claimed(memoryview(found[OBJECTS].tobytes())[8:], order))
     except ConfigError:
         raise
     except Exception as e:
         raise ConfigError(f"{path}: is not a MATLAB file ({type(e).__name__}: {str(e)[:200]}); save it again") from e
-    opaque = "__function_workspace__" in found
+    opaque = OBJECTS in found
     found = {str(n): v for n, v in found.items() if n and not str(n).startswith("__") and str(n) != "None"}
     objects, notes = _objects(path, None) if opaque else ({}, ())
     return columns_of(path, {**found, **objects}, source, "MATLAB", notes)
@@ -89,13 +100,12 @@ def _objects(path: Path, names: list[str] | None) -> tuple[Mapping[str, Any], tu
     return {n: v for n, v in found.items() if not n.startswith("__")}, ()
 
 
-def _unpacked_size(data: bytes) -> int:
+def _unpacked_size(data: bytes, order: Order) -> int:
     """Bytes of a file of version 5 once its variables are unpacked, counted to a little beyond what is read."""
-    order = "little" if data[126:128] == b"IM" else "big"
     size, at = len(data), 128
     while at + 8 <= len(data) and size <= LARGEST:
-        kind = int.from_bytes(data[at : at + 4], order)  # type: ignore[arg-type]
-        length = int.from_bytes(data[at + 4 : at + 8], order)  # type: ignore[arg-type]
+        kind = int.from_bytes(data[at : at + 4], order)
+        length = int.from_bytes(data[at + 4 : at + 8], order)
         if kind == MI_COMPRESSED:
             unpack, rest = zlib.decompressobj(), data[at + 8 : at + 8 + length]
             while rest and size <= LARGEST:
@@ -108,23 +118,62 @@ def _unpacked_size(data: bytes) -> int:
     return size
 
 
-def _demand_kinds(data: bytes, order: Literal["little", "big"], depth: int = 0) -> None:
-    """Raise ValueError where an element, or one within it, is of a kind that there is not."""
+def _claimed(data: memoryview, order: Order, depth: int = 0) -> int:
+    """Bytes of memory of the arrays of a file of version 5, counted to a little beyond what is read.
+
+    Raises ValueError where an element, or one within it, is of a kind that there is not, or where an array claims more cells
+    than its element has bytes.
+    """
+    size = 0
+    for kind, body in _elements(data, order):
+        if kind not in KINDS or depth > 50:
+            raise ValueError(f"an element of kind {kind}, nested {depth} deep")
+        if kind == MI_COMPRESSED:
+            with suppress(zlib.error):
+                unpacked = zlib.decompressobj().decompress(body, LARGEST)
+                size += _claimed(memoryview(unpacked), order, depth + 1)
+        elif kind == MI_MATRIX:
+            size += CELL + 8 * _cells(body, order) + _claimed(body, order, depth + 1)
+        if size > LARGEST:
+            break
+    return size
+
+
+def _elements(data: memoryview, order: Order) -> Iterator[tuple[int, memoryview]]:
+    """Kind and content of each element."""
     at = 0
     while at + 8 <= len(data):
         kind = int.from_bytes(data[at : at + 4], order)
-        small = kind >> 16
-        size = small or int.from_bytes(data[at + 4 : at + 8], order)
-        kind &= 0xFFFF
-        if kind not in KINDS or depth > 50:
-            raise ValueError(f"an element of kind {kind}, nested {depth} deep")
-        body = data[at + 8 : at + 8 + size]
-        if kind == MI_COMPRESSED:
-            with suppress(zlib.error):
-                _demand_kinds(zlib.decompressobj().decompress(body, LARGEST), order, depth + 1)
-        elif kind == MI_MATRIX:
-            _demand_kinds(body, order, depth + 1)
-        at += 8 if small else 8 + size + (0 if kind == MI_COMPRESSED else -size % 8)
+        if small := kind >> 16:
+            yield kind & 0xFFFF, data[at + 4 : at + 4 + small]
+            at += 8
+        else:
+            length = int.from_bytes(data[at + 4 : at + 8], order)
+            yield kind, data[at + 8 : at + 8 + length]
+            at += 8 + length + (0 if kind == MI_COMPRESSED else -length % 8)
+
+
+def _cells(matrix: memoryview, order: Order) -> int:
+    """Cells that an array claims, of a structure those of all fields; raises ValueError where it has fewer bytes."""
+    head = list(islice(_elements(matrix, order), 6))
+    if not head:
+        return 0
+    flags = head[0][1]
+    if head[0][0] != MI_UINT32 or len(flags) != 8 or len(matrix) < 16:
+        raise ValueError("an array without its flags")
+    array_class = int.from_bytes(flags[:4], order) & 0xFF
+    if array_class in (MX_SPARSE, MX_OPAQUE):
+        return 0
+    kind, dimensions = head[1] if len(head) > 1 else (0, flags)
+    if kind not in (MI_INT32, MI_UINT32):
+        raise ValueError("an array without its dimensions")
+    cells = math.prod(int.from_bytes(dimensions[k : k + 4], order) for k in range(0, len(dimensions), 4))
+    names = {MX_STRUCT: 3, MX_OBJECT: 4}.get(array_class)
+    if names is not None and len(head) > names + 1:
+        cells *= len(head[names + 1][1]) // max(int.from_bytes(head[names][1], order), 1)
+    if cells > len(matrix):
+        raise ValueError(f"an array claims {cells} cells and has {len(matrix)} bytes")
+    return cells
 
 
 # ------------------------------------------------------------------ MATLAB 7.3
@@ -167,7 +216,9 @@ def _variables(library: Any, file: Any) -> tuple[dict[str, Any], list[int]]:
             return
         if one.external is not None or one.is_virtual:
             raise ValueError(f"{name} lies in another file")
-        sizes.append(8 * one.size)
+        cell = max(8, one.dtype.itemsize)
+        # a chunk is unpacked as a whole, however small its part of the array is
+        sizes.append(cell * max(one.size, math.prod(one.chunks or (0,))))
         if (
             name.partition("/")[0] not in OWN
             and CLASS in one.attrs

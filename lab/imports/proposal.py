@@ -20,6 +20,13 @@ class Guess:
     """By dotted key."""
     doubts: list[str] = field(default_factory=list)
     """What a person has to look at or to fill in."""
+    doubtful: set[str] = field(default_factory=set)
+    """Dotted keys that a doubt names."""
+
+    def doubt(self, key: str, text: str) -> None:
+        """Add a doubt about a dotted key."""
+        self.doubtful.add(key)
+        self.doubts.append(f"{key}: {text}")
 
     def say(self, key: str, value: Any, reason: str) -> None:
         """Set a dotted key."""

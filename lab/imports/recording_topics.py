@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from recordings.errors import Damaged, RecordingError, Truncated
 from recordings.file.reader import Recording
 from recordings.file.samples import message_class
+from recordings.numbers import number
 
 from ..files.config import ConfigError
 from .clock import EPOCH
@@ -317,4 +318,4 @@ def _numbers(name: str, message: Any) -> Iterator[tuple[str, float]]:
     """Numbers of a message by the path of their fields; what is no number is left out."""
     for path, value in leaves(name, message):
         with suppress(OverflowError, ValueError, TypeError):
-            yield path, float(value)
+            yield path, number(value) if isinstance(value, str) else float(value)

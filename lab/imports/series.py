@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from recordings.file.budget import OPTION, lifted
+
 from ..files.config import ConfigError
 from .columns import Judged, Strange, without_fillers
 from .headings import unit_named
@@ -25,6 +27,9 @@ Texts = NDArray[np.str_]
 
 LARGEST = 500_000_000
 """Bytes of a file."""
+SMALL, PACKED = 32_000_000, 50
+"""Bytes of memory that any file may take, and that a byte of a larger one may stand for: readings pack to a tenth."""
+MOST_COLUMNS = 5000
 
 
 @dataclass(frozen=True)
@@ -108,9 +113,19 @@ def package(name: str, path: Path) -> Any:
 
 
 def demand_bounded(path: Path, size: int) -> None:
-    """Raise ConfigError where a file unpacks to more than `LARGEST` bytes."""
-    if size > LARGEST:
-        raise ConfigError(f"{path}: unpacked it has {size / 1e6:.0f} MB, at most {LARGEST / 1e6:g} MB are read")
+    """Raise ConfigError where a file unpacks to more than `LARGEST` bytes, or to more than a file of its size can need."""
+    file = path.stat().st_size
+    if size > (most := min(LARGEST, max(SMALL, PACKED * file))) and not lifted():
+        raise ConfigError(
+            f"{path}: unpacked it has {size / 1e6:.0f} MB, at most {most / 1e6:.0f} MB are read of {file / 1e6:.3g} MB; "
+            f"if you trust the file, {OPTION} lifts the limit"
+        )
+
+
+def demand_columns(path: Path, count: int) -> None:
+    """Raise ConfigError where a file has more than `MOST_COLUMNS` columns."""
+    if count > MOST_COLUMNS:
+        raise ConfigError(f"{path}: has {count} columns, at most {MOST_COLUMNS} are read")
 
 
 def unique(names: Sequence[str], width: int) -> list[str]:

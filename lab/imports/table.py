@@ -42,8 +42,6 @@ MOST_JUMPS = 3
 """Jumps of places that are told one by one."""
 FOLLOWS, FEW_SETTINGS = 0.9, 4
 """Share of a column's variance that the pressures account for in no table of mountings, and values of which there are fewer."""
-NOT_READ = "not read: "
-"""How the note on a file that cannot be read begins."""
 SAME_MASS, SAME_ROLL = 2e-3, 2.0
 """kg at the tip, deg of roll: the same of these."""
 
@@ -56,6 +54,8 @@ class Imported:
     files: tuple[tuple[Series, Quantities, tuple[Cut, ...]], ...]
     notes: tuple[str, ...]
     """What was left out, or taken for granted."""
+    unread: tuple[str, ...]
+    """Files that cannot be read, and why; `notes` has them, too."""
     questions: tuple[str, ...] = ()
     """What a person has to check."""
 
@@ -117,10 +117,10 @@ def _recordings(files: Sequence[tuple[Path, Map]]) -> list[tuple[tuple[Path, ...
 
 def _read(
     given: Sequence[Path], wanted: Map, drive: Words, progress: Callable[[float, float], None]
-) -> tuple[list[tuple[Series, Quantities, Map]], list[str]]:
-    """Every file, in the order of their times where these tell it, and notes."""
+) -> tuple[list[tuple[Series, Quantities, Map]], list[str], list[str]]:
+    """Every file, in the order of their times where these tell it, notes, and what cannot be read."""
     files, made, read_files = _recordings(files_of(given, wanted)), [], []
-    unread: list[ConfigError] = []
+    failed: list[ConfigError] = []
     for number, (parts, own) in enumerate(files):
         progress(number, len(files))
         try:
@@ -128,11 +128,11 @@ def _read(
         except ConfigError as e:
             if set(parts) & set(given) or wanted.files:  # asked for by name
                 raise
-            unread.append(e)
+            failed.append(e)
             continue
         read_files.append((series, own))
     if not read_files:
-        raise unread[0]
+        raise failed[0]
     for series, own in in_time(read_files):
         q = quantities_of(series, own, drive)
         late = lag(q.t, q.pressures, q.tip) if series.questions else None
@@ -142,7 +142,8 @@ def _read(
     for series, q, _ in made:
         for text in (*series.notes, *q.notes):
             said.setdefault(text, []).append(series.path.name)
-    notes = [f"{NOT_READ}{e}" for e in unread] + [f"{', '.join(names)}: {text}" for text, names in said.items()]
+    unread = [f"not read: {e}" for e in failed]
+    notes = [*unread] + [f"{', '.join(names)}: {text}" for text, names in said.items()]
     ordered = sorted(made, key=lambda one: float(one[1].t[0]))
     if [s.path for s, _, _ in ordered] != [s.path for s, _, _ in made]:
         first, last = float(ordered[0][1].t[0]), float(ordered[-1][1].t[0])
@@ -153,7 +154,7 @@ def _read(
             notes.append(f"files are read in the order of their times: {names}")
         elif apart:
             notes.append(f"files are read in the order of their names; by their times, unless over midnight, it is: {names}")
-    return made, notes
+    return made, notes, unread
 
 
 def _lag_question(late: float) -> str:
@@ -171,7 +172,7 @@ def imported(
 ) -> Imported:
     """Read, cut and put into the robot's frame; raises ConfigError."""
     straight, arcs = _straight_point(robot), robot.markers
-    every, notes = _read(given, wanted, robot.actuators.words, progress)
+    every, notes, unread = _read(given, wanted, robot.actuators.words, progress)
     read_files, states = [], []
     group, start, origin = 0, 0.0, 0.0
     for number, (series, q, own_map) in enumerate(every):
@@ -231,7 +232,7 @@ def imported(
         [(series.path.name, _rest(q)) for series, q, _ in every], float(straight[2]), wanted.straight != "as recorded"
     )
     questions = [*asked, *(f"{series.path.name}, {text}" for series, q, _ in every for text in q.questions)]
-    return Imported(table, tuple(read_files), tuple(notes), tuple(questions))
+    return Imported(table, tuple(read_files), tuple(notes), tuple(unread), tuple(questions))
 
 
 def _contradictions(rows: Sequence[TrialRow], length: float) -> Iterator[str]:
@@ -326,7 +327,7 @@ def _jump_notes(
         series, q, _ = files[states[jump.state].file]
         body = ["the tip", *(f"marker {k}" for k in range(1, 100))]
         what = (
-            f"{body[jump.body]} moves by {1e3 * jump.distance:.1f} mm while no {words.say('pressure')} changes by more than "
+            f"{body[jump.body]} moves by {1e3 * jump.distance:.1f} mm while no {words.pressure} changes by more than "
             f"{jump.pressure / words.pascal:.3g} {words.unit}, farther than the body can: was it another marker, or was "
             "something moved?"
             if jump.exchanged is None

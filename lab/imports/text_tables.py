@@ -24,7 +24,7 @@ from .columns import Judged, is_missing, judge, looks_like_value, number
 from .headings import heading, unit_named
 from .joining import JOIN, of_one_file
 from .map_file import Source
-from .series import LARGEST, Series, of_judged
+from .series import LARGEST, Series, demand_columns, of_judged
 from .table_head import MOTIVE, Head, are_units, head_of
 
 if TYPE_CHECKING:
@@ -36,7 +36,6 @@ WORD = 0.9
 """Numbers that a word beside them outweighs where a separator is judged: half of a row may be words."""
 SAMPLE = 100
 """Lines by which separator and width are judged."""
-MOST_COLUMNS = 5000
 DATA_SHARE = 0.5
 """Of the most numbers of a line, from which a line is data."""
 MOST_ABOVE = 3
@@ -251,8 +250,7 @@ def _form(path: Path, records: Sequence[Record], given: str | None, missing: Seq
             f"{path}, line {records[0].line}: {records[0].text.strip()[:40]!r} ..: {tried}; "
             "name the separator (source.separator), or export the data as CSV"
         )
-    if best[2] > MOST_COLUMNS:
-        raise ConfigError(f"{path}: has {best[2]} columns, at most {MOST_COLUMNS} are read")
+    demand_columns(path, best[2])
     return best[1], best[2]
 
 

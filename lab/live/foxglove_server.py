@@ -14,9 +14,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from recordings.events import BASE_FRAME
 from recordings.file.contents import Contents
 from recordings.file.tail import Piece
-from recordings.views import BASE_FRAME
 
 from ..files.config import ConfigError
 

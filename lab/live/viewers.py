@@ -120,7 +120,7 @@ async def _posted(reader: asyncio.StreamReader, head: bytes) -> dict[str, Any]:
     if said.get(b"content-type", b"").partition(b";")[0].strip().lower() != b"application/json":
         raise Refused(HTTPStatus.UNSUPPORTED_MEDIA_TYPE)
     length = said.get(b"content-length", b"")
-    if not (length.isdigit() and len(length) < 10):
+    if not (length.isascii() and length.isdigit() and len(length) < 10):
         raise Refused(HTTPStatus.LENGTH_REQUIRED)
     if int(length) > 4096:
         raise Refused(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)

@@ -268,10 +268,10 @@ def confounding(d: Diagnosis, names: Mapping[str, str], path: Path) -> Path:
     at = np.arange(len(effects))
     with plt.rc_context(STYLE):
         figure, axis = plt.subplots(figsize=(5.2, 0.8 + 0.26 * len(effects)), layout="constrained")
-        axis.barh(at + 0.2, [100 * one[n] for n in effects], 0.38, color=BLUE, label=d.words.say("one area factor"))
+        axis.barh(at + 0.2, [100 * one[n] for n in effects], 0.38, color=BLUE, label=f"one {d.words.area_factor}")
         if spines:
             shares = [100 * per_length[n] for n in effects]
-            axis.barh(at - 0.2, shares, 0.38, color=GREY, hatch="//", label="an area factor for each spine length")
+            axis.barh(at - 0.2, shares, 0.38, color=GREY, hatch="//", label=f"{d.words.an_area_factor} for each spine length")
         axis.set_yticks(at, [fill(plain_name(e, names), 30) for e in effects], fontsize=8)
         axis.set_ylim(-0.7, len(effects) - 0.3)
         axis.set_xlabel("share of the effect that a calibration absorbs, %")

@@ -15,7 +15,6 @@ from diagnosis.answer.experiments import to_apply
 from diagnosis.answer.headline import for_people, percent, stated
 from diagnosis.answer.result import Diagnosis
 from diagnosis.answer.sentences import (
-    BEYOND_TOLERANCE,
     also_present,
     closed_alone,
     disorder,
@@ -24,7 +23,7 @@ from diagnosis.answer.sentences import (
     stands_for,
     with_id,
 )
-from diagnosis.data.first_calibration import CALIBRATED_FIRST
+from diagnosis.criticism.stage_errors import in_words
 from diagnosis.inference.posterior import UNKNOWN
 from diagnosis.judgement import RIVAL_WORTH_SEPARATING
 from model.actuators import Words
@@ -32,7 +31,7 @@ from recordings.campaign.labels import RECORD
 from recordings.file.reader import Recording
 from recordings.trials import Table
 
-from ..files.inputs import UNCONFIRMED_GUESSES, Case
+from ..files.inputs import Case
 from ..next_step import FIRST, command, nothing_next
 from ..version import version_text
 from . import diagnosis_figures as draw
@@ -74,7 +73,7 @@ def opened(title: str, d: Diagnosis, case: Case, inputs: Sequence[Path], protoco
     """A page with the answer on top and where it comes from at its foot."""
     source = ", ".join(map(str, inputs))
     return Report(
-        title, f"{time.strftime('%Y-%m-%d %H:%M')}, {source}", d.headline or d.statement, _on_top(d), small(d),
+        title, f"{time.strftime('%Y-%m-%d %H:%M')}, {source}", d.headline or d.statement, d.texts("critical"), small(d),
         gap_numbers(d), _first_step(d, protocols), origin(case.robot.name, inputs), names(d).keys(),
     )  # fmt: skip
 
@@ -109,14 +108,13 @@ def fill(report: Report, d: Diagnosis, case: Case, protocols: Path | None) -> No
             section.text(d.change.statement)
             rows = [[hypothesis(effects, d) if effects else "nothing", stated(p)] for effects, p in d.change.ranking[:6]]
             section.table(("changed", "probability"), rows)
-        against = _against(d)
-        if against:
+        if against := d.texts("warning", "note"):
             section = report.section("What speaks against the answer")
             for line in against:
                 section.text(line[:1].upper() + line[1:])
         if d.detail["sizes"]:
             _sizes(report.section("How large the cause is", folded=True), d, folder)
-        factors = d.words.say(f"{'spine length, ' if spine else ''}pressure, branch and time")
+        factors = f"{'spine length, ' if spine else ''}{d.words.pressure}, branch and time"
         _by_factor(report.section(f"The gap by {factors}", folded=True), d, spine)
         if "stiffness" in d.detail:
             _pushed(report.section("Stiffness trials", folded=tips), d, folder)
@@ -159,11 +157,6 @@ def gap_numbers(d: Diagnosis) -> list[tuple[str, str, str]]:
     return [*((name, f"{mm:.{digits}f} mm", f"rms, {how}{told.get(name, '')}") for name, mm in found), floor]
 
 
-def _on_top(d: Diagnosis) -> list[str]:
-    """Concerns that have to be known before the answer is believed."""
-    return [c.removeprefix(UNCONFIRMED_GUESSES) for c in d.concerns if c.startswith(ON_TOP)]
-
-
 def explained(d: Diagnosis) -> str:
     """Name of the model with the leading hypothesis in every figure and table."""
     return WITH_CAUSE if d.attribute.verdict == "effect" else NEAREST
@@ -187,9 +180,8 @@ def _first_step(d: Diagnosis, protocols: Path | None) -> tuple[str, str]:
     return f"{text}.", command(first, protocols)
 
 
-ON_TOP = (UNCONFIRMED_GUESSES, CALIBRATED_FIRST, BEYOND_TOLERANCE)
 STEPS = {
-    "calibration": "calibration with one area factor",
+    "calibration": "calibration with one {area_factor}",
     "simulator": "the simulator taken back to the rod",
     "tolerances": "tolerances of every other effect",
     "regular": "systematic residual",
@@ -204,13 +196,13 @@ def _steps(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
     if w is None:
         s.text("A single trial: nothing can be left out of the fit, so how far the gap shrinks on unseen data is unknown.")
         return
-    beside = {"calibration": f"{STEPS['calibration']} and the numbers {CALIBRATED_FIRST}"}
+    beside = {"calibration": f"{STEPS['calibration']} and the numbers calibrated first"}
     named = {**STEPS, **(beside if "first_calibration" in d.detail else {})}
-    steps = {step: d.words.say(label) for step, label in named.items()}
+    steps = {step: d.words.fill(label) for step, label in named.items()}
     s.figure(
         draw.waterfall(w, [plain_name(x.effect, names(d)) if x.effect else steps[x.step] for x in w.steps], length, folder),
         f"Error of the {d.locate.of}, mm rms over {w.n} states, each predicted by fits that did not see it "
-        f"({d.words.say(w.how)}). Each bar is what the step takes; whiskers: 95 % interval, from drawing trials anew "
+        f"({w.how}). Each bar is what the step takes; whiskers: 95 % interval, from drawing trials anew "
         "(bootstrap) and adding causes in every order.",
     )
     model = d.detail["baseline"]["name"] if "baseline" in d.detail else "model"
@@ -229,9 +221,9 @@ def _steps(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
         s.text(f"{origins}.")
     if w.absorbed is not None:
         a = w.absorbed
-        cause = "" if a.cause_mm is None else f"; one area factor and what is named leave {a.cause_mm:.2f} mm"
+        cause = "" if a.cause_mm is None else f"; one {d.words.area_factor} and what is named leave {a.cause_mm:.2f} mm"
         s.text(
-            f"What a calibration hides ({d.words.say(a.how)}, unseen states): one area factor leaves {a.one_mm:.2f} mm, one "
+            f"What a calibration hides ({a.how}, unseen states): one {d.words.area_factor} leaves {a.one_mm:.2f} mm, one "
             f"for each spine length {a.per_length_mm:.2f} mm{cause}."
         )
     if d.shrink is not None:
@@ -243,24 +235,6 @@ def _steps(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
         alone = closed_alone(w, d.shrink) if d.attribute.verdict == "effect" else None
         itself = "" if alone is None else f", {percent(alone)} % by itself and the rest by tolerances of other effects"
         s.text(f"Share of the reducible gap closed on unseen states with {of}: {closed}{interval}{itself}.")
-
-
-def _against(d: Diagnosis) -> list[str]:
-    """Concerns, sizes that cannot be, errors that stages ask for."""
-    lines = [c for c in d.concerns if not c.startswith(ON_TOP)]
-    lines += [
-        f"The data would require {with_id(x['name'], names(d))} = {_number(x['mean'], x['unit'], d.words)}, which is physically "
-        "impossible: evidence against the effect itself."
-        for x in d.detail["sizes"]
-        if x["impossible"]
-    ]
-    if d.attribute.verdict == "effect":
-        lines += [
-            f"In addition to the cause, a free-form error in the {e.stage} that "
-            f"{d.words.say(e.varies)} would gain {e.gain:.1f} in log evidence."
-            for e in d.attribute.stage_errors[:2]
-        ]
-    return lines
 
 
 def _mm(value: float) -> str:
@@ -294,16 +268,14 @@ def _where(s: Section, d: Diagnosis, folder: Path) -> None:
     _shapes(s, d, folder)
     s.figure(
         draw.gap_map(d, explained(d), folder),
-        d.words.say(
-            f"Gap of all states by chambers inflated{_lengths(d)} and pressure, in-sample, on one colour scale; models are those "
-            "of an average trial, while the numbers on top of the page also fit what single trials differ by"
-        ),
+        f"Gap of all states by {d.words.actuators} {d.words.inflated}{_lengths(d)} and {d.words.pressure}, in-sample, on one "
+        "colour scale; models are those of an average trial, while the numbers on top of the page also fit what single trials "
+        "differ by",
     )
     s.figure(
         draw.loops(d, explained(d), folder),
-        d.words.say(
-            "Gap along and across the direction in which these chambers bend the robot, up and down, in-sample; grey: noise floor"
-        ),
+        f"Gap along and across the direction in which these {d.words.actuators} bend the robot, up and down, in-sample; grey: "
+        "noise floor",
     )
 
 
@@ -314,7 +286,7 @@ def _lengths(d: Diagnosis, joint: str = ", ") -> str:
 def _by_factor(s: Section, d: Diagnosis, spine: bool) -> None:
     rows = [
         [
-            f"{d.words.say(_words(name))} {_at(name, c.value, d.words)}",
+            f"{d.words.fill(in_words(name))} {_at(name, c.value, d.words)}",
             str(c.n),
             f"{c.rmse_mm:.2f}",
             f"{c.low95_mm:.2f} .. {c.high95_mm:.2f}",
@@ -377,7 +349,7 @@ def _which(s: Section, d: Diagnosis, folder: Path) -> None:
             [with_id(c.effect, names(d)), f"{c.mm:.2f}", f"{c.low95_mm:.2f} .. {c.high95_mm:.2f}", words[c.role]]
             for c in d.budget
         ]
-        s.table(("effect", d.words.say("moves the tip beyond an area factor by, mm rms"), "95 %", ""), rows)
+        s.table(("effect", d.words.fill("moves the tip beyond {an_area_factor} by, mm rms"), "95 %", ""), rows)
     rows = [
         [hypothesis(r.effects, d), stated(r.probability), "" if r.effects == UNKNOWN else f"{r.log_evidence:.1f}",
          "" if r.heldout_rmse_mm is None else f"{r.heldout_rmse_mm:.2f}"]
@@ -394,7 +366,7 @@ def _misfit(s: Section, d: Diagnosis, spine: bool) -> None:
     if d.attribute.stage_errors:
         s.table(
             ("stage with an error of free form", "varies with", "log evidence gained"),
-            [[e.stage, d.words.say(_words(e.dependence)), f"{e.gain:.1f}"] for e in d.attribute.stage_errors],
+            [[e.stage, d.words.fill(in_words(e.dependence)), f"{e.gain:.1f}"] for e in d.attribute.stage_errors],
         )
     found = dict(d.detail["misfit"])
     if found.get(FURTHEST):
@@ -450,7 +422,7 @@ def _shapes(s: Section, d: Diagnosis, folder: Path) -> None:
         return
     s.figure(
         draw_shapes(states, explained(d), folder, d.words),
-        d.words.say(f"States with the largest calibrated error, one for each group of chambers{_lengths(d, ' and ')}, in-sample")
+        f"States with the largest calibrated error, one for each group of {d.words.actuators}{_lengths(d, ' and ')}, in-sample"
         + "; mm, base frame",
     )
     rows = [

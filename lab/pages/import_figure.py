@@ -50,7 +50,7 @@ def draw(made: Imported, robot: Robot, path: Path) -> None:
     planes.colorbar(dots, ax=panels.tolist(), label=f"highest {words.axis}")
     named = f"{len(shown)} of {len(groups)} groups" if len(shown) < len(groups) else "each group"
     planes.suptitle(
-        words.say(f"Tip from the side, and along z for {named} of chambers; arrow: where they bend it"),
+        f"Tip from the side, and along z for {named} of {words.actuators}; arrow: where they bend it",
         fontsize="medium",
     )
     save(figure, path)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from diagnosis.data.case import finite
 from diagnosis.data.plausible_pressures import Pressures, setting_of_each
+from model.actuators import Words
 from model.robot import Robot
 from recordings.trials import Table
 
@@ -41,7 +42,7 @@ def doubtful_directions(robot: Robot, table: Table) -> tuple[str, ...]:
     tips = table.take(table.with_tip & finite(table))
     if not len(tips) or tips.pressures.shape[1] != len(robot.bending_directions):
         return ()
-    kind = setting_of_each(tips)
+    kind, words = setting_of_each(tips), robot.actuators.words
     own = tips.take(kind == np.bincount(kind).argmax())
     seen = Pressures.of(robot, own)
     towards = robot.bending_directions * np.exp(1j * np.radians(own.get("roll_deg", 0.0)))[:, None]
@@ -49,18 +50,18 @@ def doubtful_directions(robot: Robot, table: Table) -> tuple[str, ...]:
     push = (seen.pressure * towards).sum(axis=1)
     # each actuator against its own highest, so that one in another unit does not hide the others
     share = seen.pressure / np.maximum(np.abs(seen.pressure).max(axis=0), 1e-300)
-    if odd := _still(np.abs(aside), seen.pressure):
-        return (robot.actuators.words.say(odd),)
+    if odd := _still(np.abs(aside), seen.pressure, words):
+        return (odd,)
     told = (np.abs(aside) > ASIDE * robot.length) & (np.abs((share * towards).sum(axis=1)) > PUSHED)
     if told.sum() < FEWEST:
         return ()
-    what = "pressures push" if robot.tendons is None else "tensions pull"
+    what = f"{words.pressures} {'push' if robot.tendons is None else 'pull'}"
     if odd := _axis(seen.displacement[told], push[told], what):
         return (odd,)
-    return tuple(map(robot.actuators.words.say, _doubts(aside[told], seen.pressure[told], towards[told], what)))
+    return tuple(_doubts(aside[told], seen.pressure[told], towards[told], what, words))
 
 
-def _still(aside: Array, pressure: Array) -> str:
+def _still(aside: Array, pressure: Array, words: Words) -> str:
     """About an actuator that does nothing alone, while others bend the robot; empty where each does something."""
     highest = np.abs(pressure).max()
     for k in range(pressure.shape[1]):
@@ -69,7 +70,7 @@ def _still(aside: Array, pressure: Array) -> str:
         if alone.sum() > 1 and aside[alone].max() < NOTHING * aside.max():
             return (
                 f"column p{k + 1}: alone it moves the tip by at most {1e3 * aside[alone].max():.2g} mm, others by "
-                f"{1e3 * aside.max():.3g} mm: check whether the chamber is connected, and the column"
+                f"{1e3 * aside.max():.3g} mm: check whether the {words.actuator} is connected, and the column"
             )
     return ""
 
@@ -91,12 +92,12 @@ def _axis(moved: Array, push: Complex, what: str) -> str:
     )
 
 
-def _doubts(aside: Complex, pressure: Array, towards: Complex, what: str) -> Iterator[str]:
+def _doubts(aside: Complex, pressure: Array, towards: Complex, what: str, words: Words) -> Iterator[str]:
     push = (pressure * towards).sum(axis=1)
     as_is, mirrored = _agreement(aside, push), abs(_agreement(aside, push.conj()))
     head = f"the tip does not go to where the {what} it (agreement {round(as_is.real, 2) + 0.0:.2f} of 1)"
     exchanged, pair = _best_exchange(aside, pressure, towards)
-    if odd := _other_gain(aside, pressure, towards):
+    if odd := _other_gain(aside, pressure, towards, words):
         yield odd
     elif as_is.real >= ENOUGH:
         return
@@ -106,7 +107,7 @@ def _doubts(aside: Complex, pressure: Array, towards: Complex, what: str) -> Ite
     elif abs(as_is) > ALIKE and abs(np.degrees(np.angle(as_is))) > 45.0:
         yield (
             f"{head} but, in all states, {np.degrees(np.angle(as_is)):.0f} degrees from there about z: check x and y of the "
-            "frame, and from which chamber p1 .. are counted"
+            f"frame, and from which {words.actuator} p1 .. are counted"
         )
     elif mirrored > ALIKE:
         yield f"{head} but to its mirror image: check x, y, their signs, and the order of p1 .."
@@ -128,7 +129,7 @@ def _best_exchange(aside: Complex, pressure: Array, towards: Complex) -> tuple[f
     return max(found)
 
 
-def _other_gain(aside: Complex, pressure: Array, towards: Complex) -> str:
+def _other_gain(aside: Complex, pressure: Array, towards: Complex, words: Words) -> str:
     """About one chamber that moves the tip much more or less per pressure than the others; empty where none does."""
     highest = np.abs(pressure).max(axis=0)
     used = np.flatnonzero(highest > 5e-3 * highest.max())
@@ -144,6 +145,6 @@ def _other_gain(aside: Complex, pressure: Array, towards: Complex) -> str:
     if max(factor[odd], 1 / factor[odd]) < 4.0:
         return ""
     return (
-        f"column p{used[odd] + 1}: the tip moves {factor[odd]:.2g} times as far for the same pressure as with the other "
-        f"chambers: check {'whether it is connected, ' if factor[odd] < NOTHING else ''}its unit and scale"
+        f"column p{used[odd] + 1}: the tip moves {factor[odd]:.2g} times as far for the same {words.pressure} as with the "
+        f"other {words.actuators}: check {'whether it is connected, ' if factor[odd] < NOTHING else ''}its unit and scale"
     )

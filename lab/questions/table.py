@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from diagnosis.data.campaign import settings, spread_over
 from diagnosis.data.case import finite
-from diagnosis.data.plausible import weight_ratio
+from diagnosis.data.plausible import contradicting_attitudes, weight_ratio
 from diagnosis.data.plausible_pressures import Pressures
 from diagnosis.judgement import UPSIDE_DOWN_GAIN
 from model.condition import States
@@ -45,7 +45,8 @@ def doubtful(robot: Robot, table: Table, robot_name: str) -> tuple[str, ...]:
     seen = Pressures.of(robot, tips) if fits else None
     of_robot = (*doubtful_numbers(robot), *(_gravity(robot, seen) if seen else ()))
     of_pressures = (*_gain(robot, seen), *_above(robot, seen)) if seen else ()
-    of_table = (*of_pressures, *doubtful_directions(robot, table), *doubtful_places(robot, table))
+    of_places = (*doubtful_directions(robot, table), *doubtful_places(robot, table), *contradicting_attitudes(robot, table))
+    of_table = (*of_pressures, *of_places)
     return (*(f"{robot_name}: {text}" for text in of_robot), *of_table)
 
 
@@ -54,9 +55,10 @@ def _gain(robot: Robot, seen: Pressures) -> Iterator[str]:
     # a lighter body's weight changes the ratio by less than a factor of two or so, and models are right within one of three
     if weight_ratio(robot) > 10.0 or seen.unit != 1.0 or 1 / 5.0 < seen.ratio < 5.0:
         return
-    yield robot.actuators.words.say(
-        f"the tip moves {seen.ratio:.2g} times as far as a beam with the numbers of robot.yaml under these pressures: check the "
-        "unit and scale of the pressures, the moduli, radii and path_radius"
+    pressures = robot.actuators.words.pressures
+    yield (
+        f"the tip moves {seen.ratio:.2g} times as far as a beam with the numbers of robot.yaml under these {pressures}: check "
+        f"the unit and scale of the {pressures}, the moduli, radii and path_radius"
     )
 
 

@@ -1,6 +1,7 @@
 """A rig's clock may run faster than the host's for fake instruments only: on hardware every time, age and rate would be wrong.
 
-A fake is told by what its address is, not by how it is spelt: a pseudo-terminal, or a host of this machine alone.
+A fake is told by what its address is, not by how it is spelt: a pseudo-terminal, or a host of this machine alone. What is not
+known to be a fake is real.
 """
 
 from __future__ import annotations
@@ -10,7 +11,6 @@ import os
 import socket
 import stat
 from collections.abc import Iterator
-from pathlib import Path
 
 from drivers.configs import HOSTS, PORTS
 from timing import RigClock
@@ -107,9 +107,11 @@ def _addresses(instruments: Instruments) -> Iterator[tuple[str, str, str]]:
 
 def _fake_line(path: str) -> bool:
     try:
-        about = os.stat(Path(path))
+        about = os.stat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return path.startswith("/")  # there is nothing to open, unlike behind a terminal server
     except (OSError, ValueError):
-        return True
+        return False
     return stat.S_ISCHR(about.st_mode) and os.major(about.st_rdev) in PSEUDO_TERMINALS
 
 

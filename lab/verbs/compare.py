@@ -15,15 +15,21 @@ from ..comparison import comparison
 from ..console import note, out
 from ..files.config import ConfigError, load
 from ..files.inputs import marked_notes, read_case
+from ..files.output_folder import demand_free, whole
 from ..files.own_effects import stated_by
 from ..files.robot_file import paper_robot
-from ..options import ANY_SIZE, INPUTS, JSON, ROBOT, Result, Verb, option
+from ..options import ANY_SIZE, INPUTS, JSON, REPLACE, ROBOT, Result, Verb, option
 from ..pages.figures import in_a_row, tip_curves
 from ..pages.sensors_figure import quantities, sensors
 
+OWN = ("compare.png", "sensors.png")
+"""What is written, and replaced when the command is repeated."""
 
-def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None) -> Result:
+
+def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, replace: bool = False) -> Result:
     """The error table; with a folder also draw the curves."""
+    if folder is not None:
+        demand_free(folder, OWN, replace, inputs)
     case = read_case(inputs, robot)
     note(case.table.warnings)
     try:
@@ -32,10 +38,11 @@ def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None) -> 
         raise ConfigError(str(e)) from e
     figure = measured = None
     if folder is not None:
-        folder.mkdir(parents=True, exist_ok=True)
         words = case.robot.actuators.words
-        figure = in_a_row(tip_curves(c, words), folder / "compare.png")
-        measured = in_a_row(sensors(case.table, words), folder / "sensors.png") if quantities(case.table) else None
+        with whole(folder, OWN, replace, inputs) as place:
+            figure = folder / in_a_row(tip_curves(c, words), place / "compare.png").name
+            if quantities(case.table):
+                measured = folder / in_a_row(sensors(case.table, words), place / "sensors.png").name
 
     def show() -> None:
         out.print(sheet(c.table, case.robot))
@@ -80,13 +87,14 @@ def _of_the_paper(robot: Robot) -> bool:
 VERBS = (
     Verb(
         "compare",
-        lambda a: compare(a.inputs, a.robot, a.out),
+        lambda a: compare(a.inputs, a.robot, a.out, a.replace),
         options=(
             JSON,
             ANY_SIZE,
             INPUTS,
             ROBOT,
             option("--out", type=Path, metavar="FOLDER", help="folder for the figures"),
+            REPLACE,
         ),
         examples=("lab compare runs/*.mcap", "lab compare case --robot robot.yaml --out figures"),
         page="docs/tutorials/first-day.md",

@@ -22,6 +22,7 @@ from diagnosis.data.baseline import Baseline
 from diagnosis.diagnose import Options
 from diagnosis.diagnose import diagnose as diagnosed
 from diagnosis.errors import BadHoldout, DiagnosisError
+from diagnosis.findings import finding
 from diagnosis.inference.executor import PRACTISED, Executor, FirstLook
 from diagnosis.inference.posterior import UNKNOWN
 from model.actuators import Words
@@ -34,10 +35,11 @@ from recordings.own_files import replaced
 from ..console import Screen, note, out
 from ..files.baseline import from_simulator, from_table, simulator
 from ..files.config import ConfigError, demand_writable, in_units
-from ..files.inputs import UNCONFIRMED_GUESSES, Case, marked_notes, read_case, unconfirmed_guesses
+from ..files.inputs import Case, marked_notes, read_case, unconfirmed_guesses
+from ..files.output_folder import demand_free, whole
 from ..files.own_effects import catalogue
 from ..next_step import FIRST, command, nothing_next, worth_doing
-from ..options import ANY_SIZE, INPUTS, OWN_EFFECTS, ROBOT, SCHEDULER, WORKERS, Result, Verb, option
+from ..options import ANY_SIZE, INPUTS, OWN_EFFECTS, REPLACE, ROBOT, SCHEDULER, WORKERS, Result, Verb, option
 from ..processes import cluster, for_case
 
 
@@ -49,6 +51,8 @@ class Outputs:
     report: Path | None = None
     protocols: Path | None = None
     """Folder for the proposed experiments as protocol files."""
+    replace: bool = False
+    """That folder as a whole, whatever it holds."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +85,8 @@ def diagnose(
     """
     comparisons = comparisons or Comparisons()
     demand_writable(outputs.json, outputs.report)
+    if outputs.protocols is not None:
+        demand_free(outputs.protocols, replace=outputs.replace, inputs=inputs)
     cores = workers if workers is not None else len(os.sched_getaffinity(0))
     if cores < 1:
         raise ConfigError(f"--workers {cores}: must be at least 1")
@@ -91,18 +97,17 @@ def diagnose(
             case = _of_robot(case)
         note(case.table.warnings)
         note(marked_notes(case.table))
-        if case.robot.residual is not None:
-            note(["the residual in robot.yaml is left out: what was learnt has no cause, and would hide one"])
         there = open_while_diagnosed.enter_context(cluster(scheduler)) if scheduler is not None else beside(len(case.table))
         executor = Executor(remote_map=None if there is None else there.in_order)
         answer = worth_doing(_answer(case, robot, comparisons, executor))
-    if guesses := unconfirmed_guesses(inputs):
-        answer = replace(answer, concerns=(*guesses, *answer.concerns))
+    answer = replace(answer, findings=(*unconfirmed_guesses(inputs), *answer.findings))
     if outputs.json is not None:
         outputs.json.write_text(answer.to_json() + "\n", encoding="utf-8")
     written = []
     if outputs.protocols is not None:
-        written = write_protocols(answer.next_experiment, outputs.protocols, case.robot)
+        with whole(outputs.protocols, replace=outputs.replace, inputs=inputs) as place:
+            paths = write_protocols(answer.next_experiment, place, case.robot)
+        written = [outputs.protocols / path.name for path in paths]
     show(answer, outputs.protocols)
     if written:
         out.print(f"written: {', '.join(map(str, written))}", soft_wrap=True)
@@ -122,7 +127,7 @@ def _answer(case: Case, robot: Path | None, comparisons: Comparisons, executor: 
         with Screen("weighing hypotheses") as screen:
             shown = replace(_shown(screen, executor), first_look=lambda look: _at_first_sight(screen, look))
             found = diagnosed(case, Options(catalogue=weighed, holdout=held, baseline=baseline, executor=shown))
-        answer = replace(found, concerns=(*found.concerns, *(f"not considered: {why}" for why in left_out)))
+        answer = replace(found, findings=(*found.findings, *(finding("not_considered", why=why) for why in left_out)))
         if comparisons.reference is None:
             return answer
         earlier = read_case([comparisons.reference], robot)
@@ -233,14 +238,12 @@ def _write_states(p: Proposal, path: Path, robot: Robot) -> Path:
 
 def show(d: Diagnosis, protocols: Path | None = None) -> None:
     """Print an answer; `protocols`: the folder with the proposed experiments, where they were written."""
-    unconfirmed = [c for c in d.concerns if c.startswith(UNCONFIRMED_GUESSES)]
-    for concern in unconfirmed:
-        out.print(concern)
+    for text in d.texts("critical"):
+        out.print(f"settle first: {text}")
     out.print(d.headline)
     out.print(d.statement)
-    for concern in d.concerns:
-        if concern not in unconfirmed:
-            out.print(f"  note: {concern}")
+    for text in d.texts("warning", "note"):
+        out.print(f"  note: {text}")
     if d.change is not None:
         out.print(d.change.statement)
     out.print(ranked(d.attribute.ranking, d.words))
@@ -302,7 +305,7 @@ def _separated(p: Proposal) -> str:
 
 def _diagnose_verb(a: argparse.Namespace) -> Result:
     others = Comparisons(a.reference, a.holdout, a.effects, a.baseline, a.simulator)
-    return diagnose(a.inputs, a.robot, Outputs(a.json, a.report, a.protocols), others, a.workers, a.scheduler)
+    return diagnose(a.inputs, a.robot, Outputs(a.json, a.report, a.protocols, a.replace), others, a.workers, a.scheduler)
 
 
 VERBS = (
@@ -322,6 +325,7 @@ VERBS = (
                 help="write the proposed experiments as protocol files; no earlier answer is kept, so later the whole "
                 "diagnosis is repeated for them",
             ),
+            REPLACE,
             option(
                 "--reference",
                 type=Path,

@@ -14,25 +14,30 @@ from model.robot import Robot, load_robot
 from ..console import note, styled
 from ..console import out as screen
 from ..files.config import load
+from ..files.output_folder import demand_free, whole
 from ..files.own_effects import catalogue
 from ..files.robot_file import paper_robot
-from ..options import JSON, OWN_EFFECTS, Result, Verb, option
+from ..options import JSON, OWN_EFFECTS, REPLACE, Result, Verb, option
 from ..signatures import Signature, signatures
 
+OWN = ("signatures.png",)
+"""What is written, and replaced when the command is repeated."""
 
-def run(out: Path, robot: Robot | None = None, more: Path | None = None) -> Result:
+
+def run(out: Path, robot: Robot | None = None, more: Path | None = None, replace: bool = False) -> Result:
     """The catalogue; draws signatures.png into `out`; `more` is a file with effects of one's own.
 
     Raises ConfigError, `BadEffect` when that file declares effects wrongly.
     """
+    demand_free(out, OWN, replace)
     shown = robot if robot is not None else load_robot(paper_robot())
     effects, left_out = catalogue(shown, more)
     note(left_out)
     found = signatures(shown.plain, effects)
-    out.mkdir(parents=True, exist_ok=True)
     from ..pages.effects_figure import draw
 
-    figure = draw(found, out / "signatures.png")
+    with whole(out, OWN, replace) as place:
+        figure = out / draw(found, place / "signatures.png").name
 
     def show() -> None:
         screen.print(_table(found, shown.name))
@@ -89,10 +94,11 @@ def _as_dict(s: Signature) -> dict[str, object]:
 VERBS = (
     Verb(
         "effects",
-        lambda a: run(a.out, load(a.robot, Robot) if a.robot else None, a.effects),
+        lambda a: run(a.out, load(a.robot, Robot) if a.robot else None, a.effects, a.replace),
         options=(
             JSON,
             option("--out", type=Path, default=Path("out/effects"), metavar="FOLDER", help="folder for the picture"),
+            REPLACE,
             option("--robot", type=Path, metavar="ROBOT.yaml", help="robot.yaml (default: the paper's robot)"),
             OWN_EFFECTS,
         ),

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,9 +12,9 @@ from diagnosis.errors import DiagnosisError
 from model.robot import Robot
 from recordings.campaign.export import StreamFormat, export_case, export_streams, write_mat
 from recordings.campaign.info import info as summary
-from recordings.campaign.resumed import tables
+from recordings.campaign.replay import tables
 from recordings.file.reader import Recording
-from recordings.own_files import copied, folder_in
+from recordings.own_files import copied
 from recordings.table_file import read_csv, write_csv
 from recordings.trials import Table
 
@@ -24,7 +23,8 @@ from ..files.arviz_file import write_inference
 from ..files.config import ConfigError, load
 from ..files.crate import write_crate
 from ..files.inputs import marked_notes, same_body, without_torn
-from ..options import ANY_SIZE, JSON, OneOf, Result, Verb, inputs, option
+from ..files.output_folder import names_apart, whole
+from ..options import ANY_SIZE, JSON, REPLACE, OneOf, Result, Verb, inputs, option
 
 DIAGNOSIS = "diagnosis.json"
 IN_A_CASE = ("map.yaml", "states.png", DIAGNOSIS, "diagnosis.html", "rig.yaml", "predicted.csv")
@@ -41,55 +41,47 @@ class Forms:
     streams: StreamFormat = "csv"
     license: str | None = None
     name: str | None = None
+    replace: bool = False
 
 
 def export(inputs: Sequence[Path], folder: Path, forms: Forms) -> Result:
     """Files of each stream, one case folder, an RO-Crate, or diagnoses for ArviZ; raises ConfigError."""
-    with _made(folder):
-        return _export(without_torn(inputs), folder, forms)
+    with whole(folder, replace=forms.replace, inputs=inputs) as place:
+        written, table = _export(without_torn(inputs), place, forms, forms.name or folder.resolve().name)
+    advice = ["no licence is stated; add --license URL before you publish"] if forms.crate and forms.license is None else []
+    return _written([folder / path.relative_to(place) for path in written], table, advice)
 
 
-@contextlib.contextmanager
-def _made(folder: Path) -> Iterator[None]:
-    """Make the folder for the block; folders that were made are removed again where the block fails and they are empty."""
-    new = [place for place in (folder, *folder.parents) if not place.exists()]
-    folder.mkdir(parents=True, exist_ok=True)
-    try:
-        yield
-    except BaseException:
-        with contextlib.suppress(OSError):  # something is in it
-            for place in new:
-                place.rmdir()
-        raise
-
-
-def _export(inputs: Sequence[Path], folder: Path, forms: Forms) -> Result:
+def _export(inputs: Sequence[Path], folder: Path, forms: Forms, name: str) -> tuple[list[Path], Table | None]:
+    """What was written, and the table of trials where it is one."""
     cases = [p for p in inputs if p.is_dir()]
+    names = dict(zip(inputs, names_apart(inputs), strict=True))
     if forms.crate:
-        return _crate(inputs, folder, forms)
+        return _crate(inputs, folder, forms, name)
     if forms.arviz:
-        return _arviz(inputs, folder)
+        return _arviz(names, folder), None
     if forms.case:
         if cases:
             raise ConfigError(f"{cases[0]}: is a case already; --case is for recordings")
-        return _case(inputs, folder)
+        table = _joined_case([Recording.open(f) for f in inputs], folder)
+        return [folder / "robot.yaml", folder / "trials.csv"], table
     written: list[Path] = []
     for place in cases:
         if forms.streams != "mat":
             raise ConfigError(f"{place}: is a case folder, which has no streams; use --mat, --crate or --arviz")
-        written.append(write_mat({"trials": _columns(read_csv(place / "trials.csv"))}, folder / f"{place.resolve().name}.mat"))
-    recordings = [Recording.open(f) for f in inputs if not f.is_dir()]
-    for recording in recordings:
+        written.append(write_mat({"trials": _columns(read_csv(place / "trials.csv"))}, folder / f"{names[place]}.mat"))
+    recordings = [path for path in inputs if not path.is_dir()]
+    for path in recordings:
         apart = len(recordings) > 1 and forms.streams != "mat"
-        own = folder_in(folder, recording.path.stem) if apart else folder
-        written += export_streams(recording, own, forms.streams)
-    return _written(written)
+        own = folder / names[path] if apart else folder
+        written += export_streams(Recording.open(path), own, forms.streams, names[path])
+    return written, None
 
 
-def _arviz(inputs: Sequence[Path], folder: Path) -> Result:
+def _arviz(names: Mapping[Path, str], folder: Path) -> list[Path]:
     """One NetCDF file for each case that was diagnosed."""
     written: list[Path] = []
-    for place in inputs:
+    for place, name in names.items():
         found = place / DIAGNOSIS
         if not found.is_file():
             raise ConfigError(
@@ -101,17 +93,12 @@ def _arviz(inputs: Sequence[Path], folder: Path) -> Result:
             answer = Diagnosis.from_json(found.read_text(encoding="utf-8"))
         except (DiagnosisError, UnicodeDecodeError) as e:
             raise ConfigError(f"{found}: {e}") from e
-        written.append(write_inference(folder / f"{place.resolve().name}.nc", answer, load(place / "robot.yaml", Robot)))
-    return _written(written)
+        written.append(write_inference(folder / f"{name}.nc", answer, load(place / "robot.yaml", Robot)))
+    return written
 
 
 def _columns(table: Table) -> dict[str, object]:
     return {name: table[name] for name in table.columns}
-
-
-def _case(files: Sequence[Path], folder: Path) -> Result:
-    table = _joined_case([Recording.open(f) for f in files], folder)
-    return _written([folder / "robot.yaml", folder / "trials.csv"], table)
 
 
 def _joined_case(recordings: Sequence[Recording], folder: Path) -> Table:
@@ -125,7 +112,7 @@ def _joined_case(recordings: Sequence[Recording], folder: Path) -> Table:
     return table
 
 
-def _crate(inputs: Sequence[Path], folder: Path, forms: Forms) -> Result:
+def _crate(inputs: Sequence[Path], folder: Path, forms: Forms, name: str) -> tuple[list[Path], Table]:
     """One folder with everything that a reader of a paper needs, described."""
     cases, files = [p for p in inputs if p.is_dir()], [p for p in inputs if not p.is_dir()]
     if len(cases) > 1:
@@ -135,21 +122,20 @@ def _crate(inputs: Sequence[Path], folder: Path, forms: Forms) -> Result:
         raise ConfigError("--crate: give recordings (.mcap), a case folder, or both; further files go beside them")
     if cases:
         table = read_csv(cases[0] / "trials.csv")
-        for name in ("robot.yaml", "trials.csv"):
-            copied(cases[0] / name, folder / name)
+        for file in ("robot.yaml", "trials.csv"):
+            copied(cases[0] / file, folder / file)
     else:
         table = _joined_case([Recording.open(p) for p in recordings.values()], folder)
         write_csv(table, folder / "trials.csv")
     beside = [cases[0] / n for n in IN_A_CASE if (cases[0] / n).is_file()] if cases else []
-    whole = [folder / "robot.yaml", folder / "trials.csv", *beside, *files]
-    twice = next((p for i, p in enumerate(whole) if any(p.name == q.name for q in whole[:i])), None)
+    every = [folder / "robot.yaml", folder / "trials.csv", *beside, *files]
+    twice = next((p for i, p in enumerate(every) if any(p.name == q.name for q in every[:i])), None)
     if twice is not None:
         raise ConfigError(f"{twice}: another file of this name is in the crate; rename one")
-    infos = {name: summary(path) for name, path in recordings.items()}
-    name = forms.name or (cases[0] if cases else folder).resolve().name
-    made = write_crate(folder, whole, table, infos, name, forms.license)
-    advice = ["no licence is stated; add --license URL before you publish"] if forms.license is None else []
-    return _written([made, *(folder / p.name for p in whole)], table, advice)
+    infos = {file: summary(path) for file, path in recordings.items()}
+    name = cases[0].resolve().name if cases and not forms.name else name
+    made = write_crate(folder, every, table, infos, name, forms.license)
+    return [made, *(folder / p.name for p in every)], table
 
 
 def _written(files: Sequence[Path], table: Table | None = None, advice: Sequence[str] = ()) -> Result:
@@ -165,7 +151,7 @@ def _written(files: Sequence[Path], table: Table | None = None, advice: Sequence
 
 def _export_verb(a: argparse.Namespace) -> Result:
     streams: StreamFormat = "mat" if a.mat else "parquet" if a.parquet else "csv"
-    return export(a.inputs, a.out, Forms(a.case, a.crate, a.arviz, streams, a.license, a.name))
+    return export(a.inputs, a.out, Forms(a.case, a.crate, a.arviz, streams, a.license, a.name, a.replace))
 
 
 VERBS = (
@@ -176,7 +162,8 @@ VERBS = (
             JSON,
             ANY_SIZE,
             inputs("recordings (.mcap); with --mat, --crate and --arviz also a case folder"),
-            option("--out", type=Path, required=True, metavar="FOLDER", help="folder to write"),
+            option("--out", type=Path, required=True, metavar="FOLDER", help="new or empty folder to write"),
+            REPLACE,
             OneOf(
                 (
                     option("--case", action="store_true", help="robot.yaml + trials.csv, as other tools take it"),

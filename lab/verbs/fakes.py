@@ -17,6 +17,7 @@ from rich.table import Table as Sheet
 
 from model.robot import Robot
 from recordings.messages import NAME
+from recordings.numbers import number, whole_number
 from recordings.own_files import copied
 from sim_fakes.alicat import UNITS
 from sim_fakes.instrument import Fake, Regulators, faults
@@ -75,8 +76,8 @@ def serve(a: argparse.Namespace) -> Result:
     rig = _rig(a)
     _demand_agreement(rig.rig_file()["instruments"])
     ended = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: ended.set())
+    for caught in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(caught, lambda *_: ended.set())
     with rig:
         if a.rig is not None:
             _demand_free(a.rig)
@@ -220,7 +221,7 @@ def regulators(a: argparse.Namespace) -> Regulators:
     """The fake regulators that the options ask for; raises ConfigError."""
     try:
         full_scale = to_si(a.full_scale, "Pa") if a.full_scale else None
-        swapped = tuple(int(i) for i in a.swap.split(",")) if a.swap else None
+        swapped = tuple(whole_number(i) for i in a.swap.split(",")) if a.swap else None
     except ValueError as e:
         raise ConfigError(f"--full-scale or --swap: {e}") from e
     if swapped is not None and (len(swapped) != 2 or not all(1 <= i <= int(a.channels) for i in swapped)):
@@ -262,7 +263,7 @@ def effects(settings: list[str]) -> dict[str, float]:
         if name not in known:
             raise ConfigError(f"--effect {name}: unknown; one of {', '.join(known)}")
         try:
-            chosen[name] = float(size) if size else known[name].scale
+            chosen[name] = number(size) if size else known[name].scale
         except ValueError:
             chosen[name] = math.nan
         if not math.isfinite(chosen[name]):

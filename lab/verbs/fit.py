@@ -30,9 +30,13 @@ from ..calibration import Calibration, calibrate
 from ..console import Screen, note, out
 from ..files.config import ConfigError
 from ..files.inputs import Case, read_case
+from ..files.output_folder import demand_free, whole
 from ..files.own_effects import catalogue
 from ..files.robot_file import write_robot
-from ..options import ANY_SIZE, INPUTS, JSON, OWN_EFFECTS, ROBOT, Result, Verb, option
+from ..options import ANY_SIZE, INPUTS, JSON, OWN_EFFECTS, REPLACE, ROBOT, Result, Verb, option
+
+OWN = ("robot.yaml", "samples")
+"""What a fit writes, and replaces when it is repeated."""
 
 
 @dataclass(frozen=True)
@@ -49,8 +53,10 @@ class WithEffects:
     """Learn what the model still misses."""
 
 
-def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None) -> Result:
+def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None, replace: bool = False) -> Result:
     """The calibration; with a folder also write the calibrated robot.yaml."""
+    if folder is not None:
+        demand_free(folder, OWN, replace, inputs)
     case = read_case(inputs, robot)
     note(case.table.warnings)
     if case.robot != case.robot.plain:
@@ -64,8 +70,8 @@ def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None) -> Resu
     except (DiagnosisError, ModelError) as e:
         raise ConfigError(str(e)) from e
     if folder is not None:
-        folder.mkdir(parents=True, exist_ok=True)
-        write_robot(result.robot, folder / "robot.yaml", case.robot_text)
+        with whole(folder, OWN, replace, inputs) as place:
+            write_robot(result.robot, place / "robot.yaml", case.robot_text)
 
     def show() -> None:
         out.print(sheet(result))
@@ -75,7 +81,9 @@ def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None) -> Resu
     return Result(result.as_dict(), show)
 
 
-def fit_with(inputs: Sequence[Path], robot: Path | None, asked: WithEffects, folder: Path | None) -> Result:
+def fit_with(
+    inputs: Sequence[Path], robot: Path | None, asked: WithEffects, folder: Path | None, replace: bool = False
+) -> Result:
     """Area factor, effects and tolerances; with a folder also write robot.yaml and robots drawn from the posterior.
 
     Raises ConfigError, BadEffect, RecordingError.
@@ -84,6 +92,8 @@ def fit_with(inputs: Sequence[Path], robot: Path | None, asked: WithEffects, fol
         raise ConfigError(f"--samples {asked.samples}: must be at least 1")
     if asked.samples and folder is None:
         raise ConfigError(f"--samples {asked.samples}: needs --out FOLDER to write the robots into")
+    if folder is not None:
+        demand_free(folder, OWN, replace, inputs)
     case = read_case(inputs, robot)
     note(case.table.warnings)
     known, left_out = catalogue(case.robot, asked.file)
@@ -95,18 +105,19 @@ def fit_with(inputs: Sequence[Path], robot: Path | None, asked: WithEffects, fol
         raise
     except (DiagnosisError, ModelError) as e:
         raise ConfigError(str(e)) from e
-    note(found.concerns)
+    note(map(str, found.findings))
     written: list[Path] = []
     if folder is not None:
-        folder.mkdir(parents=True, exist_ok=True)
-        written.append(write_robot(found.robot, folder / "robot.yaml", case.robot_text))
-        if asked.samples:
-            names, values, robots = drawn(found.robot, known, asked.samples, asked.seed)
-            samples = write_samples(names, values, robots, folder_in(folder, "samples"), case.robot_text)
-            with Screen("writing robots") as screen:
-                for k, _ in enumerate(samples, 1):
-                    screen.progress(k, len(robots))
-            written.append(folder / "samples" / "samples.csv")
+        with whole(folder, OWN, replace, inputs) as place:
+            write_robot(found.robot, place / "robot.yaml", case.robot_text)
+            written.append(folder / "robot.yaml")
+            if asked.samples:
+                names, values, robots = drawn(found.robot, known, asked.samples, asked.seed)
+                samples = write_samples(names, values, robots, folder_in(place, "samples"), case.robot_text)
+                with Screen("writing robots") as screen:
+                    for k, _ in enumerate(samples, 1):
+                        screen.progress(k, len(robots))
+                written.append(folder / "samples" / "samples.csv")
 
     def show() -> None:
         out.print(effects_sheet(found))
@@ -162,7 +173,7 @@ def sheet(c: Calibration) -> Sheet:
         rows.append(("E of the body (eq. 8)", "0 cm", _mpa(e), str(e.n), f"{e.rms_residual:.3f} N"))
     areas = [("set-up exact", f"{length * 100:.1f} cm", a) for length, a in c.area_factor_by_length.items()]
     areas += [("tolerances", "all", c.area_factor)] if c.area_factor else []
-    factor = c.robot.actuators.words.say("area factor")
+    factor = c.robot.actuators.words.area_factor
     for kind, where, a in areas:
         rows.append((f"{factor}, {kind}", where, _plain(a.factor), str(a.states), f"{a.rmse * 1e3:.2f} mm rms"))
     spine = c.robot.spine is not None
@@ -176,10 +187,11 @@ def sheet(c: Calibration) -> Sheet:
 def baseline_line(c: Calibration, area: AreaFit) -> str:
     """The baseline of a diagnosis, in its words."""
     spine = c.robot.spine is not None
-    return c.robot.actuators.words.say(
-        f"calibrated with one area factor{' for all lengths' if spine else ''} and the tolerances of the set-up, the model "
-        f"misses the tip by {area.rmse * 1e3:.2f} mm rms on the {area.states} states (in-sample): the calibrated model of lab "
-        "diagnose" + (". Factors per length take the set-up as exact, so they need not lie about that one" if spine else "")
+    return (
+        f"calibrated with one {c.robot.actuators.words.area_factor}{' for all lengths' if spine else ''} and the tolerances of "
+        f"the set-up, the model misses the tip by {area.rmse * 1e3:.2f} mm rms on the {area.states} states (in-sample): the "
+        "calibrated model of lab diagnose"
+        + (". Factors per length take the set-up as exact, so they need not agree with that one" if spine else "")
     )
 
 
@@ -201,9 +213,9 @@ def _fit_verb(a: argparse.Namespace) -> Result:
         for name, given in (("--samples", a.samples), ("--effects", a.effects)):
             if given:
                 raise ConfigError(f"{name}: needs --with EFFECT[,EFFECT..]")
-        return fit(a.inputs, a.robot, a.out)
+        return fit(a.inputs, a.robot, a.out, a.replace)
     asked = WithEffects(a.with_effects or (), a.effects, a.samples, a.seed, a.residual)
-    return fit_with(a.inputs, a.robot, asked, a.out)
+    return fit_with(a.inputs, a.robot, asked, a.out, a.replace)
 
 
 VERBS = (
@@ -216,6 +228,7 @@ VERBS = (
             INPUTS,
             ROBOT,
             option("--out", type=Path, metavar="FOLDER", help="folder for robot.yaml as fitted, and --samples"),
+            REPLACE,
             option(
                 "--with",
                 dest="with_effects",

@@ -16,21 +16,27 @@ from recordings.trials import counted
 
 from ..console import Screen, note, out
 from ..files.config import ConfigError, load
+from ..files.output_folder import demand_free, whole
 from ..imports.formats import KNOWN, read
 from ..imports.guess import guess_map, lacks
 from ..imports.joining import experiments, joined, stream_of
 from ..imports.map_file import Map, Source, demand_units
 from ..imports.proposal import Guess, guess_text
 from ..imports.series import Series
-from ..imports.table import NOT_READ, Imported, imported
-from ..options import ANY_SIZE, JSON, Result, Verb, inputs, option
+from ..imports.table import Imported, imported
+from ..options import ANY_SIZE, JSON, REPLACE, Result, Verb, inputs, option
 from ..questions.table import doubtful
 
 MAP, PICTURE = "map.yaml", "states.png"
+OWN = ("robot.yaml", "trials.csv", MAP, PICTURE)
+"""What an import writes, and replaces when it is repeated."""
 
 
-def import_files(inputs: Sequence[Path], map_path: Path, robot_path: Path | None, folder: Path) -> Result:
+def import_files(
+    inputs: Sequence[Path], map_path: Path, robot_path: Path | None, folder: Path, replace_all: bool = False
+) -> Result:
     """Write CASE/robot.yaml, trials.csv, map.yaml and a picture of what was cut; raises ConfigError."""
+    demand_free(folder, OWN, replace_all, inputs)
     wanted = load(map_path, Map)
     robot_path = robot_path or map_path.parent / wanted.robot
     robot = load(robot_path, Robot)
@@ -41,13 +47,13 @@ def import_files(inputs: Sequence[Path], map_path: Path, robot_path: Path | None
     if found:
         raise ConfigError("\n".join(f"{map_path}: {text}" for text in found))
     made = replace(made, notes=(*made.notes, *doubtful(robot, made.table, str(robot_path))))
-    write_case(made, robot, robot_path, map_path, folder)
+    with whole(folder, OWN, replace_all, inputs) as place:
+        write_case(made, robot, robot_path, map_path, place)
     return told(made, folder)
 
 
 def write_case(made: Imported, robot: Robot, robot_path: Path, map_path: Path, folder: Path) -> None:
     """The folder of a case; a picture shows which rows became states."""
-    folder.mkdir(parents=True, exist_ok=True)
     for source, name in ((robot_path, "robot.yaml"), (map_path, MAP)):
         copied(source, folder / name)
     write_csv(made.table, folder / "trials.csv")
@@ -59,7 +65,7 @@ def write_case(made: Imported, robot: Robot, robot_path: Path, map_path: Path, f
 def told(made: Imported, folder: Path) -> Result:
     """What was made, and of what."""
     trials = len(set(made.table.trial.tolist()))
-    written = [str(folder / name) for name in ("robot.yaml", "trials.csv", MAP, PICTURE)]
+    written = [str(folder / name) for name in OWN]
 
     def show() -> None:
         note((*made.notes, *(f"check: {text}" for text in made.questions)))
@@ -110,36 +116,34 @@ def grouped(proposed: Guess) -> dict[str, list[str]]:
     found: dict[str, list[str]] = {}
     for key, reason in proposed.reasons.items():
         found.setdefault(reason, []).append(key)
-    return {
-        reason: keys
-        for reason, keys in found.items()
-        if not any(d.startswith((f"{keys[0]}:", f"{keys[0]} ")) for d in proposed.doubts)
-    }
+    return {reason: keys for reason, keys in found.items() if keys[0] not in proposed.doubtful}
 
 
-def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path) -> Result:
+def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, replace_all: bool = False) -> Result:
     """Write FOLDER/map.yaml, proposed from headings and numbers, and a picture of what it makes of the file."""
     if robot_path is None:
         raise ConfigError(
             "--robot: give the robot.yaml of this robot, whose length and actuators tell what the columns are; "
             "docs/tutorials/your-rig.md starts with one to copy"
         )
+    own = (MAP, PICTURE, "robot.yaml")
+    demand_free(folder, own, replace_all, inputs)
     robot = load(robot_path, Robot)
     series, proposed = _first_proposal(inputs, robot)
-    folder.mkdir(parents=True, exist_ok=True)
-    copied(robot_path, folder / "robot.yaml")
-    replaced(folder / MAP, guess_text(proposed, Path("robot.yaml"), [series.path], series.form))
     checks = [*series.notes, *proposed.doubts]
     made = None
-    try:
-        made = imported(inputs, load(folder / MAP, Map), robot)
-        found = (*implausible_values(robot, made.table), *doubtful(robot, made.table, str(robot_path)))
-        checks += (*found, *made.questions, *(n for n in made.notes if n.startswith(NOT_READ)))
-        from ..pages.import_figure import draw
+    with whole(folder, own, replace_all, inputs) as place:
+        copied(robot_path, place / "robot.yaml")
+        replaced(place / MAP, guess_text(proposed, Path("robot.yaml"), [series.path], series.form))
+        try:
+            made = imported(inputs, load(place / MAP, Map), robot)
+            checks += (*implausible_values(robot, made.table), *doubtful(robot, made.table, str(robot_path)))
+            checks += (*made.questions, *made.unread)
+            from ..pages.import_figure import draw
 
-        draw(made, robot, folder / PICTURE)
-    except ConfigError as e:
-        checks.append(str(e))
+            draw(made, robot, place / PICTURE)
+        except ConfigError as e:
+            checks.append(str(e).replace(str(place), str(folder)))
     states = len(made.table) if made is not None else 0
 
     def show() -> None:
@@ -157,10 +161,10 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path) -> Resu
 
 def _import_verb(a: argparse.Namespace) -> Result:
     if a.guess:
-        return guess(a.inputs, a.robot, a.out)
+        return guess(a.inputs, a.robot, a.out, a.replace)
     if a.map is None:
         raise ConfigError("--map: give the map.yaml that says what the columns are, or --guess to have one proposed")
-    return import_files(a.inputs, a.map, a.robot, a.out)
+    return import_files(a.inputs, a.map, a.robot, a.out, a.replace)
 
 
 VERBS = (
@@ -181,6 +185,7 @@ VERBS = (
                 metavar="FOLDER",
                 help="case folder to write; with --guess: where the map goes",
             ),
+            REPLACE,
         ),
         examples=(
             "lab import table.csv --guess --robot robot.yaml --out map",

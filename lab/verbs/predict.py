@@ -25,6 +25,7 @@ from model.prediction.inverse import REACHED, Reached, inverse, limits_of
 from model.prediction.spread import states_uncertainty
 from model.robot import Robot
 from protocols.planned import planned_rows
+from recordings.numbers import whole_number
 
 from ..console import Screen, note, out
 from ..files.config import ConfigError, demand_writable, load
@@ -40,7 +41,7 @@ AT_REST = {"spine_length", "tip_mass", "roll_deg"}
 MM, SHOWN = 1e3, 40
 """Rows that are printed; all are written."""
 INTERVAL = (
-    "95 %: parameters of robot.yaml to first order, model-form error, discrepancy, pressure and spine from trial to trial; "
+    "95 %: parameters of robot.yaml to first order, model-form error, discrepancy, {pressure}{spine} from trial to trial; "
     "of a reading also its noise"
 )
 NO_INTERVAL = (
@@ -123,7 +124,7 @@ def invert(robot: Robot, targets_path: Path, wanted: Wanted, outputs: Outputs, e
     fixed = None if wanted.spine_length is None else (wanted.spine_length, wanted.spine_length)
     try:
         limits = limits_of(robot, wanted.groups, wanted.max_pressure, fixed)
-        with Screen(robot.actuators.words.say("searching pressures")) as screen:
+        with Screen(f"searching {robot.actuators.words.pressures}") as screen:
             at = Predictor(robot, stated_by(robot, effects))
             found = inverse(at, place, limits, weight, lambda share: screen.progress(share, 1.0))
         found = replace(found, prediction=_with_known_intervals(robot, found.prediction))
@@ -157,11 +158,11 @@ def table_states(path: Path, words: Words) -> Columns:
     p1 .. are in Pa, `p1 [kPa]` or of tendons `p1 [N]` in that unit.
     """
     own = f"p1 [{words.unit}]"
-    found = read_numbers(path, ASKED, rf"p\d+( ?\[{words.unit}\])?", f"p1 .. (Pa) or {own} .., and spine_length (m)")
+    found = read_numbers(path, ASKED, rf"p[0-9]+( ?\[{words.unit}\])?", f"p1 .. (Pa) or {own} .., and spine_length (m)")
     for name in [name for name in found if "[" in name]:
         bare = name.partition("[")[0].strip()
         if bare in found:
-            raise ConfigError(f"{path}: the columns {bare} and {name} name one {words.say('chamber')}: leave one out")
+            raise ConfigError(f"{path}: the columns {bare} and {name} name one {words.actuator}: leave one out")
         found[bare] = np.asarray(found.pop(name), float) * words.pascal
     for name, column in found.items():
         if column.dtype == np.float64 and np.isnan(column).all():
@@ -173,7 +174,7 @@ def table_states(path: Path, words: Words) -> Columns:
     if highest and 0 < max(highest.values()) < 1e3:
         name = max(highest, key=lambda n: highest[n])
         raise ConfigError(
-            f"{path}: column {name}: the highest {words.say('pressure')} is {highest[name]:g} Pa, which looks like another "
+            f"{path}: column {name}: the highest {words.pressure} is {highest[name]:g} Pa, which looks like another "
             f"unit; write Pa ({highest[name]:g} {words.unit} is {words.pascal * highest[name]:g}), or name the column "
             f"'{name} [{words.unit}]'"
         )
@@ -251,9 +252,7 @@ def _cell(value: Any) -> Any:
 def _demand_columns(robot: Robot, states: Columns) -> None:
     count, words = len(robot.actuators.azimuths_deg), robot.actuators.words
     if not any(re.fullmatch(r"p\d+", name) for name in states):
-        raise ConfigError(
-            f"the table has no {words.say('pressures')}: give columns p1 .. p{count}, in Pa, or p1 [{words.unit}] .."
-        )
+        raise ConfigError(f"the table has no {words.pressures}: give columns p1 .. p{count}, in Pa, or p1 [{words.unit}] ..")
 
 
 def _pressures(robot: Robot, states: Columns) -> Array:
@@ -301,16 +300,20 @@ def _head(robot: Robot, outputs: Outputs) -> dict[str, Any]:
         "schema": "prediction/1",
         "robot": robot.name,
         "effects": list(robot.effects),
-        "interval": INTERVAL if states_uncertainty(robot) else None,
+        "interval": _interval(robot) if states_uncertainty(robot) else None,
         "files": [str(p) for p in (outputs.csv, outputs.figure) if p is not None],
     }
+
+
+def _interval(robot: Robot) -> str:
+    """What the interval covers."""
+    return robot.actuators.words.fill(INTERVAL, spine=" and spine" if robot.spine is not None else "")
 
 
 def _tell(robot: Robot, outputs: Outputs, rows: int) -> None:
     if rows > SHOWN:
         out.print(f"{rows - SHOWN} more rows; --out FILE.csv writes all")
-    said = INTERVAL if robot.spine is not None else INTERVAL.replace("pressure and spine", "pressure")
-    out.print(f"± {robot.actuators.words.say(said)}" if states_uncertainty(robot) else NO_INTERVAL)
+    out.print(f"± {_interval(robot)}" if states_uncertainty(robot) else NO_INTERVAL)
     for path in (outputs.csv, outputs.figure):
         if path is not None:
             out.print(f"written: {path}")
@@ -322,7 +325,7 @@ def _sheet(robot: Robot, states: Columns, found: Prediction) -> Sheet:
     count = pressures.shape[1]
     # chambers of a robot with more are listed in one column
     own = count <= 4
-    columns = [f"p{c}" for c in range(1, count + 1)] if own else [words.say("p (chambers)")]
+    columns = [f"p{c}" for c in range(1, count + 1)] if own else [f"p ({words.actuators})"]
     named = " + ".join(robot.effects) or "no effect"
     t = Sheet(title=f"Expected readings of the tip, p in {words.unit}: {robot.name}, {named}", title_justify="left")
     spine = robot.spine is not None
@@ -340,9 +343,8 @@ def _sheet(robot: Robot, states: Columns, found: Prediction) -> Sheet:
 def _inverse_sheet(wanted: Array, found: Reached, robot: Robot) -> Sheet:
     words, spine = robot.actuators.words, robot.spine is not None
     low, high = found.prediction.interval(model_only=True)
-    drives = words.say("pressures").capitalize()
-    columns = ("target, mm", "there", *(("spine",) if spine else ()), words.say(f"{words.unit} (chambers)"))
-    title = f"{drives} for wanted tips (there: within {MM * REACHED:g} mm)"
+    columns = ("target, mm", "there", *(("spine",) if spine else ()), f"{words.unit} ({words.actuators})")
+    title = f"{words.pressures.capitalize()} for wanted tips (there: within {MM * REACHED:g} mm)"
     t = Sheet(*columns, "x, mm", "y, mm", "z, mm", title=title, title_justify="left")
     for i in range(min(len(wanted), SHOWN)):
         target = " ".join("any" if np.isnan(v) else f"{MM * v:.1f}" for v in wanted[i])
@@ -375,7 +377,7 @@ def _with_half(value: Array, low: Array, high: Array) -> list[str]:
 def _groups(text: str) -> tuple[tuple[int, ...], ...]:
     """Chambers between commas, groups between blanks."""
     try:
-        return tuple(tuple(int(c) for c in group.split(",")) for group in text.split())
+        return tuple(tuple(whole_number(c) for c in group.split(",")) for group in text.split())
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text!r}: write chambers between commas and groups between blanks") from None
 

@@ -29,11 +29,11 @@ from protocols.planned import planned_rows, unlike
 from protocols.registry import Experiment
 from protocols.steering import Steering
 from recordings.campaign.info import beyond_plan
-from recordings.campaign.journal import Journal
 from recordings.campaign.labels import RECORD, labels
-from recordings.campaign.resumed import metadata as campaign
+from recordings.campaign.replay import metadata as campaign
 from recordings.errors import BadMessage, RecordingError
 from recordings.events import Request
+from recordings.file.journal import Journal
 from recordings.file.writer import Recorder
 from recordings.trials import Table, counted
 

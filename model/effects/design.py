@@ -87,10 +87,7 @@ def design_from_columns(robot: Robot, columns: Columns, channels: tuple[str, ...
 
 
 def _sittings(t: Array, trial: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Number (n,) of each state's sitting, see `States.sitting`, from times t (n,) s and trials 0.. (n,).
-
-    All states are of sitting 0 where times are not known or start again with each trial: then they show no sitting.
-    """
+    """Number (n,) of each state's sitting (`States.sitting`); 0 where times are not known or start again with each trial."""
     one_sitting = np.zeros(len(t), np.int64)
     numbers = np.unique(trial)
     begins, ends = np.array([(t[trial == k][0], t[trial == k][-1]) for k in numbers]).T
@@ -105,10 +102,7 @@ def _sittings(t: Array, trial: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _progress(t: Array, trial: NDArray[np.int64], own: Flags) -> Array:
-    """Part 0..1 (n,) of the campaign that has passed at each of the states marked `own`, those of the robot; 0 at all others.
-
-    By time t (n,) s where all are known and each trial begins after the one before it, else by the number of the trial.
-    """
+    """Part 0..1 (n,) of the campaign past at the robot's `own` states, by time where trials follow each other, else by trial."""
     out = np.zeros(len(t))
     if own.any():
         begins = np.array([t[own & (trial == k)][0] for k in np.unique(trial[own])])

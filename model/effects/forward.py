@@ -377,8 +377,7 @@ class ForwardModel:
     def _laws(
         self, part: Literal["before", "path", "after"], spread: Spread
     ) -> Iterator[tuple[Callable[[Any, Values], None], Values]]:
-        """This part of every law that is applied, with its values, in the order of the catalogue, the robot's own that are not
-        varied among them."""
+        """This part of every law that is applied, with its values, in the catalogue's order, the robot's own among them."""
         for known, do in self._laws_of[part]:
             if isinstance(known, str):
                 yield do, dict(self._fixed[known][1])
@@ -424,8 +423,7 @@ class ForwardModel:
         self._points = (here, *others)[:3]
 
     def _asked(self, here: _At, sources: frozenset[int]) -> _At:
-        """The same point with laws by which it is to be differentiated: one of size zero does nothing, but says where it would
-        act (the plane of an obstacle). Nothing is solved anew, as nothing moves."""
+        """The same point with the laws by which it is differentiated, also those of size zero; nothing is solved anew."""
         if sources <= here.spread.applied:
             return here
         spread = replace(here.spread, applied=here.spread.applied | sources)
@@ -598,8 +596,7 @@ class ForwardModel:
         return r
 
     def _every_row(self, results: Array) -> Array:
-        """(v, full, columns): results of rods that move in their places among all states and the rests behind them; zeros, and a
-        tip that is not turned, for stiffness pushes, whose rods nobody reads."""
+        """(v, full, columns) results of rods in their places among all states, then rests; zeros for stiffness pushes."""
         if results.shape[1] == len(self._full):
             return results
         out = np.zeros((len(results), len(self._full), results.shape[2]))

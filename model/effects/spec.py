@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from model.actuators import Chambers, Words
 from model.errors import BadEffect
 
 if TYPE_CHECKING:
@@ -99,7 +100,8 @@ class EffectSpec:
     citation: str
     seen_best_in: str
     label: str = ""
-    """The effect as a noun phrase, for tables and figures; empty: its id in words."""
+    """The effect as a noun phrase, for tables and figures, in which {actuators} and the like (`Words`) stand for what the robot
+    has; empty: its id in words."""
     says: str = ""
     """The effect in plain words, {} for its size, as [more|less] a word by the sign of a size; empty: its id says it."""
     standard: bool = False
@@ -118,6 +120,12 @@ class EffectSpec:
             raise BadEffect(f"effect id {self.id!r}: letters, digits and _ only")
         if self.stage not in get_args(Stage):
             raise BadEffect(f"effect {self.id}: stage {self.stage!r} must be one of {', '.join(STAGES)}")
+        try:
+            Chambers.words.fill(f"{self.label}{self.says}", "")
+        except (LookupError, ValueError, AttributeError) as error:
+            raise BadEffect(
+                f"effect {self.id}: label and says: {error} in braces is no word for actuators; leave it out"
+            ) from error
         names = [p.name for p in self.parameters]
         if not names or len(set(names)) != len(names):
             raise BadEffect(f"effect {self.id}: parameters {names}, needs at least one, and distinct names")
@@ -130,10 +138,9 @@ class EffectSpec:
             return self
         return replace(self, standard=False, parameters=tuple(p.times(scales.times_standard(p.unit)) for p in self.parameters))
 
-    @property
-    def name(self) -> str:
-        """The effect's plain name."""
-        return self.label or self.id.replace("_", " ")
+    def name(self, words: Words = Chambers.words) -> str:
+        """The effect's plain name, in the words for the robot's actuators."""
+        return words.fill(self.label) or self.id.replace("_", " ")
 
     @property
     def family_id(self) -> str:

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import fields
 from datetime import UTC, datetime
-from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -27,13 +24,13 @@ from ..trials import COLUMNS, Table
 from .replay import table_of
 
 StreamFormat = Literal["csv", "parquet", "mat"]
-ROWS = 10_000
-"""Of a table that are written at a time."""
 Columns = dict[str, NDArray[Any]]
 
 
-def export_streams(recording: Recording, folder: str | os.PathLike[str], form: StreamFormat = "csv") -> list[Path]:
-    """Write each stream that has samples to `<stream>.csv` or `.parquet`, or all to one `.mat`; returns the files.
+def export_streams(
+    recording: Recording, folder: str | os.PathLike[str], form: StreamFormat = "csv", name: str = ""
+) -> list[Path]:
+    """Write each stream that has samples to `<stream>.csv` or `.parquet`, or all to one `<name>.mat`; returns the files.
 
     The states that were read are in `trials`, what people asked of the run (notes among it) in `requests`, where there are
     any. `columns` has unit and meaning of every column, and the wall time of t = 0.
@@ -63,19 +60,18 @@ def export_streams(recording: Recording, folder: str | os.PathLike[str], form: S
         if asked:
             tables["requests"] = _texts_as_objects(requests)
         tables["columns"] = _texts_as_objects(described)
-        return [write_mat(tables, folder / f"{recording.path.stem}.mat")]
-    write = _write_csv if form == "csv" else _parquet_writer()
+        return [write_mat(tables, folder / f"{name or recording.path.stem}.mat")]
     written = [folder / f"{stem}.{form}" for stem in tables]
     for columns, path in zip(tables.values(), written, strict=True):
-        write(columns, path)
+        _write(columns, path)
     if asked:
         written.append(folder / f"requests.{form}")
-        write(requests, written[-1])
+        _write(requests, written[-1])
     if len(table):
         written.append(folder / "trials.csv")
         write_csv(table, written[-1])
     written.append(folder / "columns.csv")
-    _write_csv(described, written[-1])
+    _write(described, written[-1])
     return written
 
 
@@ -159,28 +155,18 @@ def _variable(name: str) -> str:
     return own if own[:1].isalpha() else f"v{own}"[:63]
 
 
-def _write_csv(columns: Columns, path: Path) -> None:
-    with replacing(path) as (data, _):
-        file = io.TextIOWrapper(data, encoding="utf-8", newline="")
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
-        length = len(next(iter(columns.values())))
-        for at in range(0, length, ROWS):  # as Python's numbers they take four times the memory
-            writer.writerows(zip(*(values[at : at + ROWS].tolist() for values in columns.values()), strict=True))
-        file.detach()  # written out, and `data` left open
+def _write(columns: Columns, path: Path) -> None:
+    import pandas  # a second, which recording does not need
 
-
-def _parquet_writer() -> Callable[[Columns, Path], None]:
-    try:
-        pyarrow, parquet = import_module("pyarrow"), import_module("pyarrow.parquet")
-    except ImportError as error:
-        raise MissingPackage("Parquet needs pyarrow, which is not installed; pip install pyarrow, or export CSV") from error
-
-    def write(columns: Columns, path: Path) -> None:
-        with replacing(path) as (file, _):
-            parquet.write_table(pyarrow.table(columns), file)
-
-    return write
+    frame = pandas.DataFrame(columns)
+    with replacing(path) as (file, _):
+        if path.suffix == ".csv":
+            frame.to_csv(file, index=False, na_rep="nan", lineterminator="\n", mode="wb")
+            return
+        try:
+            frame.to_parquet(file, index=False)
+        except ImportError as error:
+            raise MissingPackage("Parquet needs pyarrow, which is not installed; pip install pyarrow, or export CSV") from error
 
 
 def export_case(recording: Recording, folder: str | os.PathLike[str], table: Table | None = None) -> Path:

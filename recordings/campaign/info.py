@@ -171,8 +171,7 @@ def _since(start: int, log_times: NDArray[np.uint64]) -> NDArray[np.float64]:
 
 
 def _or(otherwise: T, notes: list[str], damage: list[str], way: Callable[[], T]) -> T:
-    """What `way` gives; where several channels carry a topic or its version is another one, a note and `otherwise`; where
-    messages make no sense, damage and `otherwise`."""
+    """What `way` gives; else `otherwise` and a note (other versions, merged files), or damage where messages make no sense."""
     try:
         return way()
     except (NotARecording, OtherVersion) as error:

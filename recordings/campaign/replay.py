@@ -5,13 +5,13 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import events
-from ..errors import NotSettled, RecordingError
+from ..errors import Damaged, NotSettled, RecordingError
 from ..events import TrialEvent, marked
 from ..file.budget import Budget, Cost
 from ..file.reader import Recording
@@ -60,11 +60,7 @@ def table_of(recording: Recording) -> Table:
 def _table(
     recording: Recording, read: Sequence[tuple[TrialEvent | Replayed, TrialRow]], drifts: Sequence[tuple[Zeros, Drift]]
 ) -> Table:
-    """Of all rows that were read, those that count: of a state that was read again the last one, and none of a trial that a
-    person left out. The table's warnings say so.
-
-    Forces are freed from the drift of the sensor's zero, and doubts about rows stand in them.
-    """
+    """The rows that count, without drift and with doubts: of a state read again the last, of a trial left out none (warnings)."""
     again = {event.repeats for event, _ in read if event.repeats}
     skipped = {request.trial for request in recording.requests if request.kind == "skip" and request.done}
     rows = [(event.number, row) for event, row in read if row.trial not in skipped]
@@ -88,10 +84,7 @@ def units_of(recording: Recording) -> dict[str, str]:
 
 
 class _Counted:
-    """The streams of a recording; what states look at is taken from a budget.
-
-    A file of many states that each look at all of it would keep a computer busy for hours.
-    """
+    """The streams of a recording; what states look at is taken from a budget: many states may each look at all of it."""
 
     def __init__(self, recording: Recording) -> None:
         self.recording, self.newest = recording, recording.newest
@@ -181,3 +174,63 @@ def _first_difference(live: TrialRow, replayed: TrialRow) -> str:
     names = (name for name in (*a, *b) if repr(a.get(name)) != repr(b.get(name)))
     found = (f"{name} was {a.get(name)!r} live and is {b.get(name)!r} in replay" for name in names)
     return next(found, "order of the columns")
+
+
+# -- recordings that belong together: a run that was broken off and those that resumed it make one table of trials
+def metadata(campaign: str, journal: str, first_trial: int) -> dict[str, dict[str, str]]:
+    """The metadata record of a recording that belongs to a campaign."""
+    return {"campaign": {"id": campaign, "journal": journal, "first_trial": str(first_trial)}}
+
+
+def campaign_of(recording: Recording) -> str | None:
+    """The campaign that a recording belongs to; None for one that stands alone."""
+    return recording.metadata.get("campaign", {}).get("id")
+
+
+def first_trial(recording: Recording) -> int:
+    """The number of the first trial that was done in a recording."""
+    text = recording.metadata.get("campaign", {}).get("first_trial", "1")
+    if not (text.isascii() and text.isdigit() and len(text) < 10):
+        raise Damaged(f"{recording.path}: its metadata 'campaign' has first_trial {text[:40]!r}, which is not a number")
+    return int(text)
+
+
+def campaigns(recordings: Sequence[Recording]) -> list[list[Recording]]:
+    """Recordings of one campaign together, one that stands alone by itself, in the order of their first recording."""
+    groups: dict[str, list[Recording]] = {}
+    for number, recording in enumerate(recordings):
+        groups.setdefault(campaign_of(recording) or f"alone {number}", []).append(recording)
+    return list(groups.values())
+
+
+def tables(recordings: Sequence[Recording]) -> list[Table]:
+    """One table for each campaign, and for each recording that stands alone, in the order of their first recording."""
+    return [merged(group) for group in campaigns(recordings)]
+
+
+def merged(recordings: Sequence[Recording]) -> Table:
+    """The table of one campaign: a trial that was begun again counts as it was done last.
+
+    `t` goes on from recording to recording: later ones count from the start of the first (wall time, but never
+    backwards).
+    """
+    parts = sorted(recordings, key=lambda recording: (first_trial(recording), _span(recording)[0]))
+    kept: list[Table] = []
+    doubts: list[str] = []
+    shift = 0.0
+    for number, recording in enumerate(parts):
+        if number:
+            before = parts[number - 1]
+            ended = (_span(before)[1] - before.start_wall_ns) / 1e9
+            shift = max((recording.start_wall_ns - parts[0].start_wall_ns) / 1e9, shift + ended)
+            kept = [table.take(table.trial < first_trial(recording)) for table in kept]
+        table = table_of(recording)
+        kept.append(table.replaced({"t": table.get("t") + shift}) if shift and len(table) else table)
+        doubts += table.warnings
+    units = {column: unit for recording in parts for column, unit in units_of(recording).items()}
+    return replace(Table.stacked(kept), warnings=tuple(doubts), sensor_units=units)
+
+
+def _span(recording: Recording) -> tuple[int, int]:
+    """Wall time (ns) of a recording's first and last message: rig time 0 may lie long before them."""
+    return recording.contents.span or (recording.start_wall_ns, recording.start_wall_ns)

@@ -23,7 +23,7 @@ from ..json_text import read_json
 from ..own_files import replaced
 from .info import info, planned_of
 from .labels import MOST, labels_of
-from .resumed import campaign_of
+from .replay import campaign_of
 
 INDEX = ".recordings.json"
 VERSION = 6

@@ -49,6 +49,11 @@ def lift() -> None:
     _lifted = True
 
 
+def lifted() -> bool:
+    """Whether the limits are lifted."""
+    return _lifted
+
+
 def largest_chunk(size: int) -> int:
     """Bytes that a chunk of a file of `size` bytes may hold."""
     return MAX_TOTAL if _lifted else max(SMALL_CHUNK, min(size, MAX_CHUNK))

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import mmap
 import os
-import stat
 import struct
 import zlib
 from dataclasses import dataclass, field
@@ -15,6 +14,7 @@ from dataclasses import dataclass, field
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Header, Metadata, Schema
 
+from ..bounded import regular
 from ..errors import Damaged, NotARecording
 from .budget import PER_CHANNEL, PER_TEXT, SMALLEST_CHUNK, Budget, Cost, largest_chunk
 from .chunks import HEAD, Chunk, Record
@@ -25,21 +25,9 @@ _INDEX = struct.Struct("<HI")
 _U32, _U64 = struct.Struct("<I"), struct.Struct("<Q")
 
 
-def opened(path: str | os.PathLike[str]) -> int:
-    """A regular file, open for reading; raises `NotARecording` for any other: nobody waits for a named pipe."""
-    try:
-        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    except OSError as error:
-        raise NotARecording(f"{path}: cannot be read ({error.strerror}); check the path") from error
-    if not stat.S_ISREG(os.fstat(handle).st_mode):
-        os.close(handle)
-        raise NotARecording(f"{path} is not a file")
-    return handle
-
-
 def mapped(path: str | os.PathLike[str]) -> memoryview:
     """A regular file's bytes; raises `NotARecording` when it cannot be read."""
-    with open(opened(path), "rb") as file:
+    with open(regular(path, NotARecording), "rb") as file:
         try:
             size = os.fstat(file.fileno()).st_size
             return memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) if size else b"")

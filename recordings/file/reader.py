@@ -304,8 +304,7 @@ class Recording:
         return samples
 
     def _order(self, channel: Channel, t: Sequence[NDArray[np.float64]], content: Callable[[int], bytes]) -> list[int]:
-        """The order of a channel's messages: by stamp (when given), log time and number. Those that are equal in all are told
-        apart by what they hold; which of two equal ones comes first does not matter."""
+        """The order of a channel's messages: by stamp (when given), log time, number, and at last by what they hold."""
         times = self._times_of(channel.id)
         keys = [times["sequence"], times["log"], *t]
         order = np.lexsort(keys)

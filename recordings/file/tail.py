@@ -17,11 +17,12 @@ from mcap.records import Channel
 from numpy.typing import NDArray
 
 from .. import events
-from ..errors import Damaged, Oversized
+from ..bounded import regular
+from ..errors import Damaged, NotARecording, Oversized
 from ..messages import MessageType, is_stream
 from .budget import OPTION, Cost, largest_chunk
 from .chunks import HEAD, Messages
-from .contents import Contents, opened
+from .contents import Contents
 from .records import MAGIC, Hole, records
 from .samples import check_version, decode, message_of, ours, parse
 
@@ -59,7 +60,7 @@ class Tail:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
-        self._fd = opened(self.path)
+        self._fd = regular(self.path, NotARecording)
         self.contents = Contents(str(self.path), 0)
         """Channels, schemas, attachments and metadata so far; `end`: how far it was read; `finished`: its end mark was."""
         self._more = False

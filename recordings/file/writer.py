@@ -38,11 +38,10 @@ from ..states.buffer import KEEP, Buffers
 from ..states.rules import Crossing, State
 from ..states.zeros import Drift, Zeros
 from ..trials import TrialRow
-from ..views import PERIOD, VIEWS
 from .clocks import STAMP, fit, has_stamp
 from .counts import StreamCounts, Tally
-from .disk import Companion, Disk
-from .mcap_file import McapFile
+from .journal import Journal
+from .mcap_file import Disk, McapFile
 
 FLUSH_PERIOD = 0.1
 """Host seconds between finished chunks."""
@@ -82,7 +81,7 @@ class Recorder:
         sensors: Sequence[MessageType] = (),
         keep: float = KEEP,
         start: float = 0.0,
-        journal: Companion | None = None,
+        journal: Journal | None = None,
         rescue: Sequence[Path] = (),
     ) -> None:
         self.path = Path(path)
@@ -102,7 +101,7 @@ class Recorder:
         self._failure: BaseException | None = None
         self._outcome: dict[str, str] | None = None
         self._states = 0
-        self._views_due = dict.fromkeys(VIEWS, -math.inf)
+        self._views_due = dict.fromkeys(events.VIEWS, -math.inf)
         """Stream -> rig time (s) of its next message that viewers see."""
         self._event_lock = threading.Lock()
         self._disk = Disk(self.path)
@@ -370,13 +369,13 @@ class Recorder:
             self.buffers[topic].append(ns / 1e9, payload)
         entry.note(ns, payload)
         self._mcap.message(entry.channel, entry.generated & 0xFFFFFFFF, self.start_wall_ns + ns, payload)
-        if topic in VIEWS and ns / 1e9 >= self._views_due[topic]:
-            self._views_due[topic] = ns / 1e9 + PERIOD
+        if topic in events.VIEWS and ns / 1e9 >= self._views_due[topic]:
+            self._views_due[topic] = ns / 1e9 + events.VIEW_PERIOD
             self._put_views(topic, ns, payload)
 
     def _put_views(self, stream: str, ns: int, payload: bytes) -> None:
         fields = self.messages[stream].decode(payload)[0]
-        for topic, encode in VIEWS[stream]:
+        for topic, encode in events.VIEWS[stream]:
             view = encode(self.start_wall_ns + ns, fields)
             if view is not None:
                 self._put(topic, ns, view)

@@ -1,7 +1,5 @@
 """The blind bench: what is drawn and measured, how it is sealed, and how answers are scored."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Worlds: another solver that agrees with the model, and forms of effects that vanish with their size."""
 
-from __future__ import annotations
-
 import pickle
 from functools import cache
 from itertools import combinations

@@ -65,7 +65,7 @@ def test_what_is_far_off_is_found_and_told(case: Measured, told: Robot, name: st
     first = calibrate_first(told, states(case)[0])
     assert [a.name for a in first.adjusted] == [name] and not first.adjusted[0].at_bound
     assert first.adjusted[0].found == pytest.approx(found, rel=0.1, abs=6)
-    assert first.after < 0.3 * first.before and name in first.concern
+    assert first.after < 0.3 * first.before and name in first.concerns[0].text
 
 
 def test_the_slope_of_what_is_left_is_its_slope(case: Measured) -> None:
@@ -117,7 +117,7 @@ def test_chambers_in_another_order_are_an_effect_of_the_robot_where_it_is_weighe
     told = exchanged(case, place)
     first = calibrate_first(told.robot, states(told)[0], ("chamber_order",))
     assert first.robot.effects["chamber_order"]["which"].value == place - 2 and not first.adjusted
-    assert "hold the pressures of" in first.concern and "chamber_order" in first.sentence
+    assert "hold the pressures of" in first.concerns[0].text and first.changes[0].values["effect"] == "chamber_order"
     assert first.robot.chambers == ROBOT.chambers
     as_azimuth = calibrate_first(told.robot, states(told)[0])
     assert not as_azimuth.order and as_azimuth.adjusted
@@ -163,7 +163,7 @@ def test_the_cause_is_found_around_the_calibrated_robot(case: Measured) -> None:
     there = replace(case, robot=softer(ROBOT, 2.4))
     found = diagnose(there, options)
     assert found.attribute.effects == ("chamber_azimuth",)
-    assert found.statement.startswith("Calibrated first: youngs_modulus") and found.concerns[0].startswith("calibrated first")
+    assert found.statement.startswith("Calibrated first: youngs_modulus") and found.findings[0].code == "refitted_first"
     told: Any = found.detail["first_calibration"]
     assert len(told["adjusted"]) == 1
     assert found.calibration is not None and found.calibration.modulus == pytest.approx(1 / 2.4, rel=0.15)
@@ -175,7 +175,7 @@ def test_the_cause_is_found_around_the_calibrated_robot(case: Measured) -> None:
 def test_what_is_fitted_is_the_calibrated_robot(case: Measured) -> None:
     fitted = fit_effects(replace(case, robot=softer(ROBOT, 2.4)), ("chamber_azimuth",))
     assert fitted.robot.youngs_modulus == pytest.approx(ROBOT.youngs_modulus, rel=0.15)
-    assert "calibrated first" in fitted.concerns[0]
+    assert fitted.findings[0].code == "refitted_first"
 
 
 def test_a_payload_on_an_arm_across_gravity_is_no_modulus(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -24,7 +24,7 @@ def scaled(campaign: Measured, length: float, modulus: float) -> Measured:
         )
         for r in campaign.table
     )
-    return Measured(similar(campaign.robot, length, modulus), Table(tuple(rows)))
+    return Measured(similar(campaign.robot, length, modulus), Table.of(rows))
 
 
 def test_a_similar_robot_has_the_same_cause_with_the_same_probability() -> None:

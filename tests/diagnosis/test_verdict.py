@@ -253,8 +253,8 @@ def test_a_number_of_robot_yaml_far_beyond_its_tolerance_is_stated_and_no_cause_
     robot = load(paper_robot(), Robot)
     (said,) = beyond_tolerance(p, moved, robot)
     stiff = robot.model_copy(update={"bending_stiffness": 0.1})
-    assert "bending_stiffness 12 % below" in next(beyond_tolerance(p, moved, stiff))
-    assert "youngs_modulus 12 % below robot.yaml (2 %), density 70 % above robot.yaml (10 %): measure" in said
+    assert "bending_stiffness 12 % below" in next(beyond_tolerance(p, moved, stiff)).text
+    assert "youngs_modulus 12 % below robot.yaml (2 %); density 70 % above robot.yaml (10 %): re-measure" in said.text
     sure = decide(SURE, True)
     assert conclude(sure, True, (), tense=True) == "one of several" and conclude(sure, True, ()) == "cause"
 
@@ -276,15 +276,17 @@ def test_a_cause_whose_size_is_nothing_or_impossible_or_that_leaves_much_is_not_
     none = replace(sure, name="base_tilt.y", mean=0.001)
     shape = replace(none, name="base_tilt.growth", mean=9.0, role="shape")
     little = Shrink("", 3.0, 0.6, 0.3, 0.99, None, ())
-    assert not [*doubts([sure, none, shape], ("base_tilt",), little)]
-    assert [*doubts([none, shape], ("base_tilt",), little)] == ["the size of base_tilt is zero within its error"]
-    assert [*doubts([replace(sure, mean=-0.3)], ("base_tilt",), little)] == ["base_tilt would have an impossible size"]
-    assert [*doubts([sure], ("base_tilt",), replace(little, after_mm=1.8))] == ["1.8 mm remain on unseen states"]
-    assert not [*doubts([sure], ("base_tilt",), replace(little, after_mm=1.8, before_mm=20.0))]
-    (alone,) = doubts([sure], ("base_tilt",), little, ("contact",))
-    told = statement(replace(facts(SURE), conclusion="one of several", doubts=(alone,)))
-    assert told.startswith("Behaves most like tilt of the base [base_tilt]")
-    assert "Not certain: contact alone would do the same without calibration." in told
+    cause = {"base_tilt": "tilt"}
+
+    def why(sizes: list[Size], left: Shrink, *alone: str) -> list[tuple[str, dict[str, object]]]:
+        return [(f.code, dict(f.values)) for f in doubts(sizes, cause, left, alone)]
+
+    assert why([sure, none, shape], little) == []
+    assert why([none, shape], little) == [("cause_within_error", {"effect": "tilt"})]
+    assert why([replace(sure, mean=-0.3)], little) == [("cause_impossible", {"effect": "tilt"})]
+    assert why([sure], replace(little, after_mm=1.8)) == [("gap_remains", {"mm": 1.8})]
+    assert why([sure], replace(little, after_mm=1.8, before_mm=20.0)) == []
+    assert why([sure], little, "contact") == [("cause_or_calibration", {"effect": "contact"})]
 
 
 CALIBRATED = Waterfall("", 9, 14.8, (Step("calibration", None, 14.5, 14.0, 15.0, 0.3),), {}, None)

@@ -1,7 +1,5 @@
 """Length units of both makers on their fakes, and how their tests watch them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -26,25 +26,17 @@ def fake(bench: Bench) -> AlicatFake:
 
 @pytest.fixture
 def make(bench: Bench, fake: AlicatFake) -> Make:
-    """Makes drivers of the fake, with other settings in rig.yaml."""
-
-    def make(**changes: Any) -> Alicat:
-        values: dict[str, Any] = {"port": fake.port, "chambers": ((1,), (2,), (3,)), "timeout": 1.0, "max_age": 5.0}
-        return bench.closing(Alicat("pressure", Config(**(values | changes)), bench.clock))
-
-    return make
+    return bench.maker(Alicat, Config, "pressure", usual(fake))
 
 
 @pytest.fixture
-def opened(make: Make) -> Make:
-    """The same, opened."""
+def opened(bench: Bench, fake: AlicatFake) -> Make:
+    return bench.opener(Alicat, Config, "pressure", usual(fake))
 
-    def opened(**changes: Any) -> Alicat:
-        regulators = make(**changes)
-        regulators.open()
-        return regulators
 
-    return opened
+def usual(fake: AlicatFake) -> dict[str, Any]:
+    """Settings in rig.yaml."""
+    return {"port": fake.port, "chambers": ((1,), (2,), (3,)), "timeout": 1.0, "max_age": 5.0}
 
 
 @pytest.fixture

@@ -1,7 +1,5 @@
 """What a serial line may do to any driver, beyond `lab.driver_contract`: half an answer, two pieces, an echo, a stranger."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

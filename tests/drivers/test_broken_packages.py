@@ -1,7 +1,5 @@
 """Installed packages whose driver is none: named where they are used, and in nobody's way elsewhere."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

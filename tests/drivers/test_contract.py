@@ -1,7 +1,5 @@
 """Every driver does what every driver must; so does one that a package of a lab's own brings, without a line of ours."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -12,7 +12,7 @@ from drivers.errors import BadReply, DeviceFault, NotReady, Unreachable, WrongDe
 from sim_fakes.dynamixel import DynamixelFake
 from sim_fakes.plant import Plant
 from tests.drivers.spines import Make, arrive, fault_of, homed, make_pair, watch
-from tests.simulated.bench import Bench
+from tests.simulated.bench import Bench, wait_until
 
 TORQUE, WATCHDOG, MODE, GOAL = 64, 98, 11, 116
 
@@ -24,10 +24,7 @@ def make(bench: Bench) -> Make:
 
 def bitten(servo: DynamixelFake) -> None:
     """Wait until the servo's watchdog has bitten."""
-    deadline = timing.now() + 60
-    while servo.motor.table[WATCHDOG] != 0xFF:
-        assert timing.now() < deadline, "the watchdog never bites"
-        timing.sleep(0.01)
+    wait_until(lambda: servo.motor.table[WATCHDOG] == 0xFF)
 
 
 def test_open_names_the_model_and_sets_the_mode_with_torque_off(make: Make) -> None:

@@ -1,7 +1,5 @@
 """The FT 300-S driver through pymodbus and pyserial, against the fake sensor."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
@@ -11,20 +9,12 @@ from drivers.ft300s.driver import FT300S, Config
 from drivers.interfaces import WrenchSample
 from sim_fakes.ft300s import Ft300sFake
 from sim_fakes.plant import Plant
-from tests.simulated.bench import Bench, of_speed
+from tests.simulated.bench import Bench, of_speed, wait_until
 
 pytestmark = of_speed(1.0)  # at the sensor's own speed
 
 TOOL = (1.5, -2.25, 30.0, 0.125, -0.5, 1.0)
 """N and N m, what the fake's tool weighs."""
-
-
-def eventually(condition: Callable[[], bool], within: float = 10.0) -> bool:
-    """Wait for a condition; False when it does not come."""
-    deadline = timing.now() + within
-    while not condition() and timing.now() < deadline:
-        timing.sleep(0.005)
-    return condition()
 
 
 @pytest.fixture
@@ -44,7 +34,7 @@ def sensor(bench: Bench, fake: Ft300sFake, samples: list[WrenchSample]) -> FT300
 
 def test_every_frame_reaches_the_sink_in_order_and_none_is_lost(sensor: FT300S, samples: list[WrenchSample]) -> None:
     sensor.open()
-    assert eventually(lambda: len(samples) >= 60)
+    wait_until(lambda: len(samples) >= 60)
     assert sensor.lost == 0
     times = [sample.t for sample in samples]
     assert times == sorted(times)
@@ -53,7 +43,7 @@ def test_every_frame_reaches_the_sink_in_order_and_none_is_lost(sensor: FT300S, 
 def test_zero_takes_the_tools_weight_off_and_keeps_the_raw_reading(sensor: FT300S) -> None:
     sensor.open()
     zero = sensor.zero(20)
-    assert eventually(lambda: sensor.latest().zero == zero)
+    wait_until(lambda: sensor.latest().zero == zero)
     sample = sensor.latest()
     assert np.allclose(sample.wrench[:3], 0.0, atol=0.5)
     assert np.allclose(sample.wrench[3:], 0.0, atol=0.025)
@@ -102,20 +92,20 @@ def test_the_stream_is_found_again_after_garbage(sensor: FT300S, fake: Ft300sFak
     fake.device.noise[:] = 0.0
     sensor.open()
     fake.faults.garbage, fake.faults.split = b"\x20\x4e\x00", True
-    assert eventually(lambda: len(samples) > 40)
+    wait_until(lambda: len(samples) > 40)
     assert {sample.raw for sample in samples} == {TOOL}
 
 
 def test_frames_that_never_come_are_counted(sensor: FT300S, fake: Ft300sFake) -> None:
     sensor.open()
     fake.faults.extra["drop"] = 2
-    assert eventually(lambda: sensor.lost >= 15)
+    wait_until(lambda: sensor.lost >= 15)
 
 
 def test_the_speed_of_the_rigs_clock_does_not_count_as_loss(bench: Bench, sensor: FT300S, samples: list[WrenchSample]) -> None:
     bench.clock.speed = 50.0
     sensor.open()
-    assert eventually(lambda: len(samples) >= 60)
+    wait_until(lambda: len(samples) >= 60)
     assert sensor.lost < 10 * len(samples)  # by the rig's clock 49 of 50 were lost; by the host's, what came late
 
 
@@ -125,7 +115,7 @@ def test_a_reading_beyond_the_range_is_a_fault_that_names_the_axis(
 ) -> None:
     sensor.open()
     fake.faults.extra["over_range"] = axis
-    assert eventually(lambda: abs(samples[-1].raw[axis]) > 32)
+    wait_until(lambda: abs(samples[-1].raw[axis]) > 32)
     with pytest.raises(DeviceFault, match=named):
         sensor.latest()
 

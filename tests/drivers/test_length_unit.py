@@ -1,7 +1,5 @@
 """What every length unit must do, run against each driver through its maker's library."""
 
-from __future__ import annotations
-
 import math
 from functools import partial
 from typing import Any

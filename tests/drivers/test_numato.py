@@ -20,15 +20,7 @@ def fake(bench: Bench) -> NumatoFake:
 
 @pytest.fixture
 def opened(bench: Bench, fake: NumatoFake) -> Opened:
-    """Opens drivers of the fake, with other settings in rig.yaml."""
-
-    def opened(**changes: object) -> NumatoValve:
-        config = Config.model_validate({"port": fake.port, "relay": 0, "timeout": 1.0} | changes)
-        valve = bench.closing(NumatoValve("valve", config, bench.clock))
-        valve.open()
-        return valve
-
-    return opened
+    return bench.opener(NumatoValve, Config, "valve", {"port": fake.port, "relay": 0, "timeout": 1.0})
 
 
 def test_relays_above_nine_are_called_by_letters(opened: Opened, fake: NumatoFake) -> None:

@@ -21,15 +21,7 @@ def fake(bench: Bench) -> PfeifferFake:
 
 @pytest.fixture
 def opened(bench: Bench, fake: PfeifferFake) -> Opened:
-    """Opens drivers of the fake, with other settings in rig.yaml."""
-
-    def opened(**changes: object) -> PfeifferGauge:
-        config = Config.model_validate({"port": fake.port, "timeout": 0.5} | changes)
-        gauge = bench.closing(PfeifferGauge("gauge", config, bench.clock))
-        gauge.open()
-        return gauge
-
-    return opened
+    return bench.opener(PfeifferGauge, Config, "gauge", {"port": fake.port, "timeout": 0.5})
 
 
 @pytest.fixture

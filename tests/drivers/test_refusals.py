@@ -1,13 +1,15 @@
 """What a driver refuses before anything is connected, and at opening: named, with what to do."""
 
-from __future__ import annotations
-
+import socket
+from pathlib import Path
 from typing import Any
 
 import pytest
 from pydantic import ValidationError
 
+from drivers.configs import known_port
 from drivers.errors import LimitExceeded, Unreachable, WrongDevice
+from drivers.serial_line import SerialLine, SerialPort
 from lab.driver_contract import Unit, answers, unit
 from lab.files.all_drivers import drivers
 
@@ -15,9 +17,9 @@ __all__ = ["unit"]
 POSE = {"position": (0, 0, 0), "quaternion": (1, 0, 0, 0)}
 TABLES: dict[str, dict[str, Any]] = {
     "alicat": {"port": "/dev/ttyUSB0"},
-    "smc_itv": {"ports": list("abcdefghi"), "chambers": [[i] for i in range(1, 10)], "full_scale": 500e3},
-    "pfeiffer": {"port": "x"},
-    "dynamixel": {"port": "x", "metres_per_turn": 0.1},
+    "smc_itv": {"ports": [f"/dev/tty{i}" for i in range(9)], "chambers": [[i] for i in range(1, 10)], "full_scale": 500e3},
+    "pfeiffer": {"port": "/dev/ttyUSB0"},
+    "dynamixel": {"port": "/dev/ttyUSB0", "metres_per_turn": 0.1},
     "ur5": {"host": "127.0.0.1"},
     "natnet": {"server": "127.0.0.1", "body": "Tip", "mocap_to_base": POSE},
 }
@@ -34,8 +36,8 @@ TABLES: dict[str, dict[str, Any]] = {
         ("alicat", {"chambers": ((1,), (1,), (2,))}, "chamber 1 is listed"),
         ("alicat", {"baud": 4800}, "19200"),
         ("alicat", {"prot": "x"}, "Extra inputs"),
-        ("smc_itv", {"ports": ["a"]}, "1 ports but 9 lists"),
-        ("smc_itv", {"ports": ["a"] * 9}, "listed twice"),
+        ("smc_itv", {"ports": ["/dev/a"]}, "1 ports but 9 lists"),
+        ("smc_itv", {"ports": ["/dev/a"] * 9}, "listed twice"),
         ("smc_itv", {"max_pressure": 600e3}, "above the units' full_scale"),
         ("pfeiffer", {"lowest": 2e4, "highest": 1e4}, "lowest"),
         ("dynamixel", {"homing_current": 2.0, "current_limit": 1.0}, "homing_current"),
@@ -50,6 +52,53 @@ def test_a_table_that_cannot_work(driver: str, changes: dict[str, Any], message:
     config.model_validate(table)
     with pytest.raises(ValidationError, match=message):
         config.model_validate(table | changes)
+
+
+NO_PORTS = [
+    "spy:///dev/null?file={file}", "SPY:///dev/null?file={file}", "alt:///dev/null?class=Serial", "loop://", "hwgrep://USB",
+    "cp2110://x", "socket://127.0.0.1:4000?logging=debug", "rfc2217://127.0.0.1:4000?ign_set_control", "socket://127.0.0.1",
+    "socket://:4000", "socket://127.0.0.1:0", "socket://127.0.0.1:70000", "socket://a@b:4000", "socket://127.0.0.1:4000/",
+    "socket://127.0.0.1:4000#x", "SOCKET://127.0.0.1:4000", " /dev/ttyUSB0", "ttyUSB0", "", "/dev/tty\nUSB0", "/dev/a://b",
+    "socket://127.0.0.1:\u0664\u0660\u0660\u0660",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("port", NO_PORTS)
+def test_a_port_is_a_device_path_or_a_terminal_server(port: str, tmp_path: Path) -> None:
+    file = tmp_path / "precious"
+    file.write_text("data")
+    port = port.format(file=file)
+    tables = {"port": ("alicat", {"port": port}), "ports": ("smc_itv", {"ports": [port, *TABLES["smc_itv"]["ports"][1:]]})}
+    for key, (driver, changes) in tables.items():
+        config, table = drivers()[driver].config, {"driver": driver, **TABLES[driver]}
+        with pytest.raises(ValidationError, match=f"{key}\n.*is not a port; write the path of a device, .*socket://HOST:PORT"):
+            config.model_validate(table | changes)
+    with pytest.raises(Unreachable, match="is not a port; write the path of a device"):
+        SerialPort("valve", port, 19200, 1.0).open()
+    assert file.read_text() == "data"
+
+
+def test_ports_of_terminal_servers_are_known() -> None:
+    for port in (
+        "socket://192.168.1.9:4001",
+        "rfc2217://moxa-1.lab:950",
+        "socket://[fe80::1]:4000",
+        "/dev/serial/by-id/usb-A_B:1",
+    ):
+        assert known_port(port) == port
+
+
+def test_a_line_behind_a_terminal_server_is_asked_as_any_other() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        line = SerialLine("valve", f"socket://127.0.0.1:{server.getsockname()[1]}", 19200, 5.0)
+        line.open()
+        device, _ = server.accept()
+        with device:
+            line.write(b"A\r")
+            assert device.recv(10) == b"A\r"
+            device.sendall(b"yes\r")
+            assert line.read_until(b"\r") == b"yes"
+        line.close()
 
 
 @pytest.mark.parametrize(

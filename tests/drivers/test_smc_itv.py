@@ -5,11 +5,10 @@ from typing import Any
 
 import pytest
 
-import timing
 from drivers.errors import BadReply, DeviceFault, InstrumentError, Unreachable, WrongDevice
 from drivers.smc_itv.driver import REREAD_EVERY, Config, SmcItv
 from sim_fakes.smc_itv import SmcItvFake
-from tests.simulated.bench import Bench
+from tests.simulated.bench import Bench, answered
 
 FULL_SCALE = 500e3
 COUNT = FULL_SCALE / 1023
@@ -40,17 +39,6 @@ def opened(bench: Bench, fakes: list[SmcItvFake]) -> Opened:
 @pytest.fixture
 def regulators(opened: Opened) -> SmcItv:
     return opened()
-
-
-def answered_again(call: Callable[[], object]) -> None:
-    """What is owed comes in, then the units are understood again."""
-    until = timing.now() + 30.0
-    while True:
-        try:
-            call()
-            return
-        except InstrumentError:
-            assert timing.now() < until
 
 
 def test_the_set_point_returned_is_in_whole_counts_of_the_range(regulators: SmcItv) -> None:
@@ -111,7 +99,7 @@ def test_a_late_answer_is_never_taken_for_that_of_a_later_request(opened: Opened
     with pytest.raises(InstrumentError, match="did not vent channel 1"):
         regulators.vent()
     slow.faults.delay = 0.0
-    answered_again(regulators.vent)
+    answered(regulators.vent)
     assert slow.device.setpoint == 0
 
 

@@ -1,7 +1,5 @@
 """A stop has the line before everything else, and what was under way there ends."""
 
-from __future__ import annotations
-
 import pytest
 
 import timing

@@ -4,13 +4,12 @@ from functools import partial
 
 import pytest
 
-import timing
 from drivers.errors import BadReply, DeviceFault, NotReady, WrongDevice
 from drivers.tmcl.driver import TmclSpine
 from sim_fakes.plant import Plant
 from sim_fakes.tmcl import Axis, TmclFake
 from tests.drivers.spines import Make, arrive, homed, make_pair, watch
-from tests.simulated.bench import Bench
+from tests.simulated.bench import Bench, wait_until
 
 
 @pytest.fixture
@@ -20,11 +19,8 @@ def make(bench: Bench) -> Make:
 
 def stands(module: TmclFake) -> None:
     """Wait until the drum, once it turns, stands again; nothing is sent meanwhile."""
-    deadline = timing.now() + 60
-    for turning in (True, False):
-        while (module.drum.speed != 0) != turning:
-            assert timing.now() < deadline, f"never so: turning {turning}"
-            timing.sleep(0.001)
+    wait_until(lambda: module.drum.speed != 0)
+    wait_until(lambda: module.drum.speed == 0)
 
 
 def test_open_names_the_module_and_switches_the_deviation_stop_on(make: Make) -> None:

@@ -1,13 +1,11 @@
 """Motion of the arm, through the maker's library."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from ur5_rig import Rig, a_rig, discard, raised, wait_until
+from ur5_rig import Rig, a_rig, discard, raised
 
 import timing
 from drivers.errors import DeviceFault, LimitExceeded, NotReady
@@ -15,6 +13,7 @@ from drivers.ur5.driver import UR5, Config
 from drivers.ur5.motion import Deadline, distance_between, turn_between
 from drivers.ur5.state import Config as StateConfig
 from drivers.ur5.state import UR5State
+from tests.simulated.bench import wait_until
 from timing import RigClock
 
 UP = 0.01

@@ -1,7 +1,5 @@
 """What the arm driver does when things go wrong."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal
@@ -13,7 +11,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 import pytest
-from ur5_rig import Rig, a_rig, discard, raised
+from ur5_rig import Rig, a_rig, an_arm, discard, raised
 
 import timing
 from drivers.errors import DeviceFault, InstrumentError, NoReply, NotReady, Unreachable, WrongDevice
@@ -22,6 +20,7 @@ from drivers.ur5.driver import UR5, Config
 from drivers.ur5.state import Config as StateConfig
 from drivers.ur5.state import UR5State
 from sim_fakes.ur.process import free_host
+from tests.simulated.bench import wait_until
 from timing import RigClock
 
 SPEED, ACCELERATION = 0.05, 0.5
@@ -47,46 +46,32 @@ def holding_its_inputs(host: str) -> Iterator[socket.socket]:
         yield line
 
 
-def fault_of(arm: UR5, timeout: float = 5.0) -> DeviceFault:
+def fault_of(arm: UR5) -> DeviceFault:
     """The fault that watching a motion ends with."""
-    deadline = timing.now() + timeout
-    while timing.now() < deadline:
-        try:
-            arm.moving()
-        except DeviceFault as fault:
-            return fault
-        timing.sleep(0.005)
-    pytest.fail(f"no fault within {timeout:g} s")
+    with pytest.raises(DeviceFault) as caught:
+        wait_until(lambda: arm.moving() is None, 5.0)
+    return caught.value
 
 
 def test_a_stop_by_the_safety_system_is_a_fault_until_it_is_cleared(rig: Rig) -> None:
-    arm = UR5("arm", Config(host=rig.host, watchdog_frequency=2.0), rig.clock)
-    arm.open()
-    try:
+    with an_arm(rig, watchdog_frequency=2.0) as arm:
         arm.move_to(raised(tuple(rig.process.backdoor()["pose"]), 0.1), SPEED, ACCELERATION)
         rig.process.backdoor("protective_stop")
         assert "protective stop" in str(fault_of(arm))
         with pytest.raises(DeviceFault, match="protective stop; .*open the arm"):
             arm.move_to(raised(tuple(rig.process.backdoor()["pose"]), 0.1), SPEED, ACCELERATION)
         arm.stop()  # it stands, and that is all that is asked
-    finally:
-        arm.close()
     with pytest.raises(DeviceFault, match="protective stop"):
         arm.open()
     rig.process.backdoor("clear")
 
 
 def test_a_target_out_of_reach_ends_the_program_and_is_a_fault(rig: Rig) -> None:
-    config = Config(host=rig.host, watchdog_frequency=2.0, workspace_max=(2.0, 2.0, 2.0), max_step=1.7, max_turn=3.2)
-    arm = UR5("arm", config, rig.clock)
-    arm.open()
-    try:
+    with an_arm(rig, watchdog_frequency=2.0, workspace_max=(2.0, 2.0, 2.0), max_step=1.7, max_turn=3.2) as arm:
         with pytest.raises(DeviceFault, match="out of reach"):
             arm.move_to(raised(tuple(rig.process.backdoor()["pose"]), 0.9), SPEED, ACCELERATION)
             raise fault_of(arm)
         assert "no inverse kinematics solution" in rig.process.backdoor()["ended"][-1]
-    finally:
-        arm.close()
 
 
 @pytest.mark.parametrize(

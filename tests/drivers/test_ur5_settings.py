@@ -1,14 +1,12 @@
 """What the pendant and the safety system of the arm are set to: read at `open`, before each trial and before each motion."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from typing import Any
 
 import pytest
-from ur5_rig import Rig, a_rig, discard, raised, wait_until
+from ur5_rig import Rig, a_rig, an_arm, discard, raised
 
 import timing
 from drivers.errors import DeviceFault, NotReady, Unreachable, WrongDevice
@@ -18,6 +16,7 @@ from drivers.ur5.safety import stop_text
 from drivers.ur5.state import Config as StateConfig
 from drivers.ur5.state import UR5State
 from sim_fakes.ur import upload
+from tests.simulated.bench import wait_until
 from tests.simulated.clock import SimulatedClock
 from timing import RigClock
 
@@ -41,18 +40,12 @@ def as_delivered(rig: Rig) -> Iterator[None]:
     rig.process.backdoor("set", slider=1.0, scaling=1.0, payload=0.8, payload_centre=[0, 0, 0.05], tcp=[0] * 6)
 
 
-@contextmanager
-def an_arm(rig: Rig, **changes: Any) -> Iterator[UR5]:
-    arm = UR5("arm", Config(**{"host": rig.host, "model": "UR5e", "timeout": 10.0} | changes), rig.clock)
-    arm.open()
-    try:
-        yield arm
-    finally:
-        arm.close()
+def a_ur5e(rig: Rig, **changes: Any) -> AbstractContextManager[UR5]:
+    return an_arm(rig, **{"model": "UR5e", "timeout": 10.0} | changes)
 
 
 def test_what_nobody_changed_is_confirmed_again_and_again(rig: Rig) -> None:
-    with an_arm(rig) as arm:
+    with a_ur5e(rig) as arm:
         arm.confirm_settings()
         arm.confirm_settings()
 
@@ -70,7 +63,7 @@ def test_what_nobody_changed_is_confirmed_again_and_again(rig: Rig) -> None:
     ids=["slider at 0", "slider low", "payload", "centre", "tcp", "local"],
 )
 def test_what_the_pendant_changes_after_open_is_named(rig: Rig, change: dict[str, Any], message: str) -> None:
-    with an_arm(rig) as arm:
+    with a_ur5e(rig) as arm:
         rig.process.backdoor(**change)
         with pytest.raises((NotReady, WrongDevice), match=message):
             arm.confirm_settings()
@@ -89,12 +82,12 @@ def test_an_arm_whose_settings_do_not_fit_is_refused_at_open(
     rig: Rig, change: dict[str, Any], config: dict[str, Any], message: str
 ) -> None:
     rig.process.backdoor(**change)
-    with pytest.raises((NotReady, WrongDevice), match=message), an_arm(rig, **config):
+    with pytest.raises((NotReady, WrongDevice), match=message), a_ur5e(rig, **config):
         pass
 
 
 def test_a_speed_slider_at_0_is_named_before_and_during_a_motion(rig: Rig) -> None:
-    with an_arm(rig, timeout=0.5) as arm:
+    with a_ur5e(rig, timeout=0.5) as arm:
         goal = raised(tuple(rig.process.backdoor()["pose"]), 0.01)
         rig.process.backdoor("set", slider=0.0)
         wait_until(lambda: arm._state.speed_slider == 0)
@@ -105,7 +98,7 @@ def test_a_speed_slider_at_0_is_named_before_and_during_a_motion(rig: Rig) -> No
         arm.move_to(goal, 0.01, 0.5)
         rig.process.backdoor("set", slider=0.0)
         with pytest.raises(DeviceFault, match="speed slider is at 0%"):
-            watch(arm)
+            wait_until(lambda: not arm.moving())
 
 
 SCALED, REDUCED = {"do": "set", "scaling": 0.2}, {"do": "safety", "name": "REDUCED"}
@@ -136,18 +129,18 @@ def test_a_motion_slower_than_asked_is_reported_with_what_was_read_and_no_other_
             slow.process.backdoor(**change)
         arm.move_to(raised(tuple(slow.process.backdoor()["pose"]), 0.05), 0.05, 0.5)
         with pytest.raises(DeviceFault, match=rf"slower than asked \((9|10|11) of 50 mm/s\).*{said}") as caught:
-            watch(arm)
+            wait_until(lambda: not arm.moving())
         assert not re.search(unsaid, str(caught.value))
 
 
 @pytest.mark.parametrize("state", ["RECOVERY", "SAFEGUARD_STOP", "PROTECTIVE_STOP"])
 def test_a_stop_during_a_slow_motion_is_named_and_not_the_speed(rig: Rig, state: str) -> None:
-    with an_arm(rig) as arm:
+    with a_ur5e(rig) as arm:
         rig.process.backdoor("set", scaling=0.2)
         arm.move_to(raised(tuple(rig.process.backdoor()["pose"]), 0.05), 0.05, 0.5)
         rig.process.backdoor("safety", name=state)
         with pytest.raises(DeviceFault, match=state.lower().replace("_", " ")) as caught:
-            watch(arm)
+            wait_until(lambda: not arm.moving())
         assert "slower" not in str(caught.value)
 
 
@@ -159,7 +152,7 @@ def test_a_short_motion_is_measured_against_the_speed_that_it_can_reach() -> Non
 
 
 def test_an_arm_that_was_pushed_away_from_its_target_is_a_fault(rig: Rig) -> None:
-    with an_arm(rig, timeout=0.5) as arm:
+    with a_ur5e(rig, timeout=0.5) as arm:
         start = tuple(rig.process.backdoor()["pose"])
         arm.move_to(raised(start, 0.01), 0.05, 0.5)
         wait_until(lambda: rig.process.backdoor()["pose"][2] - start[2] > 0.0099)
@@ -167,14 +160,7 @@ def test_an_arm_that_was_pushed_away_from_its_target_is_a_fault(rig: Rig) -> Non
         rig.process.backdoor("set", tcp=[0, 0, 0.01, 0, 0, 0])  # as a push would move what it points at
         timing.sleep(0.1)
         with pytest.raises(DeviceFault, match="motion ended 10.* mm and .* from its target .* stopped or pushed"):
-            watch(arm)
-
-
-def watch(arm: UR5) -> None:
-    deadline = timing.now() + 30
-    while arm.moving():
-        assert timing.now() < deadline, "still moving"
-        timing.sleep(0.01)
+            wait_until(lambda: not arm.moving())
 
 
 @pytest.mark.parametrize(
@@ -191,13 +177,13 @@ def watch(arm: UR5) -> None:
     ],
 )
 def test_each_stop_is_named_when_it_comes_and_at_open(rig: Rig, state: str, name: str) -> None:
-    with an_arm(rig) as arm:
+    with a_ur5e(rig) as arm:
         rig.process.backdoor("safety", name=state)
         with pytest.raises(DeviceFault, match=f"^arm: {name}.*;"):
             watch_for_a_fault(arm)
         with pytest.raises(DeviceFault, match=f"^arm: {name}.*;"):
             arm.confirm_settings()
-    with pytest.raises(DeviceFault, match=f"^arm: {name}.*;"), an_arm(rig):
+    with pytest.raises(DeviceFault, match=f"^arm: {name}.*;"), a_ur5e(rig):
         pass
 
 
@@ -217,7 +203,7 @@ def test_every_bit_that_is_no_running_mode_has_a_name_and_a_remedy() -> None:
 
 def test_reduced_mode_moves(rig: Rig) -> None:
     rig.process.backdoor("safety", name="REDUCED")
-    with an_arm(rig) as arm:
+    with a_ur5e(rig) as arm:
         arm.confirm_settings()
 
 
@@ -239,13 +225,13 @@ def test_an_arm_without_a_dashboard_server_is_told_from_one_that_is_off(
 
 
 def test_an_arm_too_old_to_tell_its_payload_is_opened() -> None:
-    with a_rig(version="3.10.0.1") as old, an_arm(old, model="") as arm:
+    with a_rig(version="3.10.0.1") as old, a_ur5e(old, model="") as arm:
         old.process.backdoor("set", payload=2.0)
         arm.confirm_settings()
 
 
 def test_a_program_that_is_paused_while_nothing_moves_is_named(rig: Rig) -> None:
-    with an_arm(rig, timeout=0.5) as arm:
+    with a_ur5e(rig, timeout=0.5) as arm:
         rig.process.backdoor("pause")
         wait_until(lambda: arm._state.runtime == 4)
         with pytest.raises(DeviceFault, match="paused at the pendant"):
@@ -254,12 +240,12 @@ def test_a_program_that_is_paused_while_nothing_moves_is_named(rig: Rig) -> None
 
 @pytest.mark.parametrize("halt", ["safeguard_stop", "emergency_stop", "pause"])
 def test_a_motion_that_was_halted_does_not_go_on_by_itself(rig: Rig, halt: str) -> None:
-    with an_arm(rig) as arm:
+    with a_ur5e(rig) as arm:
         arm.move_to(raised(tuple(rig.process.backdoor()["pose"]), 0.05), 0.02, 0.5)
         timing.sleep(0.3)
         rig.process.backdoor(halt)
         with pytest.raises(DeviceFault, match="safeguard stop|emergency stop|paused at the pendant"):
-            watch(arm)
+            wait_until(lambda: not arm.moving())
         halted = rig.process.backdoor()["pose"]
         rig.process.backdoor("clear")
         timing.sleep(0.3)
@@ -267,18 +253,18 @@ def test_a_motion_that_was_halted_does_not_go_on_by_itself(rig: Rig, halt: str) 
 
 
 def test_an_arm_of_the_other_series_is_told_although_its_dashboard_gives_the_same_name(rig: Rig) -> None:
-    with pytest.raises(WrongDevice, match="model .* is 'UR5e', not 'UR5'"), an_arm(rig, model="UR5"):
+    with pytest.raises(WrongDevice, match="model .* is 'UR5e', not 'UR5'"), a_ur5e(rig, model="UR5"):
         pass
 
 
 def test_what_a_controller_says_in_place_of_data_is_passed_on(rig: Rig) -> None:
     rig.process.backdoor("starting", text="no data before the safety setup is confirmed")
-    with pytest.raises(Unreachable, match="says 'no data before .*confirmed at the pendant"), an_arm(rig, timeout=0.5):
+    with pytest.raises(Unreachable, match="says 'no data before .*confirmed at the pendant"), a_ur5e(rig, timeout=0.5):
         pass
 
 
 def test_a_service_that_is_switched_off_at_the_pendant_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(upload, "PORTS", (30001, 30002))
     found = "nothing listens at .*:30003 .*enabled at the pendant"
-    with a_rig(version=E_SERIES) as bare, pytest.raises(Unreachable, match=found), an_arm(bare):
+    with a_rig(version=E_SERIES) as bare, pytest.raises(Unreachable, match=found), a_ur5e(bare):
         pass

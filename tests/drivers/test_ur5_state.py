@@ -1,18 +1,17 @@
 """The state stream of the arm."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 
 import pytest
-from ur5_rig import Rig, a_rig, wait_until
+from ur5_rig import Rig, a_rig
 
 import timing
 from drivers.errors import BadReply, NotReady, StaleReading
 from drivers.interfaces import ArmSample
 from drivers.ur5.driver import DRIVER
 from drivers.ur5.state import Config, CycleCounter, UR5State, check_plausible
+from tests.simulated.bench import wait_until
 from timing import RigClock
 
 

@@ -1,15 +1,13 @@
 """What the UR5 tests share: the arm under test."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-
-import pytest
+from typing import Any
 
 import timing
 from drivers.interfaces import ArmSample
+from drivers.ur5.driver import UR5, Config
 from sim_fakes.ur.process import UrProcess
 from timing import RigClock
 
@@ -36,13 +34,15 @@ def a_rig(speed: float = 1.0, version: str = "3.15.8.106339", dashboard: bool = 
         process.stop()
 
 
-def wait_until(true: Callable[[], bool], timeout: float = 60.0) -> None:
-    """Poll; fails the test after `timeout` (s of host time)."""
-    deadline = timing.now() + timeout
-    while not true():
-        if timing.now() > deadline:
-            pytest.fail(f"not so after {timeout:g} s")
-        timing.sleep(0.005)
+@contextmanager
+def an_arm(rig: Rig, **settings: Any) -> Iterator[UR5]:
+    """The driver with these settings in rig.yaml, open."""
+    arm = UR5("arm", Config(host=rig.host, **settings), rig.clock)
+    arm.open()
+    try:
+        yield arm
+    finally:
+        arm.close()
 
 
 def raised(pose: tuple[float, ...], by: float) -> tuple[float, ...]:

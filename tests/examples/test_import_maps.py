@@ -79,8 +79,8 @@ def test_each_pressure_step_gives_its_rest_and_its_end(tmp_path: Path) -> None:
     tip = np.array([[0.104, 0.02, 0.0], [0.104, -0.01, 0.0], [0.104, 0.0, 0.02]])
     frames = np.tile(np.concatenate([base, tip]), (2, 150, 1, 1))
     frames[:, 100:, 4:] += [-0.0002, 0.0001, 0.0010]
-    np.save(tmp_path / "steps.npy", {"p": np.array([[50], [75]]), "data": frames})  # type: ignore[arg-type]
-    rows = imported(tmp_path / "steps.npy", "sopra_segment", tmp_path / "case").rows
+    np.savez(tmp_path / "segment.npz", p=np.array([[50], [75]]), data=frames)
+    rows = imported(tmp_path / "segment.npz", "sopra_segment", tmp_path / "case").rows
     assert [(r.trial, r.step, round(r.pressures[0], 6)) for r in rows] == [(1, 1, 0), (1, 2, 5e3), (2, 1, 0), (2, 2, 7.5e3)]
     assert rows[0].tip == pytest.approx((0, 0, 0.1)) and rows[1].tip == pytest.approx((0.0001, 0.0010, 0.0998))
     assert rows[1].orientation == pytest.approx((1, 0, 0, 0), abs=1e-9)

@@ -1,7 +1,5 @@
 """The paper reproduced: its published numbers, and what the script says of them, against values worked out independently."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

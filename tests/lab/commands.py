@@ -1,7 +1,5 @@
 """Commands of `lab`: in this process, or several in one of their own, on a computer that is unlike this one."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

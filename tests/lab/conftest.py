@@ -1,7 +1,5 @@
 """The rig of fakes for tests of the command."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import IO, Any
 

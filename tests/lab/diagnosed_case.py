@@ -1,7 +1,5 @@
 """Small campaigns for tests of `lab diagnose`: tips and orientations of the forward model with known effects, plus noise."""
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import io

@@ -1,7 +1,5 @@
 """Files of other programs for tests of `lab import`: read by the map that is proposed for them, or by one of the test's own."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,18 +1,33 @@
 """What a page says without its markup, and what the page of `lab watch` is told."""
 
-from __future__ import annotations
-
 import json
 import re
 import socket
 from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 from urllib.parse import urlsplit
+
+import timing
+from lab.live.show import Show
 
 
 def read_as_text(page: str) -> str:
     """The page without links, small print and classes."""
     return re.sub(r"</?a\b[^>]*>|</?small[^>]*>|<wbr>| class=\"\w+\"", "", page)
+
+
+@contextmanager
+def running(show: Show, stay: bool) -> Iterator[None]:
+    """The page of a show, told in a thread of its own until the block ends."""
+    thread = timing.Thread(target=show.run, args=(stay,))
+    thread.start()
+    try:
+        yield
+    finally:
+        show.over()
+        thread.join(120.0)
+        assert not thread.is_alive()
 
 
 def events(page: str) -> Iterator[tuple[str, dict[str, Any]]]:

@@ -1,7 +1,5 @@
 """Bad input gets one clear message with everything that is wrong and the right exit code, whatever verb reads it."""
 
-from __future__ import annotations
-
 import copy
 import errno
 import json
@@ -21,7 +19,7 @@ from lab.files.rig_file import load_rig
 from lab.files.robot_file import paper_robot
 from lab.guard import door, last_used
 from lab.guard.latch import Latch
-from lab.rig import operator
+from lab.rig import real_time
 from lab.rig.losses import newly_lost
 from recordings.table_file import read_csv
 
@@ -179,9 +177,9 @@ def test_fakes_whose_back_door_is_closed_to_this_user_have_not_ended(tmp_path: P
         raise PermissionError(errno.EACCES, "Permission denied")
 
     spec = f"unix:{tmp_path}/operator.sock"
-    assert operator.ended(spec)
-    monkeypatch.setattr(operator.socket.socket, "connect", forbidden)
-    assert not operator.ended(spec)
+    assert real_time._ended(spec)
+    monkeypatch.setattr(real_time.socket.socket, "connect", forbidden)
+    assert not real_time._ended(spec)
 
 
 def unplugged(rig: dict[str, Any]) -> None:

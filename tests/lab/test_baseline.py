@@ -1,7 +1,5 @@
 """Predictions of another simulator: read from a table or asked of the simulator, and every doubt told."""
 
-from __future__ import annotations
-
 import csv
 import json
 import sys

@@ -1,7 +1,5 @@
 """A robot with a hidden effect, recorded through every wire, reads like the same robot without wires."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Campaigns on fakes: the table is the planned one, and neither Ctrl-C nor a kill nor a fault loses or doubles a state."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

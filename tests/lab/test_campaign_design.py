@@ -1,7 +1,5 @@
 """A campaign before anything moves: order, plan, limits, stop rules, journal, and what is wrong with its file."""
 
-from __future__ import annotations
-
 import itertools
 import random
 from collections import Counter

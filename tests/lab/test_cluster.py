@@ -1,7 +1,5 @@
 """Work on processes and on a Dask cluster on loopback: the same results as here, none lost with a process or worker."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -113,8 +111,11 @@ def test_a_process_that_is_lost_costs_time_only(two: Processes) -> None:
 
 PROGRAMS = {
     "processes": "    with processes(1) as pool:\n        list(pool.in_order(waits, sys.argv[1:]))\n",
-    "spread": "    list(spread(waits, sys.argv[1:], Crew(2, quiet=True), ''))\n",
+    "spread": "    list(spread(waits, sys.argv[1:], 2, ''))\n",
 }
+
+
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.mark.parametrize("program", PROGRAMS)
@@ -124,7 +125,7 @@ def test_a_program_that_is_ended_leaves_no_process_behind(tmp_path: Path, progra
     file.write_text(
         "import os, sys, timing\n"
         "from pathlib import Path\n"
-        "from lab.blind.workers import Crew, spread\n"
+        "from benchmarks.blind.workers import spread\n"
         "from lab.processes import processes\n"
         "def waits(file):\n"
         "    Path(file).write_text(str(os.getpid()))\n"
@@ -133,7 +134,10 @@ def test_a_program_that_is_ended_leaves_no_process_behind(tmp_path: Path, progra
         f"{PROGRAMS[program]}"
     )
     marks = [tmp_path / "a", tmp_path / "b"]
-    running = subprocess.Popen([sys.executable, str(file), *map(str, marks)], stderr=subprocess.PIPE, start_new_session=True)
+    running = subprocess.Popen(
+        [sys.executable, str(file), *map(str, marks)], stderr=subprocess.PIPE, start_new_session=True,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
     assert timing.wait(lambda: all(m.exists() and m.read_text() for m in marks), 120) and running.poll() is None
     if how == signal.SIGINT:
         os.killpg(running.pid, how)  # from a terminal

@@ -1,7 +1,5 @@
 """Whatever a text holds, it is shown and does nothing: on the screen, in tables, in progress, in logs, on pages."""
 
-from __future__ import annotations
-
 import io
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """`lab diagnose`: exit codes, what is written, and that bad input never earns a confident verdict."""
 
-from __future__ import annotations
-
 import html
 import json
 from collections.abc import Callable, Mapping
@@ -166,19 +164,20 @@ def test_guesses_that_nobody_has_confirmed_stand_first_and_a_page_of_a_small_tab
     page, answer = tmp_path / "d.html", tmp_path / "d.json"
     printed = cli("diagnose", case, "--json", answer, "--report", page).out
     said = (
-        "2 guesses of the map are not confirmed: which chamber does 'Valve B' feed?, frame; check each in "
+        "guesses of the map that nobody has confirmed: 2 (which chamber does 'Valve B' feed?, frame); check each in "
         f"{case / 'map.yaml'}, correct it, remove its line '# CHECK:', and import again"
     )
-    assert "".join(printed.split()).startswith("".join(f"unconfirmed: {said}".split()))
-    assert json.loads(answer.read_text())["concerns"][0] == f"unconfirmed: {said}"
+    assert "".join(printed.split()).startswith("".join(f"settle first: {said}".split()))
+    first = json.loads(answer.read_text())["findings"][0]
+    assert (first["code"], first["severity"], first["text"]) == ("unconfirmed_guesses", "critical", said)
     shown = html.unescape(page.read_text())
     assert shown.count(said) == 1 and shown.index(said) < shown.index('<p class="lead">')
     text = read_as_text(page.read_text())
     assert "Too little data to name a cause" in text and "A single trial" in text
     assert "Only one spine length" in text and "Only one pressure" in text
     (case / "map.yaml").write_text("robot: robot.yaml\n")
-    assert "unconfirmed" not in cli("diagnose", case, "--json", answer).out
-    assert not any("unconfirmed" in concern for concern in json.loads(answer.read_text())["concerns"])
+    assert "settle first" not in cli("diagnose", case, "--json", answer).out
+    assert not any(f["code"] == "unconfirmed_guesses" for f in json.loads(answer.read_text())["findings"])
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """The page of a diagnosis: whole without a network, with a picture in every frame, and drawn by a real browser."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re
@@ -20,6 +18,7 @@ from pages import read_as_text
 
 from benchmarks.browser import Browser
 from diagnosis.answer.result import Diagnosis
+from diagnosis.findings import finding
 from lab.files.inputs import read_case
 from lab.pages.diagnosis_report import alike, gap_numbers, names, write
 from lab.pages.report import TERMS, Report
@@ -88,7 +87,7 @@ def test_the_page_points_nowhere(answered: Answered) -> None:
 def test_the_page_shows_what_comes_from_outside_as_text(answered: Answered, tmp_path: Path) -> None:
     hostile = "[/red] \x1b[2J <script>alert(1)</script> <img src=x onerror=alert(1)>"
     found = Diagnosis.from_json(answered.json.read_text())
-    found = replace(found, headline=hostile, statement=hostile, concerns=(hostile,))
+    found = replace(found, headline=hostile, statement=hostile, findings=(finding("not_considered", why=hostile),))
     page = write(found, read_case([answered.case]), [Path(hostile)], tmp_path / "page.html").read_text()
     shown = "[/red] \\x1b[2J &lt;script&gt;alert(1)&lt;/script&gt; &lt;img src=x onerror=alert(1)&gt;"
     assert page.count(shown) == 4 and "\x1b" not in page and "<script" not in page and "<img src=x" not in page

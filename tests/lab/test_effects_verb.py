@@ -1,7 +1,5 @@
 """`lab effects`: every effect has a signature, a person's own effect is shown with the others."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -28,7 +26,7 @@ EFFECTS = (
 def test_every_effect_of_the_catalogue_and_of_ones_own_file_is_drawn_and_listed(tmp_path: Path, cli: Cli) -> None:
     own = tmp_path / "own.py"
     own.write_text(OWN)
-    told = cli("effects", "--out", tmp_path, "--effects", own, "--json").json
+    told = cli("effects", "--out", tmp_path / "out", "--effects", own, "--json").json
     rms = {e["id"]: e["rms"] for e in told["effects"]}
     assert set(rms) == {*CATALOGUE, "colder"}
     # The paper's robot has chambers, and no tendons.

@@ -1,7 +1,5 @@
 """From rig.yaml to numbers on a whole rig of fakes, through every driver and wire, and a protocol in a file of one's own."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """`lab export --mat`, `--crate` and `--arviz`: what other programs read; and no folder of results is written through a link."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import shutil
@@ -137,7 +135,8 @@ def test_what_was_not_diagnosed_has_no_probabilities(case: Path, tmp_path: Path,
     assert "not a diagnosis/1 file" in cli("export", case, "--arviz", "--out", tmp_path, code=2).flat_err
     bare = tmp_path / "bare"
     bare.mkdir()
-    assert "first: lab diagnose" in cli("export", bare, "--arviz", "--out", tmp_path, code=2).flat_err
+    assert "first: lab diagnose" in cli("export", bare, "--arviz", "--out", tmp_path / "out", code=2).flat_err
+    assert not (tmp_path / "out").exists()
 
 
 # ------------------------------------------------------------------ symbolic links
@@ -171,17 +170,107 @@ def test_no_file_is_written_through_a_link(words: Sequence[str], case: Path, tmp
         (out / name).unlink()
         (elsewhere / name).write_text(PRECIOUS)
         (out / name).symlink_to(elsewhere / name)
-    cli(*told, "--out", out)
+    cli(*told, "--out", out, "--replace")
     assert all((elsewhere / name).read_text() == PRECIOUS for name in names)
     assert not any((out / name).is_symlink() for name in names)
 
 
 def test_no_folder_of_a_recording_is_a_link(tmp_path: Path, cli: Cli) -> None:
-    files = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
-    for file in files:
-        shutil.copy(RECORDING, file)
+    files = recordings(tmp_path, "a", "b")
     (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / "kept").write_text(PRECIOUS)
     (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "b").symlink_to(tmp_path / "elsewhere")
-    assert "symbolic link" in cli("export", *files, "--out", tmp_path / "out", code=1).err
-    assert not list((tmp_path / "elsewhere").iterdir())
+    (tmp_path / "out" / "b-run").symlink_to(tmp_path / "elsewhere")
+    assert "holds b-run, which would stay there" in cli("export", *files, "--out", tmp_path / "out", code=2).flat_err
+    cli("export", *files, "--out", tmp_path / "out", "--replace")
+    assert not (tmp_path / "out" / "b-run").is_symlink()
+    assert [path.name for path in (tmp_path / "elsewhere").iterdir()] == ["kept"]
+
+
+# ------------------------------------------------------------------ one folder, one output
+def recordings(place: Path, *folders: str) -> list[Path]:
+    """Recordings of the same name, each in a folder of its own."""
+    files = [place / folder / "run.mcap" for folder in folders]
+    for file in files:
+        file.parent.mkdir(parents=True)
+        shutil.copy(RECORDING, file)
+    return files
+
+
+def test_recordings_of_one_name_are_exported_apart(tmp_path: Path, cli: Cli) -> None:
+    files = [*recordings(tmp_path, "a/x", "b/x"), *recordings(tmp_path, "c")]
+    shutil.copy(RECORDING, tmp_path / "alone.mcap")
+    for options, names in (((), "{}"), (("--mat",), "{}.mat")):
+        out = tmp_path / f"out{len(options)}"
+        cli("export", *files, tmp_path / "alone.mcap", "--out", out, *options)
+        above = tmp_path.name
+        apart = ["a-x-run", "b-x-run", f"{above}-c-run", "alone"]
+        assert sorted(path.name for path in out.iterdir()) == sorted(names.format(name) for name in apart)
+    said = cli("export", files[0], tmp_path / "a" / ".." / "a" / "x" / "run.mcap", "--out", tmp_path / "twice", code=2)
+    assert "is given twice" in said.flat_err and not (tmp_path / "twice").exists()
+
+
+def test_cases_of_one_name_are_exported_apart(case: Path, tmp_path: Path, cli: Cli) -> None:
+    both = [Path(shutil.copytree(case, tmp_path / place / "case")) for place in "ab"]
+    cli("export", *both, "--mat", "--out", tmp_path / "out")
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["a-case.mat", "b-case.mat"]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("export", "RECORDING"), ("export", "RECORDING", "--case"), ("export", "CASE", "--crate"), ("export", "CASE", "--mat"),
+     ("compare", "CASE"), ("fit", "CASE"), ("effects",), ("diagnose", "CASE")],
+    ids=" ".join,
+)  # fmt: skip
+def test_a_folder_that_holds_something_else_is_never_added_to(words: Sequence[str], case: Path, tmp_path: Path, cli: Cli) -> None:
+    told = [{"RECORDING": RECORDING, "CASE": case}.get(word, word) for word in words]
+    out, option = tmp_path / "out", "--protocols" if words[0] == "diagnose" else "--out"
+    out.mkdir()
+    (out / "diagnosis.json").write_text(PRECIOUS)
+    said = cli(*told, option, out, code=2).flat_err
+    assert f"{out}: holds diagnosis.json, which would stay there" in said and "--replace" in said
+    assert [path.read_text() for path in tmp_path.rglob("*") if path.is_file()] == [PRECIOUS]
+    if words[0] in ("export", "effects"):
+        cli(*told, option, out, "--replace")
+        assert {"diagnosis.json"} != {path.name for path in out.iterdir()}
+        assert not any(path.read_bytes() == PRECIOUS.encode() for path in out.iterdir())
+        assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_a_folder_is_replaced_as_a_whole_or_left_as_it_was(
+    case: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli
+) -> None:
+    (tmp_path / "out").mkdir(mode=0o750)
+    (tmp_path / "out" / "old.csv").write_text(PRECIOUS)
+
+    def fails(*_: object) -> None:
+        raise OSError(28, "No space left on device", "case.mat")
+
+    with monkeypatch.context() as broken:
+        broken.setattr("lab.verbs.export.write_mat", fails)
+        cli("export", case, "--mat", "--out", tmp_path / "out", "--replace", code=1)
+    assert [path.name for path in tmp_path.rglob("*")] == ["out", "old.csv"]
+    cli("export", case, "--mat", "--out", tmp_path / "out", "--replace")
+    assert [path.name for path in tmp_path.rglob("*")] == ["out", "case.mat"]
+    assert (tmp_path / "out").stat().st_mode & 0o777 == 0o750
+
+
+def test_no_folder_is_replaced_that_holds_recordings_or_what_is_read(
+    case: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli
+) -> None:
+    (file,) = recordings(tmp_path, "runs")
+    own = Path(shutil.copytree(case, tmp_path / "own"))
+    (tmp_path / "work").mkdir()
+    (tmp_path / "work" / "notes.txt").write_text(PRECIOUS)
+    monkeypatch.chdir(tmp_path / "work")
+    for given, out in ((file, file.parent), (case, file.parent), (own, own), (own, tmp_path), (case, Path("."))):
+        said = cli("export", given, "--mat", "--out", out, "--replace", code=2).flat_err
+        assert f"{out}: is not replaced, as that would delete" in said
+    assert file.is_file() and (own / "trials.csv").is_file() and (tmp_path / "work" / "notes.txt").is_file()
+    assert "is a file" in cli("export", case, "--mat", "--out", file, "--replace", code=2).flat_err
+
+
+def test_a_crate_can_be_made_again(case: Path, tmp_path: Path, cli: Cli) -> None:
+    for more in ((), ("--replace",)):
+        cli("export", case, RECORDING, "--crate", "--out", tmp_path / "crate", *more)
+    assert RECORDING.name in {path.name for path in (tmp_path / "crate").iterdir()}

@@ -1,8 +1,6 @@
 """`lab watch --foxglove`: who speaks Foxglove's protocol is handed the messages of the recording as they are, and the layout
 shows numbers that are in it."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re
@@ -26,6 +24,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 from mcap.records import Schema
+from pages import running
 from websockets.sync.client import ClientConnection, connect
 
 import timing
@@ -163,16 +162,12 @@ def test_a_recording_is_handed_on_as_it_is() -> None:
 def shown(path: Path, speed: float | None = None, model: bool = False) -> Iterator[str]:
     """The address at which a recording is handed on."""
     at = place()
-    with at.listening, Foxglove(LOOPBACK, 0) as foxglove:
-        show = Show(at, Part(path), speed, model=model, foxglove=foxglove)
-        thread = timing.Thread(target=show.run, args=(True,))
-        thread.start()
-        try:
-            yield foxglove.address
-        finally:
-            show.over()
-            thread.join(WITHIN)
-            assert not thread.is_alive()
+    with (
+        at.listening,
+        Foxglove(LOOPBACK, 0) as foxglove,
+        running(Show(at, Part(path), speed, model=model, foxglove=foxglove), stay=True),
+    ):
+        yield foxglove.address
 
 
 def test_a_run_is_handed_on_while_it_is_written_to_everybody_who_looks(tmp_path: Path) -> None:

@@ -1,7 +1,5 @@
 """The command and `import lab` before any work: verbs, help, completion, what is not installed, and packages of the same name."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re

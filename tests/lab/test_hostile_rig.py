@@ -1,7 +1,5 @@
 """Forged motion capture, hostile text in what instruments and files say, and the fakes' own doors, on a whole rig."""
 
-from __future__ import annotations
-
 import contextlib
 import socket
 import stat

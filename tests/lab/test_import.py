@@ -1,11 +1,10 @@
 """`lab import`: files of other programs, by a map or by a map that is proposed."""
 
-from __future__ import annotations
-
 import json
 import pickle
 import shlex
 import sys
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -178,19 +177,91 @@ def test_a_branch_that_the_map_states_is_not_told_from_pressures(tmp_path: Path,
     assert set(case(cli, tmp_path / "a.csv", stated)["branch"].tolist()) == {"load"}
 
 
-def test_a_file_of_objects_is_read_without_running_it(tmp_path: Path) -> None:
+OBJECTS = "holds Python objects, which may run code when opened; save columns, a .npz of plain arrays, or Parquet"
+
+
+def test_python_objects_in_a_numpy_file_are_refused_and_not_opened(tmp_path: Path) -> None:
     class Harmful:
         def __reduce__(self) -> Any:
             return (Path.write_text, (tmp_path / "ran", "x"))
 
     np.save(tmp_path / "bad.npy", {"a": Harmful()})  # type: ignore[arg-type]
-    with pytest.raises(ConfigError, match="cannot be read without running what it holds"):
-        read(tmp_path / "bad.npy", Source())
-    assert not (tmp_path / "ran").exists()
+    np.save(tmp_path / "numbers.npy", {"p": np.ones(4)})  # type: ignore[arg-type]
+    np.savez(tmp_path / "mixed.npz", p=np.ones((4, 2)), log=np.array([Harmful()]))
     (tmp_path / "also.npz").write_bytes(pickle.dumps(Harmful()))
-    with pytest.raises(ConfigError, match="is not a NumPy file|holds objects"):
+    for name in ("bad", "numbers"):
+        with pytest.raises(ConfigError, match=f"{name} {OBJECTS}"):
+            read(tmp_path / f"{name}.npy", Source())
+    mixed = read(tmp_path / "mixed.npz", Source())
+    assert mixed.names == ("p.1", "p.2") and f"not read: log {OBJECTS}" in mixed.notes
+    with pytest.raises(ConfigError, match=f"log {OBJECTS}"):
+        read(tmp_path / "mixed.npz", Source(variable="log"))
+    with pytest.raises(ConfigError, match="is not a NumPy file"):
         read(tmp_path / "also.npz", Source())
     assert not (tmp_path / "ran").exists()
+
+
+def npy(descr: str, shape: tuple[int, ...], data: bytes = bytes(64)) -> bytes:
+    """A .npy file that claims an array."""
+    header = f"{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}}}\n".encode()
+    return b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + data
+
+
+@pytest.mark.parametrize(
+    ("descr", "shape"),
+    [
+        ("'<f8'", (500_000_000,)), ("'<U0'", (10**12,)), ("'|V0'", (10**12,)), ("'<U500000000'", ()),
+        ("[('p', '<f8', (50000000,))]", (1,)), ("[('p', [('q', 'u1', (6000, 6000))])]", (1,)), ("'<f8'", (-1, -8)),
+    ],
+)  # fmt: skip
+def test_a_numpy_file_that_claims_more_than_it_holds_is_refused(descr: str, shape: tuple[int, ...], tmp_path: Path) -> None:
+    (tmp_path / "a.npy").write_bytes(npy(descr, shape))
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        archive.writestr("p.npy", npy(descr, shape))
+    for name in ("a.npy", "a.npz"):
+        with pytest.raises(ConfigError, match=r"claims .* cells of \d+ bytes and holds 64 bytes"):
+            read(tmp_path / name, Source())
+
+
+def test_a_small_numpy_file_that_unpacks_to_much_is_refused(tmp_path: Path) -> None:
+    most = np.zeros(5_000_000, np.int8)  # 40 MB as numbers
+    np.savez_compressed(tmp_path / "numbers.npz", p=most)
+    np.savez_compressed(tmp_path / "words.npz", p=np.full(200_000, "a"))
+    np.savez_compressed(tmp_path / "columns.npz", p=np.zeros((600, 6000), np.int8))
+    with zipfile.ZipFile(tmp_path / "packed.npz", "w", zipfile.ZIP_LZMA) as archive:
+        archive.writestr("p.npy", npy("'<f8'", (8,)))
+    for name, why in (
+        ("numbers", "40 MB, at most 32 MB are read of 0.005"),
+        ("words", "52 MB"),
+        ("columns", "has 6000 columns"),
+        ("packed", "is packed"),
+    ):
+        assert (tmp_path / f"{name}.npz").stat().st_size < 100_000
+        with pytest.raises(ConfigError, match=why):
+            read(tmp_path / f"{name}.npz", Source())
+
+
+def test_axes_that_multiply_small_arrays_are_bounded(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", p=np.zeros(30_000), tip=np.zeros(30_000))
+    with pytest.raises(ConfigError, match="unpacked it has 28800 MB"):
+        read(tmp_path / "a.npz", Source(axes={"p": ("trial",), "tip": ("time",)}))
+
+
+def test_a_table_of_structures_keeps_its_rows(tmp_path: Path) -> None:
+    rows = np.zeros(4, [("t", "f8"), ("p", "f4", (2,)), ("name", "U4"), ("tip", [("x", "f8"), ("y", "f8")])])
+    rows["p"], rows["tip"]["y"], rows["name"] = [[1, 2]] * 4, range(4), "up"
+    np.save(tmp_path / "a.npy", rows)
+    table = read(tmp_path / "a.npy", Source())
+    assert table.names == ("a.t", "a.p.1", "a.p.2", "a.name", "a.tip.x", "a.tip.y")
+    assert table.numbers["a.p.2"].tolist() == [2] * 4 and table.numbers["a.tip.y"].tolist() == [0, 1, 2, 3]
+
+
+def test_a_parquet_table_of_a_value_that_repeats_is_bounded(tmp_path: Path) -> None:
+    table = pyarrow.table({"p": pyarrow.DictionaryArray.from_arrays(np.zeros(7_000_000, np.int8), pyarrow.array([1.0]))})
+    pyarrow.parquet.write_table(table, tmp_path / "a.parquet")
+    assert (tmp_path / "a.parquet").stat().st_size < 400_000
+    with pytest.raises(ConfigError, match="unpacked it has 56 MB, at most 32 MB"):
+        read(tmp_path / "a.parquet", Source())
 
 
 def test_arrays_and_topics_become_columns(tmp_path: Path) -> None:

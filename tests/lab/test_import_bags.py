@@ -1,7 +1,5 @@
 """`lab import` of bags: only the wanted topics are decoded, odd ones are left out with a note, parts of one bag are joined."""
 
-from __future__ import annotations
-
 import json
 import math
 import struct

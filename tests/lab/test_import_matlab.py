@@ -1,9 +1,8 @@
 """Files of MATLAB and of motion capture: tables, cells, structures and arrays on their side; Motive's and Vicon's CSV, C3D."""
 
-from __future__ import annotations
-
 import sys
 import warnings
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -130,6 +129,32 @@ def test_a_file_with_elements_of_no_kind_is_refused_and_does_not_end_the_process
                 read(tmp_path / "a.mat", Source())
 
 
+@pytest.mark.parametrize("kind", ["cell", "struct", "char"])
+def test_an_array_within_a_matlab_variable_that_claims_more_than_it_holds_is_refused(kind: str, tmp_path: Path) -> None:
+    held = np.empty((1, 3), object)
+    held[:] = 1.0
+    inner = {"cell": held, "struct": np.zeros((1, 3), [("a", object), ("b", object)]), "char": "abc"}[kind]
+    savemat(tmp_path / "a.mat", {"log": {"inner": inner}, "p": PRESSURES})
+    assert "p.1" in read(tmp_path / "a.mat", Source()).names
+    data = (tmp_path / "a.mat").read_bytes()
+    shape = np.array([1, 3], "<i4").tobytes()
+    assert data.count(shape) == 1
+    (tmp_path / "a.mat").write_bytes(data.replace(shape, np.array([20_000, 20_000], "<i4").tobytes()))
+    with pytest.raises(ConfigError, match=r"an array claims \d+00000000 cells and has \d{2,4} bytes"):
+        read(tmp_path / "a.mat", Source())
+
+
+def test_many_small_arrays_within_a_matlab_variable_are_bounded(tmp_path: Path) -> None:
+    flags, shape = np.array([6, 8, 1, 0], "<u4").tobytes(), np.array([5, 8, 200_000, 1], "<u4").tobytes()
+    body = flags + shape + np.array([1, 1, 97, 0], "<u4").tobytes() + np.array([14, 0], "<u4").tobytes() * 200_000
+    packed = zlib.compress(np.array([14, len(body)], "<u4").tobytes() + body)
+    head = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
+    (tmp_path / "a.mat").write_bytes(head + np.array([15, len(packed)], "<u4").tobytes() + packed)
+    assert (tmp_path / "a.mat").stat().st_size < 100_000
+    with pytest.raises(ConfigError, match="unpacked it has 5. MB, at most 32 MB are read"):
+        read(tmp_path / "a.mat", Source())
+
+
 # ------------------------------------------------------------------ MATLAB 7.3
 def matlab_hdf5(path: Path, arrays: dict[str, np.ndarray]) -> Path:
     """A file as MATLAB's save(.., '-v7.3') lays it out: 512 bytes of its own, then HDF5 with dimensions in reverse order."""
@@ -179,9 +204,13 @@ def test_a_matlab_7_3_file_that_is_too_large_or_damaged_is_refused(tmp_path: Pat
     with h5py.File(tmp_path / "large.mat", "w", userblock_size=512) as file:
         large = file.create_dataset("p", (10**6, 10**3), np.float64, chunks=(1000, 10), compression="gzip")
         large.attrs["MATLAB_class"] = np.bytes_("double")
-    assert (tmp_path / "large.mat").stat().st_size < 10_000
-    with pytest.raises(ConfigError, match="unpacked it has 8000 MB, at most 500 MB are read"):
-        read(tmp_path / "large.mat", Source())
+    with h5py.File(tmp_path / "chunk.mat", "w", userblock_size=512) as file:
+        few = file.create_dataset("p", (4, 1), np.float64, maxshape=(None, 1), chunks=(10**7, 1), scaleoffset=3)
+        few.attrs["MATLAB_class"] = np.bytes_("double")
+    for name, size in (("large", 8000), ("chunk", 80)):
+        assert (tmp_path / f"{name}.mat").stat().st_size < 10_000
+        with pytest.raises(ConfigError, match=f"unpacked it has {size} MB, at most 32 MB are read"):
+            read(tmp_path / f"{name}.mat", Source())
     whole = matlab_hdf5(tmp_path / "whole.mat", {"p": np.arange(4000.0)[:, None]}).read_bytes()
     (tmp_path / "half.mat").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(ConfigError, match="is not a MATLAB 7.3 file"):
@@ -292,6 +321,17 @@ def test_a_torn_c3d_file_is_refused_or_read_as_far_as_it_goes(cut: int, tmp_path
     data = write_c3d(tmp_path / "take.c3d").read_bytes()
     (tmp_path / "take.c3d").write_bytes(data[:cut])
     with pytest.raises(ConfigError, match=r"take.c3d: .*export"):
+        read(tmp_path / "take.c3d", Source())
+
+
+def test_a_c3d_file_whose_frames_hold_nothing_is_refused(tmp_path: Path) -> None:
+    data = bytearray(write_c3d(tmp_path / "take.c3d").read_bytes())
+    data[2:6], data[18:20] = bytes(4), bytes(2)  # markers, analog values and samples of a frame, in the header
+    for group, name, value in ((b"POINT", b"USED", bytes(2)), (b"ANALOG", b"RATE", bytes(4))):
+        at = data.index(name, data.index(group)) + 8
+        data[at : at + len(value)] = value
+    (tmp_path / "take.c3d").write_bytes(data)
+    with pytest.raises(ConfigError, match="has neither markers nor analog channels"):
         read(tmp_path / "take.c3d", Source())
 
 

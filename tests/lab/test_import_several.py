@@ -1,7 +1,5 @@
 """Several files, columns that differ among them, contradicting units, exchanged markers: asked about, never guessed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime, timedelta
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Text tables of other laboratories: proposed map and import give the states of the plain table, or say what is missing."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Tables of robots with tendons: tensions in N under words of other languages, and a tip that goes towards the tendon pulled."""
 
-from __future__ import annotations
-
 import itertools
 import re
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """Where trials begin in tables of other laboratories, and maps that read the right file wrongly: each is asked about."""
 
-from __future__ import annotations
-
 import copy
 import itertools
 from collections.abc import Callable, Sequence

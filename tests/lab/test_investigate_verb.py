@@ -1,7 +1,5 @@
 """`lab investigate` and `lab power` on fakes, and whether the rig can do what a diagnosis proposes."""
 
-from __future__ import annotations
-
 import functools
 import json
 import shutil

@@ -1,18 +1,15 @@
 """What the page of a run is told: numbers of the file, unchanged, text that does nothing, and what the model says of each tip."""
 
-from __future__ import annotations
-
 import asyncio
-import contextlib
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from pages import events
+from pages import events, running
 
 import timing
 from lab.console import seconds_left
@@ -225,18 +222,6 @@ class Answers:
 
     async def stop(self) -> None:
         pass
-
-
-@contextlib.contextmanager
-def running(show: Show, stay: bool) -> Iterator[None]:
-    thread = timing.Thread(target=show.run, args=(stay,))
-    thread.start()
-    try:
-        yield
-    finally:
-        show.over()
-        thread.join(WITHIN)
-        assert not thread.is_alive()
 
 
 def test_a_late_answer_of_the_model_comes_with_the_tip_that_it_is_about(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

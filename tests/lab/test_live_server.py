@@ -1,7 +1,5 @@
 """The door of the page: fixed names behind a token. Whoever asks for anything else, or asks badly, gets a line and is let go."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import json

@@ -1,7 +1,5 @@
 """The person at a run: who may prepare and confirm, and keys pressed at a real terminal."""
 
-from __future__ import annotations
-
 import csv
 import functools
 import json
@@ -33,8 +31,8 @@ from lab.verbs.run import connect, execute, job
 from protocols.bench import Setup
 from protocols.errors import BadRequest, ProtocolError, Stopped
 from protocols.steering import LONGEST, Steering
-from recordings.campaign.journal import read
 from recordings.campaign.replay import compare, replay, table_of
+from recordings.file.journal import read
 from recordings.file.reader import Recording
 
 # ------------------------------------------------------------------ who may prepare and confirm

@@ -1,7 +1,5 @@
 """What installed packages announce: one that is broken hinders nobody, and is named with what to do where it is used."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -177,7 +175,7 @@ def test_effects(install: Install) -> None:
 def test_a_file_without_good_effects_is_refused_by_name(tmp_path: Path, text: str, cli: Cli) -> None:
     path = tmp_path / "own.py"
     path.write_text(text)
-    said = cli("effects", "--out", tmp_path, "--effects", path, code=2).err
+    said = cli("effects", "--out", tmp_path / "out", "--effects", path, code=2).err
     assert "own.py" in said and ("EFFECTS must be a tuple of EffectSpec" in said or text.startswith(("1", "raise")))
 
 

@@ -1,7 +1,5 @@
 """Pages of other robots and data: chambers without a spine, stiffness trials alone, and a lab's own sensors."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import re

@@ -1,7 +1,5 @@
 """`lab plan`, before anything is connected: what it says, numbers that are none, and every limit with its worst step."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

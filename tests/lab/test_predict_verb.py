@@ -1,7 +1,5 @@
 """`lab fit --with`, `lab predict` and the tables that verbs print: files, screens, exit codes, one number for each quantity."""
 
-from __future__ import annotations
-
 import csv
 import re
 from pathlib import Path
@@ -14,9 +12,12 @@ from commands import SOUND, Cli
 from virtual_lab import VirtualLab
 
 import lab
+from diagnosis.diagnose import Options, diagnose
 from lab.cli import main
 from lab.files.config import ConfigError
+from lab.files.inputs import read_case
 from lab.files.robot_file import paper_robot
+from model.effects.catalogue import CATALOGUE
 from model.effects.nominal import stated_effects
 from tests.lab.diagnosed_case import campaign, folder
 
@@ -64,8 +65,9 @@ def test_what_the_model_still_misses_is_learnt_for_predictions(case: Path, tmp_p
     robot = lab.load_robot(tmp_path / "robot.yaml")
     assert robot.residual is not None and len(robot.residual.states) == fitted["states"] and robot.plain.residual is None
     assert 1e3 * cli("compare", case, "--robot", tmp_path / "robot.yaml", "--json").json["rmse"] < fitted["residual_left_out_mm"]
-    told = cli("diagnose", case, "--robot", tmp_path / "robot.yaml", "--holdout", tmp_path / "none", code=2).flat_err
-    assert "would hide one" in told
+    few = Options(quantify=False, experiments=False, catalogue={"chamber_azimuth": CATALOGUE["chamber_azimuth"]})
+    answer = diagnose(read_case([case], tmp_path / "robot.yaml"), few)
+    assert "residual_ignored" in {f.code for f in answer.findings}
     assert "each trial that it did not learn from" in cli("fit", case, "--with", EFFECT, "--residual").flat_out
 
 

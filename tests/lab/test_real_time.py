@@ -1,7 +1,5 @@
 """A clock that is not the host's belongs to fakes: what is real is told by what it is, and refused."""
 
-from __future__ import annotations
-
 import os
 import pty
 import socket
@@ -91,6 +89,8 @@ def test_a_name_that_leads_elsewhere_is_refused_though_it_sounds_local(write: Wr
             {"pressure": {"driver": "smc_itv", "ports": [REAL], "chambers": [[1]], "full_scale": "500 kPa"}},
             f"instruments.pressure.ports = {REAL}",
         ),
+        ({"valve": valve("socket://127.0.0.1:4000")}, "instruments.valve.port = socket://127.0.0.1:4000"),
+        ({"valve": valve("rfc2217://127.0.0.1:4000")}, "instruments.valve.port = rfc2217://127.0.0.1:4000"),
     ],
 )
 @pytest.mark.parametrize("speed", [0.5, 20.0])
@@ -110,6 +110,23 @@ def test_a_port_that_appears_after_the_rig_was_assembled_is_looked_at_again(writ
     with pytest.raises(ConfigError, match="instruments.valve.port"):
         demand_fakes(rig, only="valve")
     demand_fakes(rig, only="gauge")
+
+
+@pytest.mark.parametrize("name", ["x" * 300, "loop"])
+def test_a_port_that_cannot_be_looked_at_is_real(name: str, write: Write, tmp_path: Path) -> None:
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    with pytest.raises(ConfigError, match=r"clock.speed = 20: instruments.valve.port"):
+        clock_of(load_rig(write(valve=valve(str(tmp_path / name)))))
+
+
+def test_a_port_that_could_write_a_file_stops_every_verb(write: Write, cli: Cli, tmp_path: Path) -> None:
+    file = tmp_path / "precious"
+    file.write_text("data")
+    rig = write(1.0, valve=valve(f"spy:///dev/null?file={file}"))
+    for verb, code in ((["check"], 2), (["run", "bending"], 2), (["safe"], 1)):
+        said = cli(*verb, "--rig", rig, code=code)
+        assert "instruments.valve.port" in said.out + said.err and "is not a port" in said.out + said.err
+    assert file.read_text() == "data"
 
 
 @pytest.mark.parametrize("verb", [["check"], ["run", "bending"]])

@@ -1,7 +1,5 @@
 """`lab plan --rehearse`: a protocol's own `run` at the desk, where nothing is connected."""
 
-from __future__ import annotations
-
 import re
 import socket
 import subprocess

@@ -1,7 +1,5 @@
 """A run that was killed or stopped, or whose files go meanwhile: it goes on from what is recorded."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import shutil
@@ -22,11 +20,12 @@ from lab.files.inputs import read_case
 from lab.rig.checked import recording_of
 from lab.verbs import run as run_verb
 from lab.verbs.fakes import PATIENT_SETTLE
-from recordings.campaign.journal import read
 from recordings.campaign.labels import labels_of
 from recordings.campaign.shelf import runs
+from recordings.file.journal import read
 from recordings.file.reader import Recording
 from recordings.file.verify import verify
+from tests.simulated.bench import wait_until
 
 SHORT = settings("spine_lengths=[0.0, 3 cm, 6 cm]", "pressures=[80 kPa]", "unload=false", *PATIENT_SETTLE[1:])
 
@@ -45,10 +44,7 @@ def wait_for(text: str, folder: Path, process: subprocess.Popen[str]) -> None:
 
 def freed(virtual_lab: VirtualLab) -> None:
     """What a person does after a crash: look at the rig, bring it into the safe state, say that it is."""
-    deadline = timing.now() + 120
-    while lab("safe", "--clear", "--rig", virtual_lab.rig) != 0:
-        assert timing.now() < deadline
-        timing.sleep(0.5)
+    wait_until(lambda: lab("safe", "--clear", "--rig", virtual_lab.rig) == 0, 120)
 
 
 def test_a_killed_run_is_resumed_from_its_first_unfinished_trial(real_lab: VirtualLab, tmp_path: Path) -> None:

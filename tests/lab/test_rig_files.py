@@ -1,7 +1,5 @@
 """rig.yaml, robot.yaml and any file of settings: one message tells all that is wrong, and what is written reads back."""
 
-from __future__ import annotations
-
 import json
 import math
 import re
@@ -185,7 +183,7 @@ name:   "arm 7"            # engraved on the base
 length: 31.5 cm +- 2 mm    # tape, three readings
 outer_radius:     4.0e-2
 inner_radius: 20 mm
-density: &rho 1_080        # data sheet
+density: &rho 1080        # data sheet
 
 youngs_modulus: 350e3      # pulled at 20 %
 shear_modulus: '117 kPa'

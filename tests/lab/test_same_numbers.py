@@ -1,7 +1,5 @@
 """Headline, statement, page, command and diagnosis.json: the same number for the same word, over many answers."""
 
-from __future__ import annotations
-
 import html
 import json
 import re

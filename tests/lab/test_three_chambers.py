@@ -1,7 +1,5 @@
 """A robot with three chambers and no spine: the robot decides, from the plan to the diagnosis."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from pathlib import Path

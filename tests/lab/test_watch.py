@@ -1,7 +1,5 @@
 """`lab run --watch` and `lab watch`: what the page is told, and what a browser shows, are the values of the recording."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """A whole rig of fakes for tests of the command."""
 
-from __future__ import annotations
-
 import os
 import shlex
 import signal

@@ -5,9 +5,9 @@ import pytest
 from model.plain_yaml import MOST_CHARACTERS, MOST_VALUES, BadYaml, parse
 
 
-def test_tables_lists_numbers_and_texts_are_read_as_before() -> None:
-    text = "a: [1, -2.5, 1.0e-3, 0x10, 1_000]\nb: {c: yes, d: ~, 0.05: 250 kPa}\n# note\ne: '007'\n"
-    values = {"a": [1, -2.5, 1e-3, 16, 1000], "b": {"c": True, "d": None, 0.05: "250 kPa"}, "e": "007"}
+def test_tables_lists_numbers_and_texts_are_read() -> None:
+    text = "a: [1, -2.5, 1.0e-3, ox10, a_1]\nb: {c: yes, d: ~, 0.05: 250 kPa}\n# note\ne: '007'\n"
+    values = {"a": [1, -2.5, 1e-3, "ox10", "a_1"], "b": {"c": True, "d": None, 0.05: "250 kPa"}, "e": "007"}
     assert parse(text)[0] == values
     assert parse("")[0] is None
 
@@ -26,6 +26,9 @@ def test_tables_lists_numbers_and_texts_are_read_as_before() -> None:
         ("9" * 5000, "number"),
         ("0b_", "number"),
         ("010", "number"),
+        ("1_000", "number"),
+        ("0.0_5", "number"),
+        ("0x10", "number"),
         ("1:30", "number"),
         ("1.0e+999", "too large"),
         ("9007199254740993", "exceeds"),

@@ -1,7 +1,5 @@
 """Every protocol on a whole rig of fakes, in simulated time: it ends by itself, and reads what it planned."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

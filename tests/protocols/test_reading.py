@@ -1,7 +1,5 @@
 """A reading that a pause of a stream spoils is taken again where nothing has moved."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, cast
 
@@ -11,9 +9,9 @@ from drivers.chambers import ChamberMap
 from protocols.bench import Bench
 from protocols.errors import NotReached
 from protocols.experiment import READINGS, Plan, Trials
-from recordings.campaign.journal import Journal
-from recordings.campaign.journal import read as journal_of
 from recordings.campaign.replay import compare
+from recordings.file.journal import Journal
+from recordings.file.journal import read as journal_of
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
 from recordings.messages import sensor

@@ -1,7 +1,5 @@
 """Protocols come in by registration: from a file, from an installed package; what is wrong with one is told at once."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

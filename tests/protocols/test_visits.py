@@ -1,7 +1,5 @@
 """Visits and the bending sweep are one way from state to state."""
 
-from __future__ import annotations
-
 from protocols.bending import Bending
 from protocols.bending import plan as bending_plan
 from protocols.experiment import Plan, Reading

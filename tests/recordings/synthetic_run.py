@@ -14,7 +14,8 @@ from mcap.records import Message as McapMessage
 from mcap.writer import Writer
 
 from recordings.file.writer import Recorder
-from recordings.states.rules import State, Window
+from recordings.states.concluding import conclude
+from recordings.states.rules import Settled, State, Window
 
 Message = tuple[str, float, tuple[object, ...]]
 Change = Callable[[str, int, McapMessage], None]
@@ -22,6 +23,7 @@ STREAMS = ("/pressure", "/tip", "/spine", "/vacuum", "/force", "/arm")
 OLD = Path(__file__).parent / "data" / "bending-schema-1.mcap"
 """A recording of schema version 1, kept since."""
 SIGNS = (-1, 1)
+REST = Settled(still=0.6, still_distance=1e-3, min_samples=3, average=0.4)
 TARGETS = (80e3, 80e3, 80e3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -84,6 +86,23 @@ def recorded(path: Path, run: Run, **options: Any) -> Path:
     with Recorder(path, **kept | options) as recorder:
         for topic, t, values in run.messages():
             recorder.push(topic, t, values)
+    return path
+
+
+def concluded(path: Path) -> Path:
+    """A finished recording of seven seconds in many chunks, in which one state was asked for at 2 s and read."""
+    asked = state(rule=REST, t_start=2.0, ramp_end=2.0, rate=1.0, spine_length=0.2)
+    with Recorder(path, start_wall_ns=1_700_000_000_123_456_789, markers=2) as recorder:
+        recorder.progress(0.0, 0, 2, 0.0, 7.0)
+        for k, (topic, t, values) in enumerate(Run(duration=7.0, ramp=2.0, lag=0.4).messages()):
+            recorder.push(topic, t, values)
+            if k % 200 == 0:
+                recorder.sync()  # a chunk each
+        recorder.state(2.0, asked)
+        row = conclude(recorder.buffers, asked)
+        assert row is not None
+        recorder.trial(6.9, 1, row)
+        recorder.progress(6.9, 1, 2, 3.5, 7.0)
     return path
 
 

@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 from synthetic_run import state
 
-from recordings.campaign.journal import read as read_journal
 from recordings.campaign.shelf import INDEX, runs
 from recordings.errors import BadJournal, BadMessage, BadTable
 from recordings.file.counts import counted
+from recordings.file.journal import read as read_journal
 from recordings.json_text import read_json
 from recordings.states.rules import Settled, State
 from recordings.table_file import read_csv

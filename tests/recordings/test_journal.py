@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from synthetic_run import TARGETS, state
 
-from recordings.campaign.journal import Journal, read
-from recordings.campaign.resumed import metadata, tables
+from recordings.campaign.replay import metadata, tables
 from recordings.errors import BadJournal, WriteFailed
+from recordings.file.journal import Journal, read
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
 from recordings.trials import TrialRow

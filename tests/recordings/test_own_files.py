@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from recordings.campaign.journal import Journal
 from recordings.campaign.shelf import INDEX, runs
 from recordings.errors import RecordingError, WriteFailed
+from recordings.file.journal import Journal
 from recordings.file.writer import Recorder
 from recordings.own_files import copied, created, folder_in, opened, replaced, replacing
 

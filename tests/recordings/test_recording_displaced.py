@@ -9,9 +9,9 @@ import pytest
 from synthetic_run import Run
 
 import timing
-from recordings.campaign.journal import Journal, read
-from recordings.campaign.resumed import metadata
+from recordings.campaign.replay import metadata
 from recordings.errors import WriteFailed
+from recordings.file.journal import Journal, read
 from recordings.file.reader import Recording
 from recordings.file.recover import recover
 from recordings.file.verify import verify

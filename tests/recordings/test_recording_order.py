@@ -100,13 +100,6 @@ def test_numbers_that_go_back_in_time_are_a_stream_that_began_anew(run: Path, tm
     assert rescued.lost == {} and rescued.messages["/vacuum"] == count
 
 
-def test_a_recorder_takes_no_losses_below_zero(tmp_path: Path) -> None:
-    with Recorder(tmp_path / "a.mcap", start_wall_ns=0) as recorder:
-        with pytest.raises(ValueError, match="/force: -3 lost samples"):
-            recorder.note_lost("/force", -3)
-        assert recorder.counts()["/force"].lost == 0
-
-
 def test_counts_below_zero_in_a_file_are_no_counts_and_verify_says_so(run: Path, tmp_path: Path) -> None:
     told = json.dumps({"lost": -5, "dropped": -1, "written": -2, "generated": 3})
     path = rewritten(run, tmp_path / "b.mcap", topics=["/vacuum"], metadata={"counts": {"/vacuum": told}}, enable_data_crcs=True)

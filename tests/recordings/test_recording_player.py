@@ -7,30 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from synthetic_run import Run, state
+from synthetic_run import concluded
 
 from recordings.campaign.replay import replay_states
 from recordings.file.player import Played, play
 from recordings.file.reader import Recording
-from recordings.file.writer import Recorder
-from recordings.states.concluding import conclude
-from recordings.states.rules import Settled
-
-RULE = Settled(still=0.6, still_distance=1e-3, min_samples=3, average=0.4)
-ASKED = state(rule=RULE, t_start=2.0, ramp_end=2.0, rate=1.0, spine_length=0.2)
 
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("played") / "run.mcap"
-    with Recorder(path, start_wall_ns=1_700_000_000_123_456_789, markers=2) as recorder:
-        for topic, t, values in Run(duration=7.0, ramp=2.0, lag=0.4).messages():
-            recorder.push(topic, t, values)
-        recorder.state(2.0, ASKED)
-        row = conclude(recorder.buffers, ASKED)
-        assert row is not None
-        recorder.trial(6.9, 1, row)
-    return path
+    return concluded(tmp_path_factory.mktemp("played") / "run.mcap")
 
 
 @dataclass

@@ -9,34 +9,17 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
-from synthetic_run import OLD, Run, state
+from synthetic_run import OLD, concluded
 
 from recordings.errors import Damaged, Oversized
 from recordings.file.reader import Recording
 from recordings.file.tail import Piece, Tail
 from recordings.file.writer import Recorder
-from recordings.states.concluding import conclude
-from recordings.states.rules import Settled
-
-RULE = Settled(still=0.6, still_distance=1e-3, min_samples=3, average=0.4)
-ASKED = state(rule=RULE, t_start=2.0, ramp_end=2.0, rate=1.0, spine_length=0.2)
 
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("tail") / "run.mcap"
-    with Recorder(path, start_wall_ns=1_700_000_000_123_456_789, markers=2) as recorder:
-        recorder.progress(0.0, 0, 2, 0.0, 7.0)
-        for k, (topic, t, values) in enumerate(Run(duration=7.0, ramp=2.0, lag=0.4).messages()):
-            recorder.push(topic, t, values)
-            if k % 200 == 0:
-                recorder.sync()  # a chunk each
-        recorder.state(2.0, ASKED)
-        row = conclude(recorder.buffers, ASKED)
-        assert row is not None
-        recorder.trial(6.9, 1, row)
-        recorder.progress(6.9, 1, 2, 3.5, 7.0)
-    return path
+    return concluded(tmp_path_factory.mktemp("tail") / "run.mcap")
 
 
 def followed(tail: Tail) -> list[Piece]:

@@ -101,7 +101,9 @@ def test_what_is_not_a_message_is_refused_and_counted(tmp_path: Path) -> None:
             recorder.push("/vaccum", 0.0, absolute=1.0)
         with pytest.raises(BadMessage, match="loud"):
             recorder.log("loud", "text")
-    assert recorder.counts()["/vacuum"].dropped == 4
+        with pytest.raises(ValueError, match="/force: -3 lost samples"):
+            recorder.note_lost("/force", -3)
+    assert recorder.counts()["/vacuum"].dropped == 4 and recorder.counts()["/force"].lost == 0
 
 
 def body(t: float, frame: int, *markers: tuple[float, float, float]) -> SimpleNamespace:

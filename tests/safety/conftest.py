@@ -1,7 +1,5 @@
 """The rig of fakes for the tests of safety, made sound again after each."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

@@ -1,7 +1,5 @@
 """What the tests of safety share: the fakes, their rig.yaml, and what the plant shows."""
 
-from __future__ import annotations
-
 import contextlib
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """A silence counts only while this process was awake to hear something."""
 
-from __future__ import annotations
-
 import os
 
 import pytest

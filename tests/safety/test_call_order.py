@@ -4,8 +4,6 @@ For each driver a machine calls its methods in random order on a fake, keeping b
 `open` and `close` before `open`, no motion before the zero is known, no value that is none.
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """What changes at the arm's pendant or in the spine's servo between two trials is named before the first motion."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A setting that changes at a panel while the rig is open: the rig lands before the robot notices."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator
 from typing import Any

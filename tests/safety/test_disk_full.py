@@ -1,7 +1,5 @@
 """The disk fills up in the middle of a sweep: the run ends safe and says why, and the file keeps what was written."""
 
-from __future__ import annotations
-
 import resource
 from pathlib import Path
 
@@ -9,8 +7,8 @@ import pytest
 from house import House, until
 
 from lab.verbs.run import _finish
-from recordings.campaign.journal import read
 from recordings.errors import WriteFailed
+from recordings.file.journal import read
 from recordings.file.reader import Recording
 from recordings.file.recover import recover
 from recordings.file.writer import Recorder

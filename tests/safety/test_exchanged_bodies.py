@@ -1,7 +1,5 @@
 """A run whose cameras take one body for another pauses, and reads the state again once that is put right."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

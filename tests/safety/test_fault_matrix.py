@@ -3,8 +3,6 @@
 The second rig's regulators and length unit are left to the whole matrix.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

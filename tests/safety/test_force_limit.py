@@ -1,7 +1,5 @@
 """What the force sensor's thread tells the guard, through the pipe that carries it."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A few of the mutated files that `python -m benchmarks.faults.fuzz` makes by the thousand."""
 
-from __future__ import annotations
-
 import contextlib
 import random
 from pathlib import Path
@@ -12,8 +10,8 @@ from benchmarks.faults.fuzz import EXPECTED, sources
 from lab.files.config import ConfigError, read_yaml
 from lab.files.inputs import read_case
 from lab.files.resume import find
-from recordings.campaign.journal import read as read_journal
 from recordings.errors import BadJournal, BadTable
+from recordings.file.journal import read as read_journal
 from recordings.file.writer import Recorder
 from recordings.table_file import read_csv
 

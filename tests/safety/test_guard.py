@@ -1,7 +1,5 @@
 """The program dies, freezes, hangs or loses its guard: the rig lands, says why, and stays locked when it cannot be confirmed."""
 
-from __future__ import annotations
-
 import errno
 import os
 import resource

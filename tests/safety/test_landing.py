@@ -1,7 +1,5 @@
 """Whichever instruments fail their stop, the others stop; nothing counts as safe that was not read back."""
 
-from __future__ import annotations
-
 import itertools
 import threading
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The latch keeps a rig locked until a person clears it."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

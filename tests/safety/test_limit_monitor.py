@@ -1,7 +1,5 @@
 """What the guard makes of set-points and readings."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import random

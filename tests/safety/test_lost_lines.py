@@ -1,7 +1,5 @@
 """A line that drops out and returns behind the same path, in every phase: everything is vented and stopped, and confirmed."""
 
-from __future__ import annotations
-
 import itertools
 import os
 import signal

@@ -1,7 +1,5 @@
 """What a person can put right suspends the experiment: vented meanwhile, and every point there once afterwards."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """A channel that does not follow is told while the others are ramped without a pause, through the real wire."""
 
-from __future__ import annotations
-
 import contextlib
 import itertools
 from typing import Any

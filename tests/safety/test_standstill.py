@@ -3,8 +3,6 @@
 The robot has no spine: a length unit's own watchdog would have stopped it, and that ends a run.
 """
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

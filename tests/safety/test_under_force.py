@@ -1,7 +1,5 @@
 """The arm moves only while the force sensor sends, through the real drivers and wires."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A state of a jammed spine counts only if the spine kept its vacuum, or pushes back where the gauge does not tell."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

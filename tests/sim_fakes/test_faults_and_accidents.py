@@ -1,7 +1,5 @@
 """Every instrument has every fault, off again by `end`; accidents change what the robot does, not what it is told."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

@@ -1,7 +1,5 @@
 """Silence as a device's watchdog counts it."""
 
-from __future__ import annotations
-
 import pytest
 
 from sim_fakes.punctual import LATE, Silence

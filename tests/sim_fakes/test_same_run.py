@@ -1,7 +1,5 @@
 """A run of simulated time is the same to the last bit whatever else the computer does."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A clock that jumps: what its threads do comes in one order, and takes no time but that of their computation."""
 
-from __future__ import annotations
-
 import os
 import queue
 import signal

@@ -8,7 +8,7 @@ import serial
 import timing
 from sim_fakes.plant import Plant
 from sim_fakes.tmcl import TmclFake
-from tests.simulated.bench import Bench
+from tests.simulated.bench import Bench, wait_until
 
 OK = 100
 MST, MVP, SAP, GAP, RFS = 3, 4, 5, 6, 13
@@ -50,14 +50,12 @@ def wire(bench: Bench) -> Wire:
 )
 def test_what_the_module_does_not_know_is_refused(wire: Wire, command: int, kind: int, value: int, status: int) -> None:
     answer = wire.ask(command, kind, value)
-    assert answer is not None
-    assert answer[0] == status
+    assert answer is not None and answer[0] == status
 
 
 def test_a_wrong_checksum_is_refused(wire: Wire) -> None:
     answer = wire.ask(GAP, 1, damage=1)
-    assert answer is not None
-    assert answer[0] == 1
+    assert answer is not None and answer[0] == 1
 
 
 def test_relative_motions_and_rotations(wire: Wire) -> None:
@@ -66,10 +64,7 @@ def test_relative_motions_and_rotations(wire: Wire) -> None:
     assert wire.ask(GAP, 0) == (OK, 750)
     for command, sign in ((1, 1), (2, -1)):
         assert wire.ask(command, 0, 5120) == (OK, 5120)
-        deadline = timing.now() + 20
-        while wire.fake.drum.speed * sign < 5000:
-            assert timing.now() < deadline, "does not turn"
-            timing.sleep(0.01)
+        wait_until(lambda sign=sign: wire.fake.drum.speed * sign >= 5000)  # type: ignore[misc]
         assert wire.ask(MST, 0) == (OK, 0)
         assert wire.ask(GAP, 3) == (OK, 0)
     assert wire.ask(GAP, 4) == (OK, 51200)
@@ -93,8 +88,6 @@ def test_half_a_frame_is_forgotten(wire: Wire) -> None:
 
 def test_the_switch_stops_a_motion_towards_it(wire: Wire, plant: Plant) -> None:
     wire.ask(MVP, 0, -51200)
-    deadline = timing.now() + 60
-    while wire.ask(GAP, 11) != (OK, 1):
-        assert timing.now() < deadline
+    wait_until(lambda: wire.ask(GAP, 11) == (OK, 1))
     assert wire.ask(GAP, 3) == (OK, 0)
     assert plant.spine_drive == 0.0

@@ -1,7 +1,5 @@
 """The fake controller without a wire: kinematics, motion, program, safety."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

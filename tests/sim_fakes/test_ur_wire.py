@@ -1,7 +1,5 @@
 """The fake controller's process: its ports, its strictness, the pose it sends to the plant, its end."""
 
-from __future__ import annotations
-
 import argparse
 import socket
 import struct

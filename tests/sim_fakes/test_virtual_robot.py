@@ -1,7 +1,5 @@
 """The virtual robot without effects is the robot of the paper, and it moves like a plant."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

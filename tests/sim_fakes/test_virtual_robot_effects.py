@@ -1,7 +1,5 @@
 """Each effect leaves its own signature, and none at all at size zero."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """At the stiffness stand the bare spine gives back the moduli of Table II, and the contact is honest."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

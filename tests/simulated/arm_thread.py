@@ -4,8 +4,6 @@ The maker's library brings threads of its own, which know no simulated clock. Wh
 interfaces are played here: they read and write the controller's registers as the library does, cycle by cycle.
 """
 
-from __future__ import annotations
-
 import asyncio
 import math
 import selectors

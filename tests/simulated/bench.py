@@ -1,12 +1,13 @@
 """What a test of drivers or fakes starts and makes."""
 
-from __future__ import annotations
-
 import contextlib
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 
+import timing
+from drivers.errors import InstrumentError
 from sim_fakes.plant import Plant
 from timing import RigClock
 
@@ -29,9 +30,42 @@ class Bench:
         self.ends.callback(driver.close)
         return driver
 
+    def maker(self, driver: Any, config: Any, name: str, usual: dict[str, Any]) -> Callable[..., Any]:
+        """What makes such a driver, with the usual settings in rig.yaml or others."""
+        return lambda **changes: self.closing(driver(name, config.model_validate(usual | changes), self.clock))
+
+    def opener(self, driver: Any, config: Any, name: str, usual: dict[str, Any]) -> Callable[..., Any]:
+        """What makes and opens it."""
+        make = self.maker(driver, config, name, usual)
+
+        def opened(**changes: object) -> Any:
+            made = make(**changes)
+            made.open()
+            return made
+
+        return opened
+
     def end(self) -> None:
         """Close drivers and stop fakes, the last ones first."""
         self.ends.close()
+
+
+def wait_until(condition: Callable[[], object], within: float = 60.0) -> None:
+    """Poll until the condition holds; fails the test where it does not `within` s, far more than it takes."""
+    deadline = timing.now() + within
+    while not condition():
+        assert timing.now() < deadline, f"not so after {within:g} s"
+        timing.sleep(0.005)
+
+
+def answered(call: Callable[[], Any], within: float = 30.0) -> Any:
+    """What `call` gives once the instrument is understood again, after all that it still owes has come in."""
+    deadline = timing.now() + within
+    while True:
+        try:
+            return call()
+        except InstrumentError:
+            assert timing.now() < deadline
 
 
 def of_speed(speed: float) -> pytest.MarkDecorator:

@@ -7,8 +7,6 @@ same order on any computer under any load. The model is the clock of trio's test
 A thread that lives in no such clock may set what is waited for, and must not wait for it.
 """
 
-from __future__ import annotations
-
 import math
 import queue
 import select

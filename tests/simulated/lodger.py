@@ -1,7 +1,5 @@
 """A child of a program as a thread of its process: children that hold instruments share the program's simulated clock."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import subprocess

@@ -1,23 +1,39 @@
 """A serial line in this process, for fakes and drivers that live in the same simulated clock: two byte queues.
 
-The driver's end is opened by pyserial under `memory://NAME`, see `protocol_memory`.
+The driver's end is opened by pyserial under a path that no device has, see `protocol_memory`.
 """
 
 from __future__ import annotations
 
 import itertools
 import os
+from typing import Any
 
 import serial
 
 import timing
 
-MEMORY = "memory://"
+MEMORY = "/memory-line/"
 LINES: dict[str, MemoryLine] = {}
 """The lines in this process, by their path."""
 _NUMBERS = itertools.count(1)
 
-serial.protocol_handler_packages.append(__package__)
+_of_pyserial = serial.serial_for_url
+
+
+def _opened(port: str, *how: Any, **options: Any) -> Any:
+    """See serial.serial_for_url; these paths are lines of this process."""
+    if not port.startswith(MEMORY):
+        return _of_pyserial(port, *how, **options)
+    from .protocol_memory import Serial
+
+    line = Serial(None, *how, **options)
+    line.port = port
+    line.open()
+    return line
+
+
+serial.serial_for_url = _opened
 
 
 class MemoryLine:

@@ -1,6 +1,4 @@
-"""The driver's end of a line in this process: pyserial finds it here for a port `memory://..`."""
-
-from __future__ import annotations
+"""The driver's end of a line in this process: what opens a port of `MEMORY` gets it."""
 
 from typing import Any
 

@@ -134,8 +134,8 @@ def _chamber_twist(q: Quantities, v: Values) -> None:
 SPECS = (
     EffectSpec(
         id="time_offset",
-        label="delay between pressure and tip",
-        says="pressures and tips are read {} apart",
+        label="delay between {pressure} and tip",
+        says="{pressures} and tips are read {} apart",
         stage="measurement",
         equation="P = P_read + (dP/dt) d in states read while ramping; dP/dt < 0 on the unload branch; share r of it, not below "
         "ambient, where a ramp begins and ends",
@@ -149,8 +149,8 @@ SPECS = (
     ),
     EffectSpec(
         id="pressure_lag",
-        label="regulators that lag behind their set-points",
-        says="the pressures follow their set-points with a time constant of {}",
+        label="{regulators} that lag behind their set-points",
+        says="the {pressures} follow their set-points with a time constant of {}",
         stage="actuation",
         equation="dP/dt = (P_set - P) / tau, where the table holds set-points: after a ramp of slope r and duration T, held for "
         "h, P_set - P = r tau (1 - exp(-T / tau)) exp(-h / tau), and what the states before have left of theirs",
@@ -163,8 +163,8 @@ SPECS = (
     ),
     EffectSpec(
         id="pressure_offset",
-        label="offset of the pressures",
-        says="the chambers hold {} [more|less] than their regulators read",
+        label="offset of the {pressures}",
+        says="the {actuators} hold {} [more|less] than their {regulators} read",
         stage="actuation",
         equation="P = P_read + p0, not below ambient, in the chambers in use, share i p0 in the vented ones",
         parameters=(
@@ -178,8 +178,8 @@ SPECS = (
     ),
     EffectSpec(
         id="pressure_deadband",
-        label="dead band of the chambers",
-        says="the chambers act only above {}",
+        label="dead band of the {actuators}",
+        says="the {actuators} act only above {}",
         stage="actuation",
         equation="P_eff = f(P - P0) - f(-P0), f(x) = (x + sqrt(x^2 + (0.2 P0)^2)) / 2; on the way down (1 - h) of that and "
         "h min(P, P_highest - P0), rounded as f",
@@ -195,8 +195,8 @@ SPECS = (
     ),
     EffectSpec(
         id="chamber_order",
-        label="order of the chambers",
-        says="the chambers hang on other regulators than robot.yaml states",
+        label="order of the {actuators}",
+        says="the {actuators} hang on other {regulators} than robot.yaml states",
         stage="actuation",
         equation="P_i = (1 - w) P_i,read + w P_k,read, k = pi(i): the ring of chambers turned a third (-2, 2) or mirrored",
         parameters=(
@@ -212,8 +212,8 @@ SPECS = (
     ),
     EffectSpec(
         id="chamber_ballooning",
-        label="ballooning of the chambers",
-        says="the chambers' area [grows|shrinks] by {} under pressure",
+        label="ballooning of the {actuators}",
+        says="the {actuator_area} [grows|shrinks] by {} under {pressure}",
         stage="actuation",
         equation="A_eff = A (1 + b (f(P) / f(P_max))^(1.25 + g)), f(P) what P is above an onset P0, its corner rounded over "
         "P0 / 2, P_max the largest pressure",
@@ -229,8 +229,8 @@ SPECS = (
     ),
     EffectSpec(
         id="chamber_gain",
-        label="difference between the chamber areas",
-        says="the areas of the chambers differ by {}",
+        label="difference between the {actuator_areas}",
+        says="the {actuator_areas} differ by {}",
         stage="actuation",
         equation="A_i = A (1 + |g| (f_i - mean f)), f_i = (exp(k cos(az_i - az_g)) - 1) / sinh k, g = (x, y) towards az_g",
         parameters=(
@@ -245,8 +245,8 @@ SPECS = (
     ),
     EffectSpec(
         id="chamber_azimuth",
-        label="angle of the chambers about the axis",
-        says="the chambers are turned by {} about the axis",
+        label="angle of the {actuators} about the axis",
+        says="the {actuators} are turned by {} about the axis",
         stage="actuation",
         equation="azimuth_i = azimuth_i,drawn + d",
         parameters=(Parameter("angle", "rad", math.radians(6), -0.6, 0.6),),
@@ -257,8 +257,8 @@ SPECS = (
     ),
     EffectSpec(
         id="chamber_twist",
-        label="twist of the chambers",
-        says="the chambers wind about the axis by {}",
+        label="twist of the {actuators}",
+        says="the {actuators} wind about the axis by {}",
         stage="actuation",
         equation="azimuth_i(s) = azimuth_i + phi(s), phi = c (s (1 + g s / L) - a L): m_act(s) = Rz(phi) m_act(0); "
         "a: where along the body the chambers were aligned when it was mounted",

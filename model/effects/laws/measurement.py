@@ -51,7 +51,7 @@ SPECS = (
         says="the tip's marker sits {} off its place",
         stage="measurement",
         equation="p_read = p + R_tip d",
-        parameters=tuple(Parameter(axis, "m", 6e-3 / math.sqrt(3), -0.05, 0.05) for axis in "xyz"),
+        parameters=tuple(Parameter(axis, "m", 6e-3 / math.sqrt(3), -0.2, 0.2) for axis in "xyz"),
         law=Law(after=_marker_offset),
         citation="geometry",
         exact=True,

@@ -129,7 +129,7 @@ SPECS = (
     EffectSpec(
         id="chamber_thrust",
         label="thrust on the side walls",
-        says="the side walls carry {} of the chambers' thrust",
+        says="the side walls carry {} of the {actuators}' thrust",
         stage="load",
         equation="F_tip = (1 - w) P A e3(L), v*_3 = w (1 - b) P A / EA, moment times 1 + w g (3 s^2/L^2 - 1); w = 0: paper, "
         "eq. 4; w = 1: the side walls balance the thrust",

@@ -1,20 +1,16 @@
 """A fake Motive, and drivers that listen to it."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-import timing
 from drivers.errors import InstrumentError
 from drivers.frames import rotation_from_vector
 from drivers.interfaces import BodySample
 from drivers.natnet.driver import Config, NatNetMocap
 from sim_fakes.motive import MotiveFake
 from sim_fakes.ur.process import free_host
-from tests.simulated.bench import Bench
+from tests.simulated.bench import Bench, wait_until
 
 
 class Motive:
@@ -55,19 +51,12 @@ class Motive:
     def frames(self, count: int) -> None:
         """Wait for more samples."""
         goal = len(self.samples) + count
-        wait(lambda: len(self.samples) >= goal)
+        wait_until(lambda: len(self.samples) >= goal)
 
     def invalid(self) -> BodySample:
         """Wait for a sample that is invalid."""
-        wait(lambda: bool(self.samples) and not self.samples[-1].valid)
+        wait_until(lambda: bool(self.samples) and not self.samples[-1].valid)
         return self.samples[-1]
-
-
-def wait(condition: Callable[[], bool], within: float = 60.0) -> None:
-    deadline = timing.now() + within
-    while not condition():
-        assert timing.now() < deadline, "never happened"
-        timing.sleep(0.005)
 
 
 def refused(mocap: NatNetMocap, kind: type[InstrumentError], text: str = "") -> None:
@@ -82,7 +71,7 @@ def refused(mocap: NatNetMocap, kind: type[InstrumentError], text: str = "") -> 
             pass
         return False
 
-    wait(so)
+    wait_until(so)
 
 
 def first(mocap: NatNetMocap) -> BodySample:
@@ -96,5 +85,5 @@ def first(mocap: NatNetMocap) -> BodySample:
             return False
         return True
 
-    wait(look)
+    wait_until(look)
     return found[0]

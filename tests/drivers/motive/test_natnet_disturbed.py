@@ -1,15 +1,14 @@
 """Motion capture when datagrams are late, lost or twice there, the client is forgotten, or bodies change in Motive."""
 
-from __future__ import annotations
-
 import struct
 
 import pytest
-from natnet_rig import Motive, first, refused, wait
+from natnet_rig import Motive, first, refused
 
 from drivers.errors import DeviceFault, StaleReading, WrongDevice
 from drivers.interfaces import BodySample
 from sim_fakes.motive import Mode, MotiveFake
+from tests.simulated.bench import wait_until
 
 
 def demand_each_once(found: list[BodySample]) -> None:
@@ -24,7 +23,7 @@ def test_frames_that_overtake_each_other_are_sorted_and_none_counts_as_lost(moti
     mocap, samples = motive.opened(), motive.samples
     motive.extra.update(fault)
     begun = motive.fake.frame
-    wait(lambda: bool(samples) and samples[-1].frame > begun + 150)
+    wait_until(lambda: bool(samples) and samples[-1].frame > begun + 150)
     demand_each_once(samples)
     assert mocap.lost == 0
     assert samples[-1].frame - samples[0].frame == len(samples) - 1
@@ -34,9 +33,9 @@ def test_of_late_frames_only_those_that_never_come_count_as_lost(motive: Motive)
     mocap, samples = motive.opened(), motive.samples
     motive.extra["jitter"] = 0.1
     begun = motive.fake.frame
-    wait(lambda: motive.fake.frame > begun + 50)
+    wait_until(lambda: motive.fake.frame > begun + 50)
     motive.extra["drop"] = 5
-    wait(lambda: bool(samples) and samples[-1].frame > begun + 120)
+    wait_until(lambda: bool(samples) and samples[-1].frame > begun + 120)
     demand_each_once(samples)
     assert mocap.lost == 5
 
@@ -50,9 +49,9 @@ def test_the_first_requests_may_be_lost(motive: Motive, lost: int) -> None:
 def test_a_client_that_the_server_has_forgotten_connects_again(motive: Motive) -> None:
     mocap = motive.seen()
     motive.extra["forget"] = True
-    wait(lambda: "forget" not in motive.extra)
+    wait_until(lambda: "forget" not in motive.extra)
     motive.frames(20)
-    wait(lambda: motive.samples[-1].valid)
+    wait_until(lambda: motive.samples[-1].valid)
     first(mocap)
     demand_each_once(motive.samples)
 
@@ -69,7 +68,7 @@ def test_a_server_that_is_started_again_is_found_again(motive: Motive, version: 
     for k, body in enumerate(again.bodies):
         body.number = 40 - k
     motive.bench.started(again)
-    wait(lambda: motive.samples[-1].valid and motive.samples[-1].frame < before)
+    wait_until(lambda: motive.samples[-1].valid and motive.samples[-1].frame < before)
     found = first(mocap)
     assert found.position == pytest.approx(plant.tip_position, abs=1e-6)
     assert found.markers[1] == pytest.approx(plant.markers[1], abs=1e-6)
@@ -90,7 +89,7 @@ def test_another_bitstream_set_in_motive_is_followed(motive: Motive) -> None:
     mocap, fake, samples = motive.seen(), motive.fake, motive.samples
     for version in ((4, 2), (3, 0), (2, 9), (4, 1)):
         fake.version, begun = version, fake.frame
-        wait(lambda begun=begun: bool(samples) and samples[-1].frame > begun + 20 and samples[-1].valid)  # type: ignore[misc]
+        wait_until(lambda begun=begun: bool(samples) and samples[-1].frame > begun + 20 and samples[-1].valid)  # type: ignore[misc]
         assert first(mocap).valid
     for sample in samples:
         assert not sample.valid or sample.position == pytest.approx(motive.plant.tip_position, abs=1e-6)
@@ -105,7 +104,7 @@ def test_a_name_is_followed_to_its_new_number(motive: Motive) -> None:
     tip.number, marker.number = marker.number, tip.number
     motive.extra["changed"] = True
     count = fake.frame
-    wait(lambda: bool(samples) and samples[-1].frame > count + 20 and samples[-1].valid)
+    wait_until(lambda: bool(samples) and samples[-1].frame > count + 20 and samples[-1].valid)
     for sample in samples:
         assert not sample.valid or sample.position == pytest.approx(motive.plant.tip_position, abs=1e-6)
 

@@ -7,7 +7,7 @@ import threading
 import numpy as np
 import psutil
 import pytest
-from natnet_rig import Motive, first, refused, wait
+from natnet_rig import Motive, first, refused
 
 import timing
 from drivers.errors import DeviceFault, NotReady, StaleReading, Unreachable, WrongDevice
@@ -16,6 +16,7 @@ from drivers.natnet.driver import Config, NatNetMocap
 from sim_fakes.motive import MotiveFake
 from sim_fakes.plant import Plant
 from sim_fakes.ur.process import free_host
+from tests.simulated.bench import wait_until
 from timing import RigClock
 
 IDENTITY = {"position": (0.0, 0.0, 0.0), "quaternion": (1.0, 0.0, 0.0, 0.0)}
@@ -65,7 +66,7 @@ def test_a_hidden_tip_is_delivered_as_invalid_and_latest_refuses(motive: Motive)
     assert motive.invalid().position == pytest.approx(seen, abs=1e-6)
     refused(mocap, DeviceFault, "has not been tracked for")
     plant.tip_visible = True
-    wait(lambda: motive.samples[-1].valid)
+    wait_until(lambda: motive.samples[-1].valid)
     assert first(mocap).position == pytest.approx(seen + 0.1, abs=1e-6)
 
 
@@ -108,9 +109,9 @@ def test_missing_frames_are_counted(motive: Motive) -> None:
     mocap = motive.seen()
     before = mocap.lost
     motive.extra["drop"] = 7
-    wait(lambda: motive.extra["drop"] == 0)
+    wait_until(lambda: motive.extra["drop"] == 0)
     motive.frames(3)
-    wait(lambda: mocap.lost > before)
+    wait_until(lambda: mocap.lost > before)
     assert mocap.lost - before == 7
 
 
@@ -130,8 +131,8 @@ def test_a_restarted_count_is_no_loss(motive: Motive) -> None:
     motive.frames(30)
     before = mocap.lost
     motive.extra["restart"] = True
-    wait(lambda: motive.samples[-1].frame < 20)
-    wait(lambda: motive.samples[-1].frame > 5)
+    wait_until(lambda: motive.samples[-1].frame < 20)
+    wait_until(lambda: motive.samples[-1].frame > 5)
     assert mocap.lost == before
     assert first(mocap).valid
 
@@ -139,9 +140,9 @@ def test_a_restarted_count_is_no_loss(motive: Motive) -> None:
 def test_a_damaged_frame_is_dropped_and_counted_and_the_stream_goes_on(motive: Motive) -> None:
     mocap, fake = motive.seen(), motive.fake
     fake.faults.truncate, at = True, fake.frame
-    wait(lambda: fake.frame > at + 5)
+    wait_until(lambda: fake.frame > at + 5)
     fake.faults.truncate, damaged = False, fake.frame - at + 1
-    wait(lambda: mocap.lost >= 4)
+    wait_until(lambda: mocap.lost >= 4)
     motive.frames(3)
     assert mocap.lost <= damaged + 1
     assert first(mocap).valid
@@ -219,7 +220,7 @@ def test_frames_from_another_address_are_not_taken_and_told_once(motive: Motive)
         for _ in range(5):
             other.sendto(datagram, ear)
         motive.frames(20)  # datagrams come in their order
-        wait(lambda: bool(motive.told))
+        wait_until(lambda: bool(motive.told))
     assert all(s.position == pytest.approx(motive.plant.tip_position, abs=1e-6) for s in motive.samples)
     assert len(motive.told) == 1 and liar in motive.told[0] and motive.fake.host in motive.told[0]
     assert mocap.lost < 1000
@@ -249,7 +250,7 @@ def test_keep_alive_is_sent_sparingly(motive: Motive) -> None:
     """The client alone would send one with every look at its socket."""
     motive.opened()
     timing.sleep(0.7)
-    wait(lambda: motive.fake.keep_alives >= 1)
+    wait_until(lambda: motive.fake.keep_alives >= 1)
     assert motive.fake.keep_alives < 10
 
 

@@ -1,7 +1,5 @@
 """NatNet datagrams taken apart: what they hold, and that no datagram costs more than its size."""
 
-from __future__ import annotations
-
 import random
 import struct
 

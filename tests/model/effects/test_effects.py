@@ -143,16 +143,20 @@ def test_less_vacuum_softens_the_spine_like_a_leak(paper_robot: Robot) -> None:
     assert less[0] - full[0] == pytest.approx(leaking[0], rel=0.01)
 
 
+def bent_by(robot: Robot, pressure: Array) -> tuple[Array, float]:
+    """Push of each chamber, N, at pressures times the area factor, and the angle M L / EI by which they bend the body, rad."""
+    push, azimuth = pressure * robot.chambers.area, np.deg2rad(robot.chambers.azimuths_deg)
+    moment = robot.chambers.path_radius * np.array([(push * np.sin(azimuth)).sum(), -(push * np.cos(azimuth)).sum()])
+    return push, float(np.hypot(*moment)) / (robot.youngs_modulus * body_second_moment(robot)) * robot.length
+
+
 def test_thrust_that_the_side_walls_balance_bends_the_body_to_an_arc(paper_robot: Robot) -> None:
     """Without weight each section feels P A along its own tangent and the chambers' moment: an arc of curvature M / EI."""
     robot = paper_robot.model_copy(update={"gravity": (0.0, 0.0, 0.0)})
     moved = Moved(robot, campaign(lengths=(0.0,), levels=(150e3, 250e3)))
     tips = moved.by(chamber_thrust__share=1.0) + moved.still
     for pressure, tip in zip(moved.forward.design.pressure, tips, strict=True):
-        push = pressure * moved.forward.area_factor[0] * robot.chambers.area
-        azimuth = np.deg2rad(robot.chambers.azimuths_deg)
-        moment = robot.chambers.path_radius * np.array([(push * np.sin(azimuth)).sum(), -(push * np.cos(azimuth)).sum()])
-        bend = float(np.hypot(*moment)) / (robot.youngs_modulus * body_second_moment(robot)) * robot.length
+        push, bend = bent_by(robot, pressure * moved.forward.area_factor[0])
         long = robot.length * (1 + push.sum() / (robot.youngs_modulus * body_area(robot)))
         assert np.hypot(*tip[:2]) == pytest.approx(long * np.sinc(bend / 2 / np.pi) * math.sin(bend / 2), abs=1e-5)
         assert abs(tip[2]) == pytest.approx(long * np.sinc(bend / np.pi), abs=1e-5)
@@ -166,10 +170,7 @@ def test_thrust_that_stretches_nothing_and_grows_along_the_arc_bends_the_body_so
     growing = moved.by(chamber_thrust__share=1.0, chamber_thrust__borne=1.0, chamber_thrust__growth=-0.5) + moved.still
     s = (np.arange(400) + 0.5) / 400
     for pressure, arc, tip in zip(moved.forward.design.pressure, even, growing, strict=True):
-        push = pressure * moved.forward.area_factor[0] * robot.chambers.area
-        azimuth = np.deg2rad(robot.chambers.azimuths_deg)
-        moment = robot.chambers.path_radius * np.array([(push * np.sin(azimuth)).sum(), -(push * np.cos(azimuth)).sum()])
-        bend = float(np.hypot(*moment)) / (robot.youngs_modulus * body_second_moment(robot)) * robot.length
+        push, bend = bent_by(robot, pressure * moved.forward.area_factor[0])
         for found, turned in ((arc, bend * s), (tip, bend * (s - 0.5 * (s**3 - s)))):
             assert np.hypot(*found[:2]) == pytest.approx(robot.length * np.sin(turned).mean(), abs=2e-5)
             assert abs(found[2]) == pytest.approx(robot.length * np.cos(turned).mean(), abs=2e-5)

@@ -1,7 +1,5 @@
 """Driver of the arm."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 from collections.abc import Callable, Sequence

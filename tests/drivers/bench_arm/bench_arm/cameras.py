@@ -1,7 +1,5 @@
 """Driver of the cameras."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from drivers.configs import MocapConfig

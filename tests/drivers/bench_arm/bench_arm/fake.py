@@ -1,7 +1,5 @@
 """The fakes: TCP servers on the rig's own loopback address."""
 
-from __future__ import annotations
-
 import contextlib
 import socketserver
 

@@ -1,7 +1,5 @@
 """A TCP connection that carries lines of text."""
 
-from __future__ import annotations
-
 import contextlib
 import socket
 

@@ -1,7 +1,5 @@
 """What the two streams share: a thread that reads lines, and the newest sample with its age."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from typing import Any

@@ -1,8 +1,6 @@
 """Fake range finders, which look at the tip from below, and a fake vacuum gauge."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 from sim_fakes.instrument import Fake, Site
@@ -24,7 +22,7 @@ class RangeFake(PtyFake):
             return False
         self.buffer = rest
         if line == b"?I":
-            self.send(self.ended(b"LRF9;4711"))
+            self.send(self.ended(self.faults.extra.get("model", b"LRF9") + b";4711"))
         elif line == b"?D":
             with self.plant.lock:
                 height = float(self.plant.tip_position[2])
@@ -39,6 +37,7 @@ class CheckedRangeFake(RangeFake):
     """A newer one."""
 
     checked: ClassVar[slice | None] = slice(0, -3)
+    own_faults: ClassVar[Mapping[str, tuple[str, Any]]] = {"wrong_id": ("model", b"XYZ1")}
 
     def ended(self, text: bytes) -> bytes:
         return text + b"%02X\r" % total(text)
@@ -48,6 +47,7 @@ class GaugeFake(PtyFake):
     """The vacuum gauge on one pty."""
 
     checked: ClassVar[slice | None] = slice(0, -1)
+    own_faults: ClassVar[Mapping[str, tuple[str, Any]]] = {"wrong_id": ("model", b"XYZ1")}
 
     def __init__(self, site: Site) -> None:
         super().__init__("gauge", site.clock, BAUD, site.seed)
@@ -56,7 +56,8 @@ class GaugeFake(PtyFake):
     def feed(self) -> bool:
         letter, self.buffer = self.buffer[:1], self.buffer[1:]
         if letter == b"I":
-            self.send(b"IVG1\0" + bytes([total(b"IVG1\0")]))
+            answer = self.faults.extra.get("model", b"IVG1") + b"\0"
+            self.send(answer + bytes([total(answer)]))
         elif letter == b"P":
             tenths = round(10 * self.plant.vacuum_absolute + self.random.gauss(0.0, 5.0))
             answer = letter + tenths.to_bytes(4, "big")

@@ -1,7 +1,5 @@
 """A right driver of the range finder, and drivers that are wrong in one respect each."""
 
-from __future__ import annotations
-
 import re
 import threading
 import time

@@ -1,7 +1,5 @@
 """A right driver of the vacuum gauge, and one that does not verify the checksum of a reading."""
 
-from __future__ import annotations
-
 from pydantic import Field
 
 from drivers.configs import GaugeConfig

@@ -22,9 +22,8 @@ from pathlib import Path
 
 from ..bounded import read_bounded
 from ..errors import BadJournal, WriteFailed
-from ..file.disk import displaced
 from ..json_text import read_json
-from ..own_files import opened, replaced
+from ..own_files import displaced, opened, replaced
 
 VERSION = 1
 SUFFIX = ".journal"
@@ -113,7 +112,7 @@ class Journal:
 
     # -- a file that is lost
     def displaced(self) -> str:
-        """How the file is no longer what its path names; empty while it is. See `file.disk`."""
+        """How the file is no longer what its path names; empty while it is. See `own_files`."""
         with self._lock:
             return displaced(self._place, self._fd, len(self._text))
 

@@ -1,0 +1,136 @@
+"""What an answer has to say besides its numbers: a code, the values it rests on, and one template of text for each code.
+
+The terminal, the page and diagnosis.json show the same text; programs read code and values. Templates name what drives the robot
+by fields of `model.actuators.Words` such as {pressures}, so one template serves chambers and tendons.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from model.actuators import Chambers, Words
+
+Severity = Literal["critical", "warning", "note"]
+"""critical: settle it before you believe the answer; warning: it limits the answer; note: what was done."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One concern, note or reason, with its text."""
+
+    code: str
+    severity: Severity
+    text: str
+    values: Mapping[str, Any] = field(default_factory=dict)
+    """What the text states, in the units of the text; findings where it lists some."""
+
+    def __str__(self) -> str:
+        return self.text
+
+
+def finding(code: str, words: Words = Chambers.words, /, **values: Any) -> Finding:
+    """Return the finding of a code with its text, in the words for the robot's actuators; `values` fill its template.
+
+    >>> str(finding("states_not_finite", left_out=1, states=7))
+    '1 of 7 states have values that are not finite and are ignored'
+    """
+    severity = SEVERITY[code]
+    shown = {k: "; ".join(map(str, v)) if isinstance(v, list | tuple) else v for k, v in values.items()}
+    return Finding(code, severity, words.fill(TEMPLATES[severity][code], **shown), values)
+
+
+TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
+    "critical": {
+        "refitted_first": (
+            "robot.yaml is too far from these data, so these values were refitted first (rms {before_mm:.2f} mm at best, "
+            "{after_mm:.2f} mm with them, outliers down-weighted): {changes}. The answer is about the robot with these "
+            "values; check them: until then no cause is certain"
+        ),
+        "beyond_tolerance": (
+            "values of robot.yaml beyond their tolerance (one standard deviation in brackets): {numbers}: re-measure these "
+            "values or widen their uncertainty; until then no cause is certain"
+        ),
+        "stiffness_far_off": (
+            "the fit requires a body {stiffness:.2g} times as stiff as that of robot.yaml, or {pressures} "
+            "{pressure_ratio:.2g} times as high: check youngs_modulus, outer_radius, path_radius and area_factor of "
+            "robot.yaml, and the unit of the {pressures} (psi and kPa differ by 6.9); until then no cause is certain"
+        ),
+        "unconfirmed_guesses": (
+            "guesses of the map that nobody has confirmed: {count} ({guesses}); check each in {path}, correct it, remove its "
+            "line {mark!r}, and import again"
+        ),
+    },
+    "warning": {
+        "one_spine_length": (
+            "only one spine length: effects of the spine cannot be distinguished from those of the body; record at least two "
+            "lengths"
+        ),
+        "one_pressure": (
+            "only one {pressure}: no cause can be distinguished from an error of the {actuator_area}; record at least two "
+            "{pressures}"
+        ),
+        "not_bent": "no state is bent: {actuators}, spine and material cannot be judged; record a bending sweep",
+        "not_repeated": (
+            "no state was repeated: the noise floor is that of typical instruments and misses differences between trials, so "
+            "no cause is named; repeat the sweep three times"
+        ),
+        "repeated_once": (
+            "the median state was read in only two trials: the noise floor rests on few differences, and probabilities are "
+            "less certain than stated; repeat the sweep three times"
+        ),
+        "no_unload": (
+            "no unload branch: friction, creep and a time lag cannot be distinguished; read the states on the way down too"
+        ),
+        "only_stiffness_trials": (
+            "only stiffness trials: {actuators}, {pressures}, loads on the robot, base and cameras cannot be judged, and only"
+            " effects that change these readings are considered; record a bending sweep"
+        ),
+        "probabilities_not_calibrated": (
+            "only stiffness trials: probabilities were calibrated on bending campaigns, not on such data"
+        ),
+        "deflections_not_repeated": (
+            "stiffness trials: no deflection was repeated, so the default scatter of touch point, zero and jamming is "
+            "assumed; repeat them three times"
+        ),
+        "deflections_repeated_once": (
+            "stiffness trials: deflections were repeated only once, so the default scatter of touch point, zero and jamming "
+            "is assumed; repeat them three times"
+        ),
+        "one_stiffness_length": (
+            "stiffness trials at only one spine length: modulus, sensor zero and touch point cannot be distinguished; measure"
+            " at two or more"
+        ),
+        "scatter_of_repeats": (
+            "repeats of the same state scatter {factor:.1f} times more than instruments and re-grown spines usually do: find "
+            "out what changes from trial to trial before you trust a cause"
+        ),
+        "impossible_size": (
+            "the data would require {parameter} = {size}, which is physically impossible: evidence against the effect itself"
+        ),
+        "stage_error": (
+            "in addition to the cause, a free-form error in the {stage} that {varies} would gain {gain:.1f} in log evidence"
+        ),
+        "cause_impossible": "the cause is not certain: {effect} would have an impossible size",
+        "cause_within_error": "the cause is not certain: the size of {effect} is zero within its error",
+        "cause_or_calibration": "the cause is not certain: {effect} alone would do the same without calibration",
+        "gap_remains": "the cause is not certain: {mm:.2g} mm remain on unseen states",
+        "earlier_version": "{text}",
+    },
+    "note": {
+        "states_not_finite": "{left_out} of {states} states have values that are not finite and are ignored",
+        "refitted": "{name} {found:.4g} {unit} instead of {given:.4g} {unit}",
+        "refitted_or": "{name} {found:.4g} {unit} instead of {given:.4g} {unit}, or {rather} wrong by as much",
+        "refitted_to_limit": (
+            "{name} {found:.4g} {unit} instead of {given:.4g} {unit}, the limit of the fit: another number is wrong too"
+        ),
+        "reordered": "{actuators} 1 to {count} hold the {pressures} of {order} ({effect})",
+        "number_above": "{name} {by:.3g} {unit} above robot.yaml ({sd:.3g} {sd_unit})",
+        "number_below": "{name} {by:.3g} {unit} below robot.yaml ({sd:.3g} {sd_unit})",
+        "residual_ignored": "the learned residual in robot.yaml is ignored; it could mask the cause",
+        "not_considered": "not considered: {why}",
+    },
+}
+"""Severity -> code -> text. `earlier_version`: a concern of an answer that was written without codes."""
+SEVERITY = {code: severity for severity, texts in TEMPLATES.items() for code in texts}
