@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import lab
-from diagnosis.data.plausible import implausible_values, require_plausible
+from diagnosis.data.plausible import contradicting_attitudes, implausible_values, require_plausible
 from diagnosis.errors import BadCase
 from lab.questions.directions import doubtful_directions
 from lab.questions.table import doubtful
@@ -208,7 +208,7 @@ def test_attitudes_in_another_frame_than_the_tips_are_refused_with_the_turn_that
         for r in sweep(chambers=chambers, spines=(0.0,)):
             shown = change(Rotation.from_quat(r.orientation, scalar_first=True))
             rows.append(replace(r, orientation=tuple(shown.as_quat(scalar_first=True).tolist())))
-    (text,) = implausible_values(ROBOT, Table.of(rows))
+    (text,) = contradicting_attitudes(ROBOT, Table.of(rows))
     assert told in text and remedy in text, text
 
 
@@ -217,7 +217,7 @@ def test_attitudes_of_a_robot_that_sags_at_rest_are_left_alone() -> None:
     rows = [
         r for side in (BENDING, (3, 4, 5)) for r in sweep(level, levels=(0.0, 20e3, 40e3, 60e3), chambers=side, spines=(0.0,))
     ]
-    assert abs(np.median([r.tip[0] for r in rows])) > 0.1 and implausible_values(level, Table.of(rows)) == ()
+    assert abs(np.median([r.tip[0] for r in rows])) > 0.1 and contradicting_attitudes(level, Table.of(rows)) == ()
 
 
 def test_a_body_too_limp_to_stand_may_hang_anywhere() -> None:
