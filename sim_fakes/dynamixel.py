@@ -1,8 +1,7 @@
 """Fake Dynamixel X servo (Protocol 2.0) that winds the spine's cord on a drum.
 
-Stricter than the device: registers are written
-whole, EEPROM is locked while torque is on, values are checked against their ranges. Its firmware is old: a bus watchdog
-that trips forgets the homing offset and moves the shaft by it.
+Stricter than the device: registers are written whole, EEPROM is locked while torque is on, values are checked against their
+ranges. Its firmware is old: a bus watchdog that trips forgets the homing offset and moves the shaft by it.
 
 Faults by name in `faults.extra`:
 - "stuck" (bool): the shaft does not turn and draws no current, as with a broken gear.
@@ -23,9 +22,8 @@ from typing import Any, ClassVar
 
 from timing import RigClock
 
+from .drum import Drum, DrumFake
 from .plant import Plant
-from .pty_fake import Device, PtyFake
-from .punctual import Silence
 
 HEADER = b"\xff\xff\xfd\x00"
 
@@ -91,7 +89,6 @@ class Motor:
     overload_current: float = 0.9 / 2.69e-3  # raw current
     overload_time: float = 1.0  # s of rig time at more than that
     lag: float = 0.02  # s by which the shaft follows its trajectory
-    longest_step: float = 0.005  # s of the physics
 
 
 MOTOR = Motor()
@@ -149,37 +146,24 @@ def unstuffed(body: bytes) -> bytes:
     return body.replace(b"\xff\xff\xfd\xfd", b"\xff\xff\xfd")
 
 
-class DrumMotor(Device):
+class DrumMotor(Drum):
     """Servo, drum and end stops: what happens behind the control table."""
 
     def __init__(
-        self,
-        plant: Plant,
-        metres_per_turn: float,
-        direction: int,
-        start_length: float,
-        mechanical_length: float,
-        model: int,
+        self, plant: Plant, metres_per_turn: float, direction: int, start_length: float, mechanical_length: float, model: int
     ) -> None:
-        self.plant = plant
-        self.length = start_length
-        """Cord paid out, m; 0 at the retracted end stop."""
-        self.mechanical_length = mechanical_length
-        self.stuck = False
-        self._counts_per_metre = direction * COUNTS / metres_per_turn
-        self._offset = 1234 - round(start_length * self._counts_per_metre)
+        super().__init__(plant, direction * COUNTS / metres_per_turn, start_length, mechanical_length)
+        self._offset = 1234 - round(start_length * self._per_metre)
         self.table = bytearray(TABLE_END)
         self._trajectory = float(self.counts)
         self._overloaded_for = 0.0
         self._tick = 0.0
-        self.silence = Silence()
         self._defaults(model)
-        plant.spine_drive = start_length
 
     @property
     def counts(self) -> int:
         """Present position: what the encoder counts, and the homing offset."""
-        return self._offset + round(self.length * self._counts_per_metre) + self.get(20)
+        return self._offset + round(self.length * self._per_metre) + self.get(20)
 
     def place(self, counts: int) -> None:
         """Back door: let the encoder count from somewhere else (standing still)."""
@@ -240,19 +224,15 @@ class DrumMotor(Device):
         """Advance by dt seconds of rig time; the bus watchdog looks at host time."""
         self._check_watchdog()
         start = self.length
-        remaining = dt
-        while remaining > 0:
-            self._step(min(MOTOR.longest_step, remaining))
-            remaining -= MOTOR.longest_step
+        super().process(dt)
         self._tick += 1000 * dt
-        velocity = (self.length - start) * self._counts_per_metre / dt if dt > 0 else 0.0
+        velocity = (self.length - start) * self._per_metre / dt if dt > 0 else 0.0
         self.put(120, int(self._tick) % 32768)
         self.put(122, abs(velocity) > 10)
         self.put(123, (abs(self.get(116) - self.counts) < 20) | (abs(self.get(116) - self._trajectory) > 1) << 1)
         self.put(128, round(velocity / COUNTS * 60 / RPM))
         self.put(132, self.counts)
         self.put(140, round(self._trajectory))
-        self.plant.spine_drive = self.length
 
     def _step(self, dt: float) -> None:
         if not self.get(64):
@@ -262,13 +242,11 @@ class DrumMotor(Device):
         profile = self.get(112) or round(MOTOR.no_load_speed / RPM)
         reach = min(profile * RPM, MOTOR.no_load_speed) / 60 * COUNTS * dt
         self._trajectory += min(max(self.get(116) - self._trajectory, -reach), reach)
-        position = self._offset + self.length * self._counts_per_metre + self.get(20)
+        position = self._offset + self.length * self._per_metre + self.get(20)
         error = self._trajectory - position
         fastest = MOTOR.no_load_speed / 60 * COUNTS
         velocity = min(max(error / MOTOR.lag, -fastest), fastest)
-        if not (self.stuck or self.plant.spine_blocked):
-            moved = self.length + velocity * dt / self._counts_per_metre
-            self.length = min(max(moved, 0.0), self.mechanical_length)
+        self._turn(velocity * dt)
         pwm = min(abs(self.get(100)), self.get(36))
         allowed = min(abs(self.get(102)), self.get(38), MOTOR.stall_current * pwm / MOTOR.full_pwm)
         stiffness = MOTOR.stiffness * self.get(84) / MOTOR.p_gain
@@ -301,7 +279,7 @@ class DrumMotor(Device):
         self._hold()
 
 
-class DynamixelFake(PtyFake):
+class DynamixelFake(DrumFake):
     """The servo's wire: Protocol 2.0 packets for its id, its secondary id and everybody; other ids meet silence."""
 
     own_faults: ClassVar[Mapping[str, tuple[str, Any]]] = {
@@ -325,25 +303,17 @@ class DynamixelFake(PtyFake):
         seed: int = 0,
     ) -> None:
         """Lengths in m; `direction` 1 when counts grow with the spine; model 1020 is an XM430-W350."""
-        super().__init__("dynamixel", clock, baud, seed)
         self.motor = DrumMotor(plant, metres_per_turn, direction, start_length, mechanical_length, model)
+        super().__init__("dynamixel", self.motor, clock, baud, seed)
         self.motor.table[7] = servo_id
         self._registered: tuple[int, bytes] | None = None
         """Address and data of a write that waits for ACTION."""
 
     def process(self, dt: float) -> None:
-        extra = self.faults.extra
-        self.motor.stuck = bool(extra.get("stuck"))
         if bits := self._number("hardware_error"):
-            del extra["hardware_error"]
+            del self.faults.extra["hardware_error"]
             self.motor.fail(bits)
-        if extra.pop("restart", False):
-            self.motor.restart()
-        self.motor.process(dt)
-
-    def restart(self) -> None:
-        """The supply fails for an instant."""
-        self.motor.restart()
+        super().process(dt)
 
     def begin(self, fault: str) -> Callable[[], None] | None:
         """Its encoder jumps."""

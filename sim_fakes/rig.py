@@ -148,11 +148,7 @@ class FakeRig:
         for plant.mount in ("robot", "body", "spine"):
             plant.regulator[:3], plant.valve_on, plant.spine_drive = 50e3, True, 0.1
             robot = VirtualRobot(self.truth, effects)
-            plant.probe_position = np.array(self.truth.stand)[:3, 3] + np.array(self.truth.stand)[:3, :3] @ [
-                0.0,
-                0.0,
-                0.1,
-            ]
+            plant.probe_position = np.array(self.truth.stand)[:3, 3] + np.array(self.truth.stand)[:3, :3] @ [0.0, 0.0, 0.1]
             for _ in range(5):
                 robot.advance(plant, 0.1)
 

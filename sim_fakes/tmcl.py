@@ -22,9 +22,8 @@ from typing import Any, ClassVar
 import timing
 from timing import RigClock
 
+from .drum import Drum, DrumFake
 from .plant import Plant
-from .pty_fake import Device, PtyFake
-from .punctual import Silence
 
 FRAME = struct.Struct(">BBBBi")
 
@@ -111,8 +110,8 @@ class Global(IntEnum):
 
 
 FASTEST = 16_777_215
-STEP = 0.005
-"""Longest step of the physics, s."""
+MICROSTEPS = 51200
+"""Of a turn."""
 GAP_TIME = 0.05
 """An incomplete frame is forgotten after this silence, s of host time."""
 WRITABLE: dict[int, tuple[int, int]] = {
@@ -163,17 +162,13 @@ START: dict[int, int] = {
 """As it comes from the factory."""
 
 
-class StepperDrum(Device):
-    """Stepper, encoder, drum, switches."""
+class StepperDrum(Drum):
+    """Stepper, encoder, drum, switches; the one at the retracted end closes at 0 m of cord."""
 
     def __init__(
         self, plant: Plant, metres_per_turn: float, direction: int, start_length: float, mechanical_length: float
     ) -> None:
-        self.plant = plant
-        self.length = start_length
-        """Cord paid out, m; the switch at the retracted end closes at 0."""
-        self.mechanical_length = mechanical_length
-        self.stuck = False
+        super().__init__(plant, direction * MICROSTEPS / metres_per_turn, start_length, mechanical_length)
         self.no_switch = False
         self.auto_start = False
         """Whether the stored program starts with the module; it turns the motor for ever."""
@@ -186,9 +181,7 @@ class StepperDrum(Device):
         """s of host time; 0 = off."""
         self.ticks = 0.0
         """ms since the start, or since it was set."""
-        self.silence = Silence()
         self._direction = direction
-        self._per_metre = direction * 51200 / metres_per_turn  # microsteps a turn
         self._encoder_offset = -start_length * self._per_metre
         self.steps = 0.0
         self.target = 0.0
@@ -196,7 +189,6 @@ class StepperDrum(Device):
         self._rotation = 0.0
         """Speed of a motion without a target, microsteps/s."""
         self.speed = 0.0
-        plant.spine_drive = start_length
 
     @property
     def encoder(self) -> int:
@@ -256,11 +248,7 @@ class StepperDrum(Device):
         if self.heartbeat and silent > self.heartbeat:
             self.halt()
         self.ticks += 1000 * dt
-        remaining = dt
-        while remaining > 0:
-            self._step(min(STEP, remaining))
-            remaining -= STEP
-        self.plant.spine_drive = self.length
+        super().process(dt)
 
     def _step(self, dt: float) -> None:
         before = self.steps
@@ -280,8 +268,8 @@ class StepperDrum(Device):
             moved = 0.0
             self.halt()
         self.speed = moved / dt
-        if not (self.stuck or self.plant.spine_blocked or self.parameters[Axis.MAX_CURRENT] == 0):
-            self.length = min(max(self.length + moved / self._per_metre, 0.0), self.mechanical_length)
+        if self.parameters[Axis.MAX_CURRENT]:
+            self._turn(moved)
         limit = self.parameters[Axis.MAX_DEVIATION]
         if limit and abs(self.steps - self.encoder) > limit:
             self.errors |= 2
@@ -298,7 +286,7 @@ class StepperDrum(Device):
         return True
 
 
-class TmclFake(PtyFake):
+class TmclFake(DrumFake):
     """The module's wire: nine-byte frames."""
 
     own_faults: ClassVar[Mapping[str, tuple[str, Any]]] = {
@@ -323,8 +311,8 @@ class TmclFake(PtyFake):
         seed: int = 0,
     ) -> None:
         """Lengths in m; `direction` 1 when the steps count up as the spine grows."""
-        super().__init__("tmcl", clock, baud, seed)
         self.drum = StepperDrum(plant, metres_per_turn, direction, start_length, mechanical_length)
+        super().__init__("tmcl", self.drum, clock, baud, seed)
         self.module = module
         self.address, self.host = address, host
         self.secondary_address = 0
@@ -332,16 +320,8 @@ class TmclFake(PtyFake):
         self._heard = timing.now()
 
     def process(self, dt: float) -> None:
-        extra = self.faults.extra
-        self.drum.stuck = bool(extra.get("stuck"))
-        self.drum.no_switch = bool(extra.get("no_switch"))
-        if extra.pop("restart", False):
-            self.drum.restart()
-        self.drum.process(dt)
-
-    def restart(self) -> None:
-        """The supply fails for an instant."""
-        self.drum.restart()
+        self.drum.no_switch = bool(self.faults.extra.get("no_switch"))
+        super().process(dt)
 
     def idle(self) -> float | None:
         if self.buffer and timing.now() - self._heard > GAP_TIME:

@@ -84,11 +84,7 @@ def _balance(chain: Chain, s: Sections, hist: History, loads: Loads, low: Array,
         for i in range(3):
             bow[i] = -h * h / 12 * (frame[i, 0] * strain[4] - frame[i, 1] * strain[3])
         cross_matrix(d, p, 0.5, tp)
-        arm = (
-            0.5 * (d[1] * nw[2] - d[2] * nw[1]),
-            0.5 * (d[2] * nw[0] - d[0] * nw[2]),
-            0.5 * (d[0] * nw[1] - d[1] * nw[0]),
-        )
+        arm = (0.5 * (d[1] * nw[2] - d[2] * nw[1]), 0.5 * (d[2] * nw[0] - d[0] * nw[2]), 0.5 * (d[0] * nw[1] - d[1] * nw[0]))
         da = diag[k]
         db = diag[k + 1]
         u = up[k]
