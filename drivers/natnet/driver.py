@@ -20,12 +20,11 @@ from timing import Clock
 
 from ..errors import DeviceFault, NotReady, StaleReading, Unreachable, WrongDevice
 from ..interfaces import BodySample, Identity, Sink
-from ..spec import Driver
+from ..registry import Driver
 from . import packets
-from .bodies import NotOne, found
 from .config import Config as Config
+from .config import NotOne, found, remedy, usable
 from .config import Pose as Pose
-from .config import remedy, usable
 from .order import Order
 from .packets import Cursor, Definitions, Frame, ServerInfo, Unreadable
 from .wire import Server
@@ -46,12 +45,7 @@ class NatNetMocap:
     """Motion capture; see the module's text."""
 
     def __init__(
-        self,
-        name: str,
-        config: Config,
-        clock: Clock,
-        sink: Sink[BodySample],
-        notice: Callable[[str], None] = lambda text: None,
+        self, name: str, config: Config, clock: Clock, sink: Sink[BodySample], notice: Callable[[str], None] = lambda text: None
     ) -> None:
         """`notice` is called once after each `open` for each of: datagrams from anybody but the server, datagrams that
         cannot be read."""
@@ -145,8 +139,7 @@ class NatNetMocap:
         if now - newest_at <= self._config.max_age:
             since = "since the start" if valid is None else f"for {now - valid_at:.2f} s"
             raise DeviceFault(
-                self.name,
-                f"{self._config.body!r} has not been tracked {since} (limit {self._config.max_age} s); {why}",
+                self.name, f"{self._config.body!r} has not been tracked {since} (limit {self._config.max_age} s); {why}"
             )
         raise StaleReading(
             self.name,
@@ -192,18 +185,12 @@ class NatNetMocap:
                 self.name, f"{self._where} speaks {speaks}; {oldest} is the oldest supported version: update Motive"
             )
         self._wait(
-            server,
-            lambda: self._definitions is not None,
-            packets.REQUEST_MODELDEF,
-            lambda: self._nothing("model definitions"),
+            server, lambda: self._definitions is not None, packets.REQUEST_MODELDEF, lambda: self._nothing("model definitions")
         )
         if self._doubt:
             raise WrongDevice(self.name, f"{self._where}: {self._doubt}")
         self._wait(
-            server,
-            lambda: self._order.newest is not None,
-            packets.CONNECT,
-            lambda: self._nothing("frames; set Motive to live"),
+            server, lambda: self._order.newest is not None, packets.CONNECT, lambda: self._nothing("frames; set Motive to live")
         )
         return Identity("OptiTrack", f"{info.application}, {speaks}", firmware=info.application_version)
 

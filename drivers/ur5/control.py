@@ -96,8 +96,7 @@ class ControlThread:
             return NotReady(self.name, "the pendant is in local mode; switch it to remote control")
         if _in_use(reason):
             return NotReady(
-                self.name,
-                "another program controls the arm (its RTDE inputs are taken); end it, or turn the fieldbus off",
+                self.name, "another program controls the arm (its RTDE inputs are taken); end it, or turn the fieldbus off"
             )
         return Unreachable(self.name, f"cannot take control of {self.host}: {reason}; see the log on the pendant")
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from drivers.configs import PORTS, InstrumentConfig
 from drivers.errors import WrongDevice
 from drivers.interfaces import Identity
-from drivers.usb_adapter import adapter
+from drivers.line_quality import adapter
 
 from .rig_file import RigFile, present, table_of
 

@@ -10,7 +10,7 @@ import pytest
 import timing
 from drivers.errors import DeviceFault, NotReady
 from drivers.ft300s.driver import FT300S, Config
-from drivers.ft300s.rest import unrest
+from drivers.ft300s.stream import unrest
 from sim_fakes.ft300s import COUNTS, PERIOD, Ft300sDevice, Ft300sFake
 from sim_fakes.plant import Plant
 from tests.simulated.bench import Bench, of_speed

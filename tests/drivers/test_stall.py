@@ -2,7 +2,7 @@
 
 import pytest
 
-from drivers.stall import StallWatch
+from drivers.dynamixel.driver import StallWatch
 
 
 def fed(readings: list[tuple[float, float, float]]) -> list[bool]:

@@ -12,7 +12,7 @@ import yaml
 from commands import SOUND, Cli
 from virtual_lab import settings
 
-from drivers.usb_adapter import adapter
+from drivers.line_quality import adapter
 from lab.files.adapters import place
 from lab.files.rig_file import load_rig
 from lab.rig.checked import Moved, keep, last

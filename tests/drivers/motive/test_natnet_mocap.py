@@ -162,10 +162,7 @@ GREETING = b"\x01\x00\x17\x01" + b"Motive".ljust(256, b"\0") + bytes((3, 1, 0, 0
 
 @pytest.mark.parametrize(
     ("said", "elsewhere", "error", "message"),
-    [
-        (b"\x01\x00\x02\x00no", False, WrongDevice, "not a NatNet server"),
-        (GREETING, True, Unreachable, "no NatNet server.*{}"),
-    ],
+    [(b"\x01\x00\x02\x00no", False, WrongDevice, "not a NatNet server"), (GREETING, True, Unreachable, "no NatNet server.*{}")],
     ids=["not NatNet", "from another address"],
 )
 def test_an_answer_that_is_no_server_s_is_not_taken(said: bytes, elsewhere: bool, error: type[Exception], message: str) -> None:

@@ -73,11 +73,7 @@ def test_two_bodies_of_one_number_in_a_frame_stand_for_none() -> None:
 
 @pytest.mark.parametrize(
     ("data", "says"),
-    [
-        (b"", "no NatNet header"),
-        (b"\7\0\5\0abc", "states 5 bytes at byte 2 and has 3"),
-        (b"\1\0\2\0no", "ends at byte 6"),
-    ],
+    [(b"", "no NatNet header"), (b"\7\0\5\0abc", "states 5 bytes at byte 2 and has 3"), (b"\1\0\2\0no", "ends at byte 6")],
 )
 def test_what_is_no_natnet_datagram_is_named(data: bytes, says: str) -> None:
     with pytest.raises(Unreadable, match=says):
