@@ -111,8 +111,9 @@ def simulated() -> Iterator[SimulatedClock]:
 
 @pytest.fixture
 def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
-    """What a test starts and makes; `of_speed` gives its clock another speed than twenty times the host's."""
-    bench = Bench(getattr(request, "param", 20.0))
+    """What a test starts and makes; the mark `speed` gives its clock another speed than twenty times the host's."""
+    mark = request.node.get_closest_marker("speed")
+    bench = Bench(mark.args[0] if mark else 20.0)
     yield bench
     bench.end()
 
@@ -142,7 +143,7 @@ REAL_TIME = {
 @pytest.fixture(autouse=True)
 def _clock(request: pytest.FixtureRequest) -> None:
     """Drivers and fakes are tried in a simulated clock."""
-    near = request.path.parent.name in ("drivers", "motive", "sim_fakes") or request.path.name == "test_call_order.py"
+    near = request.path.parent.name in ("drivers", "sim_fakes") or request.path.name == "test_call_order.py"
     if near and request.path.name not in REAL_TIME:
         request.getfixturevalue("simulated")
 

@@ -20,7 +20,7 @@ from tests.drivers.installed import install
 from tests.lab.commands import run_there
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = (ROOT / "examples/regulator", ROOT / "examples/sensor", ROOT / "tests/drivers/bench_arm")
+PACKAGES = (ROOT / "examples/regulator", ROOT / "examples/sensor", ROOT / "examples/arm")
 VERIFYING = {"dynamixel", "ft300s", "pfeiffer", "tmcl"}
 """Drivers whose instruments send a checksum."""
 THEIRS = ("bench_pr4", "skin_thermometer", "bench_arm", "bench_cameras")
