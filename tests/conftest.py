@@ -126,8 +126,7 @@ def plant(bench: Bench) -> Plant:
 
 REAL_TIME = {
     "test_serial_line.py": "ptys and what the system does to them",
-    "test_pty_fake.py": "ptys",
-    "test_punctual.py": "the computer's own delays",
+    "test_pty_fake.py": "ptys and the computer's own delays",
     "test_ur5.py": "the maker's library, with threads of its own",
     "test_ur5_faults.py": "the maker's library",
     "test_ur5_settings.py": "the maker's library, where no shared arm is asked for",
@@ -135,7 +134,6 @@ REAL_TIME = {
     "test_ur.py": "the maker's library",
     "test_ur_wire.py": "the maker's library",
     "test_contract.py": "commands and packages as a person has them",
-    "test_broken_packages.py": "commands as a person has them",
 }
 """Of the tests of drivers and fakes, those that keep real time, and what for."""
 
