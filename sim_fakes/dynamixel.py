@@ -98,7 +98,7 @@ FAR_AWAY = 2_000_000
 
 
 @dataclass(frozen=True)
-class Register:
+class Slot:
     """One entry of the control table with what may be written into it; `low > high` marks a read-only one."""
 
     size: int
@@ -107,19 +107,19 @@ class Register:
 
 
 REGISTERS = {
-    0: Register(2), 2: Register(4), 6: Register(1), 7: Register(1, 0, 252), 8: Register(1, 0, 7),
-    9: Register(1, 0, 254), 10: Register(1, 0, 13), 11: Register(1, 0, 16),
-    12: Register(1, 0, 255), 13: Register(1, 1, 2), 20: Register(4, -1044479, 1044479), 24: Register(4, 0, 1023),
-    31: Register(1, 0, 100), 32: Register(2, 95, 160), 34: Register(2, 95, 160), 36: Register(2, 0, 885),
-    38: Register(2, 0, 1193), 44: Register(4, 0, 1023), 48: Register(4, 0, 4095), 52: Register(4, 0, 4095),
-    60: Register(1, 0, 3), 63: Register(1, 0, 255), 64: Register(1, 0, 1), 65: Register(1, 0, 1), 68: Register(1, 0, 2),
-    69: Register(1), 70: Register(1), 76: Register(2, 0, 16383), 78: Register(2, 0, 16383), 80: Register(2, 0, 16383),
-    82: Register(2, 0, 16383), 84: Register(2, 0, 16383), 88: Register(2, 0, 16383), 90: Register(2, 0, 16383),
-    98: Register(1, 0, 127), 100: Register(2, -885, 885), 102: Register(2, -1193, 1193),
-    104: Register(4, -1023, 1023), 108: Register(4, 0, 32767), 112: Register(4, 0, 32767),
-    116: Register(4, -1048575, 1048575), 120: Register(2), 122: Register(1), 123: Register(1), 124: Register(2),
-    126: Register(2), 128: Register(4), 132: Register(4), 136: Register(4), 140: Register(4), 144: Register(2),
-    146: Register(1),
+    0: Slot(2), 2: Slot(4), 6: Slot(1), 7: Slot(1, 0, 252), 8: Slot(1, 0, 7),
+    9: Slot(1, 0, 254), 10: Slot(1, 0, 13), 11: Slot(1, 0, 16),
+    12: Slot(1, 0, 255), 13: Slot(1, 1, 2), 20: Slot(4, -1044479, 1044479), 24: Slot(4, 0, 1023),
+    31: Slot(1, 0, 100), 32: Slot(2, 95, 160), 34: Slot(2, 95, 160), 36: Slot(2, 0, 885),
+    38: Slot(2, 0, 1193), 44: Slot(4, 0, 1023), 48: Slot(4, 0, 4095), 52: Slot(4, 0, 4095),
+    60: Slot(1, 0, 3), 63: Slot(1, 0, 255), 64: Slot(1, 0, 1), 65: Slot(1, 0, 1), 68: Slot(1, 0, 2),
+    69: Slot(1), 70: Slot(1), 76: Slot(2, 0, 16383), 78: Slot(2, 0, 16383), 80: Slot(2, 0, 16383),
+    82: Slot(2, 0, 16383), 84: Slot(2, 0, 16383), 88: Slot(2, 0, 16383), 90: Slot(2, 0, 16383),
+    98: Slot(1, 0, 127), 100: Slot(2, -885, 885), 102: Slot(2, -1193, 1193),
+    104: Slot(4, -1023, 1023), 108: Slot(4, 0, 32767), 112: Slot(4, 0, 32767),
+    116: Slot(4, -1048575, 1048575), 120: Slot(2), 122: Slot(1), 123: Slot(1), 124: Slot(2),
+    126: Slot(2), 128: Slot(4), 132: Slot(4), 136: Slot(4), 140: Slot(4), 144: Slot(2),
+    146: Slot(1),
 }  # fmt: skip
 GOALS = (100, 102, 104, 116)
 """Read-only while the bus watchdog is tripped."""
@@ -485,7 +485,7 @@ class DynamixelFake(DrumFake):
                 return error
         return 0
 
-    def _refusal(self, address: int, kind: Register, value: int) -> int:
+    def _refusal(self, address: int, kind: Slot, value: int) -> int:
         motor = self.motor
         # registers below 64 are EEPROM
         if kind.low > kind.high or (address < 64 and motor.get(64)):

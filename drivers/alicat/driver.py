@@ -22,7 +22,7 @@ from ..pressure_limits import VENTED, PressureLimits
 from ..registry import Driver
 from ..serial_line import SerialLine, show
 from .settings import WRITTEN, Measure, check_loop, check_source, put_right
-from .wire import FAULT_CODES, LOCKED, AlicatUnit, Frame
+from .wire import FAULT_CODES, LOCKED, AlicatUnit, Readout
 
 
 class Config(RegulatorsConfig):
@@ -323,7 +323,7 @@ class Alicat:
         if wrong := self._wrong():
             raise WrongDevice(self.name, wrong)
 
-    def _polled(self, channel: int) -> Frame:
+    def _polled(self, channel: int) -> Readout:
         """One reading in Pa. The unit of measure is asked first where it may have changed: after a vent, when the set-point is
         not the confirmed one, when the pressure jumps, when somebody has unlocked the panel."""
         unit = self._units[channel]
@@ -342,7 +342,7 @@ class Alicat:
         self._measured[channel] = frame.measured
         return frame
 
-    def _jumps(self, channel: int, frame: Frame) -> bool:
+    def _jumps(self, channel: int, frame: Readout) -> bool:
         low, high = sorted((abs(self._measured[channel]), abs(frame.measured)))
         # units of measure that could be confused lie further apart
         return high > JUMP_ABOVE and high > 1.5 * low
@@ -401,7 +401,7 @@ class Alicat:
         self._confirmed[channel] = 0.0
         self._limits.sent(channel, 0.0)
 
-    def _raise_fault(self, unit: AlicatUnit, frame: Frame) -> None:
+    def _raise_fault(self, unit: AlicatUnit, frame: Readout) -> None:
         for code in frame.codes:
             if code in FAULT_CODES:
                 raise DeviceFault(

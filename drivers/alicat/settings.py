@@ -94,7 +94,7 @@ ANALOG, SAVED, UNSAVED = "A", "S", "U"
 
 
 @dataclass(frozen=True)
-class Setting:
+class UnitSetting:
     """One setting with one right value."""
 
     name: str
@@ -118,24 +118,24 @@ class Setting:
         return f"{float(match[1]):g}" if re.fullmatch(r"[+-]?[\d.]+", match[1]) else match[1]
 
 
-SOURCE = Setting(
+SOURCE = UnitSetting(
     "set-point source", "LSS", (10, 5), "([SAU])", UNSAVED, "LSS U",
     "after a loss of power it drives its last set-point again",
 )  # fmt: skip
 WRITTEN = (
-    Setting(
+    UnitSetting(
         "set-point ramp", "SR", (7, 11), r"([+-]?\d+(?:\.\d+)?)\s+\d+\s+\d+\s+\S+", "0", "SR 0 4",
         "its own ramp slows a vent down",
     ),
-    Setting(
+    UnitSetting(
         "active control at zero", "LCZA", (10, 5), r"([01])", "1", "LCZA 1",
         "at a set-point of 0 it shuts its valves and keeps the pressure",
     ),
-    Setting(
+    UnitSetting(
         "automatic tare", "ZCA", (10, 5), r"([01])(?:\s+\S+)?", "0", "ZCA 0",
         "it takes the pressure that a vent has left for zero",
     ),
-    Setting(
+    UnitSetting(
         "tare at power-up", "ZCP", (10, 5), r"([01])", "0", "ZCP 0",
         "after a loss of power it takes the pressure in the chambers for zero",
     ),
@@ -143,7 +143,7 @@ WRITTEN = (
 """Those that are written when they are wrong; refused when the unit does not take that."""
 
 
-def put_right(name: str, unit: AlicatUnit, version: tuple[int, int], settings: tuple[Setting, ...]) -> None:
+def put_right(name: str, unit: AlicatUnit, version: tuple[int, int], settings: tuple[UnitSetting, ...]) -> None:
     """Read each setting that this firmware has, write it when it is wrong, read it back. Raises WrongDevice."""
     for setting in settings:
         if version < setting.since or (found := setting.value(unit.setting(setting.query))) in (None, setting.needed):

@@ -88,7 +88,7 @@ class Config(DrumConfig):
 
 
 @dataclass(frozen=True)
-class _Reading:
+class _ServoState:
     """One reading of the servo: time (s), counts, counts/s, current (A)."""
 
     t: float
@@ -334,7 +334,7 @@ class DynamixelSpine(DrumLengthUnit):
         self._lost = False
 
     # -- judging what was read
-    def _poll(self) -> _Reading:
+    def _poll(self) -> _ServoState:
         """One reading; latches what the servo reports as wrong."""
         block = self._servo.read_block(table.Address.STATE, table.STATE.size)
         watchdog, *_, current, velocity, counts = table.STATE.unpack(block)
@@ -363,7 +363,7 @@ class DynamixelSpine(DrumLengthUnit):
             )
         counts = self._placed(counts)
         velocity_counts = velocity * table.RPM / 60 * table.COUNTS_PER_TURN
-        return _Reading(self._clock.now(), counts, velocity_counts, current * self._ampere)
+        return _ServoState(self._clock.now(), counts, velocity_counts, current * self._ampere)
 
     def _has_restarted(self) -> bool:
         """Whether the servo has forgotten what it holds in memory only; looked at twice before it is believed."""
@@ -379,7 +379,7 @@ class DynamixelSpine(DrumLengthUnit):
         self._lost = True
         self._fault = fault
 
-    def _check(self, state: _Reading) -> None:
+    def _check(self, state: _ServoState) -> None:
         """Raise the latched fault, or a stall that this reading shows; a reference run is meant to stall."""
         if not self._fault and self._homing is None and self._stall.update(state.t, state.counts, state.current):
             goal = self._goal
@@ -391,7 +391,7 @@ class DynamixelSpine(DrumLengthUnit):
             )
         self._raise_fault()
 
-    def _continue_homing(self, state: _Reading, target: int) -> None:
+    def _continue_homing(self, state: _ServoState, target: int) -> None:
         """Zero the length where the end stop holds the motor."""
         if abs(state.counts - target) <= abs(self._counts(self._config.tolerance)):
             self._homing = None

@@ -8,7 +8,7 @@ from dataclasses import replace
 from enum import IntEnum
 
 from ..errors import BadReply
-from ..kept_settings import Kept, Setting
+from ..kept_settings import KeptSettings, Setting
 from .bus import ANSWER_ALL, STATUS_RETURN_LEVEL, Register, Servo
 
 
@@ -75,7 +75,7 @@ SHUTDOWN_CAUSES = 1 << 2 | 1 << 4 | 1 << 5
 NO_SECONDARY_ID, FIRST_INVALID_ID = 255, 253
 
 
-def settings(servo: Servo) -> Kept:
+def settings(servo: Servo) -> KeptSettings:
     """The settings on which the length unit's promises rest, for `open` and after a restart; torque goes off before EEPROM is
     written."""
 
@@ -114,4 +114,4 @@ def settings(servo: Servo) -> Kept:
         one("position P gain", POSITION_P_GAIN, lambda held: max(1, held), "the motor would not hold",
             written=False),
     ]  # fmt: skip
-    return Kept(servo.name, "servo", "DYNAMIXEL Wizard", every)
+    return KeptSettings(servo.name, "servo", "DYNAMIXEL Wizard", every)

@@ -12,7 +12,7 @@ from pydantic import BaseModel, Field, field_validator, model_validator
 
 from ..configs import MocapConfig
 from ..interfaces import Quaternion, Vector3
-from .packets import Body, Definitions
+from .packets import Definitions, RigidBody
 
 
 class NotOne(ValueError):
@@ -44,7 +44,7 @@ def found(names: Sequence[str], told: Definitions) -> dict[str, int]:
 NOWHERE: Vector3 = (math.nan, math.nan, math.nan)
 
 
-class Pose(BaseModel):
+class Transform(BaseModel):
     """A rigid transform: p_base = R(quaternion) p_mocap + position."""
 
     position: Vector3 = Field(json_schema_extra={"unit": "m"})
@@ -65,17 +65,17 @@ class Pose(BaseModel):
 
         return matrix_from_quaternion(self.quaternion)
 
-    def place(self, body: Body | None) -> Vector3:
+    def place(self, body: RigidBody | None) -> Vector3:
         """Position in the base frame, m, as received; NaN where there is no body."""
         from ..frames import apply
 
         return NOWHERE if body is None else apply(self.position, self._rotation, body.position)
 
-    def tracked_place(self, body: Body | None) -> Vector3:
+    def tracked_place(self, body: RigidBody | None) -> Vector3:
         """The same, NaN also where it must not be used."""
         return self.place(body if usable(body) else None)
 
-    def turn(self, body: Body | None) -> Quaternion:
+    def turn(self, body: RigidBody | None) -> Quaternion:
         """Orientation in the base frame, w, x, y, z with w >= 0; NatNet has x, y, z, w. Identity where there is none."""
         from ..frames import compose
 
@@ -97,7 +97,7 @@ class Config(MocapConfig):
     data_port: int = Field(default=1511, ge=1, le=65535, json_schema_extra={"unit": ""})
     body: str
     """Name of the tip's rigid body in Motive."""
-    mocap_to_base: Pose
+    mocap_to_base: Transform
     """Takes Motive's world to the robot's base frame."""
     rate: float = Field(default=100.0, ge=1, le=1000, json_schema_extra={"unit": "Hz"})
     """Frame rate set in Motive."""
@@ -117,12 +117,12 @@ class Config(MocapConfig):
         return self
 
 
-def usable(body: Body | None) -> bool:
+def usable(body: RigidBody | None) -> bool:
     """Tracked, and with values that can be true."""
     return not remedy(body)
 
 
-def remedy(body: Body | None) -> str:
+def remedy(body: RigidBody | None) -> str:
     """What to do about a body that cannot be used; empty for one that can."""
     if body is None:
         return "no frame holds it: let Motive stream rigid bodies, and check that it is active there"

@@ -25,7 +25,7 @@ from ..errors import BadReply, InstrumentError, NoReply, Refused
 from ..serial_line import SerialPort
 
 
-class Parameter(IntEnum):
+class AxisParameter(IntEnum):
     """Parameters of the motor."""
 
     TARGET_POSITION = 0
@@ -53,7 +53,7 @@ class Parameter(IntEnum):
     UNITS = 255
 
 
-class Global(IntEnum):
+class ModuleParameter(IntEnum):
     """Parameters of the module."""
 
     HEARTBEAT = 68
@@ -85,7 +85,7 @@ CATCH_UP_WAITS = 2.0
 """How many time-outs the answers may take that are owed."""
 
 
-class Axis(SerialPort):
+class MotorAxis(SerialPort):
     """Motor `motor` of module `address`."""
 
     longest_read = math.inf  # one read waits for the whole frame
@@ -132,11 +132,13 @@ class Axis(SerialPort):
     def set_tick(self) -> None:
         """Give the tick timer a new value; from now on `restarted` knows."""
         self._tick = random.randrange(FIRST_TICK, LAST_TICK)
-        self._send(TMCLCommand.SGP, Global.TICK_TIMER, self._tick, bank=0)
+        self._send(TMCLCommand.SGP, ModuleParameter.TICK_TIMER, self._tick, bank=0)
 
     def restarted(self) -> bool:
         """Whether the tick timer has gone back, which it does without power only; it is asked twice."""
-        return all(self._send(TMCLCommand.GGP, Global.TICK_TIMER, 0, bank=0) & 0xFFFFFFFF < self._tick for _ in range(ATTEMPTS))
+        return all(
+            self._send(TMCLCommand.GGP, ModuleParameter.TICK_TIMER, 0, bank=0) & 0xFFFFFFFF < self._tick for _ in range(ATTEMPTS)
+        )
 
     def move_to(self, position: int) -> None:
         """Start moving to a position, microsteps."""
@@ -177,7 +179,7 @@ class Axis(SerialPort):
                     failure = Refused(
                         self.name,
                         f"{where} answers {what} to host {self._other_host}, not {self._host}: correct `host` in rig.yaml, or "
-                        f"the module's host address (global parameter {Global.HOST_ADDRESS})",
+                        f"the module's host address (global parameter {ModuleParameter.HOST_ADDRESS})",
                     )
                 elif reply is None and heard:
                     failure = BadReply(self.name, f"damaged answer from {where} to {what}; check cable and baud rate")
@@ -232,9 +234,9 @@ class Axis(SerialPort):
         for _ in range(ATTEMPTS):
             tick = random.randrange(FIRST_TICK, LAST_TICK)
             line.reset_input_buffer()
-            if self._await(line, TMCLRequest(self._address, TMCLCommand.SGP, Global.TICK_TIMER, 0, tick), range(2**32)):
+            if self._await(line, TMCLRequest(self._address, TMCLCommand.SGP, ModuleParameter.TICK_TIMER, 0, tick), range(2**32)):
                 self._tick = tick
-                ask = TMCLRequest(self._address, TMCLCommand.GGP, Global.TICK_TIMER, 0, 0)
+                ask = TMCLRequest(self._address, TMCLCommand.GGP, ModuleParameter.TICK_TIMER, 0, 0)
                 if self._await(line, ask, range(tick, tick + NEAR)):
                     self._behind, self.caught_up = False, True
                     return True

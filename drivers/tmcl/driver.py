@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 from pydantic import Field
@@ -24,10 +25,10 @@ from timing import Clock
 
 from ..errors import DeviceFault, WrongDevice
 from ..interfaces import Identity, SpineSample
-from ..kept_settings import Kept, Setting
+from ..kept_settings import KeptSettings, Setting
 from ..length_unit import DrumConfig, DrumLengthUnit
 from ..registry import Driver
-from .bus import Axis, Global, Parameter, SearchMode
+from .bus import AxisParameter, ModuleParameter, MotorAxis, SearchMode
 
 MODULE = 1260
 RESTARTED = "the module has restarted (power failure?) and lost its position; check its supply"
@@ -59,7 +60,7 @@ class Config(DrumConfig):
 
 
 @dataclass(frozen=True)
-class _Reading:
+class _AxisState:
     """One reading of the module: time (s), encoder (microsteps), speed (microsteps/s)."""
 
     t: float
@@ -75,7 +76,7 @@ class TmclSpine(DrumLengthUnit):
     _homed = False
 
     def __init__(self, name: str, config: Config, clock: Clock) -> None:
-        self._axis = Axis(name, config.port, config.baud, config.address, config.host, config.motor, config.timeout)
+        self._axis = MotorAxis(name, config.port, config.baud, config.address, config.host, config.motor, config.timeout)
         super().__init__(name, config, clock, self._axis)
         self._homing_until: float | None = None
         self._standing_since: float | None = None
@@ -91,18 +92,18 @@ class TmclSpine(DrumLengthUnit):
         with self._lock:
             self._homed = False
             self._fault = ""
-            self._axis.put(Parameter.MAX_DEVIATION, 0)
+            self._axis.put(AxisParameter.MAX_DEVIATION, 0)
             self._axis.stop()
             far = self._config.direction * self._microsteps(2 * self._config.homing_reach)
-            self._axis.put(Parameter.ACTUAL_POSITION, far)  # a search that ends without the switch cannot end near 0
-            self._axis.put(Parameter.ENCODER, far)
+            self._axis.put(AxisParameter.ACTUAL_POSITION, far)  # a search that ends without the switch cannot end near 0
+            self._axis.put(AxisParameter.ENCODER, far)
             self._prepare()
             self._goal = 0.0
             self._standing_since = None
             left = self._config.direction > 0
-            self._axis.put(Parameter.SEARCH_MODE, SearchMode.LEFT_SWITCH if left else SearchMode.RIGHT_SWITCH)
-            self._axis.put(Parameter.SEARCH_SPEED, self._microsteps(self._config.homing_speed))
-            self._axis.put(Parameter.SWITCH_SPEED, self._microsteps(0.25 * self._config.homing_speed))
+            self._axis.put(AxisParameter.SEARCH_MODE, SearchMode.LEFT_SWITCH if left else SearchMode.RIGHT_SWITCH)
+            self._axis.put(AxisParameter.SEARCH_SPEED, self._microsteps(self._config.homing_speed))
+            self._axis.put(AxisParameter.SWITCH_SPEED, self._microsteps(0.25 * self._config.homing_speed))
             self._axis.start_search()
             self._homing_until = self._clock.now() + self._config.homing_reach / self._config.homing_speed
 
@@ -133,7 +134,7 @@ class TmclSpine(DrumLengthUnit):
                 self._axis.stop_search()
             self._axis.stop()
             self._fault = ""
-            restarted = self._homed and (self._axis.restarted() or self._forgotten(self._axis.get(Parameter.MAX_DEVIATION)))
+            restarted = self._homed and (self._axis.restarted() or self._forgotten(self._axis.get(AxisParameter.MAX_DEVIATION)))
             self._prepare()
             self._follow_encoder()
             if restarted:
@@ -175,18 +176,20 @@ class TmclSpine(DrumLengthUnit):
         """ms; None: the module's own setting holds."""
         return round(1000 * self._config.heartbeat) if self._config.heartbeat else None
 
-    def _settings(self) -> Kept:
+    def _settings(self) -> KeptSettings:
         """The settings on which the promises rest: a module keeps them without power, and a program stored in it can change
         them."""
         axis = self._axis
 
-        def of_module(name: str, number: Global, needed: int, why: str) -> Setting:
+        def of_module(name: str, number: ModuleParameter, needed: int, why: str) -> Setting:
             def write(value: int) -> None:
                 axis.put_global(number, value)
 
             return Setting(f"{name} (global parameter {number})", lambda: axis.get_global(number), needed, why, write)
 
-        def of_axis(name: str, number: Parameter, needed: int | Callable[[int], int], why: str, written: bool = True) -> Setting:
+        def of_axis(
+            name: str, number: AxisParameter, needed: int | Callable[[int], int], why: str, written: bool = True
+        ) -> Setting:
             def write(value: int) -> None:
                 axis.put(number, value)
 
@@ -194,35 +197,38 @@ class TmclSpine(DrumLengthUnit):
             return Setting(place, lambda: axis.get(number), needed, why, write if written else None)
 
         resolution = Setting(
-            f"resolution (axis parameters {Parameter.FULLSTEPS} and {Parameter.MICROSTEPS})",
-            lambda: axis.get(Parameter.FULLSTEPS) << axis.get(Parameter.MICROSTEPS),
+            f"resolution (axis parameters {AxisParameter.FULLSTEPS} and {AxisParameter.MICROSTEPS})",
+            lambda: axis.get(AxisParameter.FULLSTEPS) << axis.get(AxisParameter.MICROSTEPS),
             self._config.microsteps_per_turn,
             "lengths would be wrong, unless microsteps_per_turn in rig.yaml is",
         )
-        switch = ("left", Parameter.LEFT_SWITCH_OFF) if self._config.direction > 0 else ("right", Parameter.RIGHT_SWITCH_OFF)
+        switch = (
+            ("left", AxisParameter.LEFT_SWITCH_OFF) if self._config.direction > 0 else ("right", AxisParameter.RIGHT_SWITCH_OFF)
+        )
         least = round(self._microsteps(self._config.max_speed) / STOPS_WITHIN)
+        some, enough = partial(max, 1), partial(max, least)
         slow = f"a stop would take longer than {STOPS_WITHIN:g} s"
-        program = of_module("program stored in the module", Global.PROGRAM, 0, "it would move the motor")
+        program = of_module("program stored in the module", ModuleParameter.PROGRAM, 0, "it would move the motor")
         every = [
             resolution,
             replace(program, write=lambda _: axis.stop_program()),
-            of_module("auto start", Global.AUTO_START, 0, "a stored program would move the motor"),
-            of_module("secondary address", Global.SECONDARY_ADDRESS, 0,
+            of_module("auto start", ModuleParameter.AUTO_START, 0, "a stored program would move the motor"),
+            of_module("secondary address", ModuleParameter.SECONDARY_ADDRESS, 0,
                       "the module would obey commands meant for another one"),
             of_axis(f"{switch[0]} limit switch disable", switch[1], 0, "the motor would run past the switch"),
-            of_axis("soft stop", Parameter.SOFT_STOP, 0, "the motor would run past the switch"),
-            of_axis("freewheeling mode", Parameter.FREEWHEELING, 0, "the motor would not hold"),
-            of_axis("step/direction mode", Parameter.STEP_DIRECTION, 0, "other signals would move the motor"),
-            of_axis("unit mode", Parameter.UNITS, 1, "speeds would not be microsteps per second"),
-            of_axis("maximum current", Parameter.MAX_CURRENT, lambda held: max(1, held), "the motor would not turn", False),
-            of_axis("standby current", Parameter.STANDBY_CURRENT, lambda held: max(1, held), "the motor would not hold", False),
-            of_axis("maximum acceleration", Parameter.ACCELERATION, lambda held: max(least, held), slow, False),
-            of_axis("maximum deceleration", Parameter.DECELERATION, lambda held: max(least, held), slow, False),
+            of_axis("soft stop", AxisParameter.SOFT_STOP, 0, "the motor would run past the switch"),
+            of_axis("freewheeling mode", AxisParameter.FREEWHEELING, 0, "the motor would not hold"),
+            of_axis("step/direction mode", AxisParameter.STEP_DIRECTION, 0, "other signals would move the motor"),
+            of_axis("unit mode", AxisParameter.UNITS, 1, "speeds would not be microsteps per second"),
+            of_axis("maximum current", AxisParameter.MAX_CURRENT, some, "the motor would not turn", False),
+            of_axis("standby current", AxisParameter.STANDBY_CURRENT, some, "the motor would not hold", False),
+            of_axis("maximum acceleration", AxisParameter.ACCELERATION, enough, slow, False),
+            of_axis("maximum deceleration", AxisParameter.DECELERATION, enough, slow, False),
         ]  # fmt: skip
         if self._heartbeat is not None:
             why = "the motor would not stop without the host"
-            every.append(of_module("heartbeat", Global.HEARTBEAT, self._heartbeat, why))
-        return Kept(axis.name, "module", "TMCL-IDE", every)
+            every.append(of_module("heartbeat", ModuleParameter.HEARTBEAT, self._heartbeat, why))
+        return KeptSettings(axis.name, "module", "TMCL-IDE", every)
 
     def _meet(self) -> Identity:
         module, firmware = self._axis.version()
@@ -241,27 +247,27 @@ class TmclSpine(DrumLengthUnit):
 
     def _prepare(self) -> None:
         """What a restarted module has forgotten."""
-        self._axis.put(Parameter.MAX_DEVIATION, self._microsteps(self._config.max_deviation))
+        self._axis.put(AxisParameter.MAX_DEVIATION, self._microsteps(self._config.max_deviation))
         self._axis.set_tick()
         if self._heartbeat is not None:
-            self._axis.put_global(Global.HEARTBEAT, self._heartbeat)
-        self._axis.get(Parameter.ERROR_FLAGS)  # clears what was flagged before
+            self._axis.put_global(ModuleParameter.HEARTBEAT, self._heartbeat)
+        self._axis.get(AxisParameter.ERROR_FLAGS)  # clears what was flagged before
 
     def _follow_encoder(self) -> None:
         """Take the encoder's position for the steps' too, and hold there: steps made in vain are forgotten."""
         self._axis.stop()
-        encoder = self._axis.get(Parameter.ENCODER)
-        self._axis.put(Parameter.ACTUAL_POSITION, encoder)
-        self._axis.put(Parameter.TARGET_POSITION, encoder)
-        self._axis.get(Parameter.ERROR_FLAGS)  # what was flagged until now is answered
+        encoder = self._axis.get(AxisParameter.ENCODER)
+        self._axis.put(AxisParameter.ACTUAL_POSITION, encoder)
+        self._axis.put(AxisParameter.TARGET_POSITION, encoder)
+        self._axis.get(AxisParameter.ERROR_FLAGS)  # what was flagged until now is answered
         self._goal = self._length(encoder)
         self._standing_since = None
 
     def _set_goal(self, goal: int, speed: int) -> None:
         """Speed, then goal, both read back."""
-        self._axis.put(Parameter.MAX_SPEED, speed)
+        self._axis.put(AxisParameter.MAX_SPEED, speed)
         self._axis.move_to(goal)
-        echo = (self._axis.get(Parameter.MAX_SPEED), self._axis.get(Parameter.TARGET_POSITION))
+        echo = (self._axis.get(AxisParameter.MAX_SPEED), self._axis.get(AxisParameter.TARGET_POSITION))
         if echo != (speed, goal):
             raise DeviceFault(
                 self.name,
@@ -270,18 +276,18 @@ class TmclSpine(DrumLengthUnit):
             )
 
     # -- judging what was read
-    def _poll(self, confirm: bool = False) -> _Reading:
+    def _poll(self, confirm: bool = False) -> _AxisState:
         """One reading; latches what the module reports as wrong. `confirm`: also when its deviation stop was changed."""
-        encoder = self._axis.get(Parameter.ENCODER)
-        speed = self._axis.get(Parameter.ACTUAL_SPEED)
+        encoder = self._axis.get(AxisParameter.ENCODER)
+        speed = self._axis.get(AxisParameter.ACTUAL_SPEED)
         t = self._clock.now()
-        flags = self._axis.get(Parameter.ERROR_FLAGS)
-        status = self._axis.get(Parameter.DRIVER_STATUS)
+        flags = self._axis.get(AxisParameter.ERROR_FLAGS)
+        status = self._axis.get(AxisParameter.DRIVER_STATUS)
         damage = [text for bit, text in DRIVER_ERRORS.items() if status >> bit & 1]
         deviation = found = self._microsteps(self._config.max_deviation)
         restarted = self._axis.restarted()
         if confirm or self._axis.caught_up:  # catching up sets the tick timer anew, which hides a restart before it
-            found = self._axis.get(Parameter.MAX_DEVIATION)
+            found = self._axis.get(AxisParameter.MAX_DEVIATION)
             restarted = restarted or self._forgotten(found)
             self._axis.caught_up = False
         if restarted:
@@ -301,22 +307,22 @@ class TmclSpine(DrumLengthUnit):
                 f"stopped itself {where}: the spine did not follow (limit {self._config.max_deviation} m). Un-jam it "
                 f"or clear its way, then {'home()' if homing else 'move'} again"
             )
-        return _Reading(t, encoder, speed)
+        return _AxisState(t, encoder, speed)
 
     def _forgotten(self, max_deviation: int) -> bool:
         """Whether the deviation stop is off, as after a restart; asked again before it is believed."""
-        return max_deviation == 0 and self._axis.get(Parameter.MAX_DEVIATION) == 0
+        return max_deviation == 0 and self._axis.get(AxisParameter.MAX_DEVIATION) == 0
 
     def _lose_zero(self, fault: str) -> None:
         self._homed = False
         self._homing_until = None
         self._fault = f"{fault}, then home()"
 
-    def _continue_homing(self, state: _Reading, until: float) -> None:
+    def _continue_homing(self, state: _AxisState, until: float) -> None:
         """The module zeroes its steps at the switch; the encoder is zeroed here."""
         if not self._axis.searching():
             self._homing_until = None
-            zeroed = self._axis.get(Parameter.ACTUAL_POSITION)
+            zeroed = self._axis.get(AxisParameter.ACTUAL_POSITION)
             if abs(zeroed) > self._microsteps(self._config.tolerance):
                 self._axis.stop()
                 self._fault = (
@@ -324,7 +330,7 @@ class TmclSpine(DrumLengthUnit):
                     "(heartbeat), or another host stopped it; home() again"
                 )
                 return
-            self._axis.put(Parameter.ENCODER, zeroed)
+            self._axis.put(AxisParameter.ENCODER, zeroed)
             self._homed = True
         elif state.t > until:
             self._homing_until = None
@@ -332,7 +338,7 @@ class TmclSpine(DrumLengthUnit):
             self._axis.stop()
             self._fault = "found no switch at the retracted end; check the switch and `direction`, then home() again"
 
-    def _watch_for_end(self, state: _Reading, length: float, arrived: bool) -> None:
+    def _watch_for_end(self, state: _AxisState, length: float, arrived: bool) -> None:
         """A motor that stands away from its goal, with no error flag, was stopped by the heartbeat or by a switch."""
         if arrived or state.speed != 0 or self._fault:
             self._standing_since = None

@@ -25,7 +25,7 @@ from .control import ControlThread
 from .motion import Deadline, Tool, millimetres, same_pose
 from .safety import SlowMotion, is_reduced, stop_text
 from .state import ENDED, PLAYING, UR5State
-from .wire import SCRIPT_PORT, Controller, Snapshot
+from .wire import SCRIPT_PORT, Snapshot, UrController
 
 STILL_SPEED, STILL_TURNING = 2e-3, 1e-2
 """m/s and rad/s: below both the TCP counts as standing; the encoders' noise stays well below."""
@@ -44,7 +44,7 @@ FINISH_TIMEOUT = 3.0
 
 
 @dataclass
-class _Move:
+class _Motion:
     goal: Vector6
     operation: int
     deadline: Deadline
@@ -60,12 +60,12 @@ class UR5:
         self.name = name
         self.config = config
         self._clock = clock
-        self._controller = Controller(name, config.host, config.timeout)
+        self._controller = UrController(name, config.host, config.timeout)
         self._state = UR5State(self._controller, clock, lambda sample: None, max(0.3, config.timeout / 2), poll_interval=0.002)
         self._control: ControlThread | None = None
         self._seen: Snapshot | None = None
         """What the controller said of itself at `open`."""
-        self._move: _Move | None = None
+        self._move: _Motion | None = None
         self._tool: Tool | None = None
         """What the controller took to be at the flange at `open`."""
 
@@ -153,7 +153,7 @@ class UR5:
         allowed = DEADLINE_FACTOR * ur5_motion.duration(here, goal, speed, acceleration)
         deadline = Deadline.after(self._clock, allowed, self.config.timeout)
         slow = SlowMotion(ur5_motion.top_speed(here, goal, speed, acceleration))
-        self._move = _Move(goal, self._started(control, before), deadline, slow)
+        self._move = _Motion(goal, self._started(control, before), deadline, slow)
 
     def moving(self) -> bool:
         """True until the last started motion has ended at its goal.
@@ -344,7 +344,7 @@ class UR5:
             timing.sleep(LOOK_INTERVAL)
         return number
 
-    def _take_too_long(self, move: _Move) -> None:
+    def _take_too_long(self, move: _Motion) -> None:
         with contextlib.suppress(DeviceFault):
             self.stop()
         raise DeviceFault(
@@ -365,7 +365,7 @@ def _slow(speed: Vector6) -> bool:
 
 def _state(name: str, config: Config, clock: Clock, sink: Sink[ArmSample]) -> UR5State:
     """The arm's stream of states."""
-    return UR5State(Controller(name, config.host, config.timeout), clock, sink, config.max_age)
+    return UR5State(UrController(name, config.host, config.timeout), clock, sink, config.max_age)
 
 
 DRIVER = Driver("arm", Config, UR5, make_state=_state, own_process=True)

@@ -17,7 +17,7 @@ from timing import Clock
 
 from ..errors import BadReply, InstrumentError, NotReady, StaleReading, Unreachable
 from ..interfaces import ArmSample, Identity, Sink, Vector6
-from .wire import Controller
+from .wire import UrController
 
 VARIABLES = [
     "timestamp",
@@ -76,7 +76,7 @@ class UR5State:
     """State of the arm (see `ArmState`). A lost stream is taken up again by itself; the gap is counted in `lost`."""
 
     def __init__(
-        self, controller: Controller, clock: Clock, sink: Sink[ArmSample], max_age: float = 0.2, poll_interval: float = 0.001
+        self, controller: UrController, clock: Clock, sink: Sink[ArmSample], max_age: float = 0.2, poll_interval: float = 0.001
     ) -> None:
         """`max_age` of the newest sample, and how often to look for a new package; s, host time."""
         self.name = controller.name

@@ -116,7 +116,7 @@ class _Rtde:
         return WrongDevice(self.name, f"{self.where} is not an RTDE server: it sent {instead}; check the address")
 
 
-class Controller:
+class UrController:
     """A controller at an address. Each method raises Unreachable and WrongDevice; `timeout` (s, host time) is for each answer."""
 
     def __init__(self, name: str, host: str, timeout: float) -> None:

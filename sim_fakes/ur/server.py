@@ -12,7 +12,7 @@ from collections.abc import Callable
 import timing
 
 from . import backdoor, dashboard, rtde
-from .controller import Controller
+from .controller import FakeController
 from .wire import Connection, Hub
 
 UPLOAD_PORTS = (30001, 30002, 30003)
@@ -44,10 +44,10 @@ LONGEST_BACKLOG = 0.25
 """s; a host that sleeps longer than this has stopped the controller's time."""
 
 
-class Server:
+class UrServer:
     """One controller on one loopback address."""
 
-    def __init__(self, controller: Controller, host: str, clock_start: float, dashboard: bool = True) -> None:
+    def __init__(self, controller: FakeController, host: str, clock_start: float, dashboard: bool = True) -> None:
         """`dashboard` False: that server is switched off; PolyScope X has none."""
         self.controller, self.host = controller, host
         self.dashboard = dashboard and controller.version[0] < 10
@@ -65,7 +65,7 @@ class Server:
             await self._listen(port, lambda: UploadConnection(hub))
         own = Hub(self.controller)
         if door is not None:
-            await asyncio.get_running_loop().create_unix_server(lambda: backdoor.BackDoor(own, hub), door)
+            await asyncio.get_running_loop().create_unix_server(lambda: backdoor.UrBackDoor(own, hub), door)
         ready()
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as plant:
             plant.setblocking(False)

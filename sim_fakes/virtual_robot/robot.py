@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from ..plant import AMBIENT, Plant
 from .blocks import rotation
-from .body import Body
+from .body import VirtualBody
 from .chain import Chain
 from .effects import Laws, draw_directions, laws
 from .kernels import kernel
 from .rod import NoEquilibrium
-from .spine import Spine
-from .stand import NO_CONTACT, BareSpine, Stand
+from .spine import VirtualSpine
+from .stand import NO_CONTACT, BareSpine, VirtualStand
 from .truth import RobotTruth
 
 Array = NDArray[np.float64]
@@ -152,8 +152,8 @@ class VirtualRobot:
         self.laws = laws(effects)
         self.directions = draw_directions(self.truth, seed)
         self.pneumatics = Pneumatics(self.truth, self.laws)
-        self.spine = Spine(self.truth, self.laws, seed)
-        self.stand = Stand(self.truth, self.laws)
+        self.spine = VirtualSpine(self.truth, self.laws, seed)
+        self.stand = VirtualStand(self.truth, self.laws)
         self._markers = np.array(self.truth.markers, dtype=np.float64)
         self._steps = np.concatenate([np.full(len(self.truth.chamber_azimuths_deg), 1e-4), INPUT_STEPS])
         self.reset()
@@ -175,10 +175,10 @@ class VirtualRobot:
         if hands.mount not in MOUNTS:
             raise ValueError(f"virtual robot: mount {hands.mount!r} is none of {', '.join(MOUNTS)}")
         self.hands = hands
-        self.specimen: Body | BareSpine = (
+        self.specimen: VirtualBody | BareSpine = (
             BareSpine(self.truth, self.laws)
             if hands.mount == "spine"
-            else Body(self.truth, self.laws, self.directions, hanging=hands.mount == "robot")
+            else VirtualBody(self.truth, self.laws, self.directions, hanging=hands.mount == "robot")
         )
         self._pending = 0.0
         self._speed = 0.0
@@ -215,7 +215,7 @@ class VirtualRobot:
         self._contacts = NO_CONTACT
         if hands.probe and hands.mount != "robot" and not (isinstance(body, BareSpine) and not body.present):
             self._contacts = self.stand.contacts(chain, *hands.probe)
-        if isinstance(body, Body):
+        if isinstance(body, VirtualBody):
             force, moment = self.pneumatics.wrench(hands.roll, chain.h)
             loads = body.loads(force, moment, hands.tip_mass, self._contacts)
         else:

@@ -20,7 +20,7 @@ from drivers.dynamixel.bus import Servo
 from drivers.errors import BadReply, NoReply, NotReady, Unreachable
 from drivers.line_quality import adapter
 from drivers.serial_line import SerialLine, SerialPort
-from drivers.tmcl.bus import Axis
+from drivers.tmcl.bus import MotorAxis
 from tests.sim_fakes.plugged import Plugged
 
 
@@ -234,7 +234,7 @@ def test_each_serial_port_is_opened_at_low_latency_where_its_driver_has_that(end
     port = os.ttyname(end.slave)
     ports: dict[str, Callable[[], SerialPort]] = {
         "line": lambda: SerialLine("gauge", port, 19200, 0.1),
-        "tmcl": lambda: Axis("spine", port, 115200, 1, 2, 0, 0.1),
+        "tmcl": lambda: MotorAxis("spine", port, 115200, 1, 2, 0, 0.1),
         "dynamixel": lambda: Servo("spine", port, 57600, 1, 0.1),
     }
     opened = ports[kind]()

@@ -26,7 +26,7 @@ from drivers.smc_itv import driver as smc_itv
 from drivers.tmcl import driver as tmcl
 from drivers.ur5 import driver as ur5
 from drivers.ur5.state import UR5State
-from drivers.ur5.wire import Controller
+from drivers.ur5.wire import UrController
 from sim_fakes.alicat import AlicatFake
 from sim_fakes.dynamixel import DynamixelFake
 from sim_fakes.ft300s import Ft300sFake
@@ -198,7 +198,7 @@ MACHINES = {
     "ur5": machine("arm", lambda f: ur5.UR5("it", ur5.Config(host=f.host), RigClock(SPEED)), arm, arm_marks),
     "ur5 state": machine(
         "stream",
-        lambda f: UR5State(Controller("it", f.host, 1.0), RigClock(SPEED), nobody, max_age=1.0),
+        lambda f: UR5State(UrController("it", f.host, 1.0), RigClock(SPEED), nobody, max_age=1.0),
         arm,
         arm_marks,
     ),
