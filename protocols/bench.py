@@ -133,7 +133,6 @@ class Bench:
     """The rig's limits clipped the last ramp."""
     jammed: Jammed | None = None
     """None while no vacuum is judged."""
-
     bodies: Bodies | None = None
     """Where tip and markers can be; None without cameras or where robot.yaml says too little."""
 

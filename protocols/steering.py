@@ -118,11 +118,11 @@ class Steering:
             yield
         finally:
             with self._lock:
-                left = [kind for kind in self._open if kind != "finish"]
+                undone = [kind for kind in self._open if kind != "finish"]
                 self._open.clear()
                 self._keep, self._finish, self._say = None, lambda: None, str
                 self._resting = self._may_skip = False
-            for kind in left:
+            for kind in undone:
                 say(f"{kind}: {UNDONE}")
 
     def at(self, trial: int, step: int) -> None:

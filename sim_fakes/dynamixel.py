@@ -335,12 +335,12 @@ class DynamixelFake(DrumFake):
         packet, self.buffer = packet[:end], packet[end:]
         self.requests.append(packet)
         table = self.motor.table
-        receiver, own = packet[4], packet[4] == table[7]
+        receiver, to_own_id = packet[4], packet[4] == table[7]
         secondary = receiver == table[12] and receiver <= LAST_ID
-        if table[13] != 2 or not (own or secondary or receiver == BROADCAST):
+        if table[13] != 2 or not (to_own_id or secondary or receiver == BROADCAST):
             return True
         if crc16(packet[:-2]) != int.from_bytes(packet[-2:], "little"):
-            if own:
+            if to_own_id:
                 self._status(Refusal.CRC)
             return True
         self.motor.silence.heard()
@@ -348,7 +348,7 @@ class DynamixelFake(DrumFake):
         if receiver == BROADCAST:
             self._answer_broadcast(body[0], body[1:])
         else:
-            self._answer(body[0], body[1:], own)
+            self._answer(body[0], body[1:], to_own_id)
         return True
 
     def _number(self, fault: str) -> int:

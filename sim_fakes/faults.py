@@ -109,15 +109,15 @@ class FaultSwitch:
             setattr(line.faults, name, value)
 
     def _mocap(self, fake: MotiveFake, fault: str) -> None:
-        faults, own = fake.faults, MotiveFake.own_faults
+        faults, own_faults = fake.faults, MotiveFake.own_faults
         if fault == "reset":
             faults.extra["restart"] = True
         elif fault in ("disconnect", "freeze"):
             faults.silent = True
         elif fault == "stuck":
             faults.freeze = True
-        elif fault in own:
-            name, value = own[fault]
+        elif fault in own_faults:
+            name, value = own_faults[fault]
             faults.extra[name] = value
             if fault == "wrong_id":
                 faults.extra["no_body"] = True

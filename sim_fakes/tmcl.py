@@ -390,8 +390,8 @@ class TmclFake(DrumFake):
             drum.halt()
             drum.searching = kind == 0
         else:
-            known = command in (TmclCommand.MVP, TmclCommand.RFS, TmclCommand.VERSION)
-            return TmclStatus.TYPE if known else TmclStatus.COMMAND, value
+            known_command = command in (TmclCommand.MVP, TmclCommand.RFS, TmclCommand.VERSION)
+            return TmclStatus.TYPE if known_command else TmclStatus.COMMAND, value
         return TmclStatus.OK, value
 
     def _global(self, command: int, kind: int, bank: int, value: int) -> tuple[int, int]:

@@ -202,12 +202,12 @@ class Alicat:
         """
         with self._line.lock:
             self._need_open()
-            known = self._wrong()
+            wrong_before = self._wrong()
             frames, arrived = [], []
             for channel in range(self.channels):
                 frames.append(self._polled(channel))
                 arrived.append(timing.now())
-            if max(self._confirmed) > 0 and self._wrong() != known:
+            if max(self._confirmed) > 0 and self._wrong() != wrong_before:
                 self._refuse_wrong()
             if (age := arrived[-1] - arrived[0]) > self.config.max_age:
                 raise StaleReading(

@@ -224,11 +224,11 @@ class DynamixelSpine(DrumLengthUnit):
         """Check who answers and bring its settings into the state this driver relies on."""
         model = self._servo.ping()
         if model not in table.MODELS:
-            known = ", ".join(name for name, _ in table.MODELS.values())
+            supported = ", ".join(name for name, _ in table.MODELS.values())
             raise WrongDevice(
                 self.name,
                 f"id {self._config.id} on {self._config.port} is Dynamixel model number {model}, which is not supported; "
-                f"use one of {known}, or correct the id in rig.yaml",
+                f"use one of {supported}, or correct the id in rig.yaml",
             )
         name, self._ampere = table.MODELS[model]
         firmware = self._servo.read(table.FIRMWARE)

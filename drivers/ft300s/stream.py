@@ -48,21 +48,21 @@ class FrameParser:
     def feed(self, data: bytes) -> list[Vector6]:
         """The wrenches completed by these bytes, oldest first."""
         self._buffer += data
-        found: list[Vector6] = []
+        wrenches: list[Vector6] = []
         while True:
             start = self._buffer.find(HEAD)
             if start < 0:
                 start = max(0, len(self._buffer) - 1)
             self._skip(start)
             if len(self._buffer) < FRAME_BYTES:
-                return found
+                return wrenches
             wrench = decode(self._buffer[:FRAME_BYTES])
             if wrench is None:
                 self._skip(1)
                 continue
             self._buffer = self._buffer[FRAME_BYTES:]
             self._settle()
-            found.append(wrench)
+            wrenches.append(wrench)
 
     def _skip(self, count: int) -> None:
         self._buffer = self._buffer[count:]

@@ -58,8 +58,8 @@ class Order:
         if len(self._strange) < 3 and not (self._anew and ahead < 0):
             return False
         self._begin(self._strange[0].frame)
-        for known in self._strange[:-1]:
-            self._accept(known, now, keep=True)
+        for earlier in self._strange[:-1]:
+            self._accept(earlier, now, keep=True)
         return self._accept(sample, now)
 
     def ready(self, now: float) -> list[BodySample]:

@@ -137,8 +137,8 @@ class NumatoValve:
             except NoReply:
                 if not heard:
                     raise
-                said = f"answered {show(heard)} to {mark!r}"
-                raise BadReply(self.name, f"{said}; check that this port is the relay module") from None
+                answer = f"answered {show(heard)} to {mark!r}"
+                raise BadReply(self.name, f"{answer}; check that this port is the relay module") from None
 
 
 def _word(on: bool) -> str:

@@ -198,10 +198,10 @@ class SmcItv:
             self._polled_at = timing.now()
             self._raise_first(errors)
             for channel, needed in enumerate(self._counts):
-                if channel not in self._unsure and (found := counts[channel]) != needed:
+                if channel not in self._unsure and (held := counts[channel]) != needed:
                     raise WrongDevice(
                         self.name,
-                        f"channel {channel + 1}: set-point (REQ) is {found} counts ({found * self.step / 1e3:.1f} kPa), "
+                        f"channel {channel + 1}: set-point (REQ) is {held} counts ({held * self.step / 1e3:.1f} kPa), "
                         f"{needed} ({needed * self.step / 1e3:.1f} kPa) was confirmed: its panel, another program or a loss "
                         "of power changed it; lock its keys, check its supply, then run again",
                     )
@@ -241,9 +241,9 @@ class SmcItv:
     # -- opening
     def _recognise(self) -> None:
         answers, errors = self._ask_each(dict.fromkeys(range(self.channels), MARK))
-        found = {channel: show(answer) for channel, answer in answers.items() if answer != UNKNOWN_COMMAND}
-        found |= {channel: e.message for channel, e in errors.items() if isinstance(e, BadReply)}
-        for channel, what in found.items():
+        foreign = {channel: show(answer) for channel, answer in answers.items() if answer != UNKNOWN_COMMAND}
+        foreign |= {channel: e.message for channel, e in errors.items() if isinstance(e, BadReply)}
+        for channel, what in foreign.items():
             raise WrongDevice(
                 self.name,
                 f"the device on {self.config.ports[channel]} is not an ITV: it should answer an unknown command with "

@@ -118,9 +118,9 @@ class UR5:
                 f"the speed slider is at {seen.speed_slider:.0%}, needed at least {LEAST_SLIDER:.0%}: motions would not end in "
                 "time; set it to 100 % at the pendant",
             )
-        found = Tool(seen.payload, seen.centre_of_gravity, control.call(lambda library: list(library.getTCPOffset())))
-        self._tool = self._tool or found
-        found.check(self.name, self._tool, self.config.payload)
+        tool = Tool(seen.payload, seen.centre_of_gravity, control.call(lambda library: list(library.getTCPOffset())))
+        self._tool = self._tool or tool
+        tool.check(self.name, self._tool, self.config.payload)
 
     def close(self) -> None:
         """Stop the arm, end the program, disconnect. Bounded in time also when the controller is gone."""
@@ -202,8 +202,8 @@ class UR5:
         sample = self._fresh(control)
         self._move = None
         if self._stopped(sample.safety_bits) or self._state.runtime != PLAYING:
-            if left := self._end_program():
-                raise DeviceFault(self.name, left)
+            if unended := self._end_program():
+                raise DeviceFault(self.name, unended)
         elif sample.program_running:
             # Asynchronous, because only then does the program decelerate along the straight line.
             control.call(lambda library: library.stopL(self.config.stop_deceleration, True))
@@ -283,8 +283,8 @@ class UR5:
         sample = self._fresh(control)
         if stop := self._stopped(sample.safety_bits) or self._paused():
             self._move = None
-            left = self._end_program()
-            raise DeviceFault(self.name, f"{stop}; {left}" if left else stop)
+            unended = self._end_program()
+            raise DeviceFault(self.name, f"{stop}; {unended}" if unended else stop)
         if not sample.program_running:
             self._move = None
             raise DeviceFault(

@@ -10,7 +10,7 @@ from pathlib import Path
 from rich.table import Table as Sheet
 
 from recordings.campaign.labels import split
-from recordings.campaign.shelf import Run
+from recordings.campaign.shelf import RecordedRun
 from recordings.campaign.shelf import runs as recorded
 from recordings.errors import BadMessage
 
@@ -19,7 +19,7 @@ from ..files.config import ConfigError
 from ..options import ANY_SIZE, JSON, Result, Verb, option
 
 
-def _listed(found: Sequence[Run]) -> None:
+def _listed(found: Sequence[RecordedRun]) -> None:
     """The same where a table would be too wide: each recording with two lines below its path."""
     for run in found:
         notes = f", {run.notes} note{'s' if run.notes > 1 else ''}" if run.notes else ""
@@ -32,15 +32,15 @@ def _listed(found: Sequence[Run]) -> None:
             out.print("  " + ", ".join(f"{k}={v}" for k, v in run.labels.items()), soft_wrap=True)
 
 
-def _states(run: Run) -> str:
+def _states(run: RecordedRun) -> str:
     """How many states were read, of those planned or, where that is not known, asked for."""
     return f"{run.rows} of {run.planned} planned" if run.planned else f"{run.rows} of {run.states}"
 
 
-def continued(found: Sequence[Run]) -> list[tuple[Run, Run]]:
+def continued(found: Sequence[RecordedRun]) -> list[tuple[RecordedRun, RecordedRun]]:
     """Return each run that resumed another one, behind that one; `found` is in the order of time."""
-    last: dict[str, Run] = {}
-    pairs: list[tuple[Run, Run]] = []
+    last: dict[str, RecordedRun] = {}
+    pairs: list[tuple[RecordedRun, RecordedRun]] = []
     for run in found:
         if run.campaign and run.campaign in last and not run.path.endswith("-recovered.mcap"):
             pairs.append((last[run.campaign], run))
@@ -65,7 +65,7 @@ def runs(folder: Path, since: str, protocol: str, spine: float | None, where: Se
     return Result([run.to_dict() for run in found], partial(_show, found))
 
 
-def _show(found: Sequence[Run]) -> None:
+def _show(found: Sequence[RecordedRun]) -> None:
     columns = ("recording", "start (UTC)", "duration", "protocol", "spine, cm", "states", "outcome", "lost", "notes", "labels")
     sheet = Sheet(*columns)
     for run in found:

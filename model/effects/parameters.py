@@ -145,8 +145,8 @@ def parameter_table(design: States, sources: tuple[Source, ...]) -> ParameterTab
         copies = _copies(design, source)
         for p in source.spec.parameters:
             rows = np.full(len(design), -1, np.int64)
-            for label, trial, own in copies:
-                rows[own] = len(infos)
+            for label, trial, states_of_copy in copies:
+                rows[states_of_copy] = len(infos)
                 infos.append(
                     ParameterInfo(
                         f"{source.spec.id}.{p.name}{label}",
@@ -181,15 +181,15 @@ def _copies(design: States, source: Source) -> list[tuple[str, int | None, NDArr
         return [(f"[spine_length={x:g}]", None, (rounded == x) & moved) for x in np.unique(rounded[moved])]
     if source.scope == "mount":
         turned = np.round(np.degrees(design.roll))
-        found = mounts(design)
-        several = len({roll for roll, _ in found}) < len(found)
+        mountings = mounts(design)
+        several = len({roll for roll, _ in mountings}) < len(mountings)
         return [
             (
                 f"[roll={roll:g} deg{f', sitting {sitting + 1}' if several else ''}]",
                 None,
                 (turned == roll) & (design.sitting == sitting) & ~design.stiffness,
             )
-            for roll, sitting in found[1:]
+            for roll, sitting in mountings[1:]
         ]
     if source.scope == "repeat":
         numbers = np.unique(design.repeat[~design.stiffness])

@@ -194,22 +194,22 @@ def sources(
 ) -> tuple[Source, ...]:
     """Everything that has parameters, in the order of the parameter table: effects, tolerances, calibration, those of each
     mounting and trial. `uncertainty`: tolerance -> standard deviation, where it is not the usual one."""
-    found = [Source(spec, "effect") for spec in catalogue]
+    chosen = [Source(spec, "effect") for spec in catalogue]
     moved = bool((~design.stiffness).any())
-    found += [_as_stated(source, uncertainty) for source in (ALWAYS if moved else ALWAYS[:2])]
+    chosen += [_as_stated(source, uncertainty) for source in (ALWAYS if moved else ALWAYS[:2])]
     if moved:
-        found.append(Source(AREA, "calibration", "all" if area == "one" else "spine_length"))
+        chosen.append(Source(AREA, "calibration", "all" if area == "one" else "spine_length"))
         if np.ptp(design.progress[~design.stiffness]) > 0:
-            found.append(DRIFT)
+            chosen.append(DRIFT)
     if len(mounts(design)) > 1:
-        found += MOUNT
+        chosen += MOUNT
     if len(np.unique(design.repeat[~design.stiffness])) > 1:
-        found += REPEATS
+        chosen += REPEATS
     if (design.spine_length > 0).any():
-        found += BY_TRIAL
+        chosen += BY_TRIAL
         spined = design.vacuum[design.spine_length > 0]
         if np.ptp(spined) > 0.05 * design.nominal_vacuum:
-            found.append(JAMMING)
+            chosen.append(JAMMING)
     if design.stiffness.any():
-        found += BY_PUSH
-    return tuple(found)
+        chosen += BY_PUSH
+    return tuple(chosen)

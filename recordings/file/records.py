@@ -91,27 +91,27 @@ def records(
     chunks come together; else there are none. `growing`: the last record may still be on its way.
     """
     base = contents.end
-    at = 0 if base else len(MAGIC)
-    if not base and data[:at] != MAGIC:
-        if growing and len(data) < at:
+    offset = 0 if base else len(MAGIC)
+    if not base and data[:offset] != MAGIC:
+        if growing and len(data) < offset:
             return
-        raise NotARecording(f"{contents.name} is not an MCAP file: it begins with {bytes(data[:at])!r}")
+        raise NotARecording(f"{contents.name} is not an MCAP file: it begins with {bytes(data[:offset])!r}")
     if growing:
-        contents.end = base + at
+        contents.end = base + offset
     run: Chunk | None = None
     """Messages outside chunks, while more may follow."""
-    while at < len(data) and not contents.finished:
+    while offset < len(data) and not contents.finished:
         record: Record | None
         hole: Hole | None = None
         try:
-            record = _record_at(data, at, base)
+            record = _record_at(data, offset, base)
             if growing and record.opcode == Opcode.FOOTER and len(data) - record.end < len(MAGIC):
                 break
             contents.take(record)
         except (*UNPARSABLE, RecordingError) as error:
-            if growing and _unfinished(data, at):
+            if growing and _unfinished(data, offset):
                 break
-            hole, record = _hole(data, at, base, error, contents)
+            hole, record = _hole(data, offset, base, error, contents)
         if run and (record is None or record.opcode != Opcode.MESSAGE or run is not contents.chunks[-1]):
             yield from inside(data, run, contents)
             run = None
@@ -120,12 +120,12 @@ def records(
             if unpack and hole.torn is not None:
                 yield from (item for item in inside(data, hole.torn, contents) if isinstance(item, Messages))
             yield hole
-            at = hole.end - base
+            offset = hole.end - base
         if record is None:
             continue
-        at = record.end
-        contents.end = base + at
-        if record.opcode == Opcode.FOOTER and data[at : at + len(MAGIC)] == MAGIC:
+        offset = record.end
+        contents.end = base + offset
+        if record.opcode == Opcode.FOOTER and data[offset : offset + len(MAGIC)] == MAGIC:
             contents.finished, contents.end = True, contents.end + len(MAGIC)
         if record.opcode == Opcode.MESSAGE:
             run = contents.chunks[-1] if unpack else None
@@ -149,31 +149,31 @@ def inside(data: memoryview, chunk: Chunk, contents: Contents) -> Iterator[Messa
         return
     starts, others, error = scan(raw, contents.budget)
     wrong: list[tuple[int, Exception]] = [] if error is None else [(len(raw), error)]
-    found = Messages.at(raw, np.array(starts, np.int64), chunk)
-    if (short := found.sizes < 0).any():
-        wrong += [(at, struct.error("a message shorter than its head")) for at in found.starts[short].tolist()]
-        found = found.which(~short)
-    for at in others:
-        opcode, length = HEAD.unpack_from(raw, at)
+    messages = Messages.at(raw, np.array(starts, np.int64), chunk)
+    if (short := messages.sizes < 0).any():
+        wrong += [(offset, struct.error("a message shorter than its head")) for offset in messages.starts[short].tolist()]
+        messages = messages.which(~short)
+    for offset in others:
+        opcode, length = HEAD.unpack_from(raw, offset)
         try:
             if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                contents.define(Record(opcode, at, at + HEAD.size, at + HEAD.size + length, raw))
+                contents.define(Record(opcode, offset, offset + HEAD.size, offset + HEAD.size + length, raw))
             elif opcode in LAYOUT:
                 raise struct.error(f"it holds a record of kind {opcode}, which stands outside chunks only")
         except (*UNPARSABLE, Damaged) as problem:
-            wrong.append((at, problem))
+            wrong.append((offset, problem))
         except Oversized as problem:
-            wrong = [*(known for known in wrong if known[0] < at), (at, problem)]
-            found = found.which(found.starts < at)
+            wrong = [*(earlier for earlier in wrong if earlier[0] < offset), (offset, problem)]
+            messages = messages.which(messages.starts < offset)
             break
     begin = 0
-    for at, reason in sorted(wrong, key=itemgetter(0)):
-        end = int(np.searchsorted(found.starts, at))
-        yield found.which(slice(begin, end))
+    for offset, reason in sorted(wrong, key=itemgetter(0)):
+        end = int(np.searchsorted(messages.starts, offset))
+        yield messages.which(slice(begin, end))
         place = f"{contents.name}: the chunk at byte {chunk.start}"
         yield Hole(chunk.start, chunk.end, _named(reason, place, "recover"))
         begin = end
-    yield found.which(slice(begin, None))
+    yield messages.which(slice(begin, None))
 
 
 def _named(error: Exception, place: str, remedy: str) -> RecordingError:
@@ -294,12 +294,12 @@ def _hole(data: memoryview, at: int, base: int, error: Exception, contents: Cont
         stated, used = at + HEAD.size + length, _used(data, opcode, at + HEAD.size)
     except UNPARSABLE:
         opcode, stated, used = 0, 0, 0
-    known = opcode in LAYOUT and opcode != Opcode.MESSAGE
-    if known and stated == used > len(data):
+    known_kind = opcode in LAYOUT and opcode != Opcode.MESSAGE
+    if known_kind and stated == used > len(data):
         if opcode == Opcode.CHUNK:
             with contextlib.suppress(*UNPARSABLE):
                 chunk = Chunk.of(Record(opcode, base + at, at + HEAD.size, stated, data))
-    elif known and stated != used and _begins(data, used):
+    elif known_kind and stated != used and _begins(data, used):
         end = at + HEAD.size
         record = Record(opcode, base + at, end, used, data)
         try:

@@ -69,7 +69,7 @@ class Recovery:
 
 
 @dataclass
-class _Kept:
+class _KeptChannel:
     """One channel's messages on their way into the new file. `numbered`: their numbers count what there was; `schemaless`:
     the schema that the channel names is missing."""
 
@@ -108,14 +108,14 @@ def recover(source: str | os.PathLike[str], target: str | os.PathLike[str] | Non
     source = Path(source)
     target = source.with_name(f"{source.stem}-recovered.mcap") if target is None else Path(target)
     data = mapped(source)
-    found = Contents(str(source), len(data))
-    for _ in records(data, found, unpack=True):
+    contents = Contents(str(source), len(data))
+    for _ in records(data, contents, unpack=True):
         pass  # what describes the messages may stand behind them
     if target.exists():
         raise WriteFailed(f"{target} exists; recordings are never overwritten, choose another name with --out")
     try:
         with replacing(target) as (file, partial):
-            result = _write(data, found, target, file)
+            result = _write(data, contents, target, file)
             file.flush()
             if problems := check(partial).problems:
                 wrong = f"the recovered file is wrong: {problems[0].text}"
@@ -160,7 +160,7 @@ def _write(data: memoryview, found: Contents, target: Path, file: Any) -> Recove
                 if before is not None and math.isfinite(before):
                     seconds_lost += max(0.0, (log_time - before) / 1e9)
                 before, first, newest = None, min(first, log_time), max(newest, log_time)
-    topics: dict[str, list[_Kept]] = {}
+    topics: dict[str, list[_KeptChannel]] = {}
     for entry in kept.values():
         topics.setdefault(entry.topic, []).append(entry)
     counts = _counts(topics, found)
@@ -185,7 +185,7 @@ def _write(data: memoryview, found: Contents, target: Path, file: Any) -> Recove
     return result
 
 
-def _register(writer: Writer, found: Contents) -> dict[int, _Kept]:
+def _register(writer: Writer, found: Contents) -> dict[int, _KeptChannel]:
     """Schemas and channels of the new file, by the channel numbers of the old one."""
     schemas = {0: 0}
     for number, schema in sorted(found.schemas.items()):
@@ -194,11 +194,11 @@ def _register(writer: Writer, found: Contents) -> dict[int, _Kept]:
     for number, c in sorted(found.channels.items()):
         channel = writer.register_channel(c.topic, c.message_encoding, schemas.get(c.schema_id, 0), c.metadata)
         numbered = ours(c, found.schemas.get(c.schema_id))
-        kept[number] = _Kept(c.topic, channel, numbered, c.schema_id not in schemas)
+        kept[number] = _KeptChannel(c.topic, channel, numbered, c.schema_id not in schemas)
     return kept
 
 
-def _counts(topics: dict[str, list[_Kept]], found: Contents) -> dict[str, StreamCounts]:
+def _counts(topics: dict[str, list[_KeptChannel]], found: Contents) -> dict[str, StreamCounts]:
     """Counts of the new file: the messages' numbers state how many there were before the last one that is kept. Topics that
     are not numbered have none, unless the source states them."""
     first = min((min(entry.log_times) for own in topics.values() for entry in own if entry.log_times), default=0)

@@ -252,8 +252,8 @@ class Recorder:
             number = self._states
         parts = (("vacuum", state.vacuum), ("bodies", state.bodies))
         limits = {f"{part}_{name}": x for part, of in parts if of is not None for name, x in asdict(of).items()}
-        own = {"t": t, "number": number, "rule": state.rule_name, "json": state.to_json(), "repeats": repeats}
-        self._event(events.STATE, t, state, **own, **limits)
+        fields = {"t": t, "number": number, "rule": state.rule_name, "json": state.to_json(), "repeats": repeats}
+        self._event(events.STATE, t, state, **fields, **limits)
         return number
 
     def trial(self, t: float, number: int, row: TrialRow, repeats: int = 0) -> None:

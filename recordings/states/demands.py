@@ -112,10 +112,10 @@ def jumped(samples: NDArray[np.void]) -> str:
     places = places_of(samples)
     for body in range(places.shape[1]):
         seen = np.isfinite(places[:, body]).all(axis=1)
-        at, t, stamp = places[seen, body], samples["t"][seen], samples["device_time"][seen]
-        if len(at) < 2:
+        position, t, stamp = places[seen, body], samples["t"][seen], samples["device_time"][seen]
+        if len(position) < 2:
             continue
-        steps, lasted = np.diff(at, axis=0), np.diff(t)
+        steps, lasted = np.diff(position, axis=0), np.diff(t)
         lasted = np.clip(np.nan_to_num(np.diff(stamp)), lasted, lasted + LATEST)
         # m/s: a robot of 40 cm that swings freely with its whole deflection at 2 Hz reaches less
         sudden = np.linalg.norm(steps, axis=1) > 3.0 * lasted + SLACK

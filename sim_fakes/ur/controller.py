@@ -226,13 +226,13 @@ class FakeController:
             return True
         if self.safety not in (Safety.NORMAL, Safety.REDUCED):
             return False
-        at = self.t
+        due = self.t
         if self.robot_mode in (RobotMode.POWER_OFF, RobotMode.POWER_ON):
-            at += POWERING
+            due += POWERING
             self.robot_mode = RobotMode.POWER_ON
-            self._steps.append((at, RobotMode.IDLE))
+            self._steps.append((due, RobotMode.IDLE))
         if release and self.robot_mode != RobotMode.RUNNING:
-            self._steps.append((at + RELEASING, RobotMode.RUNNING))
+            self._steps.append((due + RELEASING, RobotMode.RUNNING))
         return True
 
     def unlock(self) -> bool:

@@ -45,7 +45,7 @@ class UrFake:
 
     def _receive(self) -> None:
         punctual()
-        known: tuple[float, ...] = ()
+        newest: tuple[float, ...] = ()
         while self._running:
             try:
                 if not timing.readable([self._poses], 0.2):
@@ -56,9 +56,9 @@ class UrFake:
                 continue
             except (OSError, ValueError):
                 return
-            if sender[0] != self.host or pose == known:
+            if sender[0] != self.host or pose == newest:
                 continue
-            known = pose
+            newest = pose
             with self.plant.lock:
                 self.plant.probe_position = np.array(pose[:3])
                 self.plant.probe_rotation = rotation_matrix(pose[3:])

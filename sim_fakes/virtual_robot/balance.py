@@ -144,10 +144,10 @@ def _external(
         row = loads.contacts[c]
         k = int(row[0])
         w = row[1]
-        at = 0.0
+        distance = 0.0
         for i in range(3):
-            at += row[2 + i] * ((1 - w) * chain.r[k, i] + w * chain.r[k + 1, i])
-        force, slope = contact_force(row[5] - at, row[6], row[7], row[8])
+            distance += row[2 + i] * ((1 - w) * chain.r[k, i] + w * chain.r[k + 1, i])
+        force, slope = contact_force(row[5] - distance, row[6], row[7], row[8])
         for i in range(3):
             g[k, i] -= (1 - w) * force * row[2 + i]
             g[k + 1, i] -= w * force * row[2 + i]
