@@ -24,8 +24,7 @@ from drivers.configs import (
     ValveConfig,
 )
 from drivers.interfaces import Vector3
-from drivers.registry import ROLES
-from drivers.spec import QUANTITY
+from drivers.registry import QUANTITY, ROLES
 
 from .all_drivers import drivers, found_drivers
 from .config import ConfigError, FileTable, Source, check, read_yaml

@@ -20,7 +20,7 @@ from recordings.messages import NAME
 from recordings.numbers import number, whole_number
 from recordings.own_files import copied
 from sim_fakes.alicat import UNITS
-from sim_fakes.instrument import Fake, Regulators, faults
+from sim_fakes.instrument import Fake, FakeRegulators, faults
 from sim_fakes.registry import GROUP, OWN, of_role
 from sim_fakes.rig import FakeRig
 from sim_fakes.virtual_robot import RobotTruth, list_effects
@@ -214,7 +214,7 @@ def played(robot: Robot) -> RobotTruth:
         raise ConfigError(f"{robot.name}: cannot be simulated: {e.errors()[0]['msg']}") from e
 
 
-def regulators(a: argparse.Namespace) -> Regulators:
+def regulators(a: argparse.Namespace) -> FakeRegulators:
     """The fake regulators that the options ask for; raises ConfigError."""
     try:
         full_scale = to_si(a.full_scale, "Pa") if a.full_scale else None
@@ -226,7 +226,7 @@ def regulators(a: argparse.Namespace) -> Regulators:
     if a.unit not in UNITS:
         raise ConfigError(f"--unit {a.unit}: must be one of {', '.join(UNITS)}")
     pair = None if swapped is None else (swapped[0], swapped[1])
-    return Regulators(a.regulators, full_scale, a.firmware, a.unit, pair)
+    return FakeRegulators(a.regulators, full_scale, a.firmware, a.unit, pair)
 
 
 def write_rig(rig: FakeRig, path: Path, changes: Mapping[str, Any] | None = None, robot: Path | None = None) -> None:
