@@ -44,7 +44,7 @@ FINISH_TIMEOUT = 3.0
 
 
 @dataclass
-class _Motion:
+class _StartedMotion:
     goal: Vector6
     operation: int
     deadline: Deadline
@@ -65,7 +65,7 @@ class UR5:
         self._control: ControlThread | None = None
         self._seen: Snapshot | None = None
         """What the controller said of itself at `open`."""
-        self._move: _Motion | None = None
+        self._move: _StartedMotion | None = None
         self._tool: Tool | None = None
         """What the controller took to be at the flange at `open`."""
 
@@ -153,7 +153,7 @@ class UR5:
         allowed = DEADLINE_FACTOR * ur5_motion.duration(here, goal, speed, acceleration)
         deadline = Deadline.after(self._clock, allowed, self.config.timeout)
         slow = SlowMotion(ur5_motion.top_speed(here, goal, speed, acceleration))
-        self._move = _Motion(goal, self._started(control, before), deadline, slow)
+        self._move = _StartedMotion(goal, self._started(control, before), deadline, slow)
 
     def moving(self) -> bool:
         """True until the last started motion has ended at its goal.
@@ -344,7 +344,7 @@ class UR5:
             timing.sleep(LOOK_INTERVAL)
         return number
 
-    def _take_too_long(self, move: _Motion) -> None:
+    def _take_too_long(self, move: _StartedMotion) -> None:
         with contextlib.suppress(DeviceFault):
             self.stop()
         raise DeviceFault(

@@ -27,7 +27,7 @@ from model.effects.scales import Scales, scales
 from model.effects.solver import Solved, Steps, differentiate, integration_steps, look_inside, nudged, solve
 from model.effects.spec import EffectSpec, Values
 from model.effects.spine import ShearSpine, shear_spine
-from model.effects.tolerance import Source, single_sources, sources
+from model.effects.tolerance import VariationSource, single_sources, sources
 from model.errors import BadCondition, BadRobot
 from model.robot import Robot
 from model.rods import columns as col
@@ -199,7 +199,7 @@ class ForwardModel:
         full: States,
         area: Literal["one", "per_length"],
         catalogue: Mapping[str, EffectSpec],
-        varied: tuple[Source, ...],
+        varied: tuple[VariationSource, ...],
     ) -> None:
         """Lay out the parameters of `varied`."""
         self.robot, self.area, self.catalogue, self._every_law = robot, area, catalogue, False

@@ -27,7 +27,7 @@ Group = Literal["effect", "calibration", "nuisance"]
 
 
 @dataclass(frozen=True)
-class Source:
+class VariationSource:
     """An effect, tolerance or calibration and how many copies of its parameters there are."""
 
     spec: EffectSpec
@@ -104,8 +104,8 @@ def _zero(r: Readings, v: Values) -> None:
     r.force = r.force + np.where(r.design.stiffness, v["force"], 0.0)
 
 
-def _tolerance(id: str, stage: Stage, law: Law, *parameters: Parameter, scope: Scope = "all") -> Source:
-    return Source(EffectSpec(id, stage, "", parameters, law, "tolerance", ""), "nuisance", scope)
+def _tolerance(id: str, stage: Stage, law: Law, *parameters: Parameter, scope: Scope = "all") -> VariationSource:
+    return VariationSource(EffectSpec(id, stage, "", parameters, law, "tolerance", ""), "nuisance", scope)
 
 
 def _xyz(unit: str, sd: float, axes: str = "xyz") -> tuple[Parameter, ...]:
@@ -157,7 +157,7 @@ DRIFT = _tolerance(
 JAMMING = _tolerance("jamming", "structure", Law(before=_jamming), Parameter("exponent", "1", 0.15, -0.4, 0.5))
 
 
-def _as_stated(source: Source, uncertainty: Mapping[str, float]) -> Source:
+def _as_stated(source: VariationSource, uncertainty: Mapping[str, float]) -> VariationSource:
     """A tolerance whose parameters have the standard deviation that robot.yaml states, if it does (`uncertainty`: id -> sd, in
     their unit). Bounds are 10 sd; a relative change (unit 1) stays above -80 %, so that the quantity stays positive."""
     sd = uncertainty.get(source.spec.id)
@@ -177,10 +177,10 @@ def mounts(design: States) -> list[tuple[float, int]]:
     return [(float(roll), int(sitting)) for roll, sitting in found[np.argsort(-count, kind="stable")]]
 
 
-def single_sources(robot: Robot, effects: tuple[EffectSpec, ...]) -> tuple[Source, ...]:
+def single_sources(robot: Robot, effects: tuple[EffectSpec, ...]) -> tuple[VariationSource, ...]:
     """What has parameters of states that are each reached from rest: one copy of each."""
-    found = [Source(spec, "effect") for spec in effects]
-    found += [*ALWAYS, Source(AREA, "calibration")]
+    found = [VariationSource(spec, "effect") for spec in effects]
+    found += [*ALWAYS, VariationSource(AREA, "calibration")]
     if robot.spine is not None:
         found += [replace(source, scope="all") for source in BY_TRIAL]
     return (*found, JAMMING) if JAMMING.spec.id in robot.tolerances else tuple(found)
@@ -191,14 +191,14 @@ def sources(
     catalogue: tuple[EffectSpec, ...],
     area: Literal["one", "per_length"],
     uncertainty: Mapping[str, float] = MappingProxyType({}),
-) -> tuple[Source, ...]:
+) -> tuple[VariationSource, ...]:
     """Everything that has parameters, in the order of the parameter table: effects, tolerances, calibration, those of each
     mounting and trial. `uncertainty`: tolerance -> standard deviation, where it is not the usual one."""
-    chosen = [Source(spec, "effect") for spec in catalogue]
+    chosen = [VariationSource(spec, "effect") for spec in catalogue]
     moved = bool((~design.stiffness).any())
     chosen += [_as_stated(source, uncertainty) for source in (ALWAYS if moved else ALWAYS[:2])]
     if moved:
-        chosen.append(Source(AREA, "calibration", "all" if area == "one" else "spine_length"))
+        chosen.append(VariationSource(AREA, "calibration", "all" if area == "one" else "spine_length"))
         if np.ptp(design.progress[~design.stiffness]) > 0:
             chosen.append(DRIFT)
     if len(mounts(design)) > 1:

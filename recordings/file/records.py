@@ -25,7 +25,7 @@ from mcap.opcode import Opcode
 
 from ..errors import Damaged, NotARecording, Oversized, RecordingError
 from .budget import Budget
-from .chunks import HEAD, UNPARSABLE, Chunk, Messages, Record, scan, unpacked
+from .chunks import HEAD, UNPARSABLE, Chunk, Messages, McapRecord, scan, unpacked
 from .contents import Contents
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -83,7 +83,7 @@ def holes(data: memoryview, contents: Contents, *, unpack: bool = False) -> list
 
 def records(
     data: memoryview, contents: Contents, *, unpack: bool = False, growing: bool = False
-) -> Iterator[Record | Messages | Hole]:
+) -> Iterator[McapRecord | Messages | Hole]:
     """Every record of a file in its order, from `contents.end` on, with a hole for whatever is none; `contents` takes note
     of each. Raises `NotARecording` for a file that is not an MCAP file.
 
@@ -101,7 +101,7 @@ def records(
     run: Chunk | None = None
     """Messages outside chunks, while more may follow."""
     while offset < len(data) and not contents.finished:
-        record: Record | None
+        record: McapRecord | None
         hole: Hole | None = None
         try:
             record = _record_at(data, offset, base)
@@ -157,7 +157,7 @@ def inside(data: memoryview, chunk: Chunk, contents: Contents) -> Iterator[Messa
         opcode, length = HEAD.unpack_from(raw, offset)
         try:
             if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                contents.define(Record(opcode, offset, offset + HEAD.size, offset + HEAD.size + length, raw))
+                contents.define(McapRecord(opcode, offset, offset + HEAD.size, offset + HEAD.size + length, raw))
             elif opcode in LAYOUT:
                 raise struct.error(f"it holds a record of kind {opcode}, which stands outside chunks only")
         except (*UNPARSABLE, Damaged) as problem:
@@ -216,7 +216,7 @@ def _joined(batch: list[Chunk], raws: list[bytes], budget: Budget) -> Messages:
     return found
 
 
-def _record_at(data: memoryview, at: int, base: int = 0, search: bool = True) -> Record:
+def _record_at(data: memoryview, at: int, base: int = 0, search: bool = True) -> McapRecord:
     """The record that begins at data[at], byte base + at of the file; raises what `UNPARSABLE` lists when it makes no sense.
 
     Where nothing makes sense behind it, its length is wrong if records are found in it (`search`).
@@ -231,7 +231,7 @@ def _record_at(data: memoryview, at: int, base: int = 0, search: bool = True) ->
         raise struct.error("its fields are longer than the record")
     if used < end and not _plausible(data, end) and not (search and _next(data, at + 1, end) == end):
         raise struct.error("no record follows where it ends")
-    return Record(opcode, base + at, body, end, data)
+    return McapRecord(opcode, base + at, body, end, data)
 
 
 def _used(data: memoryview | bytes, opcode: int, body: int) -> int:
@@ -285,7 +285,7 @@ def _unfinished(data: memoryview, at: int) -> bool:
     return bool(opcode == 0 or length > len(data) - at - HEAD.size)
 
 
-def _hole(data: memoryview, at: int, base: int, error: Exception, contents: Contents) -> tuple[Hole, Record | None]:
+def _hole(data: memoryview, at: int, base: int, error: Exception, contents: Contents) -> tuple[Hole, McapRecord | None]:
     """What is wrong at data[at] up to where the walk goes on, and a record whose stated length alone is wrong."""
     error = _named(error, f"{contents.name}: the record at byte {base + at}", "verify")
     end, chunk, record = len(data), None, None
@@ -298,10 +298,10 @@ def _hole(data: memoryview, at: int, base: int, error: Exception, contents: Cont
     if known_kind and stated == used > len(data):
         if opcode == Opcode.CHUNK:
             with contextlib.suppress(*UNPARSABLE):
-                chunk = Chunk.of(Record(opcode, base + at, at + HEAD.size, stated, data))
+                chunk = Chunk.of(McapRecord(opcode, base + at, at + HEAD.size, stated, data))
     elif known_kind and stated != used and _begins(data, used):
         end = at + HEAD.size
-        record = Record(opcode, base + at, end, used, data)
+        record = McapRecord(opcode, base + at, end, used, data)
         try:
             contents.take(record)
         except (*UNPARSABLE, RecordingError):

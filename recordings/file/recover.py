@@ -21,7 +21,7 @@ from mcap.writer import CompressionType, Writer
 from ..errors import Oversized, RecordingError, WriteFailed
 from ..messages import is_stream
 from ..own_files import replacing
-from .chunks import Record
+from .chunks import McapRecord
 from .contents import Contents, mapped
 from .counts import StreamCounts, counted, timing
 from .records import Hole, records
@@ -136,7 +136,7 @@ def _write(data: memoryview, found: Contents, target: Path, file: Any) -> Recove
     before: float | None = None
     """Newest log time when a hole began, while no message has come behind it."""
     for item in records(data, Contents(found.name, found.size), unpack=True):
-        if isinstance(item, Record):
+        if isinstance(item, McapRecord):
             if item.opcode == Opcode.ATTACHMENT:
                 a = item.read(Attachment)
                 writer.add_attachment(a.create_time, a.log_time, a.name, a.media_type, a.data)

@@ -20,7 +20,7 @@ from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, ChunkIndex, MetadataIndex, Statistics
 
 from ..errors import NotARecording, OtherVersion, Oversized, RecordingError
-from .chunks import UNPARSABLE, Chunk, Messages, Record
+from .chunks import UNPARSABLE, Chunk, Messages, McapRecord
 from .contents import Contents, attachment_crc, mapped
 from .counts import below_zero, counted
 from .reader import Recording
@@ -94,7 +94,7 @@ class _Check:
     places: dict[int, tuple[int, int]] = field(default_factory=dict)
     """Byte -> kind and length of the records that the summary may list."""
     chunks: dict[int, Chunk] = field(default_factory=dict)
-    summary: list[Record] = field(default_factory=list)
+    summary: list[McapRecord] = field(default_factory=list)
     data_end: int | None = None
     """Where the data section ends."""
     chunk: Chunk | None = None
@@ -136,7 +136,7 @@ class _Check:
             self.problem(end, f"no complete record follows; {rest}")
 
     # -- records
-    def _record(self, record: Record) -> None:
+    def _record(self, record: McapRecord) -> None:
         if record.opcode != Opcode.MESSAGE_INDEX:
             self._close_chunk()
         if record.opcode == Opcode.FOOTER:
@@ -202,7 +202,7 @@ class _Check:
             self.problem(chunk.start, f"the chunk has no index of its messages of channel {missing}")
 
     # -- the end
-    def _footer(self, record: Record) -> None:
+    def _footer(self, record: McapRecord) -> None:
         end, size = record.end, record.end - record.body
         if self.data[end : end + len(MAGIC)] != MAGIC:
             self.problem(end, "the end mark is missing")
@@ -232,7 +232,7 @@ class _Check:
                 kind = Opcode(opcode).name.lower().replace("_", " ")
                 self.problem(self.summary[0].start, f"the summary lists {count} of {counted} ({kind})")
 
-    def _listed(self, record: Record) -> None:
+    def _listed(self, record: McapRecord) -> None:
         """Compare a record of the summary with what it counts or points to."""
         if record.opcode == Opcode.STATISTICS:
             stated, total = record.read(Statistics), self.messages.total()
