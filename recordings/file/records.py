@@ -25,7 +25,7 @@ from mcap.opcode import Opcode
 
 from ..errors import Damaged, NotARecording, Oversized, RecordingError
 from .budget import Budget
-from .chunks import HEAD, UNPARSABLE, Chunk, Messages, McapRecord, scan, unpacked
+from .chunks import HEAD, UNPARSABLE, Chunk, McapRecord, Messages, scan, unpacked
 from .contents import Contents
 
 MAGIC = b"\x89MCAP0\r\n"

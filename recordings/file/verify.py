@@ -20,7 +20,7 @@ from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, ChunkIndex, MetadataIndex, Statistics
 
 from ..errors import NotARecording, OtherVersion, Oversized, RecordingError
-from .chunks import UNPARSABLE, Chunk, Messages, McapRecord
+from .chunks import UNPARSABLE, Chunk, McapRecord, Messages
 from .contents import Contents, attachment_crc, mapped
 from .counts import below_zero, counted
 from .reader import Recording
