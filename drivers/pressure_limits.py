@@ -1,4 +1,4 @@
-"""What a pressure regulator may be told: a range, and how fast a set-point may move."""
+"""The limits of a regulator's set-points: their range, and their rate."""
 
 from __future__ import annotations
 

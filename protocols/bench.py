@@ -40,7 +40,7 @@ class Jammed:
     vacuum: VacuumBand
     """What it must keep."""
     soft: bool = False
-    """It showed that it is soft, whatever the gauge shows."""
+    """Its shape or its resistance showed that it is soft, even if the gauge shows its vacuum."""
 
 
 Mount = Literal["robot", "body", "spine"]

@@ -201,7 +201,7 @@ def _setup(p: Bending, vacuum: float) -> Setup:
 
 
 def run(bench: Bench, p: Bending, trials: Trials) -> None:
-    """Do the sweep. Raises ProtocolError; the caller lands the rig safe whatever happens."""
+    """Do the sweep. Raises ProtocolError; the caller always lands the rig safe."""
     # A pattern that the wiring cannot make fails before anything moves.
     setpoints(bench, _chambers(p, max(p.pressures)))
     vent(bench)

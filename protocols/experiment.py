@@ -291,10 +291,7 @@ class Trials:
         raise AssertionError("the last reading returns or raises")
 
     def _demand_rest(self, state: State, row: TrialRow) -> None:
-        """Check a state at rest against the first one of the same set-up; raises Misplaced where a body is elsewhere.
-
-        The first state at rest gives the arc lengths of markers that robot.yaml does not state: their distances from the base.
-        """
+        """Check a state at rest against the first of its set-up, which gives markers their arc lengths; raises Misplaced."""
         if state.bodies is None or state.branch != "load" or any(state.targets) or not isinstance(state.rule, Settled):
             return
         hangs = (state.spine_length, state.vacuum is None, state.tip_mass, state.roll_deg, state.specimen)

@@ -1,9 +1,9 @@
 """What may happen to the robot itself, apart from its instruments: put between the actuators and the virtual robot.
 
-leak          the regulator of a chamber holds 30 % less than it is told to
+leak          the regulator of a chamber holds 30 % less than its set-point
 burst         a chamber, and all on the same channel, hold nothing
 supply_low    no regulator gets beyond 60 kPa
-valve_stuck   the jamming valve stays as it is, whatever its relay does
+valve_stuck   the jamming valve does not follow its relay
 jam_slip      the jammed spine slips back by 8 mm, once
 contact_lost  the specimen breaks off: nothing pushes on the probe any more
 marker_lost   the tip's marker has come off

@@ -53,7 +53,7 @@ KEPT_BY_RESET: dict[bytes, tuple[int, ...]] = {b"\xff": (), b"\x01": (7,), b"\x0
 """Content of FACTORY_RESET: the registers that it leaves as they are."""
 BROADCAST, LAST_ID = 254, 252
 ANSWER_READS, ANSWER_ALL = 1, 2
-"""Status return levels from which on reads and everything else are answered; a ping always is."""
+"""Status return levels starting at which reads, and everything else, are answered; a ping always is."""
 TABLE_END = 662
 """First address beyond the control table; what is undefined inside reads as 0."""
 
@@ -221,7 +221,7 @@ class DrumMotor(Drum):
         self.forget_turns()
 
     def process(self, dt: float) -> None:
-        """Advance by dt seconds of rig time; the bus watchdog looks at host time."""
+        """Advance by dt seconds of rig time; the bus watchdog counts host time."""
         self._check_watchdog()
         start = self.length
         super().process(dt)

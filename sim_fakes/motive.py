@@ -209,7 +209,7 @@ class MotiveFake(timing.Thread):
         self._unturned = quaternion_xyzw(self._rotation.T)
         """Of a body that stands as the base does, x, y, z, w."""
         self._tip_turn = np.eye(3), self._unturned
-        """The tip's rotation in the base frame when it was last looked at, and its quaternion."""
+        """The tip's rotation in the base frame at the last reading, and its quaternion."""
         self._data_port = data_port
         self._command = self._socket(command_port)
         self._data = self._socket(data_port)
@@ -219,7 +219,7 @@ class MotiveFake(timing.Thread):
         self.other_definitions: list[tuple[int, bytes]] = []
         """Model definitions (kind, content) that are sent before those of the rigid bodies."""
         self.clients: dict[tuple[str, int], float] = {}
-        """Who is remembered, and when each was last heard, s of host time."""
+        """The known clients, and when each was last heard, s of host time."""
         names = [(TIP, "Tip"), (BASE, "Base")] + [(FIRST_MARKER + i, f"M{i + 1}") for i in range(markers)]
         self._bodies = [StreamedBody(i, name, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])) for i, name in names]
         self.versions: dict[tuple[str, int], Version] = {}

@@ -243,7 +243,7 @@ class StepperDrum(Drum):
             self.run()
 
     def process(self, dt: float) -> None:
-        """Advance by dt seconds of rig time; the heartbeat looks at host time."""
+        """Advance by dt seconds of rig time; the heartbeat counts host time."""
         silent = self.silence.now()
         if self.heartbeat and silent > self.heartbeat:
             self.halt()

@@ -55,7 +55,7 @@ class Config(RegulatorsConfig):
 
 
 UNASKED = 0.2
-"""Host seconds in which a unit in streaming mode sends by itself; it does so every 50 ms unless told otherwise."""
+"""Host seconds in which a unit in streaming mode sends by itself; by default every 50 ms."""
 
 
 def find_units(name: str, line: SerialLine, units: Sequence[AlicatUnit], twice: Callable[[Callable[[], str]], str]) -> list[str]:
@@ -220,7 +220,7 @@ class Alicat:
             return PressureSample(self._clock.now(), tuple(f.setpoint for f in frames), tuple(f.measured for f in frames))
 
     def vent(self) -> None:
-        """All set-points to zero, not rate-limited, held valves released; whatever else is on the line gives way.
+        """Set all set-points to zero without rate limit and release held valves; all other exchanges give way.
 
         A brisk round first, so that no silent unit keeps the others waiting; who did not confirm is asked twice again.
         Needs no more than `connect`. Raises `InstrumentError` naming the units that did not confirm zero.
@@ -324,8 +324,7 @@ class Alicat:
             raise WrongDevice(self.name, wrong)
 
     def _polled(self, channel: int) -> Readout:
-        """One reading in Pa. The unit of measure is asked first where it may have changed: after a vent, when the set-point is
-        not the confirmed one, when the pressure jumps, when somebody has unlocked the panel."""
+        """One reading in Pa; the unit of measure is asked first where it may have changed."""
         unit = self._units[channel]
         frame = self._twice(unit.poll)
         unlocked = channel in self._locked and LOCKED not in frame.codes

@@ -66,7 +66,7 @@ class FT300S:
     def __init__(
         self, name: str, config: Config, clock: Clock, sink: Sink[WrenchSample], notice: Callable[[str], None] = lambda text: None
     ) -> None:
-        """`notice` is never called: this sensor has nothing to tell beside its samples."""
+        """`notice` is never called: this sensor reports nothing but its samples."""
         self.name = name
         self.config = config
         self._clock = clock

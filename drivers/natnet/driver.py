@@ -30,7 +30,7 @@ from .packets import Cursor, Definitions, MocapFrame, ServerInfo, Unreadable
 from .wire import NatNetServer
 
 LONGEST_WAIT = 0.02
-"""s until the sockets are looked at again though nothing has come: to keep alive, and to end."""
+"""s between two checks of the sockets when nothing arrives: to keep alive, and to end."""
 TRIES = 4
 """Times that the server is asked within the time-out: datagrams get lost."""
 ASK_AGAIN = 0.5
@@ -216,8 +216,7 @@ class NatNetMocap:
     def _wait(
         self, server: NatNetServer, done: Callable[[], bool], ask: int, failure: Callable[[], Unreachable | WrongDevice]
     ) -> None:
-        """Ask, and take what comes until `done`; raises the failure after `TRIES`, of which a computer that stands still
-        spends one."""
+        """Ask until `done`, at most `TRIES` times within the time-out; then raise the failure."""
         for _ in range(TRIES):
             try:
                 server.ask(ask, b"Ping\0" if ask == packets.CONNECT else b"\0")

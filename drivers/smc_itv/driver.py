@@ -187,7 +187,7 @@ class SmcItv:
             return PressureSample(self._clock.now(), self._confirmed(), measured)
 
     def confirm_settings(self) -> None:
-        """Read the set-points back: a unit has no other setting that its line tells.
+        """Read the set-points back: a unit reports no other setting.
 
         Raises WrongDevice when one is not what was confirmed: changed at the panel, by another program, or by a loss of power.
         """
@@ -211,7 +211,7 @@ class SmcItv:
         return [notice for line in self._lines for notice in line.take_notices()]
 
     def vent(self) -> None:
-        """All set-points to zero, not rate-limited; whatever else is under way gives way.
+        """Set all set-points to zero, without rate limit; all other exchanges give way.
 
         A unit that fails is tried again, and does not keep the others. Needs no more than `connect`. Raises
         `InstrumentError` naming the ports that did not confirm zero.
@@ -327,7 +327,7 @@ class SmcItv:
         return answers, errors
 
     def _send(self, channel: int, request: bytes) -> None:
-        """Raises NoReply when the answer could not be told from others; a set-point goes out all the same."""
+        """Raise NoReply when the answer could not be distinguished from others; a set-point is sent all the same."""
         line, state = self._lines[channel], self._behind.get(channel)
         if state is not None and state.held:
             now = timing.now()
@@ -348,10 +348,10 @@ class SmcItv:
 
     def _mark(self, channels: Sequence[int]) -> None:
         if channels:
-            with contextlib.suppress(NoReply):  # given up for a stop: reading tells
+            with contextlib.suppress(NoReply):  # given up for a stop: reading shows it
                 self._lock.sleep(self.config.poll_interval)  # a unit may not take two lines at once
         for channel in channels:
-            with contextlib.suppress(InstrumentError):  # reading tells
+            with contextlib.suppress(InstrumentError):  # reading shows it
                 self._lines[channel].write(MARK + END)
 
     def _answer(self, channel: int, deadline: float) -> bytes:

@@ -177,8 +177,7 @@ class TmclSpine(DrumLengthUnit):
         return round(1000 * self._config.heartbeat) if self._config.heartbeat else None
 
     def _settings(self) -> KeptSettings:
-        """The settings on which the promises rest: a module keeps them without power, and a program stored in it can change
-        them."""
+        """The settings on which the promises rest; the module keeps them without power, and its programs can change them."""
         axis = self._axis
 
         def of_module(name: str, number: ModuleParameter, needed: int, why: str) -> Setting:

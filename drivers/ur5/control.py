@@ -178,7 +178,7 @@ class ControlThread:
                 break
             try:
                 job.done.set(job.do(control))
-            except Exception as error:  # whatever the library raises belongs to the caller
+            except Exception as error:  # the library's errors belong to the caller
                 job.done.fail(error)
         control.disconnect()
 

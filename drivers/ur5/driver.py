@@ -38,7 +38,7 @@ STOP_ALLOWANCE = 0.2
 STATE_LAG = 0.1
 """s of host time by which the state may be behind the command connection; it is one or two cycles."""
 LOOK_INTERVAL = 0.002
-"""s of host time between looks at the state while waiting."""
+"""s of host time between two checks of the state while waiting."""
 FINISH_TIMEOUT = 3.0
 """s of host time for ending the program and disconnecting; the library sleeps 0.5 s in there, twice."""
 
@@ -221,7 +221,7 @@ class UR5:
             timing.sleep(LOOK_INTERVAL)
 
     def standing(self) -> bool:
-        """True when the newest state shows the arm standing, whatever else is wrong with it.
+        """True when the newest state shows the arm standing, even if something else is wrong with it.
 
         Raises NotReady before `open`, NoReply when no state comes.
         """
@@ -295,8 +295,7 @@ class UR5:
         return sample
 
     def _end_program(self) -> str:
-        """End a program that the safety system or a person has halted: once that is cleared, it would go on with its motion by
-        itself. Returns what is to be done where it does not end."""
+        """End a halted program, which would go on once its cause is cleared; return what a person must do if it stays."""
         if self._seen is None or self._state.runtime in ENDED:
             return ""
         try:

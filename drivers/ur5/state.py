@@ -94,7 +94,7 @@ class UR5State:
         self.speed_slider = 1.0
         """0..1, of the newest sample."""
         self.speed_scaling = 1.0
-        """Share of the programmed speed that the controller allows, beside the slider, of the newest sample."""
+        """Share of the programmed speed that the controller allows, in addition to the slider, of the newest sample."""
         self.runtime = PLAYING
         """runtime_state as RTDE defines it, of the newest sample."""
         self._receive: Any = None

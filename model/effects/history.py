@@ -277,8 +277,7 @@ def _lag(
 
 @numba.njit(cache=True)
 def _slide(drive: Array, before: Order, after: Order, first: NDArray[np.bool_], yields: Array, out: Array) -> None:
-    """Jenkins elements j of equal weight: state += change of drive / yields[j], shortened to length 1 where it is longer (radial
-    return); `out` is their mean."""
+    """Jenkins elements of equal weight: state += change / yield, returned to length 1 beyond it; `out` is their mean."""
     count, wide = yields.shape[1], drive.shape[2]
     state = np.zeros((count, wide))
     for v in range(drive.shape[0]):

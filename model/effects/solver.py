@@ -132,8 +132,7 @@ def _fill_stations(solved: Solved, rods: rod.Rods, inside: bool) -> None:
 def _solve_from(
     layout: at.Layout, rows: Array, steps: Steps, start: Solved, trial: bool, whole: bool, followed: Solved | None
 ) -> rod.Solution:
-    """Solve from a solution close by. Where that misleads, from others that were followed, from nothing, by way of rods in
-    between, or as the load grows."""
+    """Solve from a close solution, else from others that were followed, from nothing, through rods between, or as loads grow."""
     rods = sprung_rods(layout, rows)
     solution = _nearby(rods, steps, start.solution)
     unsolved = _unsolved(solution)

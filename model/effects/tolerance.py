@@ -158,8 +158,7 @@ JAMMING = _tolerance("jamming", "structure", Law(before=_jamming), Parameter("ex
 
 
 def _as_stated(source: VariationSource, uncertainty: Mapping[str, float]) -> VariationSource:
-    """A tolerance whose parameters have the standard deviation that robot.yaml states, if it does (`uncertainty`: id -> sd, in
-    their unit). Bounds are 10 sd; a relative change (unit 1) stays above -80 %, so that the quantity stays positive."""
+    """A tolerance with the sd that robot.yaml states (`uncertainty`: id -> sd), bounds 10 sd, a relative one above -80 %."""
     sd = uncertainty.get(source.spec.id)
     if sd is None:
         return source

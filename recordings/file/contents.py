@@ -157,5 +157,5 @@ def _unique(name: str, taken: dict[str, bytes] | dict[str, dict[str, str]]) -> s
 
 
 def _identity(known: Schema | Channel) -> object:
-    """What messages depend on; a channel's metadata may be told differently."""
+    """What messages depend on; a channel's metadata may differ."""
     return known if isinstance(known, Schema) else (known.topic, known.message_encoding, known.schema_id)

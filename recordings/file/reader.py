@@ -177,7 +177,7 @@ class Recording:
         return self._streams[topic]
 
     def units(self, topic: str) -> dict[str, str]:
-        """Unit of each field of a stream, as the file's schema tells. Raises `Damaged`."""
+        """Unit of each field of a stream, as the file's schema states. Raises `Damaged`."""
         return {field.name: field.unit for field in self._message(self._channel(topic)).fields}
 
     def newest(self, topic: str) -> float:

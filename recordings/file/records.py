@@ -84,7 +84,7 @@ def holes(data: memoryview, contents: Contents, *, unpack: bool = False) -> list
 def records(
     data: memoryview, contents: Contents, *, unpack: bool = False, growing: bool = False
 ) -> Iterator[McapRecord | Messages | Hole]:
-    """Every record of a file in its order, from `contents.end` on, with a hole for whatever is none; `contents` takes note
+    """Every record of a file in its order, starting at `contents.end`, with a hole for what is none; `contents` takes note
     of each. Raises `NotARecording` for a file that is not an MCAP file.
 
     `data`: the file from byte `contents.end` on. `unpack`: each chunk is followed by the messages in it, and those outside

@@ -1,4 +1,4 @@
-"""A whole file out of a damaged or torn one: every message that can be read, indexed anew, and what is missing told.
+"""A whole file out of a damaged or torn one: every message that can be read, indexed anew, and a report of what is missing.
 
 The source is never touched. The new file appears under its name only when it is complete and verified.
 """
@@ -52,7 +52,7 @@ class Recovery:
     """Topics whose schema is missing in the file; their messages are kept without one."""
     seconds_kept: float
     seconds_lost: float
-    """Rig seconds between the messages before and behind each hole, and to the end that a torn chunk tells."""
+    """Rig seconds between the messages before and behind each hole, and to the end that a torn chunk states."""
     bytes_skipped: int
     holes: int
     oversized: str
@@ -88,7 +88,7 @@ class _KeptChannel:
         """
         if not self.numbers or not self.numbered:
             return len(self.numbers)
-        if not is_stream(self.topic):  # events may be told later than they happened
+        if not is_stream(self.topic):  # events may be recorded later than they happened
             return max(self.numbers)
         numbers = np.array(self.numbers)[np.lexsort((self.numbers, self.log_times))]
         ends = np.append(np.flatnonzero(np.diff(numbers) < 0), len(numbers) - 1)
@@ -199,8 +199,7 @@ def _register(writer: Writer, found: Contents) -> dict[int, _KeptChannel]:
 
 
 def _counts(topics: dict[str, list[_KeptChannel]], found: Contents) -> dict[str, StreamCounts]:
-    """Counts of the new file: the messages' numbers state how many there were before the last one that is kept. Topics that
-    are not numbered have none, unless the source states them."""
+    """Counts of the new file by the messages' numbers; topics without numbers have none unless the source states them."""
     first = min((min(entry.log_times) for own in topics.values() for entry in own if entry.log_times), default=0)
     out, before = {}, counted(found.metadata)
     for topic, entries in topics.items():

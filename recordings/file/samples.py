@@ -107,7 +107,7 @@ def decode(message: MessageType, schema: Schema, payloads: Iterable[bytes], coun
     """`count` messages to an array like `MessageType.decode`; sizes of arrays are those of the first message.
 
     Fields that the file's schema does not have yet are NaN (numbers) or 0 (everything else). Raises `OtherVersion` when
-    the schema has none of the fields beside `t`, has them of another type, or arrays change their size.
+    the schema has none of the fields except `t`, has them of another type, or arrays change their size.
     """
     kind = message_class(schema)
     in_file = {field.name: field for field in kind.DESCRIPTOR.fields}

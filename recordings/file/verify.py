@@ -79,7 +79,7 @@ class Verification:
 
 @dataclass
 class _Check:
-    """A walk over a file, with what it has found so far."""
+    """A walk over a file, with its findings up to here."""
 
     data: memoryview
     contents: Contents

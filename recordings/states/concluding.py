@@ -45,8 +45,8 @@ def sensor_column(topic: str, quantity: str) -> str:
 
 
 def conclude(streams: Streams, state: State, count: Callable[[int], object] = lambda _: None) -> TrialRow | None:
-    """Read a state: its row, or None while samples are missing that may still come. `count` is told how many samples are about to
-    be averaged.
+    """Read a state: its row, or None while samples are missing that may still come. `count` gets the number of samples to be
+    averaged.
 
     Depends on the samples up to the end of the window only: the same row whenever it is asked for, live or from a file.
     Raises `NotSettled` when the rule can no longer be met, `TooFewSamples` when its window holds too few, `VacuumLost` as
@@ -88,10 +88,7 @@ def _span(streams: Streams, state: State, watermark: float) -> Span | None:
 
 
 def _demand_vacuum(streams: Streams, state: State, span: Span | None, watermark: float) -> None:
-    """Raises VacuumLost when the vacuum left its band before the window's end, or before `watermark` while it may still come.
-
-    It does not matter how often one asks: a window that is not complete yet ends after `watermark`.
-    """
+    """Raise VacuumLost when the vacuum left its band before the window's end, or before `watermark` without one."""
     band = state.vacuum
     if band is None:
         return
@@ -180,8 +177,7 @@ def _row(streams: Streams, state: State, span: Span, count: Callable[[int], obje
 
 
 def _demand_numbers(topic: str, samples: Samples) -> None:
-    """Raises NotSettled when a sample holds NaN or a value beyond all measure: an average that leaves it out would hide a
-    fault."""
+    """Raise NotSettled for a sample with NaN or a value beyond all measure, which an average would hide."""
     averaged = (samples.dtype.names or ())[1:] if of_sensor(topic) else AVERAGED.get(topic, ())
     for name in (*averaged, *SEEN.get(topic, ())):
         values = np.abs(samples[name].reshape(len(samples), -1))

@@ -26,7 +26,7 @@ PROTOCOL_IS = "must be letters, digits, _ and -, at most 40"
 BRANCHES = ("load", "unload")
 SPECIMENS = ("spine", "body")
 LARGEST = 1e15
-"""No number of a state is larger, in whatever unit; squares of such numbers are numbers still."""
+"""No number of a state is larger, in any unit; squares of such numbers are still finite."""
 LONGEST_AVERAGE = 10_000
 """Samples of a moving average."""
 BESIDE_JSON = ("clipped", "vacuum", "least_force", "bodies")

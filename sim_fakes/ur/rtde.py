@@ -167,7 +167,7 @@ class RtdeConnection(Connection):
         self._send(INPUTS, bytes([len(self.recipes)]) + ",".join(types).encode())
 
     def _write(self, number: int, body: bytes) -> None:
-        """A data package: recipe number and values. A bad one is noted and ignored, as its sender cannot be told."""
+        """A data package: recipe number and values. A bad one is noted and ignored, as RTDE has no error reply."""
         recipe = self.recipes[number - 1] if 1 <= number <= len(self.recipes) else None
         if recipe is None:
             self.hub.violation(f"rtde: data for recipe {number} of {len(self.recipes)}")

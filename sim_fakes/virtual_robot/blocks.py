@@ -74,10 +74,7 @@ def add_skew(v: Array, factor: float, out: Array) -> None:
 
 @kernel
 def _divide(b: Array, a: Array, g: Array) -> None:
-    """a <- b^-1 a and g <- b^-1 g by elimination in place (b 6 x 6, destroyed).
-
-    Not pivoted: the free end of a chain leaves b near the stiffness of one segment, well away from singular.
-    """
+    """a <- b^-1 a and g <- b^-1 g by elimination in place (b 6 x 6, destroyed), without pivots: b is far from singular."""
     for p in range(6):
         inv = 1.0 / b[p, p]
         for i in range(p + 1, 6):

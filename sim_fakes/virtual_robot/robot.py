@@ -130,7 +130,7 @@ place (m)."""
 
 @dataclass
 class Hands:
-    """What is set by hand or by the arm, beside chambers and spine."""
+    """What is set by hand or by the arm, in addition to chambers and spine."""
 
     mount: str = "robot"
     tip_mass: float = 0.053
