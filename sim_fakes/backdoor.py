@@ -8,7 +8,7 @@ user can reach.
     {"fault": ["spine", "half"]}, {"fault": null}                                         one of sim_fakes/faults.py; none
     {"drop_out": ["pressure", 0.5]}                                                       a cable is out for so long, host s
     {"panel": ["pressure", "A", "unit", "psi"]}, {"panel": ["pressure", "A", "unlock"]}                   a person at a panel
-    {"accident": "burst"}, {"accident": null}                                             one of sim_fakes/accidents.py; none
+    {"accident": "burst"}, {"accident": null}                                             one of sim_fakes/faults.py; none
     {"tip_visible": false}                                                                hide the tip from the cameras
     {"ur": {"do": "protective_stop"}}                                                     passed on to the arm's controller
 

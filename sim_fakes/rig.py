@@ -14,17 +14,15 @@ import numpy as np
 import timing
 from timing import RigClock
 
-from .accidents import Accidents
 from .backdoor import BackDoor
-from .faults import FaultSwitch
+from .faults import Accidents, FaultSwitch
 from .instrument import Fake, FakePart, FakeRegulators, Site
 from .motive import MotiveFake
 from .plant import Plant
 from .pty_fake import PtyFake
 from .punctual import punctual
 from .registry import OWN, of_role
-from .ur.fake import UrFake
-from .ur.process import UrProcess, free_host
+from .ur.process import UrFake, UrProcess, free_host
 from .virtual_robot import RobotTruth, VirtualRobot
 
 PLANT_PERIOD = 0.01

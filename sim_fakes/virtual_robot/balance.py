@@ -14,9 +14,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .blocks import add_skew, cross_matrix, matrix_cross, rotation, solve_chain, turn
+from .blocks import add_skew, cross_matrix, kernel, matrix_cross, rotation, solve_chain, turn
 from .chain import Chain, ChainLoads, relative_rotation, segment_strain
-from .kernels import kernel
 from .material import Sections, SliderHistory, respond
 
 Array = NDArray[np.float64]

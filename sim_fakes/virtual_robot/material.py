@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernels import kernel
+from .blocks import kernel
 
 Array = NDArray[np.float64]
 
