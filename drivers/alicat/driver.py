@@ -18,7 +18,7 @@ from ..chambers import PAPER_WIRING, ChamberMap
 from ..configs import RegulatorsConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, StaleReading, Unreachable, WrongDevice
 from ..interfaces import Identity, PressureSample
-from ..pressure_limits import VENTED, PressureLimits
+from ..pressure_limits import PressureLimits, let_off
 from ..registry import Driver
 from ..serial_line import SerialLine, show
 from .settings import WRITTEN, Measure, check_loop, check_source, put_right
@@ -118,8 +118,6 @@ JUMP_ABOVE = 3e3
 BRISK = 0.05
 """Host seconds that a unit has for its answer in the first round of a vent: a sound one takes a few ms, and a silent one
 must not keep the others inflated."""
-VENT_WAIT = 0.5
-"""s of host time that `close` waits for all channels to fall below `VENTED`."""
 
 
 class Alicat:
@@ -249,12 +247,7 @@ class Alicat:
         with self._line.lock:
             if not self._line.is_open:
                 return
-            with contextlib.suppress(InstrumentError):
-                self.vent()
-            with contextlib.suppress(InstrumentError):
-                deadline = timing.now() + VENT_WAIT
-                while timing.now() < deadline and any(unit.poll().measured > VENTED for unit in self._units):
-                    timing.sleep(0.02)
+            let_off(self.vent, lambda: [unit.poll().measured for unit in self._units])
             for channel in self._locked:
                 with contextlib.suppress(InstrumentError):
                     self._units[channel].unlock(min(BRISK, self.config.timeout))

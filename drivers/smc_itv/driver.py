@@ -16,7 +16,7 @@ from ..chambers import ChamberMap
 from ..configs import RegulatorsConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, Unreachable, WrongDevice
 from ..interfaces import Identity, PressureSample
-from ..pressure_limits import VENTED, PressureLimits
+from ..pressure_limits import PressureLimits, let_off
 from ..registry import Driver
 from ..serial_line import SerialLine, show
 from ..stop_first import StopFirst
@@ -67,8 +67,6 @@ QUIET = 1.2
 """Host seconds of silence on a line after which answers that are owed no longer come."""
 REREAD_EVERY = 10
 """Readings between two checks that each unit still holds the set-point that it confirmed: that takes a poll of its own."""
-VENT_WAIT = 0.5
-"""s of host time that `close` waits for all channels to fall below `VENTED`."""
 
 
 @dataclass
@@ -230,12 +228,7 @@ class SmcItv:
         """Vent, wait shortly for the pressure to fall, disconnect."""
         with self._lock:
             if any(line.is_open for line in self._lines):
-                with contextlib.suppress(InstrumentError):
-                    self.vent()
-                with contextlib.suppress(InstrumentError):
-                    deadline = timing.now() + VENT_WAIT
-                    while timing.now() < deadline and max(self.read().measured) > VENTED:
-                        timing.sleep(0.02)
+                let_off(self.vent, lambda: self.read().measured)
             self._disconnect()
 
     # -- opening
