@@ -147,26 +147,11 @@ def parameter_table(design: States, sources: tuple[VariationSource, ...]) -> Par
             rows = np.full(len(design), -1, np.int64)
             for label, trial, states_of_copy in copies:
                 rows[states_of_copy] = len(infos)
-                infos.append(
-                    ParameterInfo(
-                        f"{source.spec.id}.{p.name}{label}",
-                        f"{source.spec.id}.{p.name}",
-                        source.spec.id,
-                        source.group,
-                        p.unit,
-                        p.scale,
-                        p.low,
-                        p.high,
-                        p.sign,
-                        p.role,
-                        p.starts,
-                        len(of_row),
-                        trial,
-                        source.scope,
-                        source.spec.tolerated,
-                        source.spec.exact,
-                    )  # fmt: skip
-                )
+                name = f"{source.spec.id}.{p.name}"
+                infos.append(ParameterInfo(
+                    f"{name}{label}", name, source.spec.id, source.group, p.unit, p.scale, p.low, p.high, p.sign, p.role, p.starts,
+                    len(of_row), trial, source.scope, source.spec.tolerated, source.spec.exact,
+                ))  # fmt: skip
             of_row.append(rows)
     return ParameterTable(tuple(infos), sources, np.array(of_row))
 
