@@ -149,8 +149,8 @@ def parameter_table(design: States, sources: tuple[VariationSource, ...]) -> Par
                 rows[states_of_copy] = len(infos)
                 name = f"{source.spec.id}.{p.name}"
                 infos.append(ParameterInfo(
-                    f"{name}{label}", name, source.spec.id, source.group, p.unit, p.scale, p.low, p.high, p.sign, p.role, p.starts,
-                    len(of_row), trial, source.scope, source.spec.tolerated, source.spec.exact,
+                    f"{name}{label}", name, source.spec.id, source.group, p.unit, p.scale, p.low, p.high, p.sign, p.role,
+                    p.starts, len(of_row), trial, source.scope, source.spec.tolerated, source.spec.exact,
                 ))  # fmt: skip
             of_row.append(rows)
     return ParameterTable(tuple(infos), sources, np.array(of_row))
