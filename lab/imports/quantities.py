@@ -69,6 +69,11 @@ class Quantities:
     counts: Mapping[tuple[str, str], NDArray[np.str_]] = field(default_factory=dict)
     """Key of the map and heading -> cells of the columns whose changes begin trials; empty where they are missing."""
 
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """(n,) rows with a tip and all pressures."""
+        return np.asarray(np.isfinite(np.column_stack([self.tip, self.pressures])).all(axis=1))
+
     def of(self, rows: NDArray[np.int64]) -> Quantities:
         """The same of these rows, in their order."""
         return replace(

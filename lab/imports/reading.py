@@ -14,7 +14,7 @@ from .clock import EPOCH
 from .columns import is_missing
 from .headings import heading
 from .map_file import Name
-from .series import Series, listed
+from .series import FRAME, Series, listed
 
 Array = NDArray[np.float64]
 
@@ -38,8 +38,9 @@ def name_of(series: Series, name: Name, place: str) -> str:
         noted = f" ({'; '.join(series.notes)})" if series.notes else ""
         raise ConfigError(
             f"{series.path}: {place} = {str(name)[:80]!r}: this column is not there; there are "
-            f"{_nearest_first(str(name), names, 3)}{noted}; "
-            f"name another, for this file alone under files: {{{series.path.name!r}: {{columns: ..}}, '*': {{}}}}"
+            f"{_nearest_first(str(name), names, 3)}{noted}; name another"
+            + f", of this file alone under files: {{{series.path.name!r}: {{columns: ..}}, '*': {{}}}}"
+            * (series.form != FRAME)
         )
     return str(name)
 

@@ -30,6 +30,8 @@ LARGEST = 500_000_000
 SMALL, PACKED = 32_000_000, 50
 """Bytes of memory that any file may take, and that a byte of a larger one may stand for: readings pack to a tenth."""
 MOST_COLUMNS = 5000
+FRAME = "DataFrame"
+"""Form and file of a table that comes from memory."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +48,8 @@ class Series:
     """SI unit -> the unit in which the file says that all such columns are."""
     strange: Mapping[str, Strange] = field(default_factory=dict)
     """By column of numbers, cells that are none."""
-    lines: NDArray[np.int64] | None = None
-    """(n,) of a text table: where in the file each row stands."""
+    lines: NDArray[Any] | None = None
+    """(n,) of a text table: where in the file each row stands; of a DataFrame its index."""
     notes: tuple[str, ...] = ()
     """What was left out."""
     questions: tuple[str, ...] = ()
@@ -73,7 +75,9 @@ class Series:
 
     def place(self, row: int) -> str:
         """Where a row stands in the file."""
-        return f"row {row + 1}" if self.lines is None else f"line {int(self.lines[row])}"
+        if self.lines is None:
+            return f"row {row + 1}"
+        return f"{'index' if self.form == FRAME else 'line'} {self.lines[row]}"
 
     def unit_of(self, name: str, units: Container[str]) -> str:
         """The unit the file states for a column outside of its heading, where it is one of `units`; else empty."""
