@@ -20,8 +20,7 @@ from .headings import heading, own_column, unit_named
 from .joining import of_rows_in_turn
 from .map_file import Map, demand_units
 from .quantities import quantities_of
-from .reading import numbers, texts
-from .series import FRAME, Series, cleaned
+from .series import FRAME, Series, cleaned, numbers, texts
 from .table import conclude
 
 if TYPE_CHECKING:

@@ -40,20 +40,8 @@ INFLATED = frozenset(INFLATED_WORDS.split()) | TENDON
 """Words of a heading under which stands what is inflated or pulled, as a number or a word."""
 PRESSURE = re.compile(r"(?<![^\W\d_])(?:p|pressures?|druck|chamber|kammer|press|pr|ch|sp|pv)(\d+)")
 PRESSURE_WORDS = frozenset(
-    [
-        "p",
-        "pressure",
-        "pressures",
-        "druck",
-        "chamber",
-        "kammer",
-        "press",
-        "presion",
-        "regulator",
-        "regulators",
-        "regler",
-    ]
-)
+    ["p", "pressure", "pressures", "druck", "chamber", "kammer", "press", "presion", "regulator", "regulators", "regler"]
+)  # fmt: skip
 ASKED_FOR_WORDS = """
 set setpoint setpoints setpt sp soll sollwert cmd command commanded target desired ref reference des goal demand
 demanded requested req consigne vorgabe consigna input
@@ -220,21 +208,8 @@ def tendon(h: Heading) -> int | None:
 
 
 TURN_WORDS = frozenset(
-    [
-        "rotation",
-        "rot",
-        "euler",
-        "angle",
-        "angles",
-        "winkel",
-        "orientation",
-        "attitude",
-        "rotvec",
-        "rpy",
-        "turn",
-        "drehung",
-    ]
-)
+    ["rotation", "rot", "euler", "angle", "angles", "winkel", "orientation", "attitude", "rotvec", "rpy", "turn", "drehung"]
+)  # fmt: skip
 TURNS = (("roll", "pitch", "yaw"), ("rollen", "nicken", "gieren"), ("roulis", "tangage", "lacet"),
          ("alabeo", "cabeceo", "guiñada"),
          ("rollio", "beccheggio", "imbardata"), ("bank", "pitch", "heading"), ("roll", "nick", "gier"), ("rx", "ry", "rz"),

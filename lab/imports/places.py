@@ -28,7 +28,7 @@ from model.robot import Robot
 from recordings.trials import Table
 
 from ..files.config import ConfigError
-from .reading import at_rest
+from .series import at_rest
 
 Array = NDArray[np.float64]
 

@@ -32,8 +32,7 @@ from .joining import in_time, lag
 from .map_file import AXES, Map, Name, named
 from .places import Jump, Stands, beside_at_rest, jumps, length_at_rest, lever_off, moves_within, other_order, strays, turn_off
 from .quantities import Quantities, quantities_of
-from .reading import at_rest
-from .series import Series
+from .series import Series, at_rest
 from .trials import Cut, cuts, trials_of_rows
 
 Array = NDArray[np.float64]
