@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
@@ -16,14 +17,26 @@ from lab.verbs.fakes import PATIENT, PATIENT_SETTLE
 from recordings.campaign.replay import replay, table_of
 from recordings.file.reader import Recording
 from recordings.table_file import read_csv, write_csv
-from tests.drivers.installed import install
 from tests.lab.commands import run_there
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = (ROOT / "examples/regulator", ROOT / "examples/sensor", ROOT / "tests/drivers/bench_arm")
+PACKAGES = (ROOT / "examples/regulator", ROOT / "examples/sensor", ROOT / "examples/arm")
 VERIFYING = {"dynamixel", "ft300s", "pfeiffer", "tmcl"}
 """Drivers whose instruments send a checksum."""
 THEIRS = ("bench_pr4", "skin_thermometer", "bench_arm", "bench_cameras")
+
+
+def install(folder: Path, package: Path) -> None:
+    """What an installer writes of a package's entry points."""
+    project = tomllib.loads((package / "pyproject.toml").read_text())["project"]
+    about = folder / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n")
+    groups = (
+        f"[{group}]\n" + "".join(f"{name} = {value}\n" for name, value in entries.items())
+        for group, entries in project["entry-points"].items()
+    )
+    (about / "entry_points.txt").write_text("\n".join(groups))
 
 
 @pytest.fixture(scope="session")

@@ -133,14 +133,6 @@ def test_a_module_that_answers_another_host_is_told_from_a_broken_cable(make: Ma
     assert "cable" not in str(caught.value)
 
 
-def test_a_refusal_tells_the_modules_reason(make: Make) -> None:
-    spine, module = make()
-    homed(spine)
-    module.faults.extra["nak"] = 4
-    with pytest.raises(BadReply, match="Invalid Value"):
-        spine.move_to(0.1, 0.02)
-
-
 def test_after_damaged_answers_both_ends_agree_again_on_frames(make: Make) -> None:
     spine, module = make()
     homed(spine)

@@ -13,9 +13,8 @@ from commands import SOUND, Cli
 from virtual_lab import settings
 
 from drivers.usb_adapter import adapter
-from lab.files.adapters import place
+from lab.files.checked import Moved, keep, last, place
 from lab.files.rig_file import load_rig
-from lab.rig.checked import Moved, keep, last
 from lab.verbs.fakes import write_rig
 from recordings.file.reader import Recording
 from sim_fakes.alicat import AlicatFake

@@ -12,11 +12,11 @@ from commands import Cli
 from diagnosed_case import campaign, folder
 from pydantic import BaseModel, ConfigDict, Field
 
+from lab.files.checked import digest
 from lab.files.config import ConfigError, check, load, parse_yaml
 from lab.files.rig_file import RigFile
 from lab.files.robot_file import paper_robot, robot_yaml
 from lab.files.units import KINDS, UnitError, to_si, written
-from lab.rig.checked import digest
 from lab.verbs.fakes import PATIENT, rig_yaml
 from model.plain_yaml import MOST_PROBLEMS
 from model.robot import Robot, robot_from_dict

@@ -2,7 +2,7 @@
 
 A form's scale is set so that it moves the tip by about as many mm as the catalogue's effect does at its plausible size: rms over
 the base sweep of the paper's robot (seven spine lengths, 0 to 250 kPa and back) with an area factor of 1.6, taken from
-`lab.signatures` once. Blends keep 0 to 1, and no scale was moved by more than 2.5 from what the lab would call plausible.
+`lab effects` once. Blends keep 0 to 1, and no scale was moved by more than 2.5 from what the lab would call plausible.
 """
 
 from __future__ import annotations
