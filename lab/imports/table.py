@@ -21,7 +21,7 @@ from model.robot import Robot
 from recordings.errors import RecordingError
 from recordings.states.rules import BRANCHES
 from recordings.table_file import checked
-from recordings.trials import HEAD, ORIENTATION, TAIL, TIP, Table, TrialRow, marker_columns, pressure_columns
+from recordings.trials import HEAD, ORIENTATION, TAIL, TIP, Table, marker_columns, pressure_columns
 
 from ..files.config import ConfigError
 from ..questions.table import doubtful_gravity
@@ -566,22 +566,18 @@ def _with_pushes(states: Table, file: NDArray[np.int64], forces: Sequence[float 
     """The states and stiffness rows: what each file's force adds to the place of the tip without it, in its first state."""
     assert wanted.stiffness is not None
     axis, sign = AXES[wanted.stiffness.along]
-    pushed = states.take(np.unique(file, return_index=True)[1])
-    repeat, force = pushed.get("repeat"), np.array([np.nan if f is None else f for f in forces])
-    order = [k for k in np.lexsort((force, repeat)).tolist() if force[k] and not np.isnan(force[k])]
-    trials = {r: int(states.trial.max()) + k for k, r in enumerate(dict.fromkeys(repeat[order].tolist()), 1)}
-    rows: list[TrialRow] = []
-    for k in order:
-        rests = np.flatnonzero((force == 0) & (repeat == repeat[k]))
-        if not len(rests):
-            raise ConfigError(f"stiffness: repeat {repeat[k]} has no file with force: 0 N to hold deflections against")
-        row, trial = pushed.rows[k], trials[int(repeat[k])]
-        deflection = float(sign * (pushed.tip[k, axis] - pushed.tip[rests[0], axis]))
-        rows.append(
-            TrialRow(
-                trial=trial, step=sum(r.trial == trial for r in rows) + 1, protocol="stiffness", repeat=row.repeat, branch="load",
-                t=row.t, spine_length=row.spine_length, pressures=(0.0,) * len(row.pressures), specimen=wanted.stiffness.specimen,
-                force=float(force[k]), deflection=deflection,
-            )
-        )  # fmt: skip
-    return Table.stacked([states, Table.of(rows)])
+    first = states.take(np.unique(file, return_index=True)[1])
+    repeat, force = first.get("repeat"), np.array([np.nan if f is None else f for f in forces])
+    order = np.array([k for k in np.lexsort((force, repeat)).tolist() if force[k] and not np.isnan(force[k])], np.int64)
+    rests = {r: k for k, r in reversed(list(enumerate(repeat.tolist()))) if force[k] == 0}
+    if lacking := [r for r in repeat[order].tolist() if r not in rests]:
+        raise ConfigError(f"stiffness: repeat {lacking[0]} has no file with force: 0 N to hold deflections against")
+    pushed, along = first.take(order), sign * first.tip[:, axis]
+    n, number = len(order), np.unique(pushed.get("repeat"), return_inverse=True)[1]
+    columns = {name: pushed.get(name) for name in ("repeat", "t", "spine_length")}
+    columns |= {name: np.zeros(n) for name in pressure_columns(states.pressures.shape[1])}
+    columns |= {"trial": states.trial.max() + 1 + number, "step": 1 + np.arange(n) - np.searchsorted(number, number),
+                "protocol": np.full(n, "stiffness"), "branch": np.full(n, "load"), "force": force[order],
+                "specimen": np.full(n, wanted.stiffness.specimen),
+                "deflection": along[order] - along[[rests[r] for r in pushed.get("repeat").tolist()]]}  # fmt: skip
+    return Table.stacked([states, Table(columns)])

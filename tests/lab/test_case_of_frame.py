@@ -34,6 +34,7 @@ def test_a_frame_is_the_case_that_lab_import_makes_of_its_file(tmp_path: Path) -
         (lambda f: f.rename(columns={"P1 [kPa]": "left"}), {"p1": "left [kPa]"}),
         (lambda f: f.assign(left=f["P1 [kPa]"] / 100), {"p1": "left [bar]"}),
         (lambda f: f.assign(left=f["P1 [kPa]"] / 100), {"p1": {"column": "left", "unit": "bar"}}),
+        (lambda f: f.assign(left=f["P1 [kPa]"]), {"p1": {"column": "left", "unit": "Kilopascal"}}),
         (lambda f: f.assign(p1=f["P1 [kPa]"] * 1e3), {}),
         (lambda f: f.assign(**{"p1 [kPa]": f["P1 [kPa]"]}), {}),
         (lambda f: f.assign(left=f["P1 [kPa]"].map("{:.3f}".format).str.replace(".", ",")), {"p1": "left [kPa]"}),
