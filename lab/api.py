@@ -73,15 +73,9 @@ def case(*inputs: Any, robot: Place | Robot | None = None, columns: Mapping[str,
     >>> len(measured.table), measured.table["x"].shape
     (18, (18,))
 
-    Or a pandas DataFrame and its robot, a path or what `load_robot` returns: `case(frame, robot)`. `columns` says where a
-    column of trials.csv comes from: a heading, whose unit counts, `"P_left [bar]"` for a column `P_left`, or an entry of
-    map.yaml; others go by their own names, in SI. `keys` are further keys of map.yaml, such as `constants`, `frame`, `states`.
-    What was left out or taken for granted stands in `case.table.warnings`.
-
-    >>> frame = measured.table.to_pandas().assign(P_left=lambda f: f.p1 / 1e5).drop(columns="p1")
-    >>> again = case(frame, measured.robot, columns={"p1": "P_left [bar]"})
-    >>> bool(abs(again.table["p1"] - measured.table["p1"]).max() < 1e-6)
-    True
+    Or a pandas DataFrame and its robot: `case(frame, robot)`. `columns`: column of trials.csv -> heading, `"P_left [bar]"` for a
+    column `P_left`, or entry of map.yaml; others go by their names, in SI. `keys`: further keys of map.yaml.
+    `case.table.warnings` says what was left out.
     """
     if inputs and not isinstance(inputs[0], str | Path):
         return _case_of_frame(*inputs, robot=robot, columns=columns, keys=keys)
