@@ -15,6 +15,7 @@ import numpy as np
 
 from model.effects.catalogue import CATALOGUE
 from model.effects.spec import EffectSpec
+from model.robot import THRUST
 
 from .answer import assemble, sentences
 from .answer.attribute import attribute, begin
@@ -37,6 +38,7 @@ from .errors import BadCase
 from .findings import Finding, finding
 from .inference.executor import SINGLE_THREAD, Executor, one_thread
 from .inference.prepare import prepare
+from .inference.thrust import settle_thrust
 from .judgement import CAUSE_PROBABILITY
 
 
@@ -92,7 +94,9 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     own, findings = states(case)
     other = unseen_states(case, wanted.holdout) if wanted.holdout is not None else None
     predicted = wanted.baseline.take(own.row) if wanted.baseline is not None else None
-    first = calibrate_first(case.robot, own, wanted.catalogue) if predicted is None else FirstCalibration(case.robot, own)
+    settled = settle_thrust(case.robot, own, wanted.catalogue) if predicted is None else None
+    robot = case.robot if settled is None else settled.robot
+    first = calibrate_first(robot, own, wanted.catalogue) if predicted is None else FirstCalibration(robot, own)
     try:
         prepared = prepare(first.robot, first.states, catalogue=wanted.catalogue, baseline=predicted)
     except np.linalg.LinAlgError as error:
@@ -138,10 +142,13 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     if "stiffness" in shown and where.of == "tip":
         text += f" {sentences.stiffness_sentence(shown['stiffness'], found.decision)}"
     if first.order:
-        which = assemble.beside(which, ORDER)
+        which = assemble.beside(which, ORDER, first.robot)
+    if settled is not None and which.verdict == "none":
+        which, text = assemble.beside(which, THRUST, first.robot), f"{settled.finding}. Beyond that: {text}"
     findings = (
         *first.concerns,
         *findings,
+        *([settled.finding] if settled is not None else ()),
         *why,
         *far,
         *sentences.beyond_tolerance(prepared.problem.parameters, found.tense, first.robot),

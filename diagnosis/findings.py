@@ -120,6 +120,10 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
     },
     "note": {
         "states_not_finite": "{left_out} of {states} states have values that are not finite and are ignored",
+        "thrust_settled": (
+            "robot.yaml does not say what takes the thrust of the {actuators}: with the side walls {walls_mm:.2f} mm rms remain "
+            "calibrated, with the tip's cap {cap_mm:.2f} mm, so the walls take it here; state `thrust: walls`"
+        ),
         "refitted": "{name} {found:.4g} {unit} instead of {given:.4g} {unit}",
         "refitted_or": "{name} {found:.4g} {unit} instead of {given:.4g} {unit}, or {rather} wrong by as much",
         "refitted_to_limit": (

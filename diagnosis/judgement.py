@@ -81,6 +81,8 @@ FIRST_AS_GOOD = 1.2
 """Times the robust rms of numbers far off below which a weight is preferred: one cause against several."""
 UPSIDE_DOWN_GAIN = 0.5
 """Share of what an upright robot leaves below which the robot counts as hanging upside down."""
+ON_WALLS = 0.9
+"""Share of the thrust on the side walls from which they take all of it: less is no convention but an effect."""
 FIRST_CONVERGED = 3e-3
 """Robot lengths of robust rms below which no other pose is tried."""
 

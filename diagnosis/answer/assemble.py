@@ -8,6 +8,7 @@ from typing import get_args
 
 import numpy as np
 
+from model.robot import Robot
 from recordings.trials import Table
 
 from ..findings import Finding
@@ -17,7 +18,7 @@ from ..inference.prepare import Prepared
 from ..judgement import PRESENT_FLOORS
 from .attribute import Attribution
 from .distinguishability import visible
-from .result import Attribute, Carries, Data, Ranked, Role
+from .result import Attribute, Carries, Data, Ranked, Role, Value
 from .size import sizes, values
 from .verdict import conclude, rivals
 
@@ -62,15 +63,16 @@ def attribute_section(
     )  # fmt: skip
 
 
-def beside(a: Attribute, certain: str) -> Attribute:
-    """The section where an effect is part of every hypothesis, because none without it comes near the data; what is unknown is
-    so beside it."""
+def beside(a: Attribute, certain: str, robot: Robot) -> Attribute:
+    """The section where an effect that the robot has is part of every hypothesis, because none without it comes near the data;
+    what is unknown is so beside it."""
+    size = {f"{certain}.{name}": Value(s.value, s.sd, s.unit) for name, s in robot.effects[certain].items()}
     return replace(
         a,
         verdict="effect",
         effects=(certain, *a.effects),
         conclusion="cause" if a.conclusion in ("none", "noise") else a.conclusion,
-        ranking=tuple(replace(r, effects=(certain, *r.effects)) for r in a.ranking),
+        ranking=tuple(replace(r, effects=(certain, *r.effects), parameters={**size, **r.parameters}) for r in a.ranking),
         credible_set=tuple((certain, *named) for named in a.credible_set),
     )
 

@@ -156,7 +156,7 @@ def prepare(
     labels = _labels(forward, states, kept)
     made = parameters(forward.parameters)
     missed, response = (observed - predicted)[kept], pressure_response(forward, states, made, slope)[kept]
-    floor, beside_model, repeated = floor_of(
+    floor, beside_model, beside_readings = floor_of(
         states, labels, forward.parameters, missed, observed[kept], slope[kept], response, noise_components
     )
     pushes = stiffness_trials(states, labels, forward.parameters, missed, slope[kept]) if states.pushed.any() else None
@@ -164,7 +164,7 @@ def prepare(
     if pushes is not None and states.pushed.all():
         known = beside_model = pushes.noise_floor
     else:
-        known = max(min(repeated, beside_model), LEAST_NOISE_FLOOR)
+        known = max(beside_readings, LEAST_NOISE_FLOOR)
     unit = float(np.clip(beside_model / np.sqrt(3), *np.multiply(robot.length, DISCREPANCY_UNIT_RANGE)))
     smooth, form_error_basis = _discrepancy_bases(robot, states, labels, unit, pushes)
     problem = Problem(
