@@ -130,7 +130,12 @@ def fit_effects(
     if own.pushed.all():
         raise BadCase("effects are fitted to tips, and no row has one: record a bending or elongation run")
     kept = {id: stated for id, stated in case.robot.effects.items() if id not in named}
-    nothing = {"tolerances": {}, "posterior": None, "residual": None, **({"thrust": None} if THRUST in named else {})}
+    nothing: dict[str, Any] = {
+        "tolerances": {},
+        "posterior": None,
+        "residual": None,
+        **({"thrust": None} if THRUST in named else {}),
+    }
     robot = case.robot.model_copy(update={"effects": kept, **nothing})
     settled = settle_thrust(robot, own, catalogue)
     # leaves a robot with effects as it is

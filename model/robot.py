@@ -131,8 +131,8 @@ class Robot(BaseModel):
     area_factor: NumberOrTable = Field(json_schema_extra={"unit": "1", "key_unit": "m"})
     """Effective over drawn area of a chamber, one number or by spine length; of tendons the share of the tension that arrives."""
     thrust: Literal["cap", "walls"] | None = None
-    """What takes the chambers' thrust: the tip's cap, so that it follows the tip, or the side walls, all along the arc. Where it is
-    not stated a diagnosis settles it first."""
+    """What takes the chambers' thrust: the tip's cap, so that it follows the tip, or the side walls, all along the arc. Where it
+    is not stated a diagnosis settles it first."""
     spine: Spine | None = None
     markers: tuple[Annotated[FiniteFloat, Field(gt=0, le=5)], ...] = Field(default=(), json_schema_extra={"unit": "m"})
     """Arc lengths of the markers along the body."""
