@@ -146,10 +146,11 @@ def gap_numbers(d: Diagnosis) -> list[tuple[str, str, str]]:
         found = [(GIVEN, d.waterfall.given_mm), (CALIBRATED, d.waterfall.steps[0].left_mm)]
         if d.shrink is not None and d.attribute.verdict == "effect":
             found.append((WITH_CAUSE, d.shrink.after_mm))
+    robot = [] if d.fitted is None else [("the robot of lab fit --with", f"{d.fitted.left_mm:.{digits}f} mm", "rms, in-sample")]
     floor = ("noise floor", f"{d.locate.noise_floor_mm:.{digits}f} mm", "repeats of a state")
     alone = closed_alone(d.waterfall, d.shrink)
     told = {} if alone is None else {WITH_CAUSE: f", and tolerances of other effects; the cause alone closes {percent(alone)} %"}
-    return [*((name, f"{mm:.{digits}f} mm", f"rms, {how}{told.get(name, '')}") for name, mm in found), floor]
+    return [*((name, f"{mm:.{digits}f} mm", f"rms, {how}{told.get(name, '')}") for name, mm in found), *robot, floor]
 
 
 def explained(d: Diagnosis) -> str:
@@ -390,6 +391,10 @@ def _sizes(s: Section, d: Diagnosis, folder: Path) -> None:
         "dashed: its median; 90 % shaded. First the physically possible range, then close up",
     )
     s.table(("size", "median", "90 %", "bounds"), [_size(x, d) for x in sizes])
+    for each in d.detail.get("by_actuator", ()):
+        mean = float(np.mean(each["factor"]))
+        rows = [[str(k), f"{100 * (f / mean - 1):+.0f} %"] for k, f in enumerate(each["factor"], 1)]
+        s.table((d.words.actuator, f"{d.words.pushes}, against the mean"), rows)
 
 
 def _size(x: Mapping[str, Any], d: Diagnosis) -> list[str]:

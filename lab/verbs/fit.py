@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rich.table import Table as Sheet
 
 from diagnosis.answer.headline import sized
-from diagnosis.answer.result import Value
+from diagnosis.answer.result import Diagnosis, FittedRobot, Value
 from diagnosis.errors import DiagnosisError
 from diagnosis.fit_effects import Fitted, fit_effects
 from model.calibration import AreaFit
@@ -35,6 +35,8 @@ from ..files.own_effects import catalogue
 from ..files.robot_file import write_robot
 from ..options import ANY_SIZE, INPUTS, JSON, OWN_EFFECTS, REPLACE, ROBOT, Result, Verb, option
 
+SAME_FIT = 0.05
+"""Relative difference of two residuals of one robot."""
 OWN = ("robot.yaml", "samples")
 """What a fit writes, and replaces when it is repeated."""
 
@@ -98,14 +100,16 @@ def fit_with(
     note(case.table.warnings)
     known, left_out = catalogue(case.robot, asked.file)
     note(left_out)
+    diagnosed = _diagnosed(inputs)
+    start = {} if diagnosed is None else {name: v.value for name, v in diagnosed.parameters.items()}
     try:
         with Screen("fitting") as screen:
-            found = fit_effects(case, asked.effects, known, screen.step, asked.residual)
+            found = fit_effects(case, asked.effects, known, screen.step, asked.residual, start)
     except BadEffect:
         raise
     except (DiagnosisError, ModelError) as e:
         raise ConfigError(str(e)) from e
-    note(map(str, found.findings))
+    note((*map(str, found.findings), *([] if diagnosed is None else disagreement(found, diagnosed))))
     written: list[Path] = []
     if folder is not None:
         with whole(folder, OWN, replace, inputs) as place:
@@ -125,6 +129,30 @@ def fit_with(
             out.print(line)
 
     return Result({**found.as_dict(), "files": [str(path) for path in written]}, show)
+
+
+def _diagnosed(inputs: Sequence[Path]) -> FittedRobot | None:
+    """The robot of the diagnosis.json in a case folder."""
+    try:
+        return (
+            Diagnosis.from_json((inputs[0] / "diagnosis.json").read_text(encoding="utf-8")).fitted if len(inputs) == 1 else None
+        )
+    except (OSError, ValueError, DiagnosisError):
+        return None
+
+
+def disagreement(f: Fitted, d: FittedRobot) -> Iterator[str]:
+    """What a fit does otherwise than the diagnosis.json of its case says."""
+    if {*f.effects} != {*d.effects}:
+        yield (
+            f"diagnosis.json names {', '.join(d.effects)}, which leaves {d.left_mm:.2f} mm; with "
+            f"{', '.join(f.effects) or 'no effect'} {f.fitted_mm:.2f} mm remain"
+        )
+    elif abs(f.fitted_mm - d.left_mm) > SAME_FIT * d.left_mm:
+        yield (
+            f"{f.fitted_mm:.2f} mm remain, and {d.left_mm:.2f} mm in diagnosis.json: table or robot.yaml have changed since; "
+            "diagnose the case again"
+        )
 
 
 def effects_sheet(f: Fitted) -> Sheet:
