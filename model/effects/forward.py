@@ -24,7 +24,7 @@ from model.effects.parameters import ParameterInfo, Spread, parameter_table
 from model.effects.quantities import Quantities, baseline
 from model.effects.readings import Readings, readings
 from model.effects.scales import Scales, scales
-from model.effects.solver import Solved, Steps, differentiate, integration_steps, look_inside, nudged, solve
+from model.effects.solver import SolvedRods, Steps, differentiate, integration_steps, look_inside, nudged, solve
 from model.effects.spec import EffectSpec, Values
 from model.effects.spine import ShearSpine, shear_spine
 from model.effects.tolerance import VariationSource, single_sources, sources
@@ -50,13 +50,13 @@ class _At:
     quantities: Quantities
     built: RodColumns
     """Rods of all states without memory."""
-    bare: Solved
+    bare: SolvedRods
     """The same solved, rest states included."""
     driven: Array
     """(1, full, DRIVES) what drives memory."""
     rest: Array
     """(1, full, columns) what memory adds to `rest_columns`."""
-    final: Solved
+    final: SolvedRods
     """With memory, without the rest states."""
     remembers: bool
     readings: Readings
@@ -135,7 +135,7 @@ class ForwardModel:
         campaign bends to. Raises `BadRobot` for an effect in robot.yaml that neither the project nor `catalogue` knows.
         """
         self._steps: Steps | None
-        self._start: Solved | None
+        self._start: SolvedRods | None
         if area not in ("one", "per_length"):
             raise BadCondition(f"area {area!r}: must be 'one' or 'per_length'")
         full, rest_of = with_rest(design)
@@ -231,8 +231,8 @@ class ForwardModel:
             for k, p in enumerate(self._table.infos)
             if p.role == "size" and self._table.source_of(p.slot).spec.law.path is not None
         }
-        self._remembering: Solved | None = None
-        self._hard: tuple[tuple[Array, Solved, Solved], ...] = ()
+        self._remembering: SolvedRods | None = None
+        self._hard: tuple[tuple[Array, SolvedRods, SolvedRods], ...] = ()
         self._points: tuple[_At, ...] = ()
 
     def _place(self, design: States, full: States, factor: Array, arcs: Array) -> None:
@@ -462,7 +462,7 @@ class ForwardModel:
         settled = not (trial or whole) or bool(bare.converged.all() and final.converged.all())
         return _At(theta.copy(), spread, q, built, bare, driven, rest, final, remembers, read, settled)
 
-    def _hard_nearby(self, theta: Array) -> tuple[Solved | None, Solved | None]:
+    def _hard_nearby(self, theta: Array) -> tuple[SolvedRods | None, SolvedRods | None]:
         """Without memory and with it, the nearest to parameters (p,) of the equilibria that were hard to find."""
         away = [float(np.linalg.norm((there - theta) / self._sd)) for there, _, _ in self._hard]
         return self._hard[int(np.argmin(away))][1:] if away else (None, None)
@@ -605,7 +605,7 @@ def _moves(spec: EffectSpec) -> bool:
     return spec.law.before is not None or spec.law.path is not None
 
 
-def _by_columns(solved: Solved, changed: Sequence[int], made_of: Callable[[Array], Array]) -> Array:
+def _by_columns(solved: SolvedRods, changed: Sequence[int], made_of: Callable[[Array], Array]) -> Array:
     """(n, a, outputs) derivatives by `changed` columns (a) of the rods of what is made of results (v, n, columns)."""
     made = made_of(nudged(solved, NUDGE))
     by_motion = ((made[1:] - made[0]) / NUDGE).swapaxes(0, 1)

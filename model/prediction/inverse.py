@@ -128,7 +128,7 @@ def inverse(
     weight = np.where(free, 0.0, 1.0 if weights is None else np.broadcast_to(np.asarray(weights, float), wanted.shape))
     if (weight < 0).any() or (weight.max(axis=1) <= 0).any():
         raise BadCondition("weights: must not be negative, and one of each row above 0")
-    search = _Search(at, limits, np.where(free, 0.0, wanted), weight)
+    search = _InverseSearch(at, limits, np.where(free, 0.0, wanted), weight)
     u = search.run(progress)
     pressures, lengths = search.inputs(u)
     prediction = at(pressures, lengths, intervals=True)
@@ -136,7 +136,7 @@ def inverse(
     return Reached(pressures, lengths, miss, prediction)
 
 
-class _Search:
+class _InverseSearch:
     """Targets and the scaled inputs u within 0 .. 1: the groups' pressures, then the spine's length."""
 
     def __init__(self, at: Predictor, limits: Limits, wanted: Array, weight: Array) -> None:
