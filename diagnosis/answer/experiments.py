@@ -28,7 +28,7 @@ from ..inference.posterior import EffectPosterior
 from ..inference.prepare import Prepared
 from ..judgement import OVERHEAD_MIN, RIVAL_WORTH_SEPARATING, SEPARATED_BITS
 from .result import Proposal
-from .rivals import RivalPrediction, Rivals
+from .rivals import RivalForecast, Rivals
 
 Columns = dict[str, NDArray[np.generic]]
 
@@ -253,7 +253,7 @@ def planned(p: Prepared, protocol: Mapping[str, Any], more: tuple[str, ...] = ()
 
 
 def _information(
-    predictions: tuple[RivalPrediction, ...], weight: Array, draws: int = 60, seed: int = 4711
+    predictions: tuple[RivalForecast, ...], weight: Array, draws: int = 60, seed: int = 4711
 ) -> tuple[float, list[tuple[int, int]]]:
     """Mutual information between candidate and outcome in bits, and the pairs (i, j) of candidates that would be told apart.
 

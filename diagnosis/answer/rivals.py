@@ -45,7 +45,7 @@ MOUNTED = ("tilt", "frame_shift")
 
 
 @dataclass(frozen=True)
-class RivalPrediction:
+class RivalForecast:
     """Values (n,) that one hypothesis predicts, and how surely."""
 
     mean: Array
@@ -105,7 +105,7 @@ class Rivals:
         """In words."""
         return tuple(" + ".join(c.named) or "none" for c in self.candidates)
 
-    def predict(self, table: Mapping[str, Any]) -> tuple[RivalPrediction, ...] | None:
+    def predict(self, table: Mapping[str, Any]) -> tuple[RivalForecast, ...] | None:
         """What each predicts for the states of a table's columns (as those of trials.csv); None where one of them has no
         equilibrium, or this robot cannot do what the table says."""
         p = self.prepared
@@ -145,7 +145,7 @@ class Rivals:
                     wrong = c.grid_point.form_error * known.law_error[effect] * done[:, None] * laws
                     covariance += wrong @ wrong.T  # f^2 F F^T
             factor = np.asarray(np.linalg.cholesky(covariance), np.float64)
-            made.append(RivalPrediction(mean, factor, observed.row, observed.channel.astype(np.str_)))
+            made.append(RivalForecast(mean, factor, observed.row, observed.channel.astype(np.str_)))
         return tuple(made)
 
     @cached_property

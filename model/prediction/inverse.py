@@ -41,7 +41,7 @@ DAMPING = 1e-2
 
 
 @dataclass(frozen=True)
-class Limits:
+class ReachLimits:
     """What may be asked of the robot."""
 
     max_pressure: float
@@ -76,7 +76,7 @@ def limits_of(
     groups: Sequence[Sequence[int]] | None = None,
     max_pressure: float | None = None,
     spine: tuple[float, float] | None = None,
-) -> Limits:
+) -> ReachLimits:
     """The robot's limits, or narrower ones; raises `BadCondition` for groups that its chambers do not make up.
 
     `groups`: chambers that share a regulator, each by itself unless given; chambers in none stay vented. `spine`: lengths
@@ -104,13 +104,13 @@ def limits_of(
         raise BadCondition(
             f"spine length: {low:g} .. {high:g} m, must lie between 0 and {robot.length if robot.spine is not None else 0.0:g} m"
         )
-    return Limits(highest, chamber_groups, (low, high))
+    return ReachLimits(highest, chamber_groups, (low, high))
 
 
 def inverse(
     at: Predictor,
     targets: ArrayLike,
-    limits: Limits,
+    limits: ReachLimits,
     weights: ArrayLike | None = None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Reached:
@@ -139,7 +139,7 @@ def inverse(
 class _InverseSearch:
     """Targets and the scaled inputs u within 0 .. 1: the groups' pressures, then the spine's length."""
 
-    def __init__(self, at: Predictor, limits: Limits, wanted: Array, weight: Array) -> None:
+    def __init__(self, at: Predictor, limits: ReachLimits, wanted: Array, weight: Array) -> None:
         self._at, self._limits, self._wanted, self._weight = at, limits, wanted, weight
         count = len(at.robot.actuators.azimuths_deg)
         self._member = np.zeros((len(limits.groups), count))
