@@ -72,13 +72,13 @@ def compare_campaigns(
     excess_scatter = max(p.noise_components.excess_scatter for p in (before, after))
     misfit = misfit_diagnostics(w.search.problem, w.leading, trials, excess_scatter, w.best)
     odds = odds_outside(w.search.tried, (), misfit.law_error_gain, excess_scatter, len(after.problem.parameters.ids))
-    found = with_unknown(w.known, w.whole.candidates[NONE], odds)
-    named, parameters = found.ranking[0][0], w.search.problem.parameters
-    theta = found.candidates[named].fit.theta
-    own = [i for i, effect in enumerate(parameters.effects) if effect in named and named != UNKNOWN]
-    sizes = {parameters.names[i]: float(theta[i]) for i in own}
-    told = what_is_told(found)
-    return Change(sentence(found, told, sizes, catalogue, later.robot.actuators.words), found.ranking[:10], sizes, told)
+    ranked = with_unknown(w.known, w.whole.candidates[NONE], odds)
+    named, parameters = ranked.ranking[0][0], w.search.problem.parameters
+    theta = ranked.candidates[named].fit.theta
+    of_named = [i for i, effect in enumerate(parameters.effects) if effect in named and named != UNKNOWN]
+    sizes = {parameters.names[i]: float(theta[i]) for i in of_named}
+    telling = what_is_told(ranked)
+    return Change(sentence(ranked, telling, sizes, catalogue, later.robot.actuators.words), ranked.ranking[:10], sizes, telling)
 
 
 def _comparable(before: Campaign, after: Campaign) -> tuple[Campaign, Campaign]:

@@ -126,8 +126,8 @@ def fit_effects(
         if effect not in catalogue:
             raise BadEffect(f"effect {effect!r}: is not known, {nearest(effect, catalogue)}")
     named = tuple(id for id in catalogue if id in effects)
-    own, findings = states(case)
-    if own.pushed.all():
+    case_states, findings = states(case)
+    if case_states.pushed.all():
         raise BadCase("effects are fitted to tips, and no row has one: record a bending or elongation run")
     kept = {id: stated for id, stated in case.robot.effects.items() if id not in named}
     nothing: dict[str, Any] = {
@@ -137,18 +137,18 @@ def fit_effects(
         **({"thrust": None} if THRUST in named else {}),
     }
     robot = case.robot.model_copy(update={"effects": kept, **nothing})
-    settled = settle_thrust(robot, own, catalogue)
+    settled = settle_thrust(robot, case_states, catalogue)
     # leaves a robot with effects as it is
-    first = calibrate_first(robot if settled is None else settled.robot, own, named)
-    robot, own = first.robot, first.states
+    first = calibrate_first(robot if settled is None else settled.robot, case_states, named)
+    robot, case_states = first.robot, first.states
     # an order that was found is part of the robot now, as is thrust on the walls
     found_before = tuple(id for id in named if id in robot.effects)
     named = tuple(id for id in named if id not in found_before)
-    if ORDER in named and not contradicted(robot, own):
+    if ORDER in named and not contradicted(robot, case_states):
         raise BadEffect(f"effect {ORDER}: tips go to where the chambers push them, there is no other order; leave it out")
     findings = (*first.concerns, *findings, *([settled.finding] if settled is not None else ()))
-    found = fit_described(robot, own, named, catalogue, progress, residual, start)
-    return replace(found, effects=(*found_before, *named), findings=(*findings, *found.findings))
+    fit = fit_described(robot, case_states, named, catalogue, progress, residual, start)
+    return replace(fit, effects=(*found_before, *named), findings=(*findings, *fit.findings))
 
 
 def fit_described(
@@ -168,25 +168,25 @@ def fit_described(
     progress("step 2 of 4: calibration", 0.0)
     baseline = calibrated(p)
     progress("step 3 of 4: effects", 0.0)
-    found = search.fitted(named, [_point(p, start)] if start else [])
+    fitted = search.fitted(named, [_point(p, start)] if start else [])
     progress("step 4 of 4: tolerances", 0.0)
     main = own.main
     written, ours = list(_lasting(p, p.problem.parameters.ids).values()), p.problem.parameters.mean.copy()
-    ours[written] = found.fit.theta[written]  # what recurs or drifts is at its expectation
+    ours[written] = fitted.fit.theta[written]  # what recurs or drifts is at its expectation
     before, missed = (
         p.tip(p.problem.observed - p.problem.forward.predict(theta))[main] for theta in (p.common(baseline.theta), ours)
     )
     after = rms(missed)
-    stated, posterior, unseen = _posterior(p, found, after)
-    made, left_out = _written(robot, p, named, stated, posterior), None
+    stated, posterior, unseen = _posterior(p, fitted, after)
+    described, left_out = _written(robot, p, named, stated, posterior), None
     if residual:
         pressure, length = with_vented_at_zero(own)[main], own.spine_length[main]
-        learnt, left_out = learn_residual(made, own.trial[main], pressure, length, missed)
-        made = made.model_copy(update={"residual": learnt})
+        learnt, left_out = learn_residual(described, own.trial[main], pressure, length, missed)
+        described = described.model_copy(update={"residual": learnt})
     parameters = p.problem.parameters
-    findings = tuple(beyond_tolerance(parameters, parameters.tense(found.fit.theta), robot))
+    findings = tuple(beyond_tolerance(parameters, parameters.tense(fitted.fit.theta), robot))
     return Fitted(
-        made, named, stated, len(own), len(np.unique(own.trial)), 1e3 * rms(before),
+        described, named, stated, len(own), len(np.unique(own.trial)), 1e3 * rms(before),
         p.area_factor(baseline.theta), 1e3 * after, findings, unseen, None if left_out is None else 1e3 * left_out,
     )  # fmt: skip
 
@@ -218,14 +218,14 @@ def _posterior(p: Prepared, c: Candidate, left: float) -> tuple[dict[str, Stated
         if name == AREA_FACTOR:
             value, spread = area * (1 + value), area * spread
         stated[name] = Stated(value=_rounded(value), sd=_rounded(spread), unit=parameters.infos[i].unit)
-    own = list(place.values())
-    scale = np.sqrt(np.diag(covariance))[own]
+    columns = list(place.values())
+    scale = np.sqrt(np.diag(covariance))[columns]
     # rounding must leave the correlations positive definite
-    correlation = (1 - 1e-6) * covariance[np.ix_(own, own)] / np.outer(scale, scale)
+    correlation = (1 - 1e-6) * covariance[np.ix_(columns, columns)] / np.outer(scale, scale)
     posterior = {
         "parameters": list(place),
         "area_factor_sd": stated[AREA_FACTOR].sd,
-        "correlation": [[*np.round(correlation[i, :i], DIGITS).tolist(), 1.0] for i in range(len(own))],
+        "correlation": [[*np.round(correlation[i, :i], DIGITS).tolist(), 1.0] for i in range(len(columns))],
         "law_error": _rounded(law_error),
         "discrepancy": _rounded(float(np.sqrt(max((size * p.unit) ** 2, _beyond_noise(p, left) / 3)))),
         "noise": _noise(p),

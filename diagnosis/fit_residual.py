@@ -55,11 +55,11 @@ def learn_residual(robot: Robot, trial: Ints, pressure: Array, length: Array, mi
     kept = _some(trial, 400)
     scales = _scales(u[kept], length[kept], trial[kept], missed[kept], ranges)
     table = np.column_stack([trial, u, length, missed])
-    own = Residual(
+    learnt = Residual(
         **dict(zip(("amplitude", "pressure_scale", "length_scale", "trial", "reading"), scales, strict=True)),
         states=[[float(f"{v:.{DIGITS}g}") for v in row] for row in table.tolist()],
     )
-    return own, rms(_left_out(own, u, length, trial, missed))
+    return learnt, rms(_left_out(learnt, u, length, trial, missed))
 
 
 def _scales(u: Array, length: Array, trial: Ints, missed: Array, ranges: tuple[float, ...]) -> list[float]:
@@ -80,8 +80,8 @@ def _scales(u: Array, length: Array, trial: Ints, missed: Array, ranges: tuple[f
 
     # below 1e-3 of the rms, two equal states would be one
     bounds = np.log([(1e-2, 1e2), *[(LOW, HIGH)] * 2, *[(1e-3, 10.0)] * 2])
-    found = [minimize(cost, np.log(start), method="L-BFGS-B", bounds=bounds) for start in STARTS]
-    best = min(found, key=lambda f: float(f.fun))
+    minima = [minimize(cost, np.log(start), method="L-BFGS-B", bounds=bounds) for start in STARTS]
+    best = min(minima, key=lambda f: float(f.fun))
     return [float(f"{v:.{DIGITS}g}") for v in np.exp(best.x + log_usual).tolist()]
 
 

@@ -146,24 +146,24 @@ def investigate(
     done: set[str] = set()
     spent = 0.0
     while True:
-        found = examine(case, options)
+        examined = examine(case, options)
         if rounds:
-            rounds[-1] = replace(rounds[-1], bits=bits_gained(rounds[-1].diagnosis, found.diagnosis))
-        here = Round(found.diagnosis, spent)
+            rounds[-1] = replace(rounds[-1], bits=bits_gained(rounds[-1].diagnosis, examined.diagnosis))
+        here = Round(examined.diagnosis, spent)
         diagnosed(here)
-        if settled(found.diagnosis) or len(done) >= experiments:
-            said = "settled" if settled(found.diagnosis) else f"{len(done)} experiments were done"
-            return Investigation((*rounds, here), said)
+        if settled(examined.diagnosis) or len(done) >= experiments:
+            reason = "settled" if settled(examined.diagnosis) else f"{len(done)} experiments were done"
+            return Investigation((*rounds, here), reason)
         refused: dict[str, str] = {}
-        for proposal in found.diagnosis.next_experiment:
+        for proposal in examined.diagnosis.next_experiment:
             if proposal.id in done or proposal.expected_bits < LEAST_BITS:
                 continue
             try:
-                foretold, more = _performed(found.rivals, proposal, laboratory, minutes - spent)
+                foretold, more = _performed(examined.rivals, proposal, laboratory, minutes - spent)
             except NotDone as e:
                 refused[proposal.id] = str(e)
                 continue
-            rounds.append(replace(here, foretold=foretold, judged=judge(found, case, more), refused=refused))
+            rounds.append(replace(here, foretold=foretold, judged=judge(examined, case, more), refused=refused))
             done.add(proposal.id)
             spent, case = spent + proposal.cost_min, more
             break
@@ -197,19 +197,19 @@ def judge(before: Examined, case: CaseLike, more: CaseLike) -> tuple[Tested, ...
     """How what was foretold from `case` came out in the rows that `more` has behind it; none where they hold no tips."""
     rivals, p = before.rivals, before.rivals.prepared
     try:
-        own = before.first.moved(states(Case(p.robot, more.table.take(np.arange(len(case.table), len(more.table)))))[0])
+        read = before.first.moved(states(Case(p.robot, more.table.take(np.arange(len(case.table), len(more.table)))))[0])
     except BadCase:
         return ()
-    own = own.take(~own.pushed)
-    table = table_columns(own)
-    predictions = rivals.predict(table) if len(own) else None
+    read = read.take(~read.pushed)
+    table = table_columns(read)
+    predictions = rivals.predict(table) if len(read) else None
     if predictions is None:
         return ()
     observed = p.forward.on(design_from_columns(p.robot, table)).observe(table)
     density = [float(q.log_density(np.nan_to_num(observed[None, :]))[0]) for q in predictions]
     contrasts = p.noise_components.contrasts
     return tuple(
-        Tested(c.named, 1e3 * rms(own.tip - q.tip[0]), q.p_value(observed, contrasts), float((its - max(density)) / np.log(2)))
+        Tested(c.named, 1e3 * rms(read.tip - q.tip[0]), q.p_value(observed, contrasts), float((its - max(density)) / np.log(2)))
         for c, q, its in zip(rivals.candidates, predictions, density, strict=True)
     )
 
@@ -230,11 +230,11 @@ def _mm(values: Array) -> tuple[tuple[float, ...], ...]:
 
 
 def _round(r: Round) -> dict[str, Any]:
-    found = r.diagnosis.attribute
+    attribution = r.diagnosis.attribute
     out: dict[str, Any] = {
-        "verdict": found.verdict,
-        "probability": found.probability,
-        "ranking": [{"effects": x.effects, "probability": x.probability} for x in found.ranking[:6]],
+        "verdict": attribution.verdict,
+        "probability": attribution.probability,
+        "ranking": [{"effects": x.effects, "probability": x.probability} for x in attribution.ranking[:6]],
         "minutes": r.minutes,
         "not_done": dict(r.refused),
     }

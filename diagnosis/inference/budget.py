@@ -243,24 +243,24 @@ class _Carrying:
         """See `_squares`. What an effect does at the fit is its slope times its size, but where that exceeds `LEAST_NAMED_FLOORS`
         noise floors the model is asked with and without the effect."""
         p = self._problem.parameters
-        at = fit.theta - p.mean
+        offset = fit.theta - p.mean
         done = {} if fit.form_error is None else dict(fit.form_error.responses)
         slope = fit.derivatives(self._problem).whole
-        own = {e: [i for i, x in enumerate(p.effects) if x == e] for e in p.ids}
-        columns = {e: np.column_stack([slope[:, i] * p.sd[i], done.get(e, slope[:, i] @ at[i])]) for e, i in own.items()}
-        found = self._left(slope, columns)
+        slots = {e: [i for i, x in enumerate(p.effects) if x == e] for e in p.ids}
+        columns = {e: np.column_stack([slope[:, i] * p.sd[i], done.get(e, slope[:, i] @ offset[i])]) for e, i in slots.items()}
+        rests = self._left(slope, columns)
         again: dict[str, Array] = {}
         for effect in p.ids:
             if effect not in done and any(
-                m[effect][-1, -1] > (LEAST_NAMED_FLOORS * part.floor) ** 2 for m, part in zip(found, self._parts, strict=True)
+                m[effect][-1, -1] > (LEAST_NAMED_FLOORS * part.floor) ** 2 for m, part in zip(rests, self._parts, strict=True)
             ):
                 # A stop that is hardly stiff already holds the tip: what it does is not its slope times its size.
                 response = self._problem.response(fit.theta, fit.predicted, effect)
                 if np.isfinite(response).all():
                     again[effect] = np.column_stack([columns[effect][:, :-1], response])
-        for squares, products in zip(found, self._left(slope, again), strict=True):
+        for squares, products in zip(rests, self._left(slope, again), strict=True):
             squares.update(products)
-        return found
+        return rests
 
     def _left(self, slope: Array, columns: Mapping[str, Array]) -> list[dict[str, Array]]:
         """For tips and for forces: effect -> products in m^2, mean over the states, of columns after calibration."""
@@ -270,8 +270,6 @@ class _Carrying:
         return [
             {e: x.T @ x / part.states for e, x in zip(columns, np.split(left, ends, axis=1), strict=True)}
             for part, left in zip(
-                self._parts,
-                after_calibration(self._problem, self._parts, slope, np.hstack(list(columns.values()))),
-                strict=True,
+                self._parts, after_calibration(self._problem, self._parts, slope, np.hstack(list(columns.values()))), strict=True
             )
         ]

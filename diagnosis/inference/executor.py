@@ -97,11 +97,11 @@ class Executor:
     def ahead(self, do: Callable[[A], B], items: Sequence[A], step: DiagnosisStep | None = None) -> Callable[[], list[B]]:
         """Start `map` in other processes; the function that is returned waits for the results, or computes them here: call it
         once."""
-        there = None if self.remote_map is None else self.remote_map(do, items)
+        remote = None if self.remote_map is None else self.remote_map(do, items)
 
         def results() -> list[B]:
             done = []
-            with self._threads(do, items) if there is None else nullcontext(there) as found:
+            with self._threads(do, items) if remote is None else nullcontext(remote) as found:
                 for result in found:
                     done.append(result)
                     if step is not None:

@@ -141,15 +141,15 @@ def _search(
         away = np.abs((local.optimum - local.theta) / problem.parameters.sd) if np.isfinite(local.cost) else np.array([np.inf])
         if away.max(initial=0.0) < tolerance:
             break
-        found = descent.step_down(local, level)
-        if found is None:
+        step = descent.step_down(local, level)
+        if step is None:
             break
-        theta, cost, level = found
+        theta, cost, level = step
         descent.go_to(theta)
-        there = descent.local(theta, cost)
-        if there is None:  # a trial took a state for one in equilibrium that has none
+        next_local = descent.local(theta, cost)
+        if next_local is None:  # a trial took a state for one in equilibrium that has none
             break
-        gained, local = local.cost - cost, there
+        gained, local = local.cost - cost, next_local
         if gained < max(LEAST_GAIN, least_promise):
             break
         level = max(level - 2, 0)
@@ -207,10 +207,10 @@ class _Descent:
         for trial in (True, False):
             reached = 0.0
             for k in range(level, len(self._dampings)):
-                found = self._damped(local, self._dampings[k], trial)
-                if found is None:
+                damped = self._damped(local, self._dampings[k], trial)
+                if damped is None:
                     return None
-                goal, reached = found
+                goal, reached = damped
                 if reached <= local.cost and np.isfinite(reached):
                     return goal, reached, k
             if np.isfinite(reached):

@@ -104,11 +104,11 @@ def on_baseline(
     added to the rod at what was measured.
     """
     at_simulator = dict(table) | baseline.columns()
-    there = design_from_columns(robot, at_simulator, design.channels)
-    factor = _nearest_area_factor(robot, there, at_simulator, baseline.name)
-    known = {**catalogue, SIMULATOR_DIFFERENCE.id: SIMULATOR_DIFFERENCE}
-    forward = ForwardModel(robot, design, "one", known, area_factor=factor)
-    rod = ForwardModel(robot, there, "one", known, area_factor=factor, sized=forward.scales)
+    shifted = design_from_columns(robot, at_simulator, design.channels)
+    factor = _nearest_area_factor(robot, shifted, at_simulator, baseline.name)
+    effects = {**catalogue, SIMULATOR_DIFFERENCE.id: SIMULATOR_DIFFERENCE}
+    forward = ForwardModel(robot, design, "one", effects, area_factor=factor)
+    rod = ForwardModel(robot, shifted, "one", effects, area_factor=factor, sized=forward.scales)
     names = [p.name for p in rod.parameters]
     both_vary = [names.index(name) for name in baseline.varied if name in names]
     predicted, slope = rod.linearise(np.zeros(len(names)), both_vary)
@@ -125,12 +125,12 @@ def _nearest_area_factor(robot: Robot, design: States, theirs: Table, name: str)
     model = ForwardModel(robot, design, catalogue={})
     start = float(model.area_factor[~design.stiffness].mean())
     value = model.observe(theirs)
-    own = np.isfinite(value) & np.isin(model.observations.channel, ("x", "y", "z"))
+    of_tip = np.isfinite(value) & np.isin(model.observations.channel, ("x", "y", "z"))
     theta = np.zeros(len(model.parameters))
-    (at,) = model.index("area")
+    (area,) = model.index("area")
     for _ in range(ROUNDS):
-        predicted, slope = model.linearise(theta, [at])
-        seen = own & np.isfinite(predicted) & np.isfinite(slope[:, 0])
+        predicted, slope = model.linearise(theta, [area])
+        seen = of_tip & np.isfinite(predicted) & np.isfinite(slope[:, 0])
         strength = float(slope[seen, 0] @ slope[seen, 0])
         if not seen.any():
             raise BadCase(
@@ -140,8 +140,8 @@ def _nearest_area_factor(robot: Robot, design: States, theirs: Table, name: str)
         if strength == 0.0:
             break
         step = float(slope[seen, 0] @ (value - predicted)[seen]) / strength
-        reached = float(np.clip(theta[at] + step, LEAST_AREA_EXCESS, MOST_AREA_EXCESS))
-        moved, theta[at] = abs(reached - theta[at]), reached
+        reached = float(np.clip(theta[area] + step, LEAST_AREA_EXCESS, MOST_AREA_EXCESS))
+        moved, theta[area] = abs(reached - theta[area]), reached
         if moved < ENOUGH:
             break
-    return start * (1.0 + float(theta[at]))
+    return start * (1.0 + float(theta[area]))

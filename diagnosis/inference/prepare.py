@@ -163,20 +163,20 @@ def prepare(
     pushes = stiffness_trials(states, labels, forward.parameters, missed, slope[kept]) if states.pushed.any() else None
     noise = noise_of(states, labels, floor, pushes, response)
     if pushes is not None and states.pushed.all():
-        known = beside_model = pushes.noise_floor
+        known_floor = beside_model = pushes.noise_floor
     else:
-        known = max(beside_readings, LEAST_NOISE_FLOOR)
+        known_floor = max(beside_readings, LEAST_NOISE_FLOOR)
     unit = float(np.clip(beside_model / np.sqrt(3), *np.multiply(robot.length, DISCREPANCY_UNIT_RANGE)))
     smooth, form_error_basis = _discrepancy_bases(robot, states, labels, unit, pushes)
     problem = Problem(
         MaskedForward(whole, kept),
-        replace(made, sd=_prior_sd(forward.parameters, floor, pushes), least=least_sizes(made, labels, slope[kept], known)),
+        replace(made, sd=_prior_sd(forward.parameters, floor, pushes), least=least_sizes(made, labels, slope[kept], known_floor)),
         observed[kept],
         noise,
         smooth,
         form_error_basis,
     )
-    return Prepared(robot, states, problem, labels, floor, known, unit, forward, pushes, on_simulator)
+    return Prepared(robot, states, problem, labels, floor, known_floor, unit, forward, pushes, on_simulator)
 
 
 def _effective(forward: ForwardModel, slope: Array) -> Mapping[str, EffectSpec]:

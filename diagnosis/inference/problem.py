@@ -295,14 +295,14 @@ class Problem:
     def whitened(self, theta: Array, predicted: Array, scaled: Columns) -> Linear:
         """The same from a slope (n, k) that is whitened, by one prior standard deviation of each parameter."""
         p = self.parameters
-        own = p.of_effect
+        of_effect = p.of_effect
         shift = scaled.along((theta - p.mean) / p.sd)
         observed = self.noise.whiten(self.observed - predicted) + shift
         none = np.zeros((len(observed), 0))
         return Linear(
             observed,
-            scaled.take(own).whole,
-            scaled.take(~own),
+            scaled.take(of_effect).whole,
+            scaled.take(~of_effect),
             self.whitened_discrepancy,
             self.noise.log_sd,
             none,

@@ -143,14 +143,14 @@ def floor_of(
         states.time[complete],
     )
     trial = {source: next(p.sd for p in infos if p.source == source) for source in scattered}
-    found = known or estimate_noise(data, replace(default, trial=trial))
+    noise = known or estimate_noise(data, replace(default, trial=trial))
     tips = np.array([name in TIP for name in names])
     explained = [by_readings(states)[:, None, :].repeat(len(names), axis=1), grid(observed - missed)[:, :, None]]
     regular = each_channel(np.concatenate(explained, axis=2)[complete])
     as_read = replace(data, residual=grid(observed)[complete], drift=np.concatenate([data.drift, regular], axis=2))
-    if not found.contrasts:
-        return found, _usual(found), _usual(found)
-    return found, reading_rms(data, tips), reading_rms(as_read, tips)
+    if not noise.contrasts:
+        return noise, _usual(noise), _usual(noise)
+    return noise, reading_rms(data, tips), reading_rms(as_read, tips)
 
 
 def by_readings(states: Campaign) -> Array:
@@ -187,16 +187,16 @@ def pressure_response(forward: ForwardModel, states: Campaign, made: FitParamete
     """
     row, pressure = forward.observations.row, with_vented_at_zero(states)
     together = regulators(states.pressure, pressure)
-    inflated = np.array([pressure[:, own].max(axis=1) > 0 for own in together]).T
+    inflated = np.array([pressure[:, group].max(axis=1) > 0 for group in together]).T
     out = np.zeros((len(slope), len(together)))
     by_offset = (inflated.sum(axis=1) == 1) & (OFFSET in made.names)
     if by_offset.any():
         out = np.where(inflated & by_offset[:, None], 1.0, 0.0)[row] * slope[:, [made.names.index(OFFSET)]]
     others = (~by_offset & inflated.any(axis=1))[row]
     if others.any():
-        for r, own in enumerate(together):
+        for r, group in enumerate(together):
             change = np.zeros(pressure.shape)
-            change[:, own] = PRESSURE_STEP * inflated[:, [r]]
+            change[:, group] = PRESSURE_STEP * inflated[:, [r]]
             out[others, r] = forward.respond(change)[others] / PRESSURE_STEP
     return np.asarray(np.nan_to_num(out))
 

@@ -147,8 +147,8 @@ class Search:
             both = not p.tolerable[p.mask(c.named)].any()
             if needs_own and (both or c.with_tolerances == better):
                 at_starts.append(c)
-        for found in self._map(self._at_starts, at_starts, DiagnosisStep.FIRST_LOOK):
-            out += found
+        for candidates in self._map(self._at_starts, at_starts, DiagnosisStep.FIRST_LOOK):
+            out += candidates
         self._executor.first_look(first_look(out, AMONG_AT_STARTS))
         return out
 
@@ -225,20 +225,20 @@ class Search:
 
     def _searched_on(self, c: Candidate) -> list[Candidate]:
         """Search a hypothesis on from a point; add its neighbours where that has ended and it leads."""
-        found = self._turn(c)
-        if not found.ended:
-            return [found]
-        if not self._leads(found):
-            more = self._with_one_more(found.named) if self._first_alone(found, found.log_evidence) else []
-            return [found, *self._around(self._whole(found), more, found.with_tolerances)] if more else [found]
-        own, switched, *others = self._next_to(found)
+        turned = self._turn(c)
+        if not turned.ended:
+            return [turned]
+        if not self._leads(turned):
+            more = self._with_one_more(turned.named) if self._first_alone(turned, turned.log_evidence) else []
+            return [turned, *self._around(self._whole(turned), more, turned.with_tolerances)] if more else [turned]
+        extended, switched, *others = self._next_to(turned)
         if (c.named, switched.with_tolerances) in self._standing.searched:
-            return [own, switched, *others]
+            return [extended, switched, *others]
         points = [switched]
         if len(c.named) == 1 and self._starts.needs_own(c.named):
             none = self._none[switched.with_tolerances].fit
             points += self._at_starts(*self._around(none, [c.named], switched.with_tolerances))
-        return [own, *map(self._turn, points), *others]
+        return [extended, *map(self._turn, points), *others]
 
     def _first_alone(self, c: Candidate, log_evidence: float) -> bool:
         """Whether this would be the best that was reached without tolerances by as many effects."""
@@ -259,13 +259,13 @@ class Search:
             # Far from where it was calibrated the robot needs another calibration and other derivatives first.
             start, rounds, frozen = self._starts.recalibrated(c.fit.theta), ROUNDS, None
         fitted = self._fit(c.named, c.with_tolerances, c.grid_point.size, start, rounds, frozen)
-        found = self._weigh(c.named, fitted, c.with_tolerances, shared=frozen is not None)
-        stalled = c.turns > 0 and found.log_evidence < c.log_evidence + UNCONVERGED
-        found = replace(max(c, found, key=_evidence) if c.turns else found, turns=c.turns + 1)
+        weighed = self._weigh(c.named, fitted, c.with_tolerances, shared=frozen is not None)
+        stalled = c.turns > 0 and weighed.log_evidence < c.log_evidence + UNCONVERGED
+        weighed = replace(max(c, weighed, key=_evidence) if c.turns else weighed, turns=c.turns + 1)
         # A leading one takes all its derivatives anew, and has the discrepancy in which it is most probable.
-        settled = not self._leads(found) or (frozen is None and found.grid_point.size == c.grid_point.size)
-        converged = found.fit.predicted_decrease <= UNCONVERGED and settled
-        return replace(found, ended=stalled or converged)
+        settled = not self._leads(weighed) or (frozen is None and weighed.grid_point.size == c.grid_point.size)
+        converged = weighed.fit.predicted_decrease <= UNCONVERGED and settled
+        return replace(weighed, ended=stalled or converged)
 
     def _next_to(self, c: Candidate) -> list[Candidate]:
         """A candidate's neighbours by one effect more, less or exchanged, or by tolerances, weighed where it was fitted."""

@@ -33,11 +33,11 @@ class Starts:
         p = self._problem.parameters
         if not self.needs_own(named):
             return [none]
-        own = [i for i, e in enumerate(p.effects) if e in named]
+        columns = [i for i, e in enumerate(p.effects) if e in named]
         points: list[Array | Fit] = []
-        for values in itertools.product(*(self._start_values(i) for i in own)):
+        for values in itertools.product(*(self._start_values(i) for i in columns)):
             point = none.theta.copy()
-            point[own] = values
+            point[columns] = values
             points.append(point)
         return points
 
@@ -51,22 +51,22 @@ class Starts:
     def recalibrated(self, start: Array) -> Array:
         """Parameters (k,) with those that are fitted in every model fitted to the data anew, all others as they are."""
         p = self._problem.parameters
-        own = np.flatnonzero(~p.of_effect)[p.calibrated]
-        if not own.size:
+        free = np.flatnonzero(~p.of_effect)[p.calibrated]
+        if not free.size:
             return start
         theta, best = start.copy(), np.inf
         for _ in range(8):
-            predicted, slope = self._problem.linearise(theta, own.tolist())
+            predicted, slope = self._problem.linearise(theta, free.tolist())
             if not np.isfinite(predicted).all():
-                theta[own] = 0.5 * (theta[own] + p.mean[own])
+                theta[free] = 0.5 * (theta[free] + p.mean[free])
                 continue
-            columns = self._problem.noise.whiten(slope * p.sd[own])
+            columns = self._problem.noise.whiten(slope * p.sd[free])
             residual = self._problem.noise.whiten(self._problem.observed - predicted)
             if best - float(residual @ residual) < 0.01 * best:
                 break
             best = float(residual @ residual)
             step = np.linalg.lstsq(columns, residual, rcond=None)[0]
-            theta[own] = np.clip(theta[own] + p.sd[own] * step, p.lower[own], p.upper[own])
+            theta[free] = np.clip(theta[free] + p.sd[free] * step, p.lower[free], p.upper[free])
         return theta
 
     def far(self, predicted: Array, none: Fit) -> bool:

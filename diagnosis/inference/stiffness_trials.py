@@ -59,27 +59,27 @@ def stiffness_trials(
     states: Campaign, labels: Labels, infos: Sequence[ParameterInfo], missed: Array, slope: Array
 ) -> StiffnessTrials:
     """From forces missed (n,) by the baseline and the slope (n, k) of all values there; other values are not looked at."""
-    own = np.flatnonzero(labels.kind == 3)
-    state, trial = labels.state[own], labels.trial[own]
+    rows = np.flatnonzero(labels.kind == 3)
+    state, trial = labels.state[rows], labels.trial[rows]
     by_source = {
-        source: slope[own][:, [i for i, p in enumerate(infos) if p.source == source]].sum(axis=1)
+        source: slope[rows][:, [i for i, p in enumerate(infos) if p.source == source]].sum(axis=1)
         for source in dict.fromkeys(p.source for p in infos if p.trial is not None)
     }
-    stiff = np.zeros(len(own))
+    stiff = np.zeros(len(rows))
     for t in np.unique(trial):
         # Before contact there is no force; the specimen is the same.
         stiff[trial == t] = np.abs(by_source["touch"][trial == t]).max()
     stiff = np.maximum(stiff, 1e-9)
     data = Repeated(
-        missed[own, None],
+        missed[rows, None],
         states.condition[state],
         ("force",),
         stiff[:, None, None],
         {source: Scatter(values[:, None, None], trial) for source, values in by_source.items()},
-        np.zeros(len(own), bool),
-        np.zeros((len(own), 1, 0)),
-        np.full(len(own), -1),
-        np.zeros(len(own)),
+        np.zeros(len(rows), bool),
+        np.zeros((len(rows), 1, 0)),
+        np.full(len(rows), -1),
+        np.zeros(len(rows)),
     )
     default = {source: next(p.sd for p in infos if p.source == source) for source in by_source}
     floor = estimate_noise(data, NoiseComponents({"force": DEFAULT_FORCE_NOISE}, DEFAULT_DEFLECTION_NOISE, default, 1.0, 0))

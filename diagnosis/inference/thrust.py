@@ -68,5 +68,5 @@ def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> S
         return None
     shapes = {name: float(theta[names[f"{THRUST}.{name}"]]) for name in ("borne", "growth")}
     stated = {name: Stated(value=value, unit="1") for name, value in {"share": 1.0, **shapes}.items()}
-    made = robot.model_copy(update={"thrust": "walls", "effects": {**robot.effects, THRUST: stated}})
-    return SettledThrust(made, cap, walls)
+    with_walls = robot.model_copy(update={"thrust": "walls", "effects": {**robot.effects, THRUST: stated}})
+    return SettledThrust(with_walls, cap, walls)

@@ -56,8 +56,8 @@ def foreseen(robot: Robot, table: Columns, seed: int = 1) -> Case:
         raise BadCase("the rod model has no equilibrium at a planned state: check pressures, and robot.yaml's stiffness")
     read, observed = {name: np.array(column) for name, column in table.items()}, forward.observations
     for name in "xyz":
-        own = observed.channel == name
-        read[name][observed.row[own]] = values[own] + DEFAULT_NOISE["tip"] * rng.standard_normal(int(own.sum()))
+        rows = observed.channel == name
+        read[name][observed.row[rows]] = values[rows] + DEFAULT_NOISE["tip"] * rng.standard_normal(int(rows.sum()))
     n = len(design)
     return Case(robot, Table({"step": np.arange(1, n + 1), "protocol": np.full(n, "bending"), **read}))
 
@@ -67,7 +67,7 @@ def of_case(case: CaseLike, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> 
     return Planned.of(prepare(case.robot, states(case)[0], catalogue=catalogue))
 
 
-def additions(
+def listed(
     case: Case,
     catalogue: Mapping[str, EffectSpec] = CATALOGUE,
     each: int = 12,
@@ -77,7 +77,7 @@ def additions(
     """What each experiment of the menu would bring beside a plan, most for its time first."""
     before = power(of_case(case, catalogue), tuple(catalogue), each, seed).right
     menu = candidate_experiments(case.robot, states(case)[0])
-    found = []
+    listed = []
     for k, e in enumerate(menu):
         progress((k + 1) / (len(menu) + 1))
         try:
@@ -85,9 +85,9 @@ def additions(
         except BadCase:
             continue
         after = power(of_case(wider, catalogue), tuple(catalogue), each, seed).right
-        found.append(Addition(e, after, after - before))
+        listed.append(Addition(e, after, after - before))
     progress(1.0)
-    return tuple(sorted(found, key=lambda a: -a.per_hour))
+    return tuple(sorted(listed, key=lambda a: -a.per_hour))
 
 
 def _with(case: Case, e: CandidateExperiment, seed: int) -> Case:

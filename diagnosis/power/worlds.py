@@ -109,13 +109,13 @@ def drawn(d: Planned, rng: np.random.Generator, cause: str, clutter: Sequence[fl
     about, amount, done = float(rng.choice(clutter)), float(rng.uniform(*CAUSE)), {}
     basis = d.problem.form_error_basis
     for effect in d.effects:
-        own = d.sizes(effect)
-        way = rng.standard_normal(len(own))
+        columns = d.sizes(effect)
+        way = rng.standard_normal(len(columns))
         way /= np.linalg.norm(way)
         beside = about * rng.standard_t(FREEDOM) / np.sqrt(FREEDOM / (FREEDOM - 2))
         theta = way * (amount if effect == cause else beside)
-        theta = np.where(p.low[own] >= 0, np.abs(theta), np.where(p.high[own] <= 0, -np.abs(theta), theta))
-        response = noise.colour(linear.effects[:, own] @ theta)
+        theta = np.where(p.low[columns] >= 0, np.abs(theta), np.where(p.high[columns] <= 0, -np.abs(theta), theta))
+        response = noise.colour(linear.effects[:, columns] @ theta)
         wrong = p.law_error[effect] * rng.choice(KNOWN.form_errors) * (basis @ rng.standard_normal(basis.shape[1]))
         done[effect] = noise.whiten(response * (1 + wrong))
         y += done[effect]
@@ -136,9 +136,9 @@ def probabilities(d: Planned, readings: Array) -> tuple[tuple[Hypothesis, ...], 
     for i, h in enumerate(named):
         mask, terms = p.mask(h), []
         for g, row in enumerate(replace(every, form_error=d.form_errors(h)).reductions(KNOWN.sizes, KNOWN.form_errors)):
-            for f, found in enumerate(row):
-                x, misfit = found.information, np.diag(found.information)[k:]
-                of_worlds = replace(found, information=x[:k, :k], score=x[k:, :k])
+            for f, accumulated in enumerate(row):
+                x, misfit = accumulated.information, np.diag(accumulated.information)[k:]
+                of_worlds = replace(accumulated, information=x[:k, :k], score=x[k:, :k])
                 for s, spike in enumerate(KNOWN.spikes):
                     prior = p.prior(mask, float(spike), linear.effect_size)
                     log_p, mean, covariance = of_worlds.update(prior)
