@@ -201,7 +201,7 @@ def _setup(p: Bending, vacuum: float) -> Setup:
 
 
 def run(bench: Bench, p: Bending, trials: Trials) -> None:
-    """Do the sweep. Raises ProtocolError; the caller lands the rig safe whatever happens."""
+    """Do the sweep. Raises ProtocolError; the caller always lands the rig safe."""
     # A pattern that the wiring cannot make fails before anything moves.
     setpoints(bench, _chambers(p, max(p.pressures)))
     vent(bench)
@@ -255,8 +255,9 @@ def _pass(p: Bending, shapes: Shapes, walk: Walk, left: list[Level]) -> None:
         level = left[0]
         # The pressure approaches the ramp's end without crossing it: the last level is read just before.
         short = p.settle.band if level.pressure == end else 0.0
-        at = level.pressure - short if rising else level.pressure + short
-        rule = Crossing(at, tuple(c - 1 for c in p.chambers), rising, p.settle.average, 2, arrived - begin + p.settle.within)
+        pressure = level.pressure - short if rising else level.pressure + short
+        within = arrived - begin + p.settle.within
+        rule = Crossing(pressure, tuple(c - 1 for c in p.chambers), rising, p.settle.average, 2, within)
         rate = p.rate if rising else -p.rate
         _judge(shapes, walk, level, walk.read(rule, _chambers(p, level.pressure), level.branch, begin, arrived, rate))
         left.pop(0)

@@ -118,6 +118,11 @@ def test_stiffness_gives_back_the_modulus_of_the_virtual_spine_at_each_length(
     assert beyond <= 1
 
 
+def test_safe_confirms_by_reading_back(virtual_lab: VirtualLab, cli: Cli) -> None:
+    report = cli("safe", "--rig", virtual_lab.rig, "--json").json
+    assert report["confirmed"] and {s["instrument"] for s in report["steps"]} == {"arm", "pressure", "spine", "valve"}
+
+
 def vented(virtual_lab: VirtualLab, within: float) -> bool:
     plant = virtual_lab.fakes.plant
     return timing.wait(lambda: max(plant.chamber_pressure) < 5e3 and not plant.valve_on, within)
