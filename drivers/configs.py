@@ -1,17 +1,18 @@
-"""What a rig asks of every instrument's table in rig.yaml, whatever its driver; each driver adds how it is reached."""
+"""The keys of every instrument's table in rig.yaml that all drivers share; each driver adds how it is reached."""
 
 from __future__ import annotations
 
 import re
-from typing import ClassVar
+from typing import ClassVar, Self
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from .chambers import ChamberMap
 from .interfaces import Vector3
 
 PORTS, HOSTS = ("port", "ports"), ("host", "server", "local")
 """Keys of an instrument's table that hold the path of a serial line, and the address of a computer: every table has one of them,
-and tells by it whether the instrument is on this computer alone."""
+which shows whether the instrument is on this computer alone."""
 
 SERVED = re.compile(r"(?:socket|rfc2217)://(?:[A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\]):([0-9]{1,5})")
 """Ports of terminal servers, without the options of a URL: some of them write files."""
@@ -60,6 +61,15 @@ class RegulatorsConfig(InstrumentConfig):
     widest: ClassVar[float | None] = None
     """Where the units cannot be asked for their range: the widest that there is, Pa; a first try is made so that even that
     one stays below 5 kPa."""
+
+    @model_validator(mode="after")
+    def _wired_and_within_range(self) -> Self:
+        ChamberMap(self.chambers)
+        if self.max_pressure > self.full_scale:
+            raise ValueError(
+                f"max_pressure {self.max_pressure:g} Pa is above the units' full_scale {self.full_scale:g} Pa; lower it"
+            )
+        return self
 
 
 class LengthUnitConfig(InstrumentConfig):

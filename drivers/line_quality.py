@@ -2,11 +2,43 @@
 
 from __future__ import annotations
 
+import os
 from collections import deque
+from pathlib import Path
 
 import timing
 
-from .usb_adapter import latency_file, latency_timer
+TTYS = Path("/sys/class/tty")
+"""Where Linux describes its serial ports."""
+
+
+def latency_file(path: str) -> Path:
+    """Return the file that holds the latency timer of the adapter at a port; it exists for adapters that have one."""
+    return TTYS / Path(os.path.realpath(path)).name / "device" / "latency_timer"
+
+
+def latency_timer(path: str) -> int | None:
+    """Return the latency timer of the adapter at a port, ms; None where it cannot be read."""
+    try:
+        return int(latency_file(path).read_text(encoding="ascii"))
+    except (OSError, ValueError):
+        return None
+
+
+def adapter(path: str) -> str:
+    """Return in words which USB adapter is at a port: its ids and serial number, or its socket where it has no number.
+
+    Empty for what is no USB adapter.
+    """
+    from serial.tools import list_ports  # a computer without the instruments' libraries has none
+
+    device = os.path.realpath(path)
+    for port in list_ports.comports():
+        if os.path.realpath(port.device) == device and port.vid is not None and port.pid is not None:
+            number = f"serial number {port.serial_number}" if port.serial_number else f"at USB socket {port.location}"
+            return f"{port.vid:04x}:{port.pid:04x} {number}"
+    return ""
+
 
 REPEATED_OF_LAST, MOST_REPEATED = 40, 10
 """Requests that are judged together, and how many of them may be repeated: a sound line repeats a few in a thousand."""
@@ -51,19 +83,19 @@ class LineQuality:
 
     def notices(self) -> list[str]:
         """Return what is worth a warning and was not yet given."""
-        found = {}
+        notices = {}
         if sum(self._repeated) > MOST_REPEATED:
-            found["retries"] = (
+            notices["retries"] = (
                 f"{sum(self._repeated)} of the last {len(self._repeated)} requests on {self._path} had to be repeated, "
                 f"{self.repeats} in all; check cable, baud rate and adapter"
             )
         if self.echoes:
-            found["echo"] = f"the adapter on {self._path} echoes what is sent; switch its local echo off"
+            notices["echo"] = f"the adapter on {self._path} echoes what is sent; switch its local echo off"
         # three of four, so that neither a busy moment of the computer counts nor a timer that happens to run out early
         if len(self._delays) == TIMED and (delay := sorted(self._delays)[TIMED // 4]) > LATE:
-            found["late"] = self._late(delay)
-        new = [text for what, text in found.items() if what not in self._given]
-        self._given |= found.keys()
+            notices["late"] = self._late(delay)
+        new = [text for what, text in notices.items() if what not in self._given]
+        self._given |= notices.keys()
         return new
 
     def _late(self, delay: float) -> str:

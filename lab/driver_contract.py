@@ -21,14 +21,14 @@ import timing
 from drivers.configs import HOSTS, PORTS
 from drivers.errors import InstrumentError, LimitExceeded, StaleReading, Unreachable
 from drivers.interfaces import ArmSample, BodySample, Identity, PressureSample
-from sim_fakes.instrument import Part, Site
+from sim_fakes.instrument import FakePart, Site
 from sim_fakes.plant import Plant
 from sim_fakes.pty_fake import Faults, PtyFake
 from sim_fakes.registry import of_role
 from sim_fakes.ur.process import free_host
 from timing import RigClock
 
-from .files.all_drivers import drivers
+from .files.rig_file import drivers
 from .verbs.fakes import PATIENT, found_fakes
 
 SPEED = 20.0
@@ -70,7 +70,7 @@ class DriverOnFake:
 
     role: str
     driver: Any
-    parts: list[Part]
+    parts: list[FakePart]
     plant: Plant
     config: Any
     clock: RigClock = field(default_factory=lambda: RigClock(SPEED, timing.now() - AGO))

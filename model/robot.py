@@ -7,15 +7,15 @@ SI units throughout; every field carries its unit in `json_schema_extra`, a tabl
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, Tag, ValidationError, model_validator
 
-from model import smooth_table
 from model.actuators import Chambers, Tendons
 from model.errors import BadRobot
 from model.plain_yaml import MOST_CHARACTERS, MOST_PROBLEMS, BadYaml, parse
@@ -23,6 +23,43 @@ from model.sections import Positive, Section, Weight, section_problems
 from model.stated import AREA_FACTOR, Noise, Posterior, Residual, Stated, Table, named, problems
 
 Array = NDArray[np.float64]
+
+MOST_BEYOND = np.log(2.0)
+"""Logarithm of the factor on an end entry that is approached far beyond it."""
+
+
+def smooth_at(table: tuple[tuple[float, float], ...], length: Array) -> Array:
+    """Positive values at lengths (...) of a table of (length, value), sorted by length, without kinks.
+
+    A robot stands at the very lengths of its table, and a search for the most probable length would end on a kink. So between
+    entries the curve is a monotone cubic (PCHIP, Fritsch and Carlson 1980). Beyond them it continues with its slope there and
+    levels off: y = y_e exp(w tanh(s (l - l_e) / (w y_e))), w = ln 2, always between half and twice the end entry y_e.
+
+    >>> smooth_at(((0.1, 1e6), (0.2, 2e6)), np.array([0.1, 0.15, 0.2])).tolist()
+    [1000000.0, 1500000.0, 2000000.0]
+    """
+    first, last = table[0], table[-1]
+    if len(table) < 2:
+        return np.full(length.shape, first[1])
+    curve, slope = _curve(table)
+    out: Array = np.asarray(curve(np.clip(length, first[0], last[0])))
+    for (end, value), beyond in ((first, length < first[0]), (last, length > last[0])):
+        if beyond.any():
+            rise = float(slope(end)) / (MOST_BEYOND * value) * (length - end)
+            out = np.where(beyond, value * np.exp(MOST_BEYOND * np.tanh(rise)), out)
+    return out
+
+
+@lru_cache(maxsize=64)
+def _curve(table: tuple[tuple[float, float], ...]) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """The curve between the ends, and its slope."""
+    from scipy.interpolate import PchipInterpolator  # reading a robot needs none of it
+
+    lengths, values = np.array(table).T
+    curve = PchipInterpolator(lengths, values)
+    return curve, curve.derivative()
+
+
 Vector3 = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 
 LengthKey = Annotated[FiniteFloat, Field(ge=0, le=5, json_schema_extra={"unit": "m"})]
@@ -34,6 +71,8 @@ def _form(value: object) -> str:
     return "table" if isinstance(value, dict) else "number"
 
 
+THRUST = "chamber_thrust"
+"""The effect that describes thrust on the side walls."""
 NumberOrTable = Annotated[
     Annotated[Factor, Tag("number")] | Annotated[dict[LengthKey, Factor], Tag("table")], Discriminator(_form)
 ]
@@ -48,8 +87,8 @@ class Spine(BaseModel):
     modulus: dict[LengthKey, Modulus] = Field(min_length=1, json_schema_extra={"unit": "Pa", "key_unit": "m"})
 
     def modulus_at(self, spine_length: ArrayLike) -> Array:
-        """Young's modulus (Pa) at spine length (m), see `model.smooth_table`."""
-        return smooth_table.at(tuple(sorted(self.modulus.items())), np.asarray(spine_length, float))
+        """Young's modulus (Pa) at spine length (m), see `model.robot`."""
+        return smooth_at(tuple(sorted(self.modulus.items())), np.asarray(spine_length, float))
 
 
 class Pose(BaseModel):
@@ -128,6 +167,9 @@ class Robot(BaseModel):
     """In place of chambers."""
     area_factor: NumberOrTable = Field(json_schema_extra={"unit": "1", "key_unit": "m"})
     """Effective over drawn area of a chamber, one number or by spine length; of tendons the share of the tension that arrives."""
+    thrust: Literal["cap", "walls"] | None = None
+    """What takes the chambers' thrust: the tip's cap, so that it follows the tip, or the side walls, all along the arc. Where it
+    is not stated a diagnosis settles it first."""
     spine: Spine | None = None
     markers: tuple[Annotated[FiniteFloat, Field(gt=0, le=5)], ...] = Field(default=(), json_schema_extra={"unit": "m"})
     """Arc lengths of the markers along the body."""
@@ -164,23 +206,25 @@ class Robot(BaseModel):
 
     def _body_problems(self) -> list[str]:
         kind = "chambers" if self.tendons is None else "tendons"
-        own, count = self.actuators, len(self.actuators.azimuths_deg)
+        actuators, count = self.actuators, len(self.actuators.azimuths_deg)
         radii = {
             "outer_radius": self.outer_radius, "inner_radius": self.inner_radius,
-            "chamber_radius": own.radius, "path_radius": own.path_radius,
+            "chamber_radius": actuators.radius, "path_radius": actuators.path_radius,
         }  # fmt: skip
-        found = list(section_problems(self.sections, self.length, radii, self.spine.radius if self.spine else None))
+        problems = list(section_problems(self.sections, self.length, radii, self.spine.radius if self.spine else None))
+        if self.tendons is not None and self.thrust is not None:
+            problems.append("thrust: says nothing of a robot with tendons: leave it out")
         if self.density == 0 and (self.mass_per_length or any(part.mass_per_length for part in self.sections)):
-            found.append("mass_per_length: needs a density above 0 kg/m^3, which its uncertainty is referred to")
+            problems.append("mass_per_length: needs a density above 0 kg/m^3, which its uncertainty is referred to")
         if self.tendons is not None and any(part.chamber_radius is not None for part in self.sections):
-            found.append("sections: chamber_radius says nothing of a robot with tendons: leave it out")
-        if own.ends and len(own.ends) != count:
-            found.append(f"{kind}.ends: {len(own.ends)} arc lengths, must be one for each of {count} azimuths_deg")
-        most = max(map(abs, own.azimuths_deg))
+            problems.append("sections: chamber_radius says nothing of a robot with tendons: leave it out")
+        if actuators.ends and len(actuators.ends) != count:
+            problems.append(f"{kind}.ends: {len(actuators.ends)} arc lengths, must be one for each of {count} azimuths_deg")
+        most = max(map(abs, actuators.azimuths_deg))
         if most <= 2 * math.pi and most != round(most):
-            found.append(f"{kind}.azimuths_deg: {most:g} at most, must be in degrees: they look like rad, multiply by 57.2958")
-        beyond = [s for s in own.ends if s > self.length * (1 + 1e-9)]
-        return [*found, *(f"{kind}.ends: {s:g} m is beyond length {self.length:g} m" for s in beyond)]
+            problems.append(f"{kind}.azimuths_deg: {most:g} at most, must be in degrees: they look like rad, multiply by 57.2958")
+        beyond = [s for s in actuators.ends if s > self.length * (1 + 1e-9)]
+        return [*problems, *(f"{kind}.ends: {s:g} m is beyond length {self.length:g} m" for s in beyond)]
 
     def _length_problems(self) -> list[str]:
         found = [f"markers: arc length {s:g} m is beyond length {self.length:g} m" for s in self.markers if s > self.length]
@@ -235,7 +279,14 @@ class Robot(BaseModel):
     @property
     def stated(self) -> dict[str, Stated]:
         """EFFECT.PARAMETER -> value, sd and unit, of effects and tolerances."""
-        return named(self.effects, self.tolerances)
+        return named(self.causes, self.tolerances)
+
+    @property
+    def causes(self) -> Table:
+        """`effects`, and what `thrust` means where they do not describe it."""
+        if self.thrust != "walls" or THRUST in self.effects:
+            return self.effects
+        return {THRUST: {"share": Stated(value=1.0, unit="1")}, **self.effects}
 
     @property
     def plain(self) -> Robot:

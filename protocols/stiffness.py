@@ -24,7 +24,7 @@ from recordings.trials import TrialRow
 from .actions import home, keep_jammed, set_spine, vent
 from .bench import Bench, Setup
 from .errors import NotPushing, ProtocolError, TooMuchForce
-from .experiment import Ask, Plan, Push, Reading, Step, Trial, Trials, with_probe
+from .experiment import Ask, Plan, Push, Reading, Step, Trial, Trials
 from .parameters import Jam, SpineLength, SpineMotion, Vacuum
 from .probe import Contact, ProbeMotion, Probing
 from .suspension import through_jams, through_pauses
@@ -75,8 +75,6 @@ class Stiffness(Probing):
 
 
 PARAMETERS = Stiffness
-
-
 NEEDS = ("spine", "valve", "gauge", "force", "arm")
 
 
@@ -123,7 +121,7 @@ def _asks(p: Stiffness, spine: float) -> tuple[Ask, Ask, Callable[[int], Ask]]:
 
 
 def run(bench: Bench, p: Stiffness, trials: Trials) -> None:
-    """Do all trials. Raises ProtocolError; the caller lands the rig safe whatever happens."""
+    """Do all trials. Raises ProtocolError; the caller always lands the rig safe."""
     stand = bench.need(bench.stand, "stand")
     bench.operator.prepare(_setup(p))
     if bench.pressure is not None:
@@ -143,7 +141,7 @@ def run(bench: Bench, p: Stiffness, trials: Trials) -> None:
                 work = Pushing(probe, p.cantilever(spine), grow)
                 through_jams(trials, trial, partial(_push, bench, p, trial, trials, work))
             except ProtocolError:
-                with contextlib.suppress(Exception):  # what ended the trial is told, not what came of the retreat
+                with contextlib.suppress(Exception):  # report what ended the trial, not how the retreat failed
                     probe.retreat()
                 raise
 
@@ -183,7 +181,7 @@ def _push(bench: Bench, p: Stiffness, trial: Trial, trials: Trials, work: Pushin
     tcp = probe.state.latest().tcp_pose
     # Deflection counts from here, so force does: how far the last step went past the first touch is in both.
     origin = Probe(direction=probe.stand.push, origin=(tcp[0], tcp[1], tcp[2]), force_offset=contact.offset)
-    trial = with_probe(trial, origin)
+    trial = replace(trial, probe=origin)
     average = max(p.average, p.min_samples / _sample_rate(bench), (MIN_POSES + 1) * _longest_gap(bench))
     row: TrialRow | None = None
     for i in range(1, p.steps + 1):
@@ -238,10 +236,7 @@ def _expected_rise(row: TrialRow | None, way: float) -> float:
 
 
 def _feel(trial: Trial, trials: Trials, work: Pushing, depth: float, least: float, why: NotPushing) -> None:
-    """Find out whether a jammed specimen is soft, or the sensor has drifted: what the probe feels going back tells.
-
-    Raises Suspended when the specimen pushes back with less than `least` (N).
-    """
+    """Find out by the way back whether a specimen is soft or the sensor drifts; raises Suspended below `least` N."""
     held = work.probe.held(work.length, depth)
     if held >= least:
         work.probe.bench.say(f"{why}; but it pushes back with {held:.2f} N: the sensor drifts, and the state is read again")

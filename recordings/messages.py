@@ -276,10 +276,7 @@ STREAMS: dict[str, MessageType] = {m.topic: m for m in (PRESSURE, SPINE, VALVE, 
 def streams(chambers: int = 9, markers: int = 0, sensors: Sequence[MessageType] = ()) -> dict[str, MessageType]:
     """The streams of a recording, by topic, for a robot with this many chambers and tracked body markers, and with sensors of
     the lab's own (see `sensor`)."""
-    own = {
-        "/pressure": PRESSURE.sized(setpoint=(chambers,), measured=(chambers,)),
-        "/tip": TIP.sized(markers=(markers, 3)),
-    }
+    own = {"/pressure": PRESSURE.sized(setpoint=(chambers,), measured=(chambers,)), "/tip": TIP.sized(markers=(markers, 3))}
     return STREAMS | own | {message.topic: message for message in sensors}
 
 
@@ -311,7 +308,7 @@ def is_stream(topic: str) -> bool:
 
 
 def stream_message(topic: str, schema: bytes, units: Mapping[str, str]) -> MessageType:
-    """The message of a stream of a file: known beforehand, or, of a sensor of the lab's own, as the file's schema tells.
+    """The message of a stream of a file: known beforehand, or, of a sensor of the lab's own, as the file's schema states.
 
     `units`: quantity -> unit. Raises `BadMessage` for a schema that is not of such a sensor.
     """

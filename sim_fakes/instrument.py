@@ -13,7 +13,7 @@ from .plant import Plant
 
 
 @runtime_checkable
-class Part(Protocol):
+class FakePart(Protocol):
     """One running piece of a fake instrument: a serial line (`pty_fake.PtyFake`), a server, a process."""
 
     def start(self) -> None:
@@ -24,8 +24,8 @@ class Part(Protocol):
 
 
 @dataclass(frozen=True)
-class Regulators:
-    """Which pressure regulators a rig has, and what may be odd about them; rig.yaml tells all of it but the last."""
+class FakeRegulators:
+    """Which pressure regulators a rig has, and what may be odd about them; rig.yaml states all but the last."""
 
     driver: str = "alicat"
     """A registered fake of the role pressure."""
@@ -58,11 +58,11 @@ class Site:
     """Of regulators: the chambers that each channel feeds."""
     full_scale: float = 0.0
     """Of regulators: their range, Pa."""
-    regulators: Regulators = Regulators()
+    regulators: FakeRegulators = FakeRegulators()
     host: str = ""
     """A loopback address that this rig has to itself, for what is reached over the network."""
     markers: int = 0
-    """Of motion capture: tracked bodies along the robot, beside its tip."""
+    """Of motion capture: tracked bodies along the robot, in addition to its tip."""
 
 
 @dataclass(frozen=True)
@@ -71,10 +71,10 @@ class Fake:
 
     role: str
     """Key in rig.yaml."""
-    plug: Callable[[Site], Sequence[Part]]
+    plug: Callable[[Site], Sequence[FakePart]]
     """Makes its parts, mostly one, or one serial line a channel; not yet started."""
     table: Callable[[Site, Sequence[Any]], Mapping[str, Any]]
-    """What its table in rig.yaml says beside `driver`, and of regulators beside chambers and full_scale."""
+    """Its table in rig.yaml without `driver`, and for regulators without chambers and full_scale."""
     full_scale: float = 500e3
     """Of regulators: Pa, unless asked for otherwise."""
 

@@ -26,8 +26,7 @@ from lab.verbs.run import execute, job
 from lab.verbs.safe import safe
 from recordings.errors import RecordingError
 from recordings.file.reader import Recording
-from sim_fakes.accidents import ACCIDENTS
-from sim_fakes.faults import FAULTS
+from sim_fakes.faults import ACCIDENTS, FAULTS
 from sim_fakes.rig import FakeRig
 
 TRIALS = 2
@@ -42,12 +41,7 @@ def counts() -> dict[str, float]:
     with open("/proc/self/statm") as file:
         memory = int(file.read().split()[1]) * os.sysconf("SC_PAGESIZE") / 1e6
     children = sum(len(Path(p).read_text().split()) for p in Path("/proc/self/task").glob("*/children"))
-    return {
-        "threads": threading.active_count(),
-        "files": len(os.listdir("/proc/self/fd")),
-        "children": children,
-        "MB": memory,
-    }
+    return {"threads": threading.active_count(), "files": len(os.listdir("/proc/self/fd")), "children": children, "MB": memory}
 
 
 def trouble(fakes: FakeRig, rng: random.Random, ended: threading.Event) -> str:

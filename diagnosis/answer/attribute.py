@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from scipy.special import logsumexp
 
 from model.effects.spec import Stage
 
@@ -21,13 +22,14 @@ from ..inference.candidate import Candidate
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, Executor
 from ..inference.fit import Fit, fit
-from ..inference.posterior import Posterior, posterior, with_unknown
+from ..inference.posterior import UNKNOWN, Posterior, log_weight, posterior, with_unknown
 from ..inference.prepare import Prepared
 from ..inference.problem import Problem
 from ..inference.search import Search
-from ..judgement import COMPARED_DISCREPANCY, REDUCIBLE_RATIO, RIVAL_PROBABILITY, STAGE_GAIN
+from ..judgement import COMPARED_DISCREPANCY, LAW_ERRORS, REDUCIBLE_RATIO, RIVAL_PROBABILITY, STAGE_GAIN
 from .distinguishability import Distinguishability, distinguishability
 from .shrink import rms
+from .size import sizes
 from .verdict import Decision, decide
 
 
@@ -55,12 +57,15 @@ class Attribution:
         """Stages that ask for an error of their own."""
         return tuple(dict.fromkeys(e for e in self.stage_errors if e.gain > STAGE_GAIN))
 
-    @property
-    def tense(self) -> Mapping[int, float]:
-        """Numbers of robot.yaml that the answer moves far beyond their tolerance (`Parameters.tense`); those of the calibrated
-        model too where that leaves nothing above the noise floor."""
+    def tense(self, fitted: Mapping[str, float] | None) -> Mapping[int, float]:
+        """Numbers of robot.yaml that the answer moves far beyond their tolerance (`Parameters.tense`), as in the robot `fitted`
+        with what is named, which must ask for them too; those of the calibrated model as well where that leaves nothing above the
+        noise floor."""
         p = self.prepared.problem.parameters
         own = p.tense(self.best.fit.theta)
+        if fitted is not None:
+            alone = p.tense(np.array([fitted.get(name, 0.0) for name in p.names]))
+            own = {i: value for i, value in alone.items() if i in own}
         return {**p.tense(self.calibrated.theta), **own} if self._calibration_suffices else own
 
     @property
@@ -135,7 +140,9 @@ def attribute(p: Prepared, stages: Mapping[str, Stage], begun: Begun) -> Attribu
     (among,) = begun.relatives()
     odds = odds_outside(w.search.tried, among, total_gain(of_stages), misfit.excess_scatter, len(p.problem.parameters.ids))
     ranked = with_unknown(w.known, found[NONE], odds)
-    decision = decide(ranked, not lacking(p.states), w.budget.nothing_stands_out)
+    decision = without_nothing(
+        decide(ranked, not lacking(p.states), w.budget.nothing_stands_out), p, w.budget, best, ranked.probability(NONE)
+    )
     answered = best if decision.verdict == "effect" else leading
     decision = replace(
         decision,
@@ -154,6 +161,34 @@ def attribute(p: Prepared, stages: Mapping[str, Stage], begun: Begun) -> Attribu
         budget=w.budget,
         stage_errors=of_stages,
     )
+
+
+def without_nothing(d: Decision, p: Prepared, b: Budget, best: Candidate, none: float) -> Decision:
+    """The decision without effects whose size is zero within its error and which may carry less than the noise floor; none, of
+    probability `none` so far, where no other is named."""
+    known = [s for s in sizes(p, best) if s.role == "size"]
+    sized = {s.effect for s in known if s.certain} | ({*d.effects} - {s.effect for s in known})
+    named = tuple(e for e in d.effects if e in sized or b.interval(e, 0.025)[0] > p.noise_floor)
+    if named == d.effects:
+        return d
+    nothing = min(d.probability + none, 1 - d.outside)
+    return replace(d, effects=named) if named else Decision("none", (), nothing, d.outside, too_small=d.effects)
+
+
+def named_by_other_laws(f: Attribution) -> tuple[str, ...]:
+    """Effects that would lead in place of what is named, if laws were wrong by another of the shares `LAW_ERRORS`."""
+    named, scores = {*f.decision.effects}, dict[tuple[Hypothesis, int], float]()
+    for h, c in f.posterior.candidates.items():
+        if h not in (NONE, UNKNOWN):
+            by_law = logsumexp(c.weighed.log_terms, axis=(0, 1)) - c.fit.predicted_decrease
+            each = np.broadcast_to(by_law - np.log(len(LAW_ERRORS) / len(by_law)), LAW_ERRORS.shape).tolist()
+            scores |= {(h, k): log_weight(h, z, len(f.prepared.problem.parameters.ids)) for k, z in enumerate(each)}
+    others: list[str] = []
+    for k in {k for _, k in scores}:
+        leading = max((h for h, j in scores if j == k), key=lambda h: scores[h, k])
+        if not named & {*leading} and any(named & {*h} for h, _ in scores):
+            others += leading
+    return tuple(dict.fromkeys(others))
 
 
 def _stage_errors(p: Prepared, c: Candidate, stages: Mapping[str, Stage]) -> tuple[StageError, ...]:

@@ -33,7 +33,7 @@ from ..inference.evidence import KNOWN, Hypothesis, weigh
 from ..inference.fit import fit
 from ..inference.linear import Linear
 from ..inference.posterior import log_weight
-from ..inference.prepare import Prepared, least_sizes, observable_effects, parameters
+from ..inference.prepare import Prepared, least_sizes, observable_effects, parameters, possible
 from ..inference.problem import MaskedForward, Parameters, linearise
 from .relatives import RELATIVES
 
@@ -112,7 +112,7 @@ def _fitted(p: Prepared, r: Related, start: Candidate) -> tuple[float, float]:
     """Log evidence of a relative and the effects beside it, fitted from a candidate's fit, and of the effects alone there."""
     known = p.problem.parameters
     forward = _with_relatives(p, {r.relative: RELATIVES[r.relative]})
-    infos = parameters(forward.parameters).infos
+    infos = parameters(possible(forward, p.robot)).infos
     at = {name: i for i, name in enumerate(known.names)}
     old = np.array([at.get(i.name, -1) for i in infos])
     own = Parameters(

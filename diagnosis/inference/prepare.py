@@ -36,6 +36,7 @@ from .stiffness_trials import StiffnessTrials, stiffness_trials
 
 AREA, MODULUS = "area.excess", "youngs_modulus.excess"
 """The parameters of the one area factor, and of what the modulus may be off."""
+PAYLOAD = "tip_payload.mass"
 TINY = 1e-12
 """m."""
 
@@ -154,9 +155,9 @@ def prepare(
     if not kept.any():
         raise BadCase("the rod model has no equilibrium at any measured state: check robot.yaml's stiffness and area factor")
     labels = _labels(forward, states, kept)
-    made = parameters(forward.parameters)
+    made = parameters(possible(forward, robot))
     missed, response = (observed - predicted)[kept], pressure_response(forward, states, made, slope)[kept]
-    floor, beside_model, repeated = floor_of(
+    floor, beside_model, beside_readings = floor_of(
         states, labels, forward.parameters, missed, observed[kept], slope[kept], response, noise_components
     )
     pushes = stiffness_trials(states, labels, forward.parameters, missed, slope[kept]) if states.pushed.any() else None
@@ -164,7 +165,7 @@ def prepare(
     if pushes is not None and states.pushed.all():
         known = beside_model = pushes.noise_floor
     else:
-        known = max(min(repeated, beside_model), LEAST_NOISE_FLOOR)
+        known = max(beside_readings, LEAST_NOISE_FLOOR)
     unit = float(np.clip(beside_model / np.sqrt(3), *np.multiply(robot.length, DISCREPANCY_UNIT_RANGE)))
     smooth, form_error_basis = _discrepancy_bases(robot, states, labels, unit, pushes)
     problem = Problem(
@@ -194,6 +195,13 @@ def table_columns(states: Campaign) -> dict[str, NDArray[np.generic]]:
     table = {name: states.trials[name] for name in states.trials.columns}
     pressures = {f"p{i}": column for i, column in enumerate(with_vented_at_zero(states).T, 1)}
     return table | {"spine_length": states.spine_length} | pressures
+
+
+def possible(forward: ForwardModel, robot: Robot) -> tuple[ParameterInfo, ...]:
+    """The forward model's parameters without sizes that cannot be: no more is taken off the tip than hangs there."""
+    stated, tips = robot.stated.get(PAYLOAD), ~forward.design.stiffness
+    hanging = float(forward.design.tip_mass[tips].min(initial=np.inf)) + (stated.value if stated is not None else 0.0)
+    return tuple(replace(i, low=max(i.low, -hanging)) if i.name == PAYLOAD else i for i in forward.parameters)
 
 
 def parameters(infos: tuple[ParameterInfo, ...]) -> Parameters:

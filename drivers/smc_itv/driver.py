@@ -1,27 +1,58 @@
-"""SMC ITV1050/2050/3050 electro-pneumatic regulators with RS-232C: one unit a port, no address.
-
-Commands end in CR LF: `SET n` and `REQ` answer the set-point, `MON` the measured pressure, all as n of 0..1023 over the
-full scale. That is coarse: 0.98 kPa on a 1 MPa unit, so a 100 kPa or 500 kPa model suits soft chambers better.
-The units hold their set-points: nothing expires when the host dies, so a rig needs a vent valve in hardware as well.
-"""
+"""SMC ITV1050/2050/3050 electro-pneumatic regulators with RS-232C: one unit a port, no address."""
 
 from __future__ import annotations
 
 import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
+
+from pydantic import Field, model_validator
 
 import timing
 from timing import Clock
 
 from ..chambers import ChamberMap
+from ..configs import RegulatorsConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, Unreachable, WrongDevice
 from ..interfaces import Identity, PressureSample
-from ..pressure_limits import VENTED, PressureLimits
+from ..pressure_limits import PressureLimits, let_off
+from ..registry import Driver
 from ..serial_line import SerialLine, show
-from ..spec import Driver
 from ..stop_first import StopFirst
-from .config import Config
+
+
+class Config(RegulatorsConfig):
+    """How to reach the units, their range, and what may be asked of them."""
+
+    ports: tuple[str, ...] = Field(min_length=1)
+    """Serial ports, in channel order."""
+    chambers: tuple[tuple[int, ...], ...] = ((1,), (2,), (3,), (4,), (5,), (6,), (7,), (8,), (9,))
+    """Chambers (1..9) on each channel."""
+    full_scale: float = Field(
+        gt=0,
+        le=1e6,
+        json_schema_extra={
+            "unit": "Pa",
+            "write": "the units cannot report it; see their label: ITV_01_ 100 kPa, ITV_03_ 500 kPa, ITV_05_ 900 kPa",
+        },
+    )
+    """Pressure at 1023 counts; readings do not show a wrong one."""
+    timeout: float = Field(0.25, ge=0.05, le=2, json_schema_extra={"unit": "s"})
+    """Of an answer, host time; a failed request is repeated once."""
+    poll_interval: float = Field(0.1, ge=0.0, le=5, json_schema_extra={"unit": "s"})
+    """Shortest time between two polls of one unit, host time."""
+
+    widest: ClassVar[float | None] = 900e3
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Config:
+        if len(self.ports) != len(self.chambers):
+            raise ValueError(f"{len(self.ports)} ports but {len(self.chambers)} lists of chambers; give one port for each list")
+        if len(set(self.ports)) != len(self.ports):
+            raise ValueError(f"ports {', '.join(self.ports)}: a port is listed twice")
+        return self
+
 
 __all__ = ["DRIVER", "Config", "SmcItv"]
 
@@ -36,8 +67,6 @@ QUIET = 1.2
 """Host seconds of silence on a line after which answers that are owed no longer come."""
 REREAD_EVERY = 10
 """Readings between two checks that each unit still holds the set-point that it confirmed: that takes a poll of its own."""
-VENT_WAIT = 0.5
-"""s of host time that `close` waits for all channels to fall below `VENTED`."""
 
 
 @dataclass
@@ -56,7 +85,11 @@ class _Behind:
 
 
 class SmcItv:
-    """Pressure regulators (see `PressureRegulators`), one channel a port."""
+    """Pressure regulators (see `PressureRegulators`), one channel a port.
+
+    Commands end in CR LF: `SET n` and `REQ` answer the set-point, `MON` the measured pressure, all as n of 0..1023 over the full
+    scale: 0.98 kPa on a 1 MPa unit. The units hold their set-points when the host dies, so a rig needs a vent valve in hardware.
+    """
 
     def __init__(self, name: str, config: Config, clock: Clock) -> None:
         self.name = name
@@ -152,7 +185,7 @@ class SmcItv:
             return PressureSample(self._clock.now(), self._confirmed(), measured)
 
     def confirm_settings(self) -> None:
-        """Read the set-points back: a unit has no other setting that its line tells.
+        """Read the set-points back: a unit reports no other setting.
 
         Raises WrongDevice when one is not what was confirmed: changed at the panel, by another program, or by a loss of power.
         """
@@ -163,10 +196,10 @@ class SmcItv:
             self._polled_at = timing.now()
             self._raise_first(errors)
             for channel, needed in enumerate(self._counts):
-                if channel not in self._unsure and (found := counts[channel]) != needed:
+                if channel not in self._unsure and (held := counts[channel]) != needed:
                     raise WrongDevice(
                         self.name,
-                        f"channel {channel + 1}: set-point (REQ) is {found} counts ({found * self.step / 1e3:.1f} kPa), "
+                        f"channel {channel + 1}: set-point (REQ) is {held} counts ({held * self.step / 1e3:.1f} kPa), "
                         f"{needed} ({needed * self.step / 1e3:.1f} kPa) was confirmed: its panel, another program or a loss "
                         "of power changed it; lock its keys, check its supply, then run again",
                     )
@@ -176,7 +209,7 @@ class SmcItv:
         return [notice for line in self._lines for notice in line.take_notices()]
 
     def vent(self) -> None:
-        """All set-points to zero, not rate-limited; whatever else is under way gives way.
+        """Set all set-points to zero, without rate limit; all other exchanges give way.
 
         A unit that fails is tried again, and does not keep the others. Needs no more than `connect`. Raises
         `InstrumentError` naming the ports that did not confirm zero.
@@ -195,20 +228,15 @@ class SmcItv:
         """Vent, wait shortly for the pressure to fall, disconnect."""
         with self._lock:
             if any(line.is_open for line in self._lines):
-                with contextlib.suppress(InstrumentError):
-                    self.vent()
-                with contextlib.suppress(InstrumentError):
-                    deadline = timing.now() + VENT_WAIT
-                    while timing.now() < deadline and max(self.read().measured) > VENTED:
-                        timing.sleep(0.02)
+                let_off(self.vent, lambda: self.read().measured)
             self._disconnect()
 
     # -- opening
     def _recognise(self) -> None:
         answers, errors = self._ask_each(dict.fromkeys(range(self.channels), MARK))
-        found = {channel: show(answer) for channel, answer in answers.items() if answer != UNKNOWN_COMMAND}
-        found |= {channel: e.message for channel, e in errors.items() if isinstance(e, BadReply)}
-        for channel, what in found.items():
+        foreign = {channel: show(answer) for channel, answer in answers.items() if answer != UNKNOWN_COMMAND}
+        foreign |= {channel: e.message for channel, e in errors.items() if isinstance(e, BadReply)}
+        for channel, what in foreign.items():
             raise WrongDevice(
                 self.name,
                 f"the device on {self.config.ports[channel]} is not an ITV: it should answer an unknown command with "
@@ -217,8 +245,7 @@ class SmcItv:
         silent = [self.config.ports[channel] for channel in errors]
         if silent:
             raise Unreachable(
-                self.name,
-                f"no answer on {', '.join(silent)} at {BAUD} Bd; check the unit's power and the RS-232C cable",
+                self.name, f"no answer on {', '.join(silent)} at {BAUD} Bd; check the unit's power and the RS-232C cable"
             )
 
     def _disconnect(self) -> None:
@@ -293,7 +320,7 @@ class SmcItv:
         return answers, errors
 
     def _send(self, channel: int, request: bytes) -> None:
-        """Raises NoReply when the answer could not be told from others; a set-point goes out all the same."""
+        """Raise NoReply when the answer could not be distinguished from others; a set-point is sent all the same."""
         line, state = self._lines[channel], self._behind.get(channel)
         if state is not None and state.held:
             now = timing.now()
@@ -314,10 +341,10 @@ class SmcItv:
 
     def _mark(self, channels: Sequence[int]) -> None:
         if channels:
-            with contextlib.suppress(NoReply):  # given up for a stop: reading tells
+            with contextlib.suppress(NoReply):  # given up for a stop: reading shows it
                 self._lock.sleep(self.config.poll_interval)  # a unit may not take two lines at once
         for channel in channels:
-            with contextlib.suppress(InstrumentError):  # reading tells
+            with contextlib.suppress(InstrumentError):  # reading shows it
                 self._lines[channel].write(MARK + END)
 
     def _answer(self, channel: int, deadline: float) -> bytes:

@@ -18,16 +18,14 @@ from timing import Clock
 
 from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, NotReady, StaleReading, WrongDevice
 from ..interfaces import ArmSample, Identity, Sink, Vector6
-from ..spec import Driver
+from ..registry import Driver
 from . import motion as ur5_motion
-from . import wire as ur5_wire
 from .config import Config
 from .control import ControlThread
-from .motion import Deadline
+from .motion import Deadline, Tool, millimetres, same_pose
 from .safety import SlowMotion, is_reduced, stop_text
 from .state import ENDED, PLAYING, UR5State
-from .state import Config as StateConfig
-from .tool import Tool, millimetres, same_pose
+from .wire import SCRIPT_PORT, Snapshot, UrController
 
 STILL_SPEED, STILL_TURNING = 2e-3, 1e-2
 """m/s and rad/s: below both the TCP counts as standing; the encoders' noise stays well below."""
@@ -40,13 +38,13 @@ STOP_ALLOWANCE = 0.2
 STATE_LAG = 0.1
 """s of host time by which the state may be behind the command connection; it is one or two cycles."""
 LOOK_INTERVAL = 0.002
-"""s of host time between looks at the state while waiting."""
+"""s of host time between two checks of the state while waiting."""
 FINISH_TIMEOUT = 3.0
 """s of host time for ending the program and disconnecting; the library sleeps 0.5 s in there, twice."""
 
 
 @dataclass
-class _Move:
+class _StartedMotion:
     goal: Vector6
     operation: int
     deadline: Deadline
@@ -62,13 +60,12 @@ class UR5:
         self.name = name
         self.config = config
         self._clock = clock
-        max_age = max(0.3, config.timeout / 2)
-        state = StateConfig(host=config.host, poll_interval=0.002, max_age=max_age, timeout=config.timeout)
-        self._state = UR5State(name, state, clock, lambda sample: None)
+        self._controller = UrController(name, config.host, config.timeout)
+        self._state = UR5State(self._controller, clock, lambda sample: None, max(0.3, config.timeout / 2), poll_interval=0.002)
         self._control: ControlThread | None = None
-        self._seen: ur5_wire.Snapshot | None = None
+        self._seen: Snapshot | None = None
         """What the controller said of itself at `open`."""
-        self._move: _Move | None = None
+        self._move: _StartedMotion | None = None
         self._tool: Tool | None = None
         """What the controller took to be at the flange at `open`."""
 
@@ -81,11 +78,11 @@ class UR5:
         if self._control is not None and self._control.alive:
             raise NotReady(self.name, "is already open, or its last connection has not ended; close it, or restart its process")
         config = self.config
-        seen = ur5_wire.snapshot(self.name, config.host, config.timeout)
-        identity = ur5_wire.identify(self.name, config.host, config.timeout, seen)
+        seen = self._controller.snapshot()
+        identity = self._controller.identify(seen)
         self._check_identity(identity)
         self._check_ready(seen)
-        ur5_wire.connect(self.name, config.host, ur5_wire.SCRIPT_PORT, config.timeout).close()  # the library names no port
+        self._controller.connect(SCRIPT_PORT).close()  # the library names no port
         self._seen = seen
         try:
             self._state.open()
@@ -109,11 +106,11 @@ class UR5:
         person sets right without opening the arm again.
         """
         control = self._opened()
-        seen = ur5_wire.snapshot(self.name, self.config.host, self.config.timeout)
+        seen = self._controller.snapshot()
         self._check_ready(seen)
         if paused := self._paused():  # it would answer nothing
             raise DeviceFault(self.name, paused)
-        if not ur5_wire.in_remote_control(self.name, self.config.host, self.config.timeout, seen):
+        if not self._controller.in_remote_control(seen):
             raise NotReady(self.name, "the pendant is in local mode, needed: remote control; switch it there")
         if seen.speed_slider < LEAST_SLIDER:
             raise NotReady(
@@ -121,9 +118,9 @@ class UR5:
                 f"the speed slider is at {seen.speed_slider:.0%}, needed at least {LEAST_SLIDER:.0%}: motions would not end in "
                 "time; set it to 100 % at the pendant",
             )
-        found = Tool(seen.payload, seen.centre_of_gravity, control.call(lambda library: list(library.getTCPOffset())))
-        self._tool = self._tool or found
-        found.check(self.name, self._tool, self.config.payload)
+        tool = Tool(seen.payload, seen.centre_of_gravity, control.call(lambda library: list(library.getTCPOffset())))
+        self._tool = self._tool or tool
+        tool.check(self.name, self._tool, self.config.payload)
 
     def close(self) -> None:
         """Stop the arm, end the program, disconnect. Bounded in time also when the controller is gone."""
@@ -156,7 +153,7 @@ class UR5:
         allowed = DEADLINE_FACTOR * ur5_motion.duration(here, goal, speed, acceleration)
         deadline = Deadline.after(self._clock, allowed, self.config.timeout)
         slow = SlowMotion(ur5_motion.top_speed(here, goal, speed, acceleration))
-        self._move = _Move(goal, self._started(control, before), deadline, slow)
+        self._move = _StartedMotion(goal, self._started(control, before), deadline, slow)
 
     def moving(self) -> bool:
         """True until the last started motion has ended at its goal.
@@ -205,8 +202,8 @@ class UR5:
         sample = self._fresh(control)
         self._move = None
         if self._stopped(sample.safety_bits) or self._state.runtime != PLAYING:
-            if left := self._end_program():
-                raise DeviceFault(self.name, left)
+            if unended := self._end_program():
+                raise DeviceFault(self.name, unended)
         elif sample.program_running:
             # Asynchronous, because only then does the program decelerate along the straight line.
             control.call(lambda library: library.stopL(self.config.stop_deceleration, True))
@@ -224,7 +221,7 @@ class UR5:
             timing.sleep(LOOK_INTERVAL)
 
     def standing(self) -> bool:
-        """True when the newest state shows the arm standing, whatever else is wrong with it.
+        """True when the newest state shows the arm standing, even if something else is wrong with it.
 
         Raises NotReady before `open`, NoReply when no state comes.
         """
@@ -238,7 +235,7 @@ class UR5:
 
         Raises Unreachable, WrongDevice.
         """
-        return _slow(ur5_wire.snapshot(self.name, self.config.host, self.config.timeout).tcp_speed)
+        return _slow(self._controller.snapshot().tcp_speed)
 
     # -- checks
     def _opened(self) -> ControlThread:
@@ -253,8 +250,7 @@ class UR5:
         ):
             if wanted and found and wanted != found:
                 raise WrongDevice(
-                    self.name,
-                    f"{what} at {self.config.host} is {found!r}, not {wanted!r}; check address and configuration",
+                    self.name, f"{what} at {self.config.host} is {found!r}, not {wanted!r}; check address and configuration"
                 )
 
     def _stopped(self, bits: int) -> str:
@@ -266,7 +262,7 @@ class UR5:
         paused = self._state.runtime not in (*ENDED, PLAYING)
         return "the program on the controller was paused at the pendant; close and open the arm again" if paused else ""
 
-    def _check_ready(self, seen: ur5_wire.Snapshot) -> None:
+    def _check_ready(self, seen: Snapshot) -> None:
         """Raises DeviceFault for a stop, NotReady for an arm without power or with its brakes on."""
         if stop := stop_text(seen.safety_bits, seen.safety_mode):
             raise DeviceFault(self.name, stop)
@@ -287,8 +283,8 @@ class UR5:
         sample = self._fresh(control)
         if stop := self._stopped(sample.safety_bits) or self._paused():
             self._move = None
-            left = self._end_program()
-            raise DeviceFault(self.name, f"{stop}; {left}" if left else stop)
+            unended = self._end_program()
+            raise DeviceFault(self.name, f"{stop}; {unended}" if unended else stop)
         if not sample.program_running:
             self._move = None
             raise DeviceFault(
@@ -299,12 +295,11 @@ class UR5:
         return sample
 
     def _end_program(self) -> str:
-        """End a program that the safety system or a person has halted: once that is cleared, it would go on with its motion by
-        itself. Returns what is to be done where it does not end."""
+        """End a halted program, which would go on once its cause is cleared; return what a person must do if it stays."""
         if self._seen is None or self._state.runtime in ENDED:
             return ""
         try:
-            answer = ur5_wire.stop_program(self.name, self.config.host, self.config.timeout, self._seen)
+            answer = self._controller.stop_program(self._seen)
             give_up = timing.now() + STATE_LAG
             while self._state.runtime not in ENDED and timing.now() < give_up:
                 timing.sleep(LOOK_INTERVAL)
@@ -348,7 +343,7 @@ class UR5:
             timing.sleep(LOOK_INTERVAL)
         return number
 
-    def _take_too_long(self, move: _Move) -> None:
+    def _take_too_long(self, move: _StartedMotion) -> None:
         with contextlib.suppress(DeviceFault):
             self.stop()
         raise DeviceFault(
@@ -369,7 +364,7 @@ def _slow(speed: Vector6) -> bool:
 
 def _state(name: str, config: Config, clock: Clock, sink: Sink[ArmSample]) -> UR5State:
     """The arm's stream of states."""
-    return UR5State(name, StateConfig(host=config.host, max_age=config.max_age, timeout=config.timeout), clock, sink)
+    return UR5State(UrController(name, config.host, config.timeout), clock, sink, config.max_age)
 
 
 DRIVER = Driver("arm", Config, UR5, make_state=_state, own_process=True)

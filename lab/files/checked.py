@@ -21,7 +21,7 @@ from typing import Any
 from drivers.configs import PORTS
 from drivers.errors import WrongDevice
 from drivers.interfaces import Identity
-from drivers.usb_adapter import adapter
+from drivers.line_quality import adapter
 from recordings.bounded import read_bounded
 from recordings.own_files import replaced
 

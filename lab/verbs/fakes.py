@@ -20,16 +20,15 @@ from recordings.messages import NAME
 from recordings.numbers import number, whole_number
 from recordings.own_files import copied
 from sim_fakes.alicat import UNITS
-from sim_fakes.instrument import Fake, Regulators, faults
+from sim_fakes.instrument import Fake, FakeRegulators, faults
 from sim_fakes.registry import GROUP, OWN, of_role
 from sim_fakes.rig import FakeRig
 from sim_fakes.virtual_robot import RobotTruth, list_effects
 
 from ..console import err, note, out
-from ..files.all_drivers import drivers, found_drivers
 from ..files.config import ConfigError, in_units, load, parse_yaml
-from ..files.packages import Registered, Unusable, installed
-from ..files.rig_file import RigFile
+from ..files.packages import Registered, installed, without
+from ..files.rig_file import RigFile, drivers, found_drivers
 from ..files.robot_file import paper_robot
 from ..files.units import to_si, unit_text
 from ..options import Option, Result, Verb, option
@@ -108,14 +107,7 @@ def _demand_free(rig: Path | None) -> None:
 @functools.cache
 def found_fakes() -> Registered[Fake]:
     """All fakes by the name of their driver: the project's own and those of installed packages."""
-    return installed(GROUP, OWN, _fake)
-
-
-def _fake(name: str, thing: object) -> dict[str, Fake]:
-    if wrong := faults(thing):
-        raise Unusable(wrong)
-    assert isinstance(thing, Fake)
-    return {name: thing}
+    return installed(GROUP, OWN, without(faults))
 
 
 def _asked(option: str, role: str, driver: str) -> str:
@@ -214,7 +206,7 @@ def played(robot: Robot) -> RobotTruth:
         raise ConfigError(f"{robot.name}: cannot be simulated: {e.errors()[0]['msg']}") from e
 
 
-def regulators(a: argparse.Namespace) -> Regulators:
+def regulators(a: argparse.Namespace) -> FakeRegulators:
     """The fake regulators that the options ask for; raises ConfigError."""
     try:
         full_scale = to_si(a.full_scale, "Pa") if a.full_scale else None
@@ -226,7 +218,7 @@ def regulators(a: argparse.Namespace) -> Regulators:
     if a.unit not in UNITS:
         raise ConfigError(f"--unit {a.unit}: must be one of {', '.join(UNITS)}")
     pair = None if swapped is None else (swapped[0], swapped[1])
-    return Regulators(a.regulators, full_scale, a.firmware, a.unit, pair)
+    return FakeRegulators(a.regulators, full_scale, a.firmware, a.unit, pair)
 
 
 def write_rig(rig: FakeRig, path: Path, changes: Mapping[str, Any] | None = None, robot: Path | None = None) -> None:

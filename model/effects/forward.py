@@ -27,7 +27,7 @@ from model.effects.scales import Scales, scales
 from model.effects.solver import Solved, Steps, differentiate, integration_steps, look_inside, nudged, solve
 from model.effects.spec import EffectSpec, Values
 from model.effects.spine import ShearSpine, shear_spine
-from model.effects.tolerance import Source, single_sources, sources
+from model.effects.tolerance import VariationSource, single_sources, sources
 from model.errors import BadCondition, BadRobot
 from model.robot import Robot
 from model.rods import columns as col
@@ -173,16 +173,16 @@ class ForwardModel:
 
         A parameter of each trial is then one for all. Raises `BadRobot` for what robot.yaml states wrongly.
         """
-        made = cls.__new__(cls)
-        made.scales = scales(robot)
-        effects = {id: spec.of(made.scales) for id, spec in stated_effects(robot, catalogue).items()}
+        model = cls.__new__(cls)
+        model.scales = scales(robot)
+        effects = {id: spec.of(model.scales) for id, spec in stated_effects(robot, catalogue).items()}
         one = conditions(robot, 0.0, np.zeros(len(robot.actuators.azimuths_deg)))
-        made._vary(robot, one, "per_length", effects, single_sources(robot, tuple(effects.values())))
+        model._vary(robot, one, "per_length", effects, single_sources(robot, tuple(effects.values())))
         if "contact" in effects and obstacle_direction(robot) is None:
             raise BadRobot(
                 f"robot {robot.name!r}: effects.contact needs obstacle_azimuth_deg, the direction in which the obstacle stands"
             )
-        return made
+        return model
 
     def at(self, design: States, arcs: Array) -> ForwardModel:
         """The model `of_single_states` for these, with markers at arc lengths (k,) m."""
@@ -199,7 +199,7 @@ class ForwardModel:
         full: States,
         area: Literal["one", "per_length"],
         catalogue: Mapping[str, EffectSpec],
-        varied: tuple[Source, ...],
+        varied: tuple[VariationSource, ...],
     ) -> None:
         """Lay out the parameters of `varied`."""
         self.robot, self.area, self.catalogue, self._every_law = robot, area, catalogue, False
@@ -337,8 +337,8 @@ class ForwardModel:
         place[wanted] = np.arange(len(wanted))
         # Each row takes one parameter for a slot; what is not wanted, or does not exist (-1), goes to a last column.
         jacobian = np.zeros((len(self), len(wanted) + 1))
-        found = self._slopes(here, slots, self.observations.every)
-        jacobian[np.arange(len(self)), place[of_row]] = self.observations.pick(found)
+        slopes = self._slopes(here, slots, self.observations.every)
+        jacobian[np.arange(len(self)), place[of_row]] = self.observations.pick(slopes)
         return self.observations.of(here.readings)[0], jacobian[:, :-1]
 
     def _differentiable(self, theta: Array, slots: tuple[int, ...]) -> _At:
@@ -399,12 +399,7 @@ class ForwardModel:
         return q
 
     def _solved(
-        self,
-        theta: Array,
-        moving: bool = False,
-        trial: bool = False,
-        asked: frozenset[int] = frozenset(),
-        whole: bool = False,
+        self, theta: Array, moving: bool = False, trial: bool = False, asked: frozenset[int] = frozenset(), whole: bool = False
     ) -> _At:
         """`moving`: what drives memory is wanted even where nothing remembers. `trial`, `whole`: see `predict`; `asked`: sources
         whose laws are applied even at size zero."""
@@ -448,8 +443,8 @@ class ForwardModel:
         rods = self._rows(built)
         alone = self._steps is None
         steps = integration_steps(self._layout, rods) if self._steps is None else self._steps
-        known, plain = self._hard_nearby(theta), alone and not remembers
-        bare = solve(self._layout, rods, self._arcs, steps, self._start, remembers, trial, plain, whole, known[0])
+        hard, plain = self._hard_nearby(theta), alone and not remembers
+        bare = solve(self._layout, rods, self._arcs, steps, self._start, remembers, trial, plain, whole, hard[0])
         final = bare.take(slice(0, self._moved_rows.size))
         driven, rest = (np.zeros((1, len(self._full), k)) for k in (DRIVES, len(self._rest_columns)))
         if remembers:
@@ -458,7 +453,7 @@ class ForwardModel:
             rows = final.rows.copy()
             rows[:, self._rest_columns] += rest[0, self._moved_rows]
             begin = self._remembering or final
-            final = solve(self._layout, rows, self._arcs, final.steps, begin, False, trial, False, whole, known[1])
+            final = solve(self._layout, rows, self._arcs, final.steps, begin, False, trial, False, whole, hard[1])
             # What drives memory is the rod without it: where that has no equilibrium, nothing can be said of the state.
             final.result[~bare.converged[: len(final.rows)]] = np.nan
         if not trial and (bare.hard or final.hard):
@@ -508,11 +503,11 @@ class ForwardModel:
         batches = [self._beside(here, step, *part) for part in parts]
         read = every(here.readings)
         out = np.empty((len(slots) + (0 if change is None else len(change.by)), *read.shape[1:]))
-        for (own, varied), b, moved in zip(parts, batches, self._moved(here, batches, every), strict=True):
+        for (indices, varied), b, moved in zip(parts, batches, self._moved(here, batches, every), strict=True):
             if b.reads:
-                there = every(self._readings(b.quantities, here.final.result[None], b.spread))
-                moved = moved + (there - read) / b.by_row[..., None]
-            out[[slots.index(k) for k in own] + [len(slots) + k for k in range(len(varied.by))]] = moved
+                varied_read = every(self._readings(b.quantities, here.final.result[None], b.spread))
+                moved = moved + (varied_read - read) / b.by_row[..., None]
+            out[[slots.index(k) for k in indices] + [len(slots) + k for k in range(len(varied.by))]] = moved
         return out
 
     def _by_stage(self, slots: tuple[int, ...]) -> list[tuple[int, ...]]:

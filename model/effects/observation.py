@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from model.condition import TIP, States
 from model.effects.design import QUATERNION, TURN, Columns
 from model.effects.readings import Readings
-from model.effects.rotations import CONJUGATE, rotation_vector
 from model.errors import BadCondition
-from model.rotation import multiply, unit
+from model.rotation import CONJUGATE, multiply, rotation_vector, unit
 
 Array = NDArray[np.float64]
 
@@ -79,8 +78,8 @@ def measured(o: Observations, columns: Columns) -> Array:
         every |= {name: turn[:, k] for k, name in enumerate(TURN)}
     value = np.empty(len(o))
     for name in np.unique(o.channel):
-        own = o.channel == name
+        of_channel = o.channel == name
         if name not in every or len(every[name]) != n:
             raise BadCondition(f"{name}: the table has no such column of {n} rows, the design observes it")
-        value[own] = every[name][o.row[own]]
+        value[of_channel] = every[name][o.row[of_channel]]
     return np.where(np.isfinite(value), value, np.nan)

@@ -118,13 +118,13 @@ def _fill_stations(solved: Solved, rods: rod.Rods, inside: bool) -> None:
     if inside:
         within, weights = rod.gauss_points(rods, STRAIN_POINTS)
         places = np.concatenate([places, within], axis=1)
-    found = rod.stations(rods, solved.solution, places, replace(METHOD, steps=solved.steps))
-    at_arcs = found.position[:, marked - len(solved.arcs) : marked]
+    at_stations = rod.stations(rods, solved.solution, places, replace(METHOD, steps=solved.steps))
+    at_arcs = at_stations.position[:, marked - len(solved.arcs) : marked]
     result[:, at.MARKERS :] = at_arcs.reshape(len(result), 3 * len(solved.arcs))
     if inside:
-        result[:, at.BASE : at.BASE + 4] = found.orientation[:, 0]
-        result[:, at.JOINT : at.JOINT + 4] = found.orientation[:, 1]
-        strain = found.strain[:, marked:].reshape(len(result), layout.form.elements, STRAIN_POINTS)
+        result[:, at.BASE : at.BASE + 4] = at_stations.orientation[:, 0]
+        result[:, at.JOINT : at.JOINT + 4] = at_stations.orientation[:, 1]
+        strain = at_stations.strain[:, marked:].reshape(len(result), layout.form.elements, STRAIN_POINTS)
         shares = _shares(layout, rods)
         result[:, at.STRAIN : at.STRAIN + 2] = np.einsum("nep,p,nqe->nq", strain, weights, shares)
 
@@ -132,17 +132,16 @@ def _fill_stations(solved: Solved, rods: rod.Rods, inside: bool) -> None:
 def _solve_from(
     layout: at.Layout, rows: Array, steps: Steps, start: Solved, trial: bool, whole: bool, followed: Solved | None
 ) -> rod.Solution:
-    """Solve from a solution close by. Where that misleads, from others that were followed, from nothing, by way of rods in
-    between, or as the load grows."""
+    """Solve from a close solution, else from others that were followed, from nothing, through rods between, or as loads grow."""
     rods = sprung_rods(layout, rows)
-    found = _nearby(rods, steps, start.solution)
-    unsolved = _unsolved(found)
+    solution = _nearby(rods, steps, start.solution)
+    unsolved = _unsolved(solution)
     if unsolved.size and followed is not None:
         here = _nearby(rods[unsolved], steps[unsolved], followed.solution.take(unsolved))
         here.status[here.status == rod.Status.SOLVED] = rod.Status.SOLVED_IN_STEPS
-        unsolved = _put(found, unsolved, here)
+        unsolved = _put(solution, unsolved, here)
     if unsolved.size:
-        unsolved = _put(found, unsolved, rod.solve(rods[unsolved], replace(METHOD, steps=steps[unsolved], follow=False)))
+        unsolved = _put(solution, unsolved, rod.solve(rods[unsolved], replace(METHOD, steps=steps[unsolved], follow=False)))
     for parts in PARTS:
         if not unsolved.size:
             break
@@ -150,24 +149,19 @@ def _solve_from(
         for k in range(1, parts + 1):
             between = start.rows[unsolved] + k / parts * (rows[unsolved] - start.rows[unsolved])
             here = _nearby(sprung_rods(layout, between), steps[unsolved], here)
-        unsolved = _put(found, unsolved, here)
+        unsolved = _put(solution, unsolved, here)
     if whole:
-        unsolved = _all_or_none(found, rods, steps, unsolved, start, followed)
+        unsolved = _all_or_none(solution, rods, steps, unsolved, start, followed)
     elif unsolved.size and not trial:
-        _put(found, unsolved, rod.solve(rods[unsolved], replace(METHOD, steps=steps[unsolved])))
+        _put(solution, unsolved, rod.solve(rods[unsolved], replace(METHOD, steps=steps[unsolved])))
         unsolved = unsolved[:0]
     # Not trusted, so not to be read either: a step would be taken there that the next solve takes back.
-    found.values[unsolved] = np.nan
-    return found
+    solution.values[unsolved] = np.nan
+    return solution
 
 
 def _all_or_none(
-    found: rod.Solution,
-    rods: rod.Rods,
-    steps: Steps,
-    unsolved: NDArray[np.intp],
-    start: Solved,
-    followed: Solved | None,
+    found: rod.Solution, rods: rod.Rods, steps: Steps, unsolved: NDArray[np.intp], start: Solved, followed: Solved | None
 ) -> NDArray[np.intp]:
     """Follow the loads of rods until one has no equilibrium that had one at the start; returns those that are then not solved."""
     # what had none the last time comes first

@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.effects.readings import Readings
-from model.effects.rotations import CONJUGATE, rotation_vector
 from model.robot import Robot
-from model.rotation import multiply
+from model.rotation import CONJUGATE, multiply, rotation_vector
 from model.stated import Noise
 
 Array = NDArray[np.float64]
@@ -30,12 +29,7 @@ TRIAL = ("spine_length.excess", "spine_stiffness.excess")
 
 
 def standard_deviations(
-    robot: Robot,
-    covariance: Array,
-    here: Readings,
-    slopes: Array,
-    absent: Sequence[Readings],
-    unexplained: Array | None = None,
+    robot: Robot, covariance: Array, here: Readings, slopes: Array, absent: Sequence[Readings], unexplained: Array | None = None
 ) -> dict[str, Array]:
     """`model_sd`, `sd`, `orientation_sd` and `shape_sd` of a `Prediction`.
 
@@ -56,8 +50,8 @@ def standard_deviations(
         turned = rotation_vector(multiply(here.orientation[0], other.orientation[0] * CONJUGATE))
         turns = turns + (share * turned) ** 2
     tips, shapes = (
-        own + open_ + shift**2 + turn**2 * ((place**2).sum(axis=-1, keepdims=True) - place**2)
-        for own, open_, place in (
+        of_tip + open_ + shift**2 + turn**2 * ((place**2).sum(axis=-1, keepdims=True) - place**2)
+        for of_tip, open_, place in (
             (tips, loose**2 if unexplained is None else unexplained, here.tip[0]),
             (shapes, loose**2, here.markers[0]),
         )

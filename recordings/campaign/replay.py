@@ -96,7 +96,7 @@ class _Counted:
         return samples
 
     def average(self, count: int) -> None:
-        """So many samples are about to be averaged."""
+        """Take the cost of averaging `count` samples from the budget."""
         # averaging a sample costs twenty times what looking at it costs
         self.budget.take(Cost.LOOKED_AT, 20 * count)
 

@@ -41,7 +41,7 @@ _PIECE = 2**16
 """Bytes of a chunk that are unpacked at a time when it is cut off."""
 
 
-class Record(NamedTuple):
+class McapRecord(NamedTuple):
     """A record of kind `opcode` at byte `start` of the file, or of its chunk. Its content is source[body:end]."""
 
     opcode: int
@@ -63,7 +63,7 @@ class Record(NamedTuple):
 class _Fields(ReadDataStream):
     """A record's content, for the library to parse. Unlike the library's stream it never gives fewer bytes than asked for."""
 
-    def __init__(self, record: Record) -> None:
+    def __init__(self, record: McapRecord) -> None:
         super().__init__(None)  # type: ignore[arg-type]
         self._record = record
 
@@ -99,7 +99,7 @@ class Chunk:
     """(channel id, start and end of its (time, offset) pairs in the file)"""
 
     @classmethod
-    def of(cls, record: Record) -> Chunk:
+    def of(cls, record: McapRecord) -> Chunk:
         """The chunk of a record; raises what `UNPARSABLE` lists where there is none."""
         first, last, size, crc, letters = _CHUNK.unpack_from(record.source, record.body)
         at = record.body + _CHUNK.size

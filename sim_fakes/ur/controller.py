@@ -1,6 +1,6 @@
 """The controller without any wire: safety, program, registers, and what it reports each cycle.
 
-One cycle lasts 8 ms (CB3) or 2 ms (e-Series) of host time whatever the speed factor; the arm and the controller's own
+One cycle lasts 8 ms (CB3) or 2 ms (e-Series) of host time at any speed factor; the arm and the controller's own
 time stamp advance by `speed` cycles meanwhile.
 """
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from . import variables
 from .kinematics import UR5_CB3, UR5E, Array, forward, pose_vector
-from .motion import Arm, JointOverspeed, ProgramError
+from .motion import ArmMotion, JointOverspeed, ProgramError
 from .script import ControlScript
 
 
@@ -84,7 +84,7 @@ _OFFSET = re.compile(r"global reg_offset_int = # int register offset\n(\d+)")
 
 
 @dataclass
-class Command:
+class ArmCommand:
     """One command the control script took: host-independent time (device stamp, s), name, registers."""
 
     t: float
@@ -93,7 +93,7 @@ class Command:
 
 
 @dataclass
-class Controller:
+class FakeController:
     """State of one controller."""
 
     version: variables.Version = (3, 15, 8, 106339)
@@ -116,7 +116,7 @@ class Controller:
     safety: int = Safety.NORMAL
     robot_mode: int = RobotMode.RUNNING
     runtime: Runtime = Runtime.STOPPED
-    commands: list[Command] = field(default_factory=list)
+    commands: list[ArmCommand] = field(default_factory=list)
     ended: list[str] = field(default_factory=list)
     """Why each program ended, oldest first."""
     stuck: dict[str, float | list[float]] = field(default_factory=dict)
@@ -129,7 +129,7 @@ class Controller:
     def __post_init__(self) -> None:
         self.period = 0.008 if self.version[0] == 3 else 0.002
         self.t = UPTIME
-        self.arm = Arm(UR5_CB3 if self.version[0] == 3 else UR5E)
+        self.arm = ArmMotion(UR5_CB3 if self.version[0] == 3 else UR5E)
         self.outputs = variables.outputs(self.version)
         self.inputs: dict[str, float | list[float]] = {
             name: [0.0] * 6 if kind == variables.VECTOR6D else 0.0 if kind == variables.DOUBLE else 0
@@ -171,8 +171,7 @@ class Controller:
         self._measure()
 
     def _watch(self, lasted: float) -> None:
-        """The watchdog counts the controller's own cycles, so a late host does not trip it; nor do cycles that the host makes
-        up faster than they should come, in which a client has less time than it knows."""
+        """The watchdog counts the controller's own cycles: a late host does not trip it, nor cycles made up too quickly."""
         if self._watchdog is None or self.runtime == Runtime.PAUSED:
             return
         self._starving += lasted
@@ -226,17 +225,17 @@ class Controller:
             return True
         if self.safety not in (Safety.NORMAL, Safety.REDUCED):
             return False
-        at = self.t
+        due = self.t
         if self.robot_mode in (RobotMode.POWER_OFF, RobotMode.POWER_ON):
-            at += POWERING
+            due += POWERING
             self.robot_mode = RobotMode.POWER_ON
-            self._steps.append((at, RobotMode.IDLE))
+            self._steps.append((due, RobotMode.IDLE))
         if release and self.robot_mode != RobotMode.RUNNING:
-            self._steps.append((at + RELEASING, RobotMode.RUNNING))
+            self._steps.append((due + RELEASING, RobotMode.RUNNING))
         return True
 
     def unlock(self) -> bool:
-        """Enable the arm again after a protective stop; False where nobody can have looked at it yet."""
+        """Enable the arm again after a protective stop; False before a person can have checked it."""
         if self.safety == Safety.PROTECTIVE_STOP and self.t - self._stopped_at < INSPECTED:
             return False
         if self.safety == Safety.PROTECTIVE_STOP:
@@ -308,7 +307,7 @@ class Controller:
 
     def note_command(self, name: str, values: list[float]) -> None:
         """Keep a command for the log."""
-        self.commands.append(Command(self.t, name, values))
+        self.commands.append(ArmCommand(self.t, name, values))
 
     # -- what the wire needs
     def write(self, name: str, value: float | list[float]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .controller import SAFETY_MODE, Controller, RobotMode, Runtime, Safety
+from .controller import SAFETY_MODE, FakeController, RobotMode, Runtime, Safety
 from .wire import Connection
 
 PORT = 29999
@@ -52,14 +52,14 @@ class DashboardConnection(Connection):
         return True
 
 
-def answer(controller: Controller, request: str) -> str:
+def answer(controller: FakeController, request: str) -> str:
     """What the dashboard says to a request; acts on the controller where the request asks for it."""
     key = request.lower()
     major = controller.version[0]
     if key in _SINCE and controller.version[:2] < _SINCE[key][0 if major == 3 else 1]:
         return f"could not understand: '{request}'"
     running = controller.runtime == Runtime.PLAYING
-    told = {
+    answers = {
         "polyscopeversion": "URSoftware {}.{}.{}.{} (Sep 05 2022)".format(*controller.version),
         "robotmode": f"Robotmode: {_MODE[controller.robot_mode]}",
         "safetymode": f"Safetymode: {SAFETY_MODE[controller.safety][1]}",
@@ -71,10 +71,10 @@ def answer(controller: Controller, request: str) -> str:
         "get robot model": controller.model,
         "is in remote control": str(controller.remote).lower(),
     }
-    return told[key] if key in told else _act(controller, request, key)
+    return answers[key] if key in answers else _act(controller, request, key)
 
 
-def _act(controller: Controller, request: str, key: str) -> str:
+def _act(controller: FakeController, request: str, key: str) -> str:
     match key:
         case "stop":
             if controller.runtime == Runtime.STOPPED:

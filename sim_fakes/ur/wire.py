@@ -6,13 +6,13 @@ import asyncio
 import random
 import socket
 
-from .controller import Controller
+from .controller import FakeController
 
 
 class Hub:
     """The controller and everybody who is connected to it."""
 
-    def __init__(self, controller: Controller) -> None:
+    def __init__(self, controller: FakeController) -> None:
         self.controller = controller
         self.connections: set[Connection] = set()
         self.frozen = False
@@ -40,7 +40,7 @@ class Hub:
             connection.transport.abort()
 
     def freeze(self, seconds: float) -> None:
-        """For `seconds` of host time nothing is sent and nothing that arrives is looked at; the arm goes on."""
+        """For `seconds` of host time nothing is sent and nothing that arrives is read; the arm goes on."""
         self.frozen = True
         self._frozen_until = asyncio.get_running_loop().time() + seconds
         asyncio.get_running_loop().call_later(seconds, self._thaw)

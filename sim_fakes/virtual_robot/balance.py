@@ -14,10 +14,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .blocks import add_skew, cross_matrix, matrix_cross, rotation, solve_chain, turn
-from .chain import Chain, Loads, relative_rotation, segment_strain
-from .kernels import kernel
-from .material import History, Sections, respond
+from .blocks import add_skew, cross_matrix, kernel, matrix_cross, rotation, solve_chain, turn
+from .chain import Chain, ChainLoads, relative_rotation, segment_strain
+from .material import Sections, SliderHistory, respond
 
 Array = NDArray[np.float64]
 
@@ -40,7 +39,9 @@ def contact_force(depth: float, soft_depth: float, soft: float, stiff: float) ->
 
 
 @kernel
-def _balance(chain: Chain, s: Sections, hist: History, loads: Loads, low: Array, diag: Array, up: Array, g: Array) -> None:
+def _balance(
+    chain: Chain, s: Sections, hist: SliderHistory, loads: ChainLoads, low: Array, diag: Array, up: Array, g: Array
+) -> None:
     """Fill the out-of-balance forces g (sign: to be solved for) and Newton's matrix."""
     n = chain.h.shape[0]
     low[:] = 0.0
@@ -84,11 +85,7 @@ def _balance(chain: Chain, s: Sections, hist: History, loads: Loads, low: Array,
         for i in range(3):
             bow[i] = -h * h / 12 * (frame[i, 0] * strain[4] - frame[i, 1] * strain[3])
         cross_matrix(d, p, 0.5, tp)
-        arm = (
-            0.5 * (d[1] * nw[2] - d[2] * nw[1]),
-            0.5 * (d[2] * nw[0] - d[0] * nw[2]),
-            0.5 * (d[0] * nw[1] - d[1] * nw[0]),
-        )
+        arm = (0.5 * (d[1] * nw[2] - d[2] * nw[1]), 0.5 * (d[2] * nw[0] - d[0] * nw[2]), 0.5 * (d[0] * nw[1] - d[1] * nw[0]))
         da = diag[k]
         db = diag[k + 1]
         u = up[k]
@@ -120,7 +117,9 @@ def _balance(chain: Chain, s: Sections, hist: History, loads: Loads, low: Array,
 
 
 @kernel
-def _external(chain: Chain, loads: Loads, diag: Array, up: Array, low: Array, g: Array, frame: Array, f: Array, m: Array) -> None:
+def _external(
+    chain: Chain, loads: ChainLoads, diag: Array, up: Array, low: Array, g: Array, frame: Array, f: Array, m: Array
+) -> None:
     """Add the loads of the nodes and their derivatives; `frame`, `f`, `m` are scratch space."""
     n = chain.h.shape[0]
     for k in range(1, n + 1):
@@ -144,10 +143,10 @@ def _external(chain: Chain, loads: Loads, diag: Array, up: Array, low: Array, g:
         row = loads.contacts[c]
         k = int(row[0])
         w = row[1]
-        at = 0.0
+        distance = 0.0
         for i in range(3):
-            at += row[2 + i] * ((1 - w) * chain.r[k, i] + w * chain.r[k + 1, i])
-        force, slope = contact_force(row[5] - at, row[6], row[7], row[8])
+            distance += row[2 + i] * ((1 - w) * chain.r[k, i] + w * chain.r[k + 1, i])
+        force, slope = contact_force(row[5] - distance, row[6], row[7], row[8])
         for i in range(3):
             g[k, i] -= (1 - w) * force * row[2 + i]
             g[k + 1, i] -= w * force * row[2 + i]
@@ -160,7 +159,7 @@ def _external(chain: Chain, loads: Loads, diag: Array, up: Array, low: Array, g:
 
 
 @kernel
-def equilibrium(chain: Chain, s: Sections, hist: History, loads: Loads) -> int:
+def equilibrium(chain: Chain, s: Sections, hist: SliderHistory, loads: ChainLoads) -> int:
     """Move the chain to equilibrium; returns the iterations used, -1 when it was not found.
 
     The history is read, not changed. On failure the chain is left where the last iteration put it.
@@ -222,7 +221,7 @@ def foresee(chain: Chain, r_before: Array, q_before: Array, ratio: float) -> Non
 
 
 @kernel
-def commit(chain: Chain, s: Sections, hist: History) -> None:
+def commit(chain: Chain, s: Sections, hist: SliderHistory) -> None:
     """Let the history move on to the present shape."""
     mid = np.empty(4)
     frame = np.empty((3, 3))

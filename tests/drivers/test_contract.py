@@ -76,29 +76,20 @@ def contract(
 
 
 WRONG = {
-    "range_ageless": (
-        "a_stream_that_falls_silent_is_stale_after_max_age",
-        ("latest() gave Sample(", "needed StaleReading"),
-    ),
+    "range_ageless": ("a_stream_that_falls_silent_is_stale_after_max_age", ("latest() gave Sample(", "needed StaleReading")),
     "range_trusting": ("it_does_not_open_another_device", ("b'MSG0;4711\\r'", "returned Identity(", "WrongDevice")),
     "range_guessing": ("a_stream_hands_over_no_damaged_answer", ("distance=0.0", "count a damaged one in lost")),
     "range_crashing": ("a_stream_hands_over_no_damaged_answer", ("ValueError", "count a damaged one in lost")),
     "range_holding": ("close_leaves_the_port_to_others", ("is open 2 times", "before open() it was 1 times")),
     "range_sharing": ("close_leaves_the_port_to_others", ("is open 2 times", "before open() it was 1 times")),
     "range_host_time": ("samples_have_the_time_of_the_rig_s_clock", ("a sample has t = ", "now() of the clock")),
-    "range_unchecked": (
-        "a_stream_hands_over_no_answer_whose_checksum_is_wrong",
-        ("distance=", "b'D;", "verify the checksum"),
-    ),
+    "range_unchecked": ("a_stream_hands_over_no_answer_whose_checksum_is_wrong", ("distance=", "b'D;", "verify the checksum")),
     "range_uncounted": ("a_stream_hands_over_no_answer_whose_checksum_is_wrong", ("lost stays 0", "in lost")),
     "range_credulous": (
         "it_does_not_open_on_answers_whose_checksum_is_wrong",
         ("returned Identity(", "b'D;", "verify the checksum"),
     ),
-    "gauge_unchecked": (
-        "no_call_returns_on_an_answer_whose_checksum_is_wrong",
-        ("GaugeSample(", "b'P", "verify the checksum"),
-    ),
+    "gauge_unchecked": ("no_call_returns_on_an_answer_whose_checksum_is_wrong", ("GaugeSample(", "b'P", "verify the checksum")),
 }
 """Drivers that are wrong in one respect: the only test that each fails, and what it says."""
 

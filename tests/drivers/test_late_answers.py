@@ -12,7 +12,7 @@ from drivers.dynamixel.bus import Register, Servo
 from drivers.errors import DeviceFault, InstrumentError, NoReply
 from drivers.numato.driver import Config, NumatoValve
 from drivers.stop_first import StopFirst
-from drivers.tmcl.bus import Axis
+from drivers.tmcl.bus import MotorAxis
 from sim_fakes.dynamixel import DynamixelFake
 from sim_fakes.numato import NumatoFake
 from sim_fakes.tmcl import TmclFake
@@ -85,7 +85,7 @@ def test_a_late_dynamixel_answer_is_never_the_answer_to_a_later_question(bench: 
 
 def test_a_late_tmcl_answer_is_never_the_answer_to_a_later_question(bench: Bench) -> None:
     fake = bench.started(TmclFake(bench.plant, bench.clock))
-    axis = bench.closing(Axis("spine", fake.port, 115200, 1, 2, 0, 0.05))
+    axis = bench.closing(MotorAxis("spine", fake.port, 115200, 1, 2, 0, 0.05))
     axis.open()
     check(fake, axis.get, {4: 51200, 5: 51200, 193: 1, 194: 1000, 195: 100, 212: 0})
 

@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
+from drivers.dynamixel.driver import StallWatch
 from drivers.errors import BadReply, DeviceFault, LimitExceeded, NotReady
 from drivers.interfaces import SpineSample
-from drivers.stall import StallWatch
 from tests.drivers.spines import DRIVERS, Make, arrive, fault_of, homed, make_pair, watch
 from tests.simulated.bench import Bench
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from sim_fakes.plant import AMBIENT, Plant
-from sim_fakes.virtual_robot import Condition, Reading, RobotTruth, VirtualRobot, walk
-from sim_fakes.virtual_robot.kernels import forget_stale_cache
+from sim_fakes.virtual_robot import Condition, RobotTruth, VirtualReading, VirtualRobot, walk
+from sim_fakes.virtual_robot.blocks import forget_stale_cache
 from tests.model.rods.cases import PRESSURES, REFERENCE
 
 PUBLISHED = RobotTruth(area_factor=1.5, spine_modulus={0.05: 0.318e6, 0.30: 4.389e6})
@@ -19,7 +19,7 @@ def bend(pressure: float) -> tuple[float, ...]:
     return tuple(pressure if i in (8, 0, 1) else 0.0 for i in range(9))
 
 
-def settled(robot: VirtualRobot, *states: Condition) -> list[Reading]:
+def settled(robot: VirtualRobot, *states: Condition) -> list[VirtualReading]:
     return walk(robot, states)
 
 
