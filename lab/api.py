@@ -79,6 +79,8 @@ def case(*inputs: Any, robot: Place | Robot | None = None, columns: Mapping[str,
     """
     if inputs and not isinstance(inputs[0], str | Path):
         return _case_of_frame(*inputs, robot=robot, columns=columns, keys=keys)
+    if not inputs:
+        raise ConfigError("case: nothing is given; give recordings, a case folder, or a DataFrame and its robot")
     if columns or keys or isinstance(robot, Robot):
         raise ConfigError(
             "case: columns, further keys and a Robot go with a DataFrame; give the path of robot.yaml, or lab import"

@@ -9,7 +9,7 @@ import math
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import compress
@@ -28,7 +28,8 @@ from .trials import DOUBTS, INTEGERS, LARGEST_INTEGER, REQUIRED, TEXTS, Cell, Ta
 
 MOST_COLUMNS = 2000
 """Of a table: a robot of a hundred chambers and markers has a thousand."""
-MOST_ROWS = 50_000
+MOST_ROWS, LARGEST = 50_000, 50_000_000
+"""Of a table of trials, and bytes of a table; a row has some 300."""
 LIMITS = (
     (r"p[0-9]+", -100e3, 2e6,
      "{value:g} Pa is outside {low:g} .. {high:g} Pa gauge; pressures are gauge, in Pa: check the unit"),
@@ -71,21 +72,31 @@ def read_csv(path: str | os.PathLike[str]) -> Table:
     naming file, line, column, value, unit and limit when a required column or value is missing or cannot be right.
     """
     path = Path(path)
-    # bytes; a row has some 300, and a campaign some thousands of rows
-    data = read_bounded(path, 20_000_000, BadTable)
+    header, columns, place = read_columns(path, lambda names: _trials_columns(path, names), MOST_ROWS)
+    return checked(columns, place, tuple(name for name in header if name not in columns))
+
+
+def read_columns(
+    path: Path, choose: Callable[[list[str]], Collection[str]], most_rows: int
+) -> tuple[list[str], dict[str, NDArray[Any]], Callable[[int], str]]:
+    """The first line of a CSV file, the columns (n,) that `choose` picks of it, and what names a row, from 0, in messages.
+
+    Columns hold text, or numbers with NaN where a cell is empty. Raises `BadTable` naming file, line, column and value.
+    """
+    data = read_bounded(path, LARGEST, BadTable)
     try:
         lines = csv.reader(io.StringIO(data.decode("utf-8-sig"), newline=""))
         first = next(lines, [])
         header = [name.strip() for name in first]
-        _check_separator(path, first)
-        ignored = _check_header(path, header)
+        _check_header(path, first, header)
+        chosen = choose(header)
         rows = [(number, line) for number, line in enumerate(lines, 2) if any(map(str.strip, line))]
     except (UnicodeDecodeError, csv.Error) as error:
         raise BadTable(f"{path}: is not a text table: {error}") from error
     if not rows:
         raise BadTable(f"{path}: has a header but no rows")
-    if len(rows) > MOST_ROWS:
-        raise BadTable(f"{path}: has more than {MOST_ROWS} rows, the limit for a table of trials")
+    if len(rows) > most_rows:
+        raise BadTable(f"{path}: has {len(rows)} rows, must be at most {most_rows}: split the table")
     for number, line in rows:
         if len(line) != len(header):
             split = "; a decimal comma splits one number into two cells: write points (0.40)" if len(line) > len(header) else ""
@@ -95,12 +106,12 @@ def read_csv(path: str | os.PathLike[str]) -> Table:
         return f"{path} line {rows[row][0]}"
 
     cells = zip(header, zip(*(line for _, line in rows), strict=True), strict=True)
-    columns = {name: _parsed(name, [cell.strip() for cell in column], place) for name, column in cells if name not in ignored}
-    return checked(columns, place, ignored)
+    return header, {n: _parsed(n, [cell.strip() for cell in column], place) for n, column in cells if n in chosen}, place
 
 
-def _check_separator(path: Path, first: list[str]) -> None:
-    """Spreadsheets of many countries write semicolons, and commas in numbers; others tabs."""
+def _check_header(path: Path, first: list[str], header: list[str]) -> None:
+    """Raise `BadTable` where a first line names no columns, or some twice; spreadsheets of many countries write semicolons, and
+    commas in numbers, others tabs."""
     for mark, name in ((";", "semicolons"), ("\t", "tabs")):
         names = [part.strip(' "') for cell in first for part in cell.split(mark)]
         if len(names) > len(first) and any(column_order(part) for part in names):
@@ -108,9 +119,6 @@ def _check_separator(path: Path, first: list[str]) -> None:
                 f"{path} line 1: columns are separated by {name} ({','.join(first)[:60]!r} ..); write commas between columns and "
                 "points in numbers (0.40, not 0,40)"
             )
-
-
-def _check_header(path: Path, header: list[str]) -> tuple[str, ...]:
     if not header:
         raise BadTable(f"{path}: is empty; the first line must name the columns ({', '.join(REQUIRED)}, ..)")
     if len(header) > MOST_COLUMNS:
@@ -118,13 +126,17 @@ def _check_header(path: Path, header: list[str]) -> tuple[str, ...]:
     twice = sorted(name for name, count in Counter(header).items() if count > 1)
     if twice:
         raise BadTable(f"{path}: column {', '.join(twice)[:200]} appears twice")
-    ignored = tuple(name for name in header if column_order(name) is None)
+
+
+def _trials_columns(path: Path, header: list[str]) -> list[str]:
+    """The columns of a table of trials; raises `BadTable` where one that is required is missing."""
+    known = [name for name in header if column_order(name) is not None]
     for name in REQUIRED:
-        if name not in header:
-            near = difflib.get_close_matches(name, ignored, 1, 0.5)
+        if name not in known:
+            near = difflib.get_close_matches(name, [n for n in header if n not in known], 1, 0.5)
             hint = f" (is it the column {near[0]!r}?)" if near else ""
             raise BadTable(f"{path}: no column {name}{hint}; required are {', '.join(REQUIRED)}")
-    return ignored
+    return known
 
 
 def _parsed(name: str, cells: Sequence[str], place: Callable[[int], str]) -> NDArray[Any]:

@@ -67,7 +67,7 @@ def of_case(case: CaseLike, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> 
     return Planned.of(prepare(case.robot, states(case)[0], catalogue=catalogue))
 
 
-def listed(
+def additions(
     case: Case,
     catalogue: Mapping[str, EffectSpec] = CATALOGUE,
     each: int = 12,

@@ -42,7 +42,8 @@ def trials_of(frame: DataFrame, robot: Robot, columns: Mapping[str, Any] | None 
         raise ConfigError(f"{CALL}: columns: write columns of trials.csv and their headings, such as {{'p1': 'P_left [bar]'}}")
     if "files" in keys:
         raise ConfigError(f"{CALL}: files: a DataFrame has none; give its columns, constants and points themselves")
-    missing = tuple(_table(keys, "source").get("missing", ()))
+    words = _table(keys, "source").get("missing", ())
+    missing = tuple(words) if isinstance(words, list | tuple) else ()
     series = of_data_frame(frame, missing)
     if not columns and not keys and set(REQUIRED) <= set(series.names):
         return _as_it_is(series)
@@ -53,7 +54,7 @@ def trials_of(frame: DataFrame, robot: Robot, columns: Mapping[str, Any] | None 
     quantities = quantities_of(series, wanted, robot.actuators.words)
     made = conclude([(series, quantities, wanted)], wanted, robot, [*series.notes, *quantities.notes])
     doubts = (*made.table.warnings, *made.notes, *made.questions)
-    return replace(made.table, warnings=tuple(text.removeprefix(f"{FRAME}: ") for text in doubts))
+    return replace(made.table, warnings=tuple(re.sub(f"^{FRAME}[:,] ", "", text) for text in doubts))
 
 
 def _as_it_is(series: Series) -> Table:

@@ -93,6 +93,8 @@ def test_values_that_cannot_be_right_are_refused_as_those_of_a_file(small_case: 
 
 def test_what_is_neither_a_frame_nor_a_path_is_told(small_case: Path) -> None:
     for inputs, keys, match in (((FRAME,), {}, "needs one robot, 0 are given"), ((3,), {}, "int is neither the path"),
+                                ((), {}, "nothing is given"),
+                                ((FRAME, ROBOT), {"columns": COLUMNS, "source": {"missing": 3}}, "source.missing"),
                                 ((small_case,), {"columns": COLUMNS}, "go with a DataFrame"),
                                 ((FRAME, ROBOT), {"files": {"*": {}}}, "lab.case: files: a DataFrame has none")):  # fmt: skip
         with pytest.raises(ConfigError, match=match):

@@ -112,7 +112,7 @@ def test_pressures_for_wanted_tips(robot: Path, tmp_path: Path, cli: Cli) -> Non
         (("fit", "CASE", "--with", "chamber_azimut"), "did you mean chamber_azimuth"),
         (("fit", "CASE", "--samples", "2"), "needs --with"),
         (("fit", "CASE", "--with", EFFECT, "--samples", "2"), "needs --out"),
-        (("predict", "--robot", "ROBOT", "--table", "BAD"), ":3: p1 = 'x' is not a finite number"),
+        (("predict", "--robot", "ROBOT", "--table", "BAD"), " line 3, p1: 'x' is not a number"),
         (("predict", "--robot", "ROBOT", "--table", "NONE"), "has no column that is known here"),
         (("predict", "--robot", "ROBOT", "--protocol", "stiffness"), "inflates no chamber"),
         (("predict", "--robot", "ROBOT", "--inverse", "NONE", "--max-pressure", "1e6"), "has no column"),
