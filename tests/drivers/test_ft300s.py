@@ -277,13 +277,7 @@ def test_the_head_inside_the_data_does_not_mislead() -> None:
 
 @pytest.mark.parametrize(
     ("between", "damaged"),
-    [
-        (b"", 0),
-        (b"\x00\xff\x20", 0),
-        (GOOD[:9] + b"\x99" + GOOD[10:], 1),
-        (GOOD[:15], 1),
-        ((GOOD[:-1] + b"\x00") * 5, 5),
-    ],
+    [(b"", 0), (b"\x00\xff\x20", 0), (GOOD[:9] + b"\x99" + GOOD[10:], 1), (GOOD[:15], 1), ((GOOD[:-1] + b"\x00") * 5, 5)],
 )
 def test_damaged_frames_are_counted_stray_bytes_are_not(between: bytes, damaged: int) -> None:
     parser = FrameParser()

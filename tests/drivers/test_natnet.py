@@ -151,10 +151,7 @@ GREETING = b"\x01\x00\x17\x01" + b"Motive".ljust(256, b"\0") + bytes((3, 1, 0, 0
 
 @pytest.mark.parametrize(
     ("said", "elsewhere", "error", "message"),
-    [
-        (b"\x01\x00\x02\x00no", False, WrongDevice, "not a NatNet server"),
-        (GREETING, True, Unreachable, "no NatNet server.*{}"),
-    ],
+    [(b"\x01\x00\x02\x00no", False, WrongDevice, "not a NatNet server"), (GREETING, True, Unreachable, "no NatNet server.*{}")],
     ids=["not NatNet", "from another address"],
 )
 def test_an_answer_that_is_no_server_s_is_not_taken(said: bytes, elsewhere: bool, error: type[Exception], message: str) -> None:
@@ -476,11 +473,7 @@ def test_two_bodies_of_one_number_in_a_frame_stand_for_none() -> None:
 
 @pytest.mark.parametrize(
     ("data", "says"),
-    [
-        (b"", "no NatNet header"),
-        (b"\7\0\5\0abc", "states 5 bytes at byte 2 and has 3"),
-        (b"\1\0\2\0no", "ends at byte 6"),
-    ],
+    [(b"", "no NatNet header"), (b"\7\0\5\0abc", "states 5 bytes at byte 2 and has 3"), (b"\1\0\2\0no", "ends at byte 6")],
 )
 def test_what_is_no_natnet_datagram_is_named(data: bytes, says: str) -> None:
     with pytest.raises(Unreadable, match=says):
