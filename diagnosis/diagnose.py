@@ -19,7 +19,7 @@ from model.robot import THRUST
 from model.stated import AREA_FACTOR
 
 from .answer import assemble, sentences
-from .answer.attribute import Attribution, attribute, begin, named_by_other_laws
+from .answer.attribute import Attribution, attribute, begin
 from .answer.calibration import alone_as_good, calibration, simulator
 from .answer.detail import detail
 from .answer.experiments import propose
@@ -39,6 +39,7 @@ from .errors import BadCase
 from .findings import Finding, finding
 from .fit_effects import fit_described
 from .inference.executor import SINGLE_THREAD, Executor, one_thread
+from .inference.posterior import leading_by_law
 from .inference.prepare import AREA, prepare
 from .inference.thrust import settle_thrust
 
@@ -131,7 +132,11 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     far = tuple(sentences.far_off(scale.stiffness, words)) if scale is not None and predicted is None else ()
     alone, size, carried = alone_as_good(scale, found), sizes(prepared, found.best), assemble.budget_section(found)
     named = {e: sentences.with_id(e, names) for e in found.decision.effects}
-    as_good, by_law = ([sentences.with_id(e, names) for e in own] for own in (alone, named_by_other_laws(found)))
+    weighed = found.posterior.candidates.values()
+    leading = leading_by_law(weighed, len(prepared.problem.parameters.ids))
+    # a tolerance that is named for its millimetres leads no hypothesis
+    others = [h for h in leading if not {*h} & {*named}] if any({*c.named} & {*named} for c in weighed) else []
+    as_good, by_law = ([sentences.hypothesis_name(h, names) for h in own] for own in ([(e,) for e in alone], others))
     why: tuple[Finding, ...] = ()
     if named:
         why = tuple(doubts(named, size, carried, held_out.shrink, fitted, where.noise_floor_mm, as_good, by_law))
