@@ -31,8 +31,8 @@ from .answer.verdict import doubts
 from .answer.waterfall import Unseen, UnseenStates
 from .data.baseline import Baseline
 from .data.case import CaseLike, lacking, states
-from .data.chamber_sides import ORDER
-from .data.first_calibration import FirstCalibration, calibrate_first
+from .edits.order import ORDER
+from .edits.search import Edited, edit_first
 from .errors import BadCase
 from .findings import Finding, finding
 from .inference.executor import SINGLE_THREAD, Executor, one_thread
@@ -63,7 +63,7 @@ class Examined:
 
     diagnosis: Diagnosis
     rivals: Rivals
-    first: FirstCalibration
+    first: Edited
 
 
 def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
@@ -92,7 +92,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     own, findings = states(case)
     other = unseen_states(case, wanted.holdout) if wanted.holdout is not None else None
     predicted = wanted.baseline.take(own.row) if wanted.baseline is not None else None
-    first = calibrate_first(case.robot, own, wanted.catalogue) if predicted is None else FirstCalibration(case.robot, own)
+    first = edit_first(case.robot, own, wanted.catalogue) if predicted is None else Edited(case.robot, own)
     try:
         prepared = prepare(first.robot, first.states, catalogue=wanted.catalogue, baseline=predicted)
     except np.linalg.LinAlgError as error:
@@ -124,7 +124,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     if found.decision.probability >= CAUSE_PROBABILITY:
         named = {e: sentences.with_id(e, names) for e in found.decision.effects}
         why = tuple(doubts(size, named, held_out.shrink, [sentences.with_id(e, names) for e in alone]))
-    which = assemble.attribute_section(found, where.significant, held_out.rms_mm, why, bool(far or first.adjusted))
+    which = assemble.attribute_section(found, where.significant, held_out.rms_mm, why, bool(far or first.numbers))
     facts = sentences.Facts(
         found.decision, which.conclusion, where, assemble.budget_section(found), held_out.shrink, held_out.waterfall,
         which.rivals, next((x.do for x in proposals if x.separates), None), found.best.named, found.asking,
@@ -134,10 +134,10 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     text = sentences.statement(facts)
     if first.changes:
         shown["first_calibration"] = first.detail()
-        text = f"Calibrated first: {'; '.join(map(str, first.changes))}. {'Beyond that: ' if first.order else ''}{text}"
+        text = f"Calibrated first: {'; '.join(map(str, first.changes))}. {'Beyond that: ' if first.with_order else ''}{text}"
     if "stiffness" in shown and where.of == "tip":
         text += f" {sentences.stiffness_sentence(shown['stiffness'], found.decision)}"
-    if first.order:
+    if first.with_order:
         which = assemble.beside(which, ORDER)
     findings = (
         *first.concerns,
@@ -150,7 +150,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         *([finding("residual_ignored")] if case.robot.residual is not None else ()),
     )
     changed = first.named or sentences.changed_by(facts)
-    beyond = any(a.at_bound for a in (*first.adjusted, *([scale] if scale is not None else ())))
+    beyond = first.at_bound or (scale is not None and scale.at_bound)
     by_calibration = sentences.closed_by_calibration(facts)
     closed = None if held_out.shrink is None else held_out.shrink.share_closed
     answer = Diagnosis(
@@ -165,6 +165,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         budget=facts.budget,
         waterfall=held_out.waterfall,
         calibration=scale,
-        headline=headline(which, wanted.catalogue, words, facts.missing, by_calibration, closed, changed, beyond, bool(alone)),
+        headline=first.headline
+        or headline(which, wanted.catalogue, words, facts.missing, by_calibration, closed, changed, beyond, bool(alone)),
     )
     return Examined(answer, rivals, first)

@@ -29,8 +29,8 @@ from .answer.sentences import beyond_tolerance
 from .answer.shrink import rms
 from .criticism.gaussian import Gaussian
 from .data.case import CaseLike, states
-from .data.chamber_sides import ORDER, contradicted
-from .data.first_calibration import calibrate_first
+from .edits.order import ORDER, contradicted
+from .edits.search import edit_first
 from .errors import BadCase
 from .findings import Finding
 from .fit_residual import DIGITS, learn_residual
@@ -125,7 +125,7 @@ def fit_effects(
         raise BadCase("effects are fitted to tips, and no row has one: record a bending or elongation run")
     kept = {id: stated for id, stated in case.robot.effects.items() if id not in named}
     robot = case.robot.model_copy(update={"effects": kept, "tolerances": {}, "posterior": None, "residual": None})
-    first = calibrate_first(robot, own, named)  # leaves a robot with effects as it is
+    first = edit_first(robot, own, named)  # leaves a robot with effects as it is
     robot, own = first.robot, first.states
     # an order that was found is part of the robot now
     found_before = tuple(id for id in named if id in robot.effects)
