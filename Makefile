@@ -60,11 +60,10 @@ faults: $(READY_DEV)
 	$(BIN)/python -m benchmarks.faults --report out/faults.jsonl
 	$(BIN)/python -m benchmarks.faults.stops
 	$(BIN)/python -m benchmarks.faults.bad_day
-	$(BIN)/python -m benchmarks.faults.lines
 	$(BIN)/python -m benchmarks.faults.kills --count 50
 	$(BIN)/python -m benchmarks.faults.kills --count 50 --signal TERM
 	$(BIN)/python -m benchmarks.faults.kills --count 50 --signal INT
-	$(BIN)/python -m benchmarks.faults.busy --count 10
+	$(BIN)/python -m benchmarks.faults.kills --count 10 --signal TERM --protocol bending --loops 20
 	$(BIN)/python -m benchmarks.faults.fuzz --recording tests/recordings/data/bending-schema-1.mcap
 	$(BIN)/python -m benchmarks.faults.night
 	$(BIN)/python -m benchmarks.faults.soak

@@ -147,11 +147,7 @@ def summary(pairs: Sequence[Pair]) -> dict[str, object]:
         "told with p > 0.9: right": [p.right for p in pairs if p.probability > 0.9],
     }
     return {
-        name: {
-            "share": float(np.mean(own)) if own else None,
-            "n": len(own),
-            "interval": clopper_pearson(sum(own), len(own)),
-        }
+        name: {"share": float(np.mean(own)) if own else None, "n": len(own), "interval": clopper_pearson(sum(own), len(own))}
         for name, own in rows.items()
     }
 

@@ -1,24 +1,21 @@
 """How long a person waits: whole commands, from an empty cache of compiled code and again, and how a diagnosis grows with rows.
 
-    python -m benchmarks.commands --out out/commands                       # a quarter of an hour on two processors
-    python -m benchmarks.commands --out out/commands --beside CHECKOUT     # ratios to the code of another checkout
+    python -m benchmarks.commands --out out/commands       # a quarter of an hour on two processors
 
 Each figure is a fresh process: seconds on the clock, seconds of processors, and the most memory that any of its processes held.
-Machines differ, and the same one from hour to hour: what has become of a command is told by the ratio of both codes in turn.
 Robots are drawn from the world `bench` (seed 7), one alone and one in clutter; of the first also with more repeats.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +26,7 @@ from benchmarks.blind.make import drawn, robot_yaml, table_of, walk_of, write_ca
 from benchmarks.blind.sweeps import BASE, design
 from benchmarks.blind.truth import Recipe, Stratum, draw
 from benchmarks.blind.worlds.campaign import Robot, read, respond
+from benchmarks.figures import write
 
 CACHE = "NUMBA_CACHE_DIR"
 SEED = 7
@@ -49,26 +47,17 @@ class Wait:
     code: int
     rows: int | None = None
     """Of a diagnosis that shows how it grows with rows."""
-    beside: Wait | None = None
-    """The same of the other checkout's code."""
 
 
-def waited(what: str, words: Sequence[str], cache: Path, code: Path | None = None) -> Wait:
-    """Run `lab` with words in a process of its own, its compiled code kept in `cache`; `code`: of which checkout, this one
-    unless given."""
+def waited(what: str, words: Sequence[str], cache: Path, rows: int | None = None) -> Wait:
+    """Run `lab` with words in a process of its own, its compiled code kept in `cache`."""
     began = time.monotonic()
-    environment = {**os.environ, CACHE: str(cache)}
-    with subprocess.Popen(
-        [sys.executable, "-m", "lab.cli", *words],
-        cwd=code,
-        env=environment,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    ) as child:  # where it runs comes first among the places that modules are looked for
+    command, environment = [sys.executable, "-m", "lab.cli", *words], {**os.environ, CACHE: str(cache)}
+    with subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as child:
         _, status, used = os.wait4(child.pid, 0)
         child.returncode = os.waitstatus_to_exitcode(status)
     taken = time.monotonic() - began
-    return Wait(what, taken, used.ru_utime + used.ru_stime, used.ru_maxrss / MIB, child.returncode)
+    return Wait(what, taken, used.ru_utime + used.ru_stime, used.ru_maxrss / MIB, child.returncode, rows)
 
 
 def case_of(robot: Robot, repeats: int, folder: Path) -> Path:
@@ -88,35 +77,20 @@ def robot(stratum: Stratum) -> Robot:
     return drawn(recipe, 0, stratum, causes, 0).robot
 
 
-def _shares(w: Wait) -> tuple[str, ...]:
-    other = w.beside
-    if other is None or other.code:
-        return ("",) * 3
-    pairs = ((w.seconds, other.seconds), (w.processor_s, other.processor_s), (w.memory_mib, other.memory_mib))
-    return tuple(f"{own / its:.2f}" for own, its in pairs)
-
-
 def main() -> int:
     """Measure, print, write JSON."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--out", type=Path, required=True, help="a folder for commands.json")
     parser.add_argument("--repeats", type=int, nargs="+", default=REPEATS, help="of the sweep, for the growth with rows")
     parser.add_argument("--case", type=Path, action="append", default=[], help="a case folder that is diagnosed too; repeatable")
-    parser.add_argument("--beside", type=Path, help="another checkout, whose code does the same in turn")
     a = parser.parse_args()
     a.out.mkdir(parents=True, exist_ok=True)
-    found: list[Wait] = []
+    waits: list[Wait] = []
 
     def do(what: str, words: Sequence[str], cache: Path, rows: int | None = None) -> None:
-        other = None
-        if a.beside is not None:
-            other = waited(what, words, cache.with_name(f"{cache.name} beside"), code=a.beside.resolve())
-        w = replace(waited(what, words, cache), rows=rows, beside=other)
-        found.append(w)
-        text = f"{what}: {w.seconds:.1f} s, {w.processor_s:.1f} s of processors, {w.memory_mib:.0f} MiB, exit code {w.code}"
-        if other is not None:
-            text += f"; the other code {other.seconds:.1f} s, {other.processor_s:.1f} s, {other.memory_mib:.0f} MiB, {other.code}"
-        print(text, flush=True)
+        waits.append(w := waited(what, words, cache, rows))
+        figures = f"{w.seconds:.1f} s, {w.processor_s:.1f} s of processors, {w.memory_mib:.0f} MiB"
+        print(f"{what}: {figures}, exit code {w.code}", flush=True)
 
     with tempfile.TemporaryDirectory(prefix="commands-") as place:
         here, alone = Path(place), robot("clean")
@@ -136,22 +110,12 @@ def main() -> int:
         for repeats in a.repeats:
             case = case_of(alone, repeats, here / f"repeats {repeats}")
             do(f"lab diagnose, {77 * repeats} rows", ["diagnose", str(case)], warm, 77 * repeats)
-    shown = Table(title="What a person waits for", title_justify="left")
-    for column in (
-        "command",
-        "s",
-        "s of processors",
-        "MiB",
-        "of the other code's s",
-        "of its processors",
-        "of its MiB",
-    ):
-        shown.add_column(column)
-    for w in found:
-        shown.add_row(w.what, f"{w.seconds:.1f}", f"{w.processor_s:.1f}", f"{w.memory_mib:.0f}", *_shares(w))
+    shown = Table("command", "s", "s of processors", "MiB", title="What a person waits for", title_justify="left")
+    for w in waits:
+        shown.add_row(w.what, f"{w.seconds:.1f}", f"{w.processor_s:.1f}", f"{w.memory_mib:.0f}")
     Console(highlight=False).print(shown)
-    (a.out / "commands.json").write_text(json.dumps([asdict(w) for w in found], indent=1))
-    return int(any(w.code for w in found))
+    write(a.out / "commands.json", "commands", waits)
+    return int(any(w.code for w in waits))
 
 
 if __name__ == "__main__":

@@ -183,8 +183,7 @@ def hypothetical(problem: Problem, named: Hypothesis, size: float) -> Hypothetic
         point[own] = np.clip(share * p.sd[own], p.lower[own], p.upper[own])
         starts.append(point)
     return max(
-        (Hypothetical(problem, named, size, fit(problem, prior, size, s, ROUNDS)) for s in starts),
-        key=lambda h: -h.around.cost,
+        (Hypothetical(problem, named, size, fit(problem, prior, size, s, ROUNDS)) for s in starts), key=lambda h: -h.around.cost
     )
 
 
@@ -238,14 +237,7 @@ def _figure(q: Question, named: Hypothesis, h: Hypothetical, found: tuple[float,
         f"within {TARGET} + 2 sd",
         f"Laplace {h.laplace:.2f}, sampled {sampled:.2f} +- {error:.2f}: {off:+.2f} ({calls} calls, {seconds:.0f} s)",
         abs(off) <= TARGET + 2 * error,
-        {
-            "laplace": h.laplace,
-            "sampled": sampled,
-            "sd": error,
-            "off": off,
-            "calls": calls,
-            "parameters": len(h.sampled),
-        },
+        {"laplace": h.laplace, "sampled": sampled, "sd": error, "off": off, "calls": calls, "parameters": len(h.sampled)},
     )
 
 

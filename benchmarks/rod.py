@@ -1,4 +1,4 @@
-"""The figures of the rod solver: `python -m benchmarks.rod [--quick] [--json FILE]`.
+"""The figures of the rod solver: `python -m benchmarks.rod [--quick] [--json FILE]`, and `--check ROBOTS` of its answers.
 
 Times are processor time of one thread (so that a busy machine counts less), medians and minima of rounds; the row with
 two threads and the single calls are wall time. Ratios are between rows of one run. Accuracy stands beside: the worst
@@ -16,11 +16,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
+from rich.progress import track
 from rich.table import Table
 
 from benchmarks.figures import write
-from benchmarks.rod_cases import directions, paper_rods, split, tips_of
-from model.rods import FAST, FINE, Fast, Rods, sensitivities, solve
+from benchmarks.rod_cases import directions, paper_rods, split, tips_of, wild_rods
+from model.rods import FAST, FINE, Fast, Rods, Solution, Status, sensitivities, solve
 from model.rods.fast import direct
 from model.rods.fast.batches import steps_of
 from model.rods.solution import RESULT
@@ -90,12 +91,70 @@ def figures(quick: bool) -> list[dict[str, object]]:
     return lines
 
 
+FARTHEST = 1e-5
+"""m, what a trusted tip may be off."""
+AT_ONCE = 100
+
+
+def compare(fast: Solution, rows: Array, tips: Array, status: NDArray[np.int8]) -> tuple[Array, NDArray[np.bool_]]:
+    """Distances (m) of the sampled tips that both solvers trust, and which samples are silent errors."""
+    ok = fast.converged[rows]
+    both = ok & (status <= Status.SOLVED_IN_STEPS)
+    distance = np.full(len(rows), np.nan)
+    distance[both] = np.linalg.norm(fast.tip[rows][both] - tips[both], axis=1)
+    wrong = (distance > FARTHEST) | (ok & (status == Status.OTHER_BRANCH))
+    return distance, np.asarray(wrong)
+
+
+def check(robots: int, sample: int, seed: int = 1) -> int:
+    """Solve random robots far beyond the paper's: E +-30 %, to 450 kPa, out of plane, tip loads to 5 N sideways.
+
+    All are solved by the fast solver at its default setting, a random sample also by `tests/model/rods/reference.py`. A silent
+    error is a tip that the fast solver calls trusted and that is farther than `FARTHEST` from the converged one, or whose rod
+    the converged solver finds on another branch. Returns 1 when there is any.
+    """
+    from tests.model.rods.reference import REFERENCE
+
+    console = Console()
+    rods = wild_rods(robots, seed)
+    start = time.thread_time()
+    fast = solve(rods)
+    seconds = time.thread_time() - start
+    counts = {state.name: int((fast.status == state).sum()) for state in Status}
+    console.print(f"{robots} robots in {seconds:.2f} s of processor time: {counts}")
+    fine = solve(rods, FINE)
+    both = fast.converged & fine.converged
+    apart = np.linalg.norm(fast.tip - fine.tip, axis=1)[both]
+    console.print(f"default against fine setting: worst {1e3 * apart.max():.5f} mm of {int(both.sum())}")
+    rows = np.sort(np.random.default_rng(seed).choice(robots, sample, replace=False))
+    tips, status = np.empty((len(rows), 3)), np.empty(len(rows), np.int8)
+    for at in track(range(0, len(rows), AT_ONCE), "slow solver", console=console, disable=not console.is_terminal):
+        part = slice(at, at + AT_ONCE)
+        slow = solve(rods[rows[part]], REFERENCE)
+        tips[part], status[part] = slow.tip, slow.status
+    distance, wrong = compare(fast, rows, tips, status)
+    slow_ok = status <= Status.SOLVED_IN_STEPS
+    console.print(
+        f"sample of {len(rows)}: both trust {int(np.isfinite(distance).sum())}, worst {1e3 * np.nanmax(distance):.5f} mm, "
+        f"fast alone {int((fast.converged[rows] & ~slow_ok).sum())}, slow alone {int((~fast.converged[rows] & slow_ok).sum())}, "
+        f"neither {int((~fast.converged[rows] & ~slow_ok).sum())}"
+    )
+    for i in np.flatnonzero(wrong | (fast.converged[rows] & ~slow_ok)):
+        console.print(f"  robot {rows[i]}: {1e3 * distance[i]:.4f} mm, slow solver says {Status(status[i]).name}")
+    console.print(f"silent errors: {int(wrong.sum())}")
+    return 1 if wrong.any() else 0
+
+
 def main() -> int:
     """Print the table, write the JSON."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="fewer rods and rounds")
     parser.add_argument("--json", type=Path, default=Path("out/rod.json"), help="where the numbers go")
+    parser.add_argument("--check", type=int, metavar="ROBOTS", help="compare random robots with the converged solver")
+    parser.add_argument("--sample", type=int, default=2_000, help="of these, how many are solved by the slow solver")
     options = parser.parse_args()
+    if options.check:
+        return check(options.check, min(options.sample, options.check))
     start = time.perf_counter()
     solve(paper_rods(1, seed=0))
     first = time.perf_counter() - start
@@ -109,13 +168,7 @@ def main() -> int:
         line["ratio"] = us / plain
         shown = "" if np.isnan(error) else f"{error:.4f}"
         table.add_row(
-            str(line["name"]),
-            f"{us:.3f}",
-            f"{least:.3f}",
-            f"{1e6 / us:,.0f}",
-            f"{us / plain:.2f}",
-            shown,
-            str(line["target"]),
+            str(line["name"]), f"{us:.3f}", f"{least:.3f}", f"{1e6 / us:,.0f}", f"{us / plain:.2f}", shown, str(line["target"])
         )
     Console(width=150).print(table)
     write(options.json, "figures", lines, first_solve_s=first)

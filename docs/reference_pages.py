@@ -489,7 +489,9 @@ Row = tuple[str, str, str]
 
 def _several(tables: Iterable[Sequence[Row]]) -> list[Row]:
     """The rows with a meaning that most of several tables have, one for each name, whether required there or not."""
-    counts = Counter((name, form.removeprefix("required"), text) for rows in tables for name, form, text in rows if text)
+    counts = Counter(
+        (name, form.removeprefix("required").removeprefix(", "), text) for rows in tables for name, form, text in rows if text
+    )
     found = [row for row, count in counts.most_common() if count > 1]
     names = [row[0].strip("`").split()[0] for row in found]
     return [row for n, row in enumerate(found) if names[n] not in names[:n]]
@@ -500,11 +502,11 @@ def _but(rows: Sequence[Row], several: Sequence[Row]) -> Iterator[str]:
     known = {
         (name, form, text)
         for name, form, text in rows
-        if (name, form.removeprefix("required"), text) in several or (form.startswith("table") and not text)
+        if (name, form.removeprefix("required").removeprefix(", "), text) in several or (form.startswith("table") and not text)
     }
     yield from _list(row for row in rows if row not in known)
     names = (
-        f"`{name.strip('`').split()[0]}`{' (required)' * (form == 'required')}"
+        f"`{name.strip('`').split()[0]}`{' (required)' * form.startswith('required')}"
         for name, form, text in rows
         if (name, form, text) in known
     )

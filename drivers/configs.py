@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
-from typing import ClassVar
+from typing import ClassVar, Self
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from .chambers import ChamberMap
 from .interfaces import Vector3
 
 PORTS, HOSTS = ("port", "ports"), ("host", "server", "local")
@@ -60,6 +61,15 @@ class RegulatorsConfig(InstrumentConfig):
     widest: ClassVar[float | None] = None
     """Where the units cannot be asked for their range: the widest that there is, Pa; a first try is made so that even that
     one stays below 5 kPa."""
+
+    @model_validator(mode="after")
+    def _wired_and_within_range(self) -> Self:
+        ChamberMap(self.chambers)
+        if self.max_pressure > self.full_scale:
+            raise ValueError(
+                f"max_pressure {self.max_pressure:g} Pa is above the units' full_scale {self.full_scale:g} Pa; lower it"
+            )
+        return self
 
 
 class LengthUnitConfig(InstrumentConfig):

@@ -1,18 +1,4 @@
-"""The error tree of the drivers.
-
-    InstrumentError                     anything that went wrong with one instrument
-    |-- Unreachable      (ConnectionError)  port or host cannot be opened, or nobody answers at connect
-    |-- NoReply          (TimeoutError)     an instrument that was reachable did not answer in time
-    |-- BadReply         (ValueError)       an answer that is damaged, out of protocol or a refusal
-    |   `-- Refused                         one whose checksum is right: the line is sound, the instrument says no
-    |-- WrongDevice      (ValueError)       something else answers at this address
-    |-- LimitExceeded    (ValueError)       a request beyond the configured limit; nothing was sent
-    |-- StaleReading     (TimeoutError)     the newest reading is older than its maximum age
-    |-- DeviceFault      (RuntimeError)     the instrument reports a fault of its own
-    `-- NotReady         (RuntimeError)     a call that the present state does not allow; nothing was sent
-
-Each message names the instrument, the value with its unit, the limit and what to do next.
-"""
+"""The error tree of the drivers. Each message names the instrument, the value with its unit, the limit and what to do next."""
 
 from __future__ import annotations
 

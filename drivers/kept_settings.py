@@ -28,7 +28,7 @@ class Setting:
 
 
 @dataclass(frozen=True)
-class Kept:
+class KeptSettings:
     """All settings of one instrument."""
 
     instrument: str

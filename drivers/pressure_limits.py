@@ -47,8 +47,7 @@ class PressureLimits:
         for channel, pressure in enumerate(pressures):
             if not math.isfinite(pressure):
                 raise LimitExceeded(
-                    self.name,
-                    f"channel {channel + 1}: {pressure} Pa is not a pressure; give 0 to {self.max_pressure:g} Pa",
+                    self.name, f"channel {channel + 1}: {pressure} Pa is not a pressure; give 0 to {self.max_pressure:g} Pa"
                 )
         now = self._clock.now()
         step = self.max_rate * min(LONGEST_CREDIT, max(0.0, now - self._at))

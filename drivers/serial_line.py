@@ -55,36 +55,25 @@ def meeting(name: str, close: Callable[[], None], stranger: str) -> Iterator[Non
 
 
 class SerialPort:
-    """A serial port, 8 data bits, of this process alone, and at low latency where its driver allows that.
+    """A serial port, 8 data bits and no parity, of this process alone, and at low latency where its driver allows that.
 
     A port that fails is closed at once, since its handle is dead for good, whatever returns under the same path; every use
     raises that failure again until it is opened anew.
     """
 
-    def __init__(
-        self,
-        name: str,
-        port: str,
-        baud: int,
-        timeout: float,
-        parity: str = "N",
-        stopbits: int = 1,
-        lock: StopFirst | None = None,
-        longest_read: float = SLICE,
-    ) -> None:
-        """`timeout` (s, host time) bounds each answer and each write, `longest_read` one read of the port.
+    longest_read = SLICE
+    """s of one read of the port, host time."""
 
-        `lock`: one that several lines of an instrument share.
-        """
+    def __init__(self, name: str, port: str, baud: int, timeout: float, lock: StopFirst | None = None) -> None:
+        """`timeout` (s, host time) bounds each answer and each write; `lock`: one that several lines of an instrument share."""
         self.name = name
         self.port = port
         self.baud = baud
         self.timeout = timeout
         self.lock = lock or StopFirst(name)
-        self.quality = LineQuality(port, (9 + (parity != "N") + stopbits) / baud)
+        self.quality = LineQuality(port, 10 / baud)
         self.lost = ""
         """Why the port was lost; empty while it is open and after it was closed on purpose."""
-        self._parity, self._stopbits, self._longest_read = parity, stopbits, longest_read
         self._serial: serial.Serial | None = None
 
     @property
@@ -100,9 +89,7 @@ class SerialPort:
                 self._serial = serial.serial_for_url(
                     known_port(self.port),
                     self.baud,
-                    parity=self._parity,
-                    stopbits=self._stopbits,
-                    timeout=min(self._longest_read, self.timeout),
+                    timeout=min(self.longest_read, self.timeout),
                     write_timeout=max(WRITE_WITHIN, self.timeout),
                     exclusive=True,
                 )
@@ -158,18 +145,10 @@ class SerialLine(SerialPort):
     """A serial port that is asked and answers, with deadlines."""
 
     def __init__(
-        self,
-        name: str,
-        port: str,
-        baud: int,
-        timeout: float,
-        parity: str = "N",
-        stopbits: int = 1,
-        lock: StopFirst | None = None,
-        skip_echo: bool = False,
+        self, name: str, port: str, baud: int, timeout: float, lock: StopFirst | None = None, skip_echo: bool = False
     ) -> None:
         """See `SerialPort`. `skip_echo`: a line that repeats the request is the echo of an adapter."""
-        super().__init__(name, port, baud, timeout, parity, stopbits, lock)
+        super().__init__(name, port, baud, timeout, lock)
         self._skip_echo = skip_echo
         self._buffer = bytearray()
         self._sent = b""

@@ -31,21 +31,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .api import (
-        Case,
-        case,
-        compare,
-        diagnose,
-        fit,
-        fit_with,
-        inverse,
-        load_robot,
-        open_rig,
-        predict,
-        predictor,
-        read,
-        run,
-    )
+    from .api import Case, case, compare, diagnose, fit, fit_with, inverse, load_robot, open_rig, predict, predictor, read, run
 
 __all__ = [
     "Case",

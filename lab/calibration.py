@@ -11,13 +11,7 @@ import numpy as np
 
 from diagnosis.fit_effects import Fitted, fit_effects
 from diagnosis.inference.executor import Progress, no_progress
-from model.calibration import (
-    AXES,
-    AreaFit,
-    fit_area_factor_by_length,
-    fit_body_modulus,
-    fit_spine_modulus,
-)
+from model.calibration import AXES, AreaFit, fit_area_factor_by_length, fit_body_modulus, fit_spine_modulus
 from model.estimate import Estimate
 from model.robot import Robot
 from model.stated import AREA_FACTOR

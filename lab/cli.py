@@ -28,7 +28,7 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
     },
     "recordings": {
         "info": ("verbs.recorded", "what recordings hold: streams, rates, losses, provenance, outcome"),
-        "runs": ("verbs.shelf", "list the recordings of a folder tree, with outcome and losses"),
+        "runs": ("verbs.recorded", "list the recordings of a folder tree, with outcome and losses"),
         "verify": ("verbs.recorded", "compare every checksum, record and index of a recording"),
         "recover": ("verbs.recorded", "save all that can be read of a damaged or truncated recording"),
         "replay": ("verbs.recorded", "compute the trials again from the recording alone and compare with the live run"),
@@ -45,9 +45,9 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
     },
     "for developers": {
         "demo": ("verbs.demo", "record, fit and diagnose on fake instruments, ending in an HTML report"),
-        "schema": ("verbs.schema",
+        "schema": ("verbs.developer",
                    "JSON schema of rig.yaml, robot.yaml, map.yaml, campaign.yaml or a protocol file, for your editor"),
-        "completion": ("verbs.completion", "print the shell's completion script for verbs, options and files"),
+        "completion": ("verbs.developer", "print the shell's completion script for verbs, options and files"),
     },
 }  # fmt: skip
 """Every verb once, in the order of a day's work: the module that declares it, which only its own use imports, and its summary."""
@@ -60,7 +60,7 @@ def declared(name: str) -> Verb:
     return next(verb for verb in found if verb.name == name)
 
 
-class Command(argparse.ArgumentParser):
+class LabParser(argparse.ArgumentParser):
     """The command, whose help lists the verbs in groups."""
 
     def format_help(self) -> str:
@@ -85,7 +85,7 @@ class Version(argparse.Action):
 
 def parser(whole: Collection[str] = tuple(VERBS)) -> argparse.ArgumentParser:
     """Return the parser of the command; only the verbs named in `whole` have their options."""
-    top = Command(prog="lab", description="Runs a soft-robotics lab: instruments, experiments, recordings, model.")
+    top = LabParser(prog="lab", description="Runs a soft-robotics lab: instruments, experiments, recordings, model.")
     top.add_argument("--version", action=Version, nargs=0, help="print the version, and the commit of a checkout")
     top.set_defaults(parser=parser)
     verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB", parser_class=argparse.ArgumentParser)
@@ -125,10 +125,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception as e:
         from .failures import explained  # knows the errors of every room, of which most verbs need few
 
-        known = explained(e)
-        if known is None:
+        explanation = explained(e)
+        if explanation is None:
             raise
-        text, code = known
+        text, code = explanation
         complain(text)
         return code
 

@@ -14,7 +14,7 @@ import os
 import sys
 import time
 import traceback
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import IO, Any
 
 from rich.console import Console, RenderableType
@@ -114,6 +114,12 @@ def note(texts: Iterable[str]) -> None:
         err.print(f"note: {text}")
 
 
+def warn(texts: Iterable[str]) -> None:
+    """What a person should see to, such as an instrument that is not as it should be."""
+    for text in texts:
+        err.print(f"warning: {text}")
+
+
 class _Bar(Progress):
     """Progress, and below it where the run can be watched and a line that somebody is typing."""
 
@@ -143,14 +149,26 @@ class Screen:
         self._task: TaskID | None = None
         self._began = time.monotonic()
         self._first: float | None = None
+        self._part: tuple[float, float] | None = None
 
     def __enter__(self) -> Screen:
-        self._progress.start()
-        self._task = self._progress.add_task(self._title, total=1.0, left="")
+        if self._part is None:
+            self._progress.start()
+            self._task = self._progress.add_task(self._title, total=1.0, left="")
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._progress.stop()
+        if self._part is None:
+            self._progress.stop()
+
+    @contextlib.contextmanager
+    def part(self, before: float, total: float) -> Iterator[None]:
+        """What enters the screen in this block is a part of what it shows: `before` s of `total` (0: none counts) are over."""
+        self._part = before, total
+        try:
+            yield
+        finally:
+            self._part = None
 
     def say(self, text: str) -> None:
         """Something that has happened."""
@@ -175,6 +193,8 @@ class Screen:
 
     def progress(self, done: float, total: float) -> None:
         """Seconds of rig time done, of the total planned; the time left is corrected by the pace kept so far."""
+        if self._part is not None:
+            done, total = self._part[0] + done, self._part[1]
         if self._task is None or total <= 0:
             return
         elapsed = time.monotonic() - self._began

@@ -21,7 +21,7 @@ import timing
 from drivers.configs import HOSTS, PORTS
 from drivers.errors import InstrumentError, LimitExceeded, StaleReading, Unreachable
 from drivers.interfaces import ArmSample, BodySample, Identity, PressureSample
-from sim_fakes.instrument import Part, Site
+from sim_fakes.instrument import FakePart, Site
 from sim_fakes.plant import Plant
 from sim_fakes.pty_fake import Faults, PtyFake
 from sim_fakes.registry import of_role
@@ -65,12 +65,12 @@ POLLED = ("pressure", "spine", "valve", "gauge", "force")
 
 
 @dataclass
-class Unit:
+class DriverOnFake:
     """A driver and the fake that it reaches."""
 
     role: str
     driver: Any
-    parts: list[Part]
+    parts: list[FakePart]
     plant: Plant
     config: Any
     clock: RigClock = field(default_factory=lambda: RigClock(SPEED, timing.now() - AGO))
@@ -113,11 +113,15 @@ class Unit:
                 return self.another(timeout=0.05)
         return self.driver
 
-    def state(self) -> Any:
-        """An arm's stream of its state."""
+    @contextlib.contextmanager
+    def state(self) -> Iterator[Any]:
+        """An arm, opened, and the stream of its state."""
+        self.driver.open()
         make = drivers()[self.config.driver].make_state
         assert make is not None
-        return make("it", self.config, self.clock, self.take)
+        with contextlib.closing(make("it", self.config, self.clock, self.take)) as state:
+            state.open()
+            yield state
 
     @property
     def disturbed(self) -> list[Any]:
@@ -191,7 +195,7 @@ def units(*roles: str) -> Any:
 
 
 @pytest.fixture
-def unit(request: pytest.FixtureRequest) -> Iterator[Unit]:
+def unit(request: pytest.FixtureRequest) -> Iterator[DriverOnFake]:
     """The driver of one name on its fake, not yet opened."""
     fake = found_fakes().usable[request.param]
     site = Site(Plant(), RigClock(SPEED), 1, HOSES, fake.full_scale, host=free_host(), markers=MARKERS)
@@ -202,11 +206,11 @@ def unit(request: pytest.FixtureRequest) -> Iterator[Unit]:
     if fake.role == "pressure":
         table |= {"chambers": HOSES, "full_scale": site.full_scale, "max_pressure": 2 * ASKED}
     kind = drivers()[request.param]
-    known = {"timeout": 0.5} if fake.role in POLLED else PATIENT["instruments"]["arm"]
-    made = Unit(fake.role, None, parts, site.plant, _config(kind.config, table, known))
-    made.driver = made.another()
-    yield made
-    made.driver.close()
+    settings = {"timeout": 0.5} if fake.role in POLLED else PATIENT["instruments"]["arm"]
+    tried = DriverOnFake(fake.role, None, parts, site.plant, _config(kind.config, table, settings))
+    tried.driver = tried.another()
+    yield tried
+    tried.driver.close()
     for part in parts:
         part.stop()
 
@@ -234,7 +238,7 @@ def until(condition: Callable[[], bool], within: float = WITHIN) -> bool:
 
 
 @units()
-def test_it_says_who_it_is_and_takes_a_second_open(unit: Unit) -> None:
+def test_it_says_who_it_is_and_takes_a_second_open(unit: DriverOnFake) -> None:
     for _ in range(2):
         identity = unit.driver.open()
         assert isinstance(identity, Identity), f"open() returned {identity!r}, needed an Identity"
@@ -244,7 +248,7 @@ def test_it_says_who_it_is_and_takes_a_second_open(unit: Unit) -> None:
 
 
 @units()
-def test_closed_it_refuses_every_call_with_its_name(unit: Unit) -> None:
+def test_closed_it_refuses_every_call_with_its_name(unit: DriverOnFake) -> None:
     for when in ("never opened", "closed again"):
         for call in CALLS[unit.role]:
             with pytest.raises(InstrumentError) as caught:
@@ -256,7 +260,7 @@ def test_closed_it_refuses_every_call_with_its_name(unit: Unit) -> None:
 
 
 @units()
-def test_a_port_that_is_not_there_is_unreachable(unit: Unit) -> None:
+def test_a_port_that_is_not_there_is_unreachable(unit: DriverOnFake) -> None:
     key = next(key for key in (*PORTS, *HOSTS) if hasattr(unit.config, key))
     nowhere = f"/dev/none-{key}" if key in PORTS else free_host()
     each = [f"{nowhere}{i}" for i in range(len(HOSES))]
@@ -266,7 +270,7 @@ def test_a_port_that_is_not_there_is_unreachable(unit: Unit) -> None:
 
 @units()
 @pytest.mark.parametrize("fault", ["silent", "corrupt", "truncate", "garbage"])
-def test_a_disturbed_line_is_told_as_an_instrument_error_or_overcome(unit: Unit, fault: str) -> None:
+def test_a_disturbed_line_is_told_as_an_instrument_error_or_overcome(unit: DriverOnFake, fault: str) -> None:
     if not unit.disturbed:
         pytest.skip("its fake has no line that can be disturbed")
     quick = unit.hasty()
@@ -337,7 +341,7 @@ def must_not_open(driver: Any, line: str, remedy: str, sent: Sequence[bytes] = (
 
 
 @units()
-def test_it_does_not_open_on_a_silent_line(unit: Unit) -> None:
+def test_it_does_not_open_on_a_silent_line(unit: DriverOnFake) -> None:
     if not unit.disturbed:
         pytest.skip("its fake has no line that can be disturbed")
     unit.silence()
@@ -345,7 +349,7 @@ def test_it_does_not_open_on_a_silent_line(unit: Unit) -> None:
 
 
 @units()
-def test_it_does_not_open_on_a_line_whose_answers_are_all_damaged(unit: Unit) -> None:
+def test_it_does_not_open_on_a_line_whose_answers_are_all_damaged(unit: DriverOnFake) -> None:
     with unit.rewritten(damaged) as sent:
         must_not_open(
             unit.driver,
@@ -356,7 +360,7 @@ def test_it_does_not_open_on_a_line_whose_answers_are_all_damaged(unit: Unit) ->
 
 
 @units()
-def test_it_does_not_open_on_answers_whose_checksum_is_wrong(unit: Unit) -> None:
+def test_it_does_not_open_on_answers_whose_checksum_is_wrong(unit: DriverOnFake) -> None:
     quick = unit.hasty()
     for place in range(PLACES):
         with unit.falsified(place) as sent:
@@ -370,7 +374,7 @@ def test_it_does_not_open_on_answers_whose_checksum_is_wrong(unit: Unit) -> None
 
 
 @units(*(role for role in POLLED if role not in STREAMS))
-def test_no_call_returns_on_an_answer_whose_checksum_is_wrong(unit: Unit) -> None:
+def test_no_call_returns_on_an_answer_whose_checksum_is_wrong(unit: DriverOnFake) -> None:
     quick = unit.hasty()
     for place, call in itertools.product(range(PLACES), CALLS[unit.role]):
         assert until(lambda: answers(quick.open))
@@ -388,13 +392,13 @@ def test_no_call_returns_on_an_answer_whose_checksum_is_wrong(unit: Unit) -> Non
 
 
 @units()
-def test_it_does_not_open_another_device(unit: Unit) -> None:
+def test_it_does_not_open_another_device(unit: DriverOnFake) -> None:
     remedy = "compare the answer with the instrument that the driver is for, then raise WrongDevice"
-    own = [part for part in unit.parts if isinstance(part, PtyFake) and "wrong_id" in part.own_faults]
-    for part in own:
+    disguised = [part for part in unit.parts if isinstance(part, PtyFake) and "wrong_id" in part.own_faults]
+    for part in disguised:
         name, value = part.own_faults["wrong_id"]
         part.faults.extra[name] = value
-    if own:
+    if disguised:
         must_not_open(unit.driver, "a line with another device", remedy)
         return
     assert not any(isinstance(part, PtyFake) and part.checked for part in unit.parts), (
@@ -415,7 +419,7 @@ def test_it_does_not_open_another_device(unit: Unit) -> None:
 
 
 @units()
-def test_close_leaves_the_port_to_others(unit: Unit) -> None:
+def test_close_leaves_the_port_to_others(unit: DriverOnFake) -> None:
     port = next((part.port for part in unit.parts if isinstance(part, PtyFake)), "")
     before = handles(port)
     unit.driver.open()
@@ -453,7 +457,7 @@ def crashes() -> Iterator[list[str]]:
 
 
 @units(*STREAMS)
-def test_a_stream_that_falls_silent_is_stale_after_max_age(unit: Unit) -> None:
+def test_a_stream_that_falls_silent_is_stale_after_max_age(unit: DriverOnFake) -> None:
     driver = unit.strict()
     unit.silence()
     kind = StaleReading if unit.disturbed else InstrumentError  # an ended connection may be told as such
@@ -474,13 +478,13 @@ def test_a_stream_that_falls_silent_is_stale_after_max_age(unit: Unit) -> None:
 
 
 @units(*STREAMS)
-def test_a_stream_hands_over_no_damaged_answer(unit: Unit) -> None:
+def test_a_stream_hands_over_no_damaged_answer(unit: DriverOnFake) -> None:
     unit.strict()
     hands_over_none(unit, unit.rewritten(damaged), "every answer is damaged", "check the form of each answer")
 
 
 @units(*STREAMS)
-def test_a_stream_hands_over_no_answer_whose_checksum_is_wrong(unit: Unit) -> None:
+def test_a_stream_hands_over_no_answer_whose_checksum_is_wrong(unit: DriverOnFake) -> None:
     unit.strict()
     what = "one character of every answer is changed"
     for place in range(PLACES):
@@ -491,7 +495,7 @@ def test_a_stream_hands_over_no_answer_whose_checksum_is_wrong(unit: Unit) -> No
         )
 
 
-def hands_over_none(unit: Unit, line: contextlib.AbstractContextManager[list[bytes]], what: str, remedy: str) -> None:
+def hands_over_none(unit: DriverOnFake, line: contextlib.AbstractContextManager[list[bytes]], what: str, remedy: str) -> None:
     """Fails when a stream still hands over samples on a disturbed line, or a thread of its driver ends."""
     seen = (0, 0)  # samples, and the disturbed answers that were sent when the newest was
 
@@ -514,7 +518,7 @@ def hands_over_none(unit: Unit, line: contextlib.AbstractContextManager[list[byt
 
 
 @units(*STREAMS)
-def test_samples_have_the_time_of_the_rig_s_clock(unit: Unit) -> None:
+def test_samples_have_the_time_of_the_rig_s_clock(unit: DriverOnFake) -> None:
     began = unit.clock.now()
     unit.driver.open()
     assert until(lambda: len(unit.samples) >= 3)
@@ -526,7 +530,7 @@ def test_samples_have_the_time_of_the_rig_s_clock(unit: Unit) -> None:
 
 
 @units(*(role for role in POLLED if role not in STREAMS))
-def test_a_reading_is_new_and_has_the_time_of_the_rig_s_clock(unit: Unit) -> None:
+def test_a_reading_is_new_and_has_the_time_of_the_rig_s_clock(unit: DriverOnFake) -> None:
     unit.driver.open()
     for _ in range(2):
         began = unit.clock.now()
@@ -538,7 +542,7 @@ def test_a_reading_is_new_and_has_the_time_of_the_rig_s_clock(unit: Unit) -> Non
 
 
 @units("gauge")
-def test_a_gauge_reads_the_plant_s_absolute_pressure(unit: Unit) -> None:
+def test_a_gauge_reads_the_plant_s_absolute_pressure(unit: DriverOnFake) -> None:
     unit.driver.open()
     for truth in (101_325.0, 61_325.0, 21_325.0):  # each within a hundredth of full scale
         with unit.plant.lock:
@@ -550,7 +554,7 @@ def test_a_gauge_reads_the_plant_s_absolute_pressure(unit: Unit) -> None:
 
 
 @units("valve")
-def test_a_valve_switches_the_vacuum_and_reads_it_back(unit: Unit) -> None:
+def test_a_valve_switches_the_vacuum_and_reads_it_back(unit: DriverOnFake) -> None:
     unit.driver.open()
     for on in (True, False):
         unit.driver.set(on)
@@ -560,7 +564,7 @@ def test_a_valve_switches_the_vacuum_and_reads_it_back(unit: Unit) -> None:
 
 
 @units("spine")
-def test_a_length_unit_pays_out_the_length_that_it_reads(unit: Unit) -> None:
+def test_a_length_unit_pays_out_the_length_that_it_reads(unit: DriverOnFake) -> None:
     unit.driver.open()
     unit.driver.home()
     assert until(lambda: unit.driver.read().homed and not unit.driver.read().moving)
@@ -572,7 +576,7 @@ def test_a_length_unit_pays_out_the_length_that_it_reads(unit: Unit) -> None:
 
 
 @units("pressure")
-def test_each_channel_fills_its_own_chambers_and_no_other(unit: Unit) -> None:
+def test_each_channel_fills_its_own_chambers_and_no_other(unit: DriverOnFake) -> None:
     unit.driver.open()
     for channel, chambers in enumerate(HOSES):
         asked = tuple(ASKED if c == channel else 0.0 for c in range(unit.driver.channels))
@@ -591,7 +595,7 @@ def test_each_channel_fills_its_own_chambers_and_no_other(unit: Unit) -> None:
 
 
 @units("pressure")
-def test_what_is_measured_is_the_plant_s_pressure(unit: Unit) -> None:
+def test_what_is_measured_is_the_plant_s_pressure(unit: DriverOnFake) -> None:
     unit.driver.open()
     truth = [1e3 * chamber for chamber in range(1, 10)]
     with unit.plant.lock:
@@ -603,7 +607,7 @@ def test_what_is_measured_is_the_plant_s_pressure(unit: Unit) -> None:
 
 
 @units("pressure")
-def test_set_points_keep_range_and_rate(unit: Unit) -> None:
+def test_set_points_keep_range_and_rate(unit: DriverOnFake) -> None:
     unit.driver.open()
     beyond = (1e9,) * unit.driver.channels
     assert until(lambda: near(unit.driver.set(beyond), (2 * ASKED,) * unit.driver.channels)), (
@@ -624,7 +628,7 @@ def test_set_points_keep_range_and_rate(unit: Unit) -> None:
 
 
 @units("pressure")
-def test_vent_and_close_leave_nothing_inflated(unit: Unit) -> None:
+def test_vent_and_close_leave_nothing_inflated(unit: DriverOnFake) -> None:
     unit.driver.open()
     for end in (unit.driver.vent, unit.driver.close):
         asked = (ASKED,) * unit.driver.channels
@@ -636,7 +640,7 @@ def test_vent_and_close_leave_nothing_inflated(unit: Unit) -> None:
 
 
 @units("pressure")
-def test_connect_is_enough_to_vent(unit: Unit) -> None:
+def test_connect_is_enough_to_vent(unit: DriverOnFake) -> None:
     unit.driver.open()
     asked = (ASKED,) * unit.driver.channels
     assert until(lambda: near(unit.driver.set(asked), asked))
@@ -654,7 +658,7 @@ def test_connect_is_enough_to_vent(unit: Unit) -> None:
 
 
 @units("mocap")
-def test_the_cameras_see_tip_and_markers_in_the_base_frame(unit: Unit) -> None:
+def test_the_cameras_see_tip_and_markers_in_the_base_frame(unit: DriverOnFake) -> None:
     tip, markers = np.array([0.02, -0.03, 0.25]), np.array([[0.0, -0.01, 0.1], [0.01, -0.02, 0.2]])
     turned = np.array([[1.0, 0.0, 0.0], [0.0, 0.8, -0.6], [0.0, 0.6, 0.8]])  # about x by 36.9 deg
     with unit.plant.lock:
@@ -674,7 +678,7 @@ def test_the_cameras_see_tip_and_markers_in_the_base_frame(unit: Unit) -> None:
 
 
 @units(*STREAMS)
-def test_a_stream_hands_over_its_samples_in_the_order_of_time_until_it_is_closed(unit: Unit) -> None:
+def test_a_stream_hands_over_its_samples_in_the_order_of_time_until_it_is_closed(unit: DriverOnFake) -> None:
     unit.driver.open()
     assert until(lambda: len(unit.samples) >= 3)
     newest = unit.driver.latest()
@@ -690,11 +694,8 @@ def test_a_stream_hands_over_its_samples_in_the_order_of_time_until_it_is_closed
 
 
 @units("arm")
-def test_the_arm_goes_where_it_is_told_and_its_state_shows_it(unit: Unit) -> None:
-    unit.driver.open()
-    state = unit.state()
-    state.open()
-    try:
+def test_the_arm_goes_where_it_is_told_and_its_state_shows_it(unit: DriverOnFake) -> None:
+    with unit.state() as state:
         goal = ahead(unit, state, 0.02)
         unit.driver.move_to(goal, unit.config.max_speed / 2, unit.config.max_acceleration / 2)
         assert until(lambda: not unit.driver.moving())
@@ -703,32 +704,22 @@ def test_the_arm_goes_where_it_is_told_and_its_state_shows_it(unit: Unit) -> Non
         assert until(lambda: close(state.latest().tcp_pose[:3], goal[:3]))
         assert until(lambda: close(unit.plant.probe_position, goal[:3]))
         assert len(unit.samples) > 1 and state.lost >= 0
-    finally:
-        state.close()
 
 
 @units("arm")
-def test_the_arm_stops_on_its_way(unit: Unit) -> None:
-    unit.driver.open()
-    state = unit.state()
-    state.open()
-    try:
+def test_the_arm_stops_on_its_way(unit: DriverOnFake) -> None:
+    with unit.state() as state:
         goal = ahead(unit, state, 0.1)
         unit.driver.move_to(goal, unit.config.max_speed / 20, unit.config.max_acceleration / 2)
         assert unit.driver.moving()
         unit.driver.stop()
         assert until(unit.driver.standing) and not unit.driver.moving()
         assert not close(state.latest().tcp_pose[:3], goal[:3])
-    finally:
-        state.close()
 
 
 @units("arm")
-def test_the_arm_refuses_what_is_beyond_its_limits(unit: Unit) -> None:
-    unit.driver.open()
-    state = unit.state()
-    state.open()
-    try:
+def test_the_arm_refuses_what_is_beyond_its_limits(unit: DriverOnFake) -> None:
+    with unit.state() as state:
         goal, config = ahead(unit, state, 0.01), unit.config
         far = (config.workspace_max[0] + 0.1, *goal[1:])
         for pose, speed, acceleration in (
@@ -740,11 +731,9 @@ def test_the_arm_refuses_what_is_beyond_its_limits(unit: Unit) -> None:
             with pytest.raises(LimitExceeded):
                 unit.driver.move_to(pose, speed, acceleration)
         assert not unit.driver.moving()
-    finally:
-        state.close()
 
 
-def ahead(unit: Unit, state: Any, distance: float) -> tuple[float, ...]:
+def ahead(unit: DriverOnFake, state: Any, distance: float) -> tuple[float, ...]:
     """A pose at a distance (m) from where the arm is, towards the middle of its workspace."""
     assert until(lambda: answers(state.latest))
     here = np.array(state.latest().tcp_pose)

@@ -151,15 +151,18 @@ LABELS = (
 )
 
 
-def given_labels(a: argparse.Namespace) -> list[tuple[str, str]]:
+def given_labels(a: argparse.Namespace) -> dict[str, str]:
     """Return name and text of the labels that LABELS gave; raises ConfigError."""
-    from recordings.campaign.labels import split
+    from recordings.campaign.labels import labels, split
     from recordings.errors import BadMessage
 
     from .files.config import ConfigError
 
     named = [(name, text) for name in ("operator", "specimen") if (text := getattr(a, name)) is not None]
+    place = "--tag "
     try:
-        return [*named, *map(split, a.tag)]
+        tags = [split(text) for text in a.tag]
+        place = ""
+        return labels([*named, *tags])
     except BadMessage as e:
-        raise ConfigError(f"--tag {e}") from e
+        raise ConfigError(f"{place}{e}") from e

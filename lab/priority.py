@@ -12,7 +12,7 @@ from typing import NamedTuple
 import timing
 
 
-class Place(NamedTuple):
+class Priority(NamedTuple):
     """A process' place in line."""
 
     session: int
@@ -22,13 +22,13 @@ class Place(NamedTuple):
     """Niceness of the process among those of its session."""
 
 
-FIRST = Place(-20, -10)
+FIRST = Priority(-20, -10)
 """Of what holds instruments."""
-BEHIND = Place(5, 5)
+BEHIND = Priority(5, 5)
 """Of what shows a run: the run comes first, but on a busy computer the page still comes."""
 
 
-def put_in_place(pid: int, place: Place) -> None:
+def put_in_place(pid: int, place: Priority) -> None:
     """Set the place of a process that leads a session; without CAP_SYS_NICE or RLIMIT_NICE the system refuses a better one, and
     nothing changes."""
     with contextlib.suppress(OSError):

@@ -12,15 +12,71 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
-from model.cantilever import fit_stiffness, youngs_modulus
 from model.condition import States
 from model.errors import BadCondition, NotIdentified
 from model.estimate import Estimate, estimate, readings
 from model.robot import Robot
 from model.rods import FINE, solve
+from model.rods.beam import bar_deflection
 from model.section import annulus_second_moment, body_second_moment, rods_of
 
 Array = NDArray[np.float64]
+Labels = NDArray[np.generic]
+
+
+def fit_stiffness(
+    deflection: ArrayLike, force: ArrayLike, force_sd: ArrayLike | None = None, trial: ArrayLike | None = None
+) -> Estimate:
+    """The slope (N/m) of force (n,) N over deflection (n,) m, weighted by 1 / force_sd^2 (N) where given.
+
+    The intercept is free, so neither a sensor zero nor a late touch point biases the slope; the paper divides single readings.
+    With `trial` (n,) each trial has its own intercept, and the slope is common. Raises `NotIdentified` with too few
+    readings or no spread in deflection, `BadCondition` on shapes.
+    """
+    n = np.size(deflection)
+    columns = readings(n, deflection=deflection, force=force, force_sd=np.ones(n) if force_sd is None else force_sd)
+    y, f, sd = columns["deflection"], columns["force"], columns["force_sd"]
+    if (sd <= 0).any():
+        raise BadCondition(f"force_sd: {sd.min():g} N, must be positive")
+    labels = np.zeros(n) if trial is None else np.asarray(trial)
+    if labels.shape != (n,):
+        raise BadCondition(f"trial: shape {labels.shape}, must be ({n},)")
+    names = np.unique(labels)
+    weight = 1 / sd**2
+    mean_y, mean_f = (_trial_means(values, weight, labels, names) for values in (y, f))
+    dy, df = (y - mean_y) / sd, (f - mean_f) / sd
+    spread = float(dy @ dy)
+    if not spread > 0:
+        raise NotIdentified("deflection: all readings of a trial are at the same place, no slope can be fitted")
+    slope = float(dy @ df) / spread
+    weighted = estimate(slope, dy, df - slope * dy, 1 + names.size, labels if trial is not None else None)
+    rms = float(np.sqrt(np.mean((sd * (df - slope * dy)) ** 2)))
+    return Estimate(slope, weighted.standard_error, weighted.dof, n, rms)
+
+
+def youngs_modulus(stiffness: Estimate, length: float, second_moment: float, load_at: float | None = None) -> Estimate:
+    """E (Pa) from the slope F / y (N/m), eq. 8 solved for E; eq. 9 when the load is at the end.
+
+    `length` of the cantilever and `load_at` (the end when None) in m, `second_moment` in m^4.
+    """
+    x = length if load_at is None else load_at
+    if not (length > 0 and 0 < x <= length and second_moment > 0):
+        raise BadCondition(
+            f"cantilever of length {length:g} m loaded at {x:g} m with second moment {second_moment:g} m^4: "
+            "all must be positive and the load within the length"
+        )
+    return stiffness.scaled(bar_deflection(length, x, second_moment))
+
+
+def _trial_means(values: Array, weight: Array, labels: Labels, names: Labels) -> Array:
+    """The weighted mean of each reading's own trial, (n,)."""
+    means = np.empty_like(values)
+    for name in names:
+        own = labels == name
+        means[own] = np.average(values[own], weights=weight[own])
+    return means
+
+
 AXES = 3
 """Readings that the tip of a state gives."""
 LEAST_FACTOR, MOST_FACTOR = 0.05, 20.0
@@ -101,11 +157,7 @@ def fit_area_factor_by_length(
 
 
 def fit_body_modulus(
-    robot: Robot,
-    deflection: ArrayLike,
-    force: ArrayLike,
-    force_sd: ArrayLike | None = None,
-    trial: ArrayLike | None = None,
+    robot: Robot, deflection: ArrayLike, force: ArrayLike, force_sd: ArrayLike | None = None, trial: ArrayLike | None = None
 ) -> Estimate:
     """E of the silicone body (Pa) from its stiffness rows: force (N) at the tip, deflection (m) there; eq. 8.
 

@@ -1,14 +1,4 @@
-"""The error tree of the model.
-
-    ModelError                      anything the model refuses or cannot do
-    |-- BadRobot       (ValueError)     the robot description is out of limits or contradicts itself
-    |-- BadCondition   (ValueError)     conditions or measurements of the wrong shape, not finite, or off limits
-    |-- SolveFailed    (RuntimeError)   no trustworthy equilibrium was found for some states
-    |-- BadEffect      (ValueError)     an effect is declared wrongly or does not exist
-    `-- NotIdentified  (ValueError)     the data do not determine what is to be fitted
-
-Each message names the field, the value with its unit, the limit and what to do next.
-"""
+"""The error tree of the model. Each message names the field, the value with its unit, the limit and what to do next."""
 
 from __future__ import annotations
 

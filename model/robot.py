@@ -7,7 +7,8 @@ SI units throughout; every field carries its unit in `json_schema_extra`, a tabl
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,7 +16,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, Tag, ValidationError, model_validator
 
-from model import smooth_table
 from model.actuators import Chambers, Tendons
 from model.errors import BadRobot
 from model.plain_yaml import MOST_CHARACTERS, MOST_PROBLEMS, BadYaml, parse
@@ -23,6 +23,43 @@ from model.sections import Positive, Section, Weight, section_problems
 from model.stated import AREA_FACTOR, Noise, Posterior, Residual, Stated, Table, named, problems
 
 Array = NDArray[np.float64]
+
+MOST_BEYOND = np.log(2.0)
+"""Logarithm of the factor on an end entry that is approached far beyond it."""
+
+
+def smooth_at(table: tuple[tuple[float, float], ...], length: Array) -> Array:
+    """Positive values at lengths (...) of a table of (length, value), sorted by length, without kinks.
+
+    A robot stands at the very lengths of its table, and a search for the most probable length would end on a kink. So between
+    entries the curve is a monotone cubic (PCHIP, Fritsch and Carlson 1980). Beyond them it continues with its slope there and
+    levels off: y = y_e exp(w tanh(s (l - l_e) / (w y_e))), w = ln 2, always between half and twice the end entry y_e.
+
+    >>> smooth_at(((0.1, 1e6), (0.2, 2e6)), np.array([0.1, 0.15, 0.2])).tolist()
+    [1000000.0, 1500000.0, 2000000.0]
+    """
+    first, last = table[0], table[-1]
+    if len(table) < 2:
+        return np.full(length.shape, first[1])
+    curve, slope = _curve(table)
+    out: Array = np.asarray(curve(np.clip(length, first[0], last[0])))
+    for (end, value), beyond in ((first, length < first[0]), (last, length > last[0])):
+        if beyond.any():
+            rise = float(slope(end)) / (MOST_BEYOND * value) * (length - end)
+            out = np.where(beyond, value * np.exp(MOST_BEYOND * np.tanh(rise)), out)
+    return out
+
+
+@lru_cache(maxsize=64)
+def _curve(table: tuple[tuple[float, float], ...]) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """The curve between the ends, and its slope."""
+    from scipy.interpolate import PchipInterpolator  # reading a robot needs none of it
+
+    lengths, values = np.array(table).T
+    curve = PchipInterpolator(lengths, values)
+    return curve, curve.derivative()
+
+
 Vector3 = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 
 LengthKey = Annotated[FiniteFloat, Field(ge=0, le=5, json_schema_extra={"unit": "m"})]
@@ -48,8 +85,8 @@ class Spine(BaseModel):
     modulus: dict[LengthKey, Modulus] = Field(min_length=1, json_schema_extra={"unit": "Pa", "key_unit": "m"})
 
     def modulus_at(self, spine_length: ArrayLike) -> Array:
-        """Young's modulus (Pa) at spine length (m), see `model.smooth_table`."""
-        return smooth_table.at(tuple(sorted(self.modulus.items())), np.asarray(spine_length, float))
+        """Young's modulus (Pa) at spine length (m), see `model.robot`."""
+        return smooth_at(tuple(sorted(self.modulus.items())), np.asarray(spine_length, float))
 
 
 class Pose(BaseModel):

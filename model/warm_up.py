@@ -33,10 +33,7 @@ def derivatives() -> None:
     """What diagnoses differentiate, without solving anything: of a rod that is said to be straight; and what else they need, the
     laws with memory and the paper's own integration."""
     first, at_once = np.zeros(1, np.int64), np.zeros(1)
-    path, drive = (
-        history.Path(first, first, np.array([True]), at_once, at_once, at_once),
-        np.zeros((1, 1, history.DRIVES)),
-    )
+    path, drive = (history.Path(first, first, np.array([True]), at_once, at_once, at_once), np.zeros((1, 1, history.DRIVES)))
     path.lag(drive, 1.0)
     path.sliding(np.zeros((1, 1, 2)), np.ones((1, 1)))
     path.held(np.zeros((1, 1, 1)), np.zeros((1, 1, 2, 2)))

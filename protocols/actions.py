@@ -80,8 +80,7 @@ def release(bench: Bench, jam: Jam) -> float:
 
 def jam(bench: Bench, ambient: float, vacuum: float, rules: Jam) -> float:
     """Jam the spine; returns the vacuum reached, Pa below ambient. States read from then on need a vacuum between `rules.share`
-    and 2 - `rules.share` of `vacuum`, with `VACUUM_NOISE` on either side.
-    """
+    and 2 - `rules.share` of `vacuum`, with `VACUUM_NOISE` on either side."""
     bench.jammed = None
     valve, gauge = bench.need(bench.valve, "valve"), bench.need(bench.gauge, "gauge")
     if vacuum <= 0:

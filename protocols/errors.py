@@ -1,17 +1,4 @@
-"""What can end a protocol early.
-
-ProtocolError
-|-- MissingInstrument   the rig has not all the instruments this protocol needs; nothing moved
-|-- WrongWiring         the regulators' wiring cannot make the pattern asked for; nothing moved
-|-- NotReached          a physical state (settled, jammed, arrived, vented, contact) was not reached in time
-|-- TooMuchForce        the arm met more force than the protocol allows, and was stopped
-|-- NotPushing          a jammed specimen hardly pushes back on the arm
-|-- JamLost             the spine had to be jammed anew: the trial begins again
-|-- Skipped             a person asked to leave this trial out; the experiment goes on with the next
-|-- Suspended           something that a person can put right; the experiment waits for that, then goes on
-|   `-- StoodStill      this computer stood still; the experiment goes on by itself
-`-- Stopped             a person asked to stop
-"""
+"""What can end a protocol early; everything else that an instrument raises is an `InstrumentError`."""
 
 from __future__ import annotations
 
@@ -23,7 +10,7 @@ class ProtocolError(Exception):
 
 
 class MissingInstrument(ProtocolError):
-    """The rig has not all the instruments this protocol needs; nothing moved."""
+    """The rig lacks instruments that this protocol needs; nothing moved."""
 
 
 class WrongWiring(ProtocolError):

@@ -29,8 +29,6 @@ SENSORS = {
     "/pressure": "pressure", "/tip": "mocap", "/spine": "spine", "/vacuum": "gauge", "/force": "force", "/arm": "arm_state",
 }  # fmt: skip
 """Which instrument of rig.yaml a topic comes from."""
-
-
 READINGS = 3
 """Times that a reading is tried which a pause of a stream spoils."""
 
@@ -399,8 +397,3 @@ def settled(rules: Settle) -> Settled:
         band=rules.band, still=rules.still, still_distance=rules.still_distance, smooth=rules.smooth, average=rules.average,
         min_samples=rules.min_samples, max_gap=rules.max_gap, max_hidden=rules.max_hidden, timeout=rules.within,
     )  # fmt: skip
-
-
-def with_probe(trial: Trial, probe: Probe) -> Trial:
-    """The same trial, now that the probe touches."""
-    return replace(trial, probe=probe)

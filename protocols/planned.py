@@ -90,7 +90,7 @@ def _padded(plan: Plan, ask: Ask, chambers: int) -> NDArray[np.float64]:
 def _read(
     step: Step, before: NDArray[np.float64], pressure: NDArray[np.float64], rows: Sequence[dict[str, Any]], trial: int
 ) -> tuple[Reading, ...]:
-    """Of a plan that does not say what it reads: one state at each step that ramps pressures."""
+    """Readings of a plan that does not state them: one at each step that ramps pressures."""
     rate = step.ask.pressure_rate
     if not step.ask.pressures or not rate:
         return ()

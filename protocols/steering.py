@@ -33,10 +33,6 @@ Keep = Callable[[str, str, str, bool, int, int], None]
 """Records kind, by, text, whether it was carried out, trial and step."""
 
 
-def _silent(text: str) -> None:
-    """Nobody is told."""
-
-
 def checked(kind: str, text: str = "") -> str:
     """The text of a request on one line, empty but for a note; raises `BadRequest` for what is none."""
     if kind not in REQUESTS:
@@ -56,7 +52,7 @@ class Steering:
         """What is asked and not carried out yet, and by whom."""
         self._keep: Keep | None = None
         self._finish: Callable[[], None] = lambda: None
-        self._say: Callable[[str], None] = _silent
+        self._say: Callable[[str], object] = str
         self._place = (0, 0)
         self._may_skip = False
         self._resting = False
@@ -112,7 +108,7 @@ class Steering:
 
     # -- who runs
     @contextlib.contextmanager
-    def of_run(self, keep: Keep, finish: Callable[[], None], say: Callable[[str], None]) -> Iterator[None]:
+    def of_run(self, keep: Keep, finish: Callable[[], None], say: Callable[[str], object]) -> Iterator[None]:
         """Requests belong to this run while the block lasts. `keep` records them, `finish` ends it after the present step,
         `say` tells the person at the run."""
         with self._lock:
@@ -124,7 +120,7 @@ class Steering:
             with self._lock:
                 left = [kind for kind in self._open if kind != "finish"]
                 self._open.clear()
-                self._keep, self._finish, self._say = None, lambda: None, _silent
+                self._keep, self._finish, self._say = None, lambda: None, str
                 self._resting = self._may_skip = False
             for kind in left:
                 say(f"{kind}: {UNDONE}")

@@ -24,7 +24,7 @@ from recordings.trials import TrialRow
 from .actions import home, keep_jammed, set_spine, vent
 from .bench import Bench, Setup
 from .errors import NotPushing, ProtocolError, TooMuchForce
-from .experiment import Ask, Plan, Push, Reading, Step, Trial, Trials, with_probe
+from .experiment import Ask, Plan, Push, Reading, Step, Trial, Trials
 from .parameters import Jam, SpineLength, SpineMotion, Vacuum
 from .probe import Contact, ProbeMotion, Probing
 from .suspension import through_jams, through_pauses
@@ -75,8 +75,6 @@ class Stiffness(Probing):
 
 
 PARAMETERS = Stiffness
-
-
 NEEDS = ("spine", "valve", "gauge", "force", "arm")
 
 
@@ -183,7 +181,7 @@ def _push(bench: Bench, p: Stiffness, trial: Trial, trials: Trials, work: Pushin
     tcp = probe.state.latest().tcp_pose
     # Deflection counts from here, so force does: how far the last step went past the first touch is in both.
     origin = Probe(direction=probe.stand.push, origin=(tcp[0], tcp[1], tcp[2]), force_offset=contact.offset)
-    trial = with_probe(trial, origin)
+    trial = replace(trial, probe=origin)
     average = max(p.average, p.min_samples / _sample_rate(bench), (MIN_POSES + 1) * _longest_gap(bench))
     row: TrialRow | None = None
     for i in range(1, p.steps + 1):

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 from drivers.errors import InstrumentError
 
 from .bench import Bench
 from .errors import JamLost, NotReached, StoodStill, Suspended
-
-if TYPE_CHECKING:
-    from .experiment import Trial, Trials
+from .experiment import Trial, Trials
 
 T = TypeVar("T")
 TRIES = 3

@@ -136,9 +136,8 @@ class Walk:
         highest: Sequence[float],
         judge: Callable[[TrialRow], None] | None = None,
     ) -> None:
-        """Ramp there and read a state by each of the rules. After a pause a state of the unload branch is reached by way of
-        `highest`. `judge` gets each row.
-        """
+        """Ramp there and read a state by each of the rules, passing each row to `judge`. After a pause a state of the unload
+        branch is reached by way of `highest`."""
         left = list(rules)
 
         def work() -> None:

@@ -1,7 +1,4 @@
-"""The error tree of the recordings.
-
-Each message names the file or topic, the value with its unit, the limit and what to do next.
-"""
+"""The error tree of the recordings. Each message names file or topic, value with its unit, limit and what to do next."""
 
 from __future__ import annotations
 

@@ -276,10 +276,7 @@ STREAMS: dict[str, MessageType] = {m.topic: m for m in (PRESSURE, SPINE, VALVE, 
 def streams(chambers: int = 9, markers: int = 0, sensors: Sequence[MessageType] = ()) -> dict[str, MessageType]:
     """The streams of a recording, by topic, for a robot with this many chambers and tracked body markers, and with sensors of
     the lab's own (see `sensor`)."""
-    own = {
-        "/pressure": PRESSURE.sized(setpoint=(chambers,), measured=(chambers,)),
-        "/tip": TIP.sized(markers=(markers, 3)),
-    }
+    own = {"/pressure": PRESSURE.sized(setpoint=(chambers,), measured=(chambers,)), "/tip": TIP.sized(markers=(markers, 3))}
     return STREAMS | own | {message.topic: message for message in sensors}
 
 

@@ -1,8 +1,7 @@
 """Fake Dynamixel X servo (Protocol 2.0) that winds the spine's cord on a drum.
 
-Stricter than the device: registers are written
-whole, EEPROM is locked while torque is on, values are checked against their ranges. Its firmware is old: a bus watchdog
-that trips forgets the homing offset and moves the shaft by it.
+Stricter than the device: registers are written whole, EEPROM is locked while torque is on, values are checked against their
+ranges. Its firmware is old: a bus watchdog that trips forgets the homing offset and moves the shaft by it.
 
 Faults by name in `faults.extra`:
 - "stuck" (bool): the shaft does not turn and draws no current, as with a broken gear.
@@ -23,9 +22,8 @@ from typing import Any, ClassVar
 
 from timing import RigClock
 
+from .drum import Drum, DrumFake
 from .plant import Plant
-from .pty_fake import Device, PtyFake
-from .punctual import Silence
 
 HEADER = b"\xff\xff\xfd\x00"
 
@@ -91,7 +89,6 @@ class Motor:
     overload_current: float = 0.9 / 2.69e-3  # raw current
     overload_time: float = 1.0  # s of rig time at more than that
     lag: float = 0.02  # s by which the shaft follows its trajectory
-    longest_step: float = 0.005  # s of the physics
 
 
 MOTOR = Motor()
@@ -101,7 +98,7 @@ FAR_AWAY = 2_000_000
 
 
 @dataclass(frozen=True)
-class Register:
+class Slot:
     """One entry of the control table with what may be written into it; `low > high` marks a read-only one."""
 
     size: int
@@ -110,19 +107,19 @@ class Register:
 
 
 REGISTERS = {
-    0: Register(2), 2: Register(4), 6: Register(1), 7: Register(1, 0, 252), 8: Register(1, 0, 7),
-    9: Register(1, 0, 254), 10: Register(1, 0, 13), 11: Register(1, 0, 16),
-    12: Register(1, 0, 255), 13: Register(1, 1, 2), 20: Register(4, -1044479, 1044479), 24: Register(4, 0, 1023),
-    31: Register(1, 0, 100), 32: Register(2, 95, 160), 34: Register(2, 95, 160), 36: Register(2, 0, 885),
-    38: Register(2, 0, 1193), 44: Register(4, 0, 1023), 48: Register(4, 0, 4095), 52: Register(4, 0, 4095),
-    60: Register(1, 0, 3), 63: Register(1, 0, 255), 64: Register(1, 0, 1), 65: Register(1, 0, 1), 68: Register(1, 0, 2),
-    69: Register(1), 70: Register(1), 76: Register(2, 0, 16383), 78: Register(2, 0, 16383), 80: Register(2, 0, 16383),
-    82: Register(2, 0, 16383), 84: Register(2, 0, 16383), 88: Register(2, 0, 16383), 90: Register(2, 0, 16383),
-    98: Register(1, 0, 127), 100: Register(2, -885, 885), 102: Register(2, -1193, 1193),
-    104: Register(4, -1023, 1023), 108: Register(4, 0, 32767), 112: Register(4, 0, 32767),
-    116: Register(4, -1048575, 1048575), 120: Register(2), 122: Register(1), 123: Register(1), 124: Register(2),
-    126: Register(2), 128: Register(4), 132: Register(4), 136: Register(4), 140: Register(4), 144: Register(2),
-    146: Register(1),
+    0: Slot(2), 2: Slot(4), 6: Slot(1), 7: Slot(1, 0, 252), 8: Slot(1, 0, 7),
+    9: Slot(1, 0, 254), 10: Slot(1, 0, 13), 11: Slot(1, 0, 16),
+    12: Slot(1, 0, 255), 13: Slot(1, 1, 2), 20: Slot(4, -1044479, 1044479), 24: Slot(4, 0, 1023),
+    31: Slot(1, 0, 100), 32: Slot(2, 95, 160), 34: Slot(2, 95, 160), 36: Slot(2, 0, 885),
+    38: Slot(2, 0, 1193), 44: Slot(4, 0, 1023), 48: Slot(4, 0, 4095), 52: Slot(4, 0, 4095),
+    60: Slot(1, 0, 3), 63: Slot(1, 0, 255), 64: Slot(1, 0, 1), 65: Slot(1, 0, 1), 68: Slot(1, 0, 2),
+    69: Slot(1), 70: Slot(1), 76: Slot(2, 0, 16383), 78: Slot(2, 0, 16383), 80: Slot(2, 0, 16383),
+    82: Slot(2, 0, 16383), 84: Slot(2, 0, 16383), 88: Slot(2, 0, 16383), 90: Slot(2, 0, 16383),
+    98: Slot(1, 0, 127), 100: Slot(2, -885, 885), 102: Slot(2, -1193, 1193),
+    104: Slot(4, -1023, 1023), 108: Slot(4, 0, 32767), 112: Slot(4, 0, 32767),
+    116: Slot(4, -1048575, 1048575), 120: Slot(2), 122: Slot(1), 123: Slot(1), 124: Slot(2),
+    126: Slot(2), 128: Slot(4), 132: Slot(4), 136: Slot(4), 140: Slot(4), 144: Slot(2),
+    146: Slot(1),
 }  # fmt: skip
 GOALS = (100, 102, 104, 116)
 """Read-only while the bus watchdog is tripped."""
@@ -149,37 +146,24 @@ def unstuffed(body: bytes) -> bytes:
     return body.replace(b"\xff\xff\xfd\xfd", b"\xff\xff\xfd")
 
 
-class DrumMotor(Device):
+class DrumMotor(Drum):
     """Servo, drum and end stops: what happens behind the control table."""
 
     def __init__(
-        self,
-        plant: Plant,
-        metres_per_turn: float,
-        direction: int,
-        start_length: float,
-        mechanical_length: float,
-        model: int,
+        self, plant: Plant, metres_per_turn: float, direction: int, start_length: float, mechanical_length: float, model: int
     ) -> None:
-        self.plant = plant
-        self.length = start_length
-        """Cord paid out, m; 0 at the retracted end stop."""
-        self.mechanical_length = mechanical_length
-        self.stuck = False
-        self._counts_per_metre = direction * COUNTS / metres_per_turn
-        self._offset = 1234 - round(start_length * self._counts_per_metre)
+        super().__init__(plant, direction * COUNTS / metres_per_turn, start_length, mechanical_length)
+        self._offset = 1234 - round(start_length * self._per_metre)
         self.table = bytearray(TABLE_END)
         self._trajectory = float(self.counts)
         self._overloaded_for = 0.0
         self._tick = 0.0
-        self.silence = Silence()
         self._defaults(model)
-        plant.spine_drive = start_length
 
     @property
     def counts(self) -> int:
         """Present position: what the encoder counts, and the homing offset."""
-        return self._offset + round(self.length * self._counts_per_metre) + self.get(20)
+        return self._offset + round(self.length * self._per_metre) + self.get(20)
 
     def place(self, counts: int) -> None:
         """Back door: let the encoder count from somewhere else (standing still)."""
@@ -240,19 +224,15 @@ class DrumMotor(Device):
         """Advance by dt seconds of rig time; the bus watchdog looks at host time."""
         self._check_watchdog()
         start = self.length
-        remaining = dt
-        while remaining > 0:
-            self._step(min(MOTOR.longest_step, remaining))
-            remaining -= MOTOR.longest_step
+        super().process(dt)
         self._tick += 1000 * dt
-        velocity = (self.length - start) * self._counts_per_metre / dt if dt > 0 else 0.0
+        velocity = (self.length - start) * self._per_metre / dt if dt > 0 else 0.0
         self.put(120, int(self._tick) % 32768)
         self.put(122, abs(velocity) > 10)
         self.put(123, (abs(self.get(116) - self.counts) < 20) | (abs(self.get(116) - self._trajectory) > 1) << 1)
         self.put(128, round(velocity / COUNTS * 60 / RPM))
         self.put(132, self.counts)
         self.put(140, round(self._trajectory))
-        self.plant.spine_drive = self.length
 
     def _step(self, dt: float) -> None:
         if not self.get(64):
@@ -262,13 +242,11 @@ class DrumMotor(Device):
         profile = self.get(112) or round(MOTOR.no_load_speed / RPM)
         reach = min(profile * RPM, MOTOR.no_load_speed) / 60 * COUNTS * dt
         self._trajectory += min(max(self.get(116) - self._trajectory, -reach), reach)
-        position = self._offset + self.length * self._counts_per_metre + self.get(20)
+        position = self._offset + self.length * self._per_metre + self.get(20)
         error = self._trajectory - position
         fastest = MOTOR.no_load_speed / 60 * COUNTS
         velocity = min(max(error / MOTOR.lag, -fastest), fastest)
-        if not (self.stuck or self.plant.spine_blocked):
-            moved = self.length + velocity * dt / self._counts_per_metre
-            self.length = min(max(moved, 0.0), self.mechanical_length)
+        self._turn(velocity * dt)
         pwm = min(abs(self.get(100)), self.get(36))
         allowed = min(abs(self.get(102)), self.get(38), MOTOR.stall_current * pwm / MOTOR.full_pwm)
         stiffness = MOTOR.stiffness * self.get(84) / MOTOR.p_gain
@@ -301,7 +279,7 @@ class DrumMotor(Device):
         self._hold()
 
 
-class DynamixelFake(PtyFake):
+class DynamixelFake(DrumFake):
     """The servo's wire: Protocol 2.0 packets for its id, its secondary id and everybody; other ids meet silence."""
 
     own_faults: ClassVar[Mapping[str, tuple[str, Any]]] = {
@@ -325,25 +303,17 @@ class DynamixelFake(PtyFake):
         seed: int = 0,
     ) -> None:
         """Lengths in m; `direction` 1 when counts grow with the spine; model 1020 is an XM430-W350."""
-        super().__init__("dynamixel", clock, baud, seed)
         self.motor = DrumMotor(plant, metres_per_turn, direction, start_length, mechanical_length, model)
+        super().__init__("dynamixel", self.motor, clock, baud, seed)
         self.motor.table[7] = servo_id
         self._registered: tuple[int, bytes] | None = None
         """Address and data of a write that waits for ACTION."""
 
     def process(self, dt: float) -> None:
-        extra = self.faults.extra
-        self.motor.stuck = bool(extra.get("stuck"))
         if bits := self._number("hardware_error"):
-            del extra["hardware_error"]
+            del self.faults.extra["hardware_error"]
             self.motor.fail(bits)
-        if extra.pop("restart", False):
-            self.motor.restart()
-        self.motor.process(dt)
-
-    def restart(self) -> None:
-        """The supply fails for an instant."""
-        self.motor.restart()
+        super().process(dt)
 
     def begin(self, fault: str) -> Callable[[], None] | None:
         """Its encoder jumps."""
@@ -515,7 +485,7 @@ class DynamixelFake(PtyFake):
                 return error
         return 0
 
-    def _refusal(self, address: int, kind: Register, value: int) -> int:
+    def _refusal(self, address: int, kind: Slot, value: int) -> int:
         motor = self.motor
         # registers below 64 are EEPROM
         if kind.low > kind.high or (address < 64 and motor.get(64)):

@@ -15,7 +15,7 @@ from typing import Any
 import timing
 
 from .accidents import Accidents
-from .instrument import Part
+from .instrument import FakePart
 from .motive import MotiveFake
 from .plant import Plant
 from .pty_fake import Faults, PtyFake
@@ -43,7 +43,7 @@ NEAREST = {"wrong_id": "bad_crc", "nak": "garbage", "stuck": "freeze", "over_ran
 class FaultSwitch:
     """Switches the faults of one rig of fakes."""
 
-    def __init__(self, parts: Mapping[str, Part], plant: Plant, accidents: Accidents) -> None:
+    def __init__(self, parts: Mapping[str, FakePart], plant: Plant, accidents: Accidents) -> None:
         self._parts, self._plant, self._accidents = parts, plant, accidents
         self._undo: list[Callable[[], None]] = []
 

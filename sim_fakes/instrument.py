@@ -13,7 +13,7 @@ from .plant import Plant
 
 
 @runtime_checkable
-class Part(Protocol):
+class FakePart(Protocol):
     """One running piece of a fake instrument: a serial line (`pty_fake.PtyFake`), a server, a process."""
 
     def start(self) -> None:
@@ -24,7 +24,7 @@ class Part(Protocol):
 
 
 @dataclass(frozen=True)
-class Regulators:
+class FakeRegulators:
     """Which pressure regulators a rig has, and what may be odd about them; rig.yaml tells all of it but the last."""
 
     driver: str = "alicat"
@@ -58,7 +58,7 @@ class Site:
     """Of regulators: the chambers that each channel feeds."""
     full_scale: float = 0.0
     """Of regulators: their range, Pa."""
-    regulators: Regulators = Regulators()
+    regulators: FakeRegulators = FakeRegulators()
     host: str = ""
     """A loopback address that this rig has to itself, for what is reached over the network."""
     markers: int = 0
@@ -71,7 +71,7 @@ class Fake:
 
     role: str
     """Key in rig.yaml."""
-    plug: Callable[[Site], Sequence[Part]]
+    plug: Callable[[Site], Sequence[FakePart]]
     """Makes its parts, mostly one, or one serial line a channel; not yet started."""
     table: Callable[[Site, Sequence[Any]], Mapping[str, Any]]
     """What its table in rig.yaml says beside `driver`, and of regulators beside chambers and full_scale."""

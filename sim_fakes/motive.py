@@ -145,7 +145,7 @@ def shaken(q: Array, half: Array) -> Array:
 
 
 @dataclass
-class Body:
+class StreamedBody:
     """A rigid body as the cameras see it, in their world."""
 
     id: int
@@ -221,7 +221,7 @@ class MotiveFake(timing.Thread):
         self.clients: dict[tuple[str, int], float] = {}
         """Who is remembered, and when each was last heard, s of host time."""
         names = [(TIP, "Tip"), (BASE, "Base")] + [(FIRST_MARKER + i, f"M{i + 1}") for i in range(markers)]
-        self._bodies = [Body(i, name, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])) for i, name in names]
+        self._bodies = [StreamedBody(i, name, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])) for i, name in names]
         self.versions: dict[tuple[str, int], Version] = {}
         """Bitstream of each client that asked for another than the server's own."""
         self.mode = Mode.LIVE
@@ -231,7 +231,7 @@ class MotiveFake(timing.Thread):
         self._look()
 
     @property
-    def bodies(self) -> list[Body]:
+    def bodies(self) -> list[StreamedBody]:
         """The rigid bodies; they may be renamed, numbered anew, removed, as a person does in Motive."""
         return self._bodies
 
@@ -414,7 +414,7 @@ class MotiveFake(timing.Thread):
                 known = index < len(markers)
                 self._see(body, markers[index] if known else NOWHERE, self._unturned, known)
 
-    def _see(self, body: Body, position: Array, turn: Array, visible: bool) -> None:
+    def _see(self, body: StreamedBody, position: Array, turn: Array, visible: bool) -> None:
         """Position in the base frame, orientation in the world -> world, plus noise; an unseen body keeps its pose."""
         body.tracked = visible
         if not visible:
@@ -447,13 +447,13 @@ class MotiveFake(timing.Thread):
             payload += struct.pack("<II", 0, 0)
         return payload + struct.pack("<hI", (self.mode == Mode.RECORDING) | changed << 1, 0)
 
-    def _taken_for(self, body: Body) -> Body:
+    def _taken_for(self, body: StreamedBody) -> StreamedBody:
         """The body whose pose is sent under the name of this one."""
         pair = self.faults.extra.get("exchange", ())
         names = pair if isinstance(pair, (list, tuple)) and body.name in pair else ()
         return next((b for b in self._bodies if b.name in names and b is not body), body)
 
-    def _body(self, body: Body) -> bytes:
+    def _body(self, body: StreamedBody) -> bytes:
         extra, seen = self.faults.extra, self._taken_for(body)
         position, quaternion = seen.position, seen.quaternion
         if body.id == TIP:

@@ -24,7 +24,7 @@ from .plant import Plant
 from .pty_fake import PtyFake
 
 
-class Parameter(IntEnum):
+class GaugeParameter(IntEnum):
     """Parameters of the gauge."""
 
     ERROR = 303
@@ -104,7 +104,7 @@ class PfeifferFake(PtyFake):
         if match and int(match[1]) == self.address and match[3] == checksum(text[:-3]):
             if self.correction is not None and not self.faults.extra.get("keeps_correction"):
                 self.correction = int(match[2])
-            self._send(Parameter.CORRECTION, match[2] if self.correction is not None else "NO_DEF")
+            self._send(GaugeParameter.CORRECTION, match[2] if self.correction is not None else "NO_DEF")
         return True
 
     def _answer(self, parameter: int) -> None:
@@ -113,11 +113,11 @@ class PfeifferFake(PtyFake):
         pascal = value if isinstance(value, float) else self.seen * (1 + self.noise * self.random.gauss(0, 1))
         pascal *= 1.0 if self.correction is None else self.correction / 100
         answers: dict[int, str] = {
-            Parameter.ERROR: str(extra.get("error", "000000")),
-            Parameter.VERSION: "010100",
-            Parameter.NAME: self.kind,
-            Parameter.PRESSURE: pressure_digits(pascal),
-            Parameter.CORRECTION: "NO_DEF" if self.correction is None else f"{self.correction:06d}",
+            GaugeParameter.ERROR: str(extra.get("error", "000000")),
+            GaugeParameter.VERSION: "010100",
+            GaugeParameter.NAME: self.kind,
+            GaugeParameter.PRESSURE: pressure_digits(pascal),
+            GaugeParameter.CORRECTION: "NO_DEF" if self.correction is None else f"{self.correction:06d}",
         }
         self._send(parameter, answers.get(parameter, "NO_DEF"))
 

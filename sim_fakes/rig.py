@@ -17,7 +17,7 @@ from timing import RigClock
 from .accidents import Accidents
 from .backdoor import BackDoor
 from .faults import FaultSwitch
-from .instrument import Fake, Part, Regulators, Site
+from .instrument import Fake, FakePart, FakeRegulators, Site
 from .motive import MotiveFake
 from .plant import Plant
 from .pty_fake import PtyFake
@@ -34,7 +34,7 @@ SENSORS = "sensors."
 USUAL = MappingProxyType(
     {"arm": "ur5", "force": "ft300s", "spine": "dynamixel", "valve": "numato", "gauge": "pfeiffer", "mocap": "natnet"}
 )
-"""Driver of each instrument unless another is asked for; of the regulators see `Regulators`."""
+"""Driver of each instrument unless another is asked for; of the regulators see `FakeRegulators`."""
 SEEDS = MappingProxyType({"force": 1, "spine": 2, "valve": 3, "gauge": 4, "pressure": 5, "mocap": 6, "arm": 7})
 """What each adds to the rig's seed; the arm comes first, since it takes longest to start."""
 OF_SPINE = ("spine", "valve", "gauge")
@@ -52,7 +52,7 @@ class FakeRig:
         speed: float = 1.0,
         effects: Mapping[str, float] | None = None,
         seed: int = 0,
-        regulators: str | Regulators = "alicat",
+        regulators: str | FakeRegulators = "alicat",
         spine: str = USUAL["spine"],
         channels: int = 3,
         truth: RobotTruth | None = None,
@@ -73,8 +73,8 @@ class FakeRig:
         self._warm_up(dict(effects or {}))
         self.wiring = THREE_SETS if channels == 3 and chambers == 9 else tuple((i,) for i in range(1, chambers + 1))
         self.host = free_host()
-        self.regulators = Regulators(regulators) if isinstance(regulators, str) else regulators
-        self.parts: dict[str, Part] = {}
+        self.regulators = FakeRegulators(regulators) if isinstance(regulators, str) else regulators
+        self.parts: dict[str, FakePart] = {}
         """What the fakes are made of, by key of rig.yaml; numbered from 1 where an instrument has several."""
         self._known = known
         self.tables: dict[str, Callable[[], dict[str, Any]]] = {}
@@ -148,11 +148,7 @@ class FakeRig:
         for plant.mount in ("robot", "body", "spine"):
             plant.regulator[:3], plant.valve_on, plant.spine_drive = 50e3, True, 0.1
             robot = VirtualRobot(self.truth, effects)
-            plant.probe_position = np.array(self.truth.stand)[:3, 3] + np.array(self.truth.stand)[:3, :3] @ [
-                0.0,
-                0.0,
-                0.1,
-            ]
+            plant.probe_position = np.array(self.truth.stand)[:3, 3] + np.array(self.truth.stand)[:3, :3] @ [0.0, 0.0, 0.1]
             for _ in range(5):
                 robot.advance(plant, 0.1)
 

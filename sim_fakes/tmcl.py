@@ -22,14 +22,13 @@ from typing import Any, ClassVar
 import timing
 from timing import RigClock
 
+from .drum import Drum, DrumFake
 from .plant import Plant
-from .pty_fake import Device, PtyFake
-from .punctual import Silence
 
 FRAME = struct.Struct(">BBBBi")
 
 
-class Command(IntEnum):
+class TmclCommand(IntEnum):
     """Commands of TMCL."""
 
     ROR = 1
@@ -45,14 +44,14 @@ class Command(IntEnum):
     STOP_PROGRAM = 128
 
 
-class Move(IntEnum):
+class MoveType(IntEnum):
     """Types of MVP."""
 
     ABSOLUTE = 0
     RELATIVE = 1
 
 
-class Status(IntEnum):
+class TmclStatus(IntEnum):
     """Status of an answer: done, or what of the command is wrong."""
 
     OK = 100
@@ -62,7 +61,7 @@ class Status(IntEnum):
     VALUE = 4
 
 
-class Axis(IntEnum):
+class AxisNumber(IntEnum):
     """Axis parameters."""
 
     TARGET = 0
@@ -98,7 +97,7 @@ class Axis(IntEnum):
     MAX_DEVIATION = 212
 
 
-class Global(IntEnum):
+class GlobalNumber(IntEnum):
     """Global parameters."""
 
     SERIAL_ADDRESS = 66
@@ -111,69 +110,65 @@ class Global(IntEnum):
 
 
 FASTEST = 16_777_215
-STEP = 0.005
-"""Longest step of the physics, s."""
+MICROSTEPS = 51200
+"""Of a turn."""
 GAP_TIME = 0.05
 """An incomplete frame is forgotten after this silence, s of host time."""
 WRITABLE: dict[int, tuple[int, int]] = {
-    Axis.TARGET: (-(2**31), 2**31 - 1),
-    Axis.ACTUAL: (-(2**31), 2**31 - 1),
-    Axis.MAX_SPEED: (0, FASTEST),
-    Axis.ACCELERATION: (0, FASTEST),
-    Axis.SEARCH_MODE: (1, 255),
-    Axis.SEARCH_SPEED: (0, FASTEST),
-    Axis.SWITCH_SPEED: (0, FASTEST),
-    Axis.ENCODER: (-(2**31), 2**31 - 1),
-    Axis.MAX_DEVIATION: (0, 2**31 - 1),
-    Axis.MAX_CURRENT: (0, 255),
-    Axis.STANDBY_CURRENT: (0, 255),
-    Axis.RIGHT_OFF: (0, 1),
-    Axis.LEFT_OFF: (0, 1),
-    Axis.DECELERATION: (0, FASTEST),
-    Axis.SOFT_STOP: (0, 1),
-    Axis.RESOLUTION: (0, 8),
-    Axis.RAMP_DIVISOR: (0, 13),
-    Axis.PULSE_DIVISOR: (0, 13),
-    Axis.FULLSTEPS: (1, 65535),
-    Axis.FREEWHEELING: (0, 3),
-    Axis.STEP_DIRECTION: (0, 5),
-    Axis.UNITS: (0, 1),
+    AxisNumber.TARGET: (-(2**31), 2**31 - 1),
+    AxisNumber.ACTUAL: (-(2**31), 2**31 - 1),
+    AxisNumber.MAX_SPEED: (0, FASTEST),
+    AxisNumber.ACCELERATION: (0, FASTEST),
+    AxisNumber.SEARCH_MODE: (1, 255),
+    AxisNumber.SEARCH_SPEED: (0, FASTEST),
+    AxisNumber.SWITCH_SPEED: (0, FASTEST),
+    AxisNumber.ENCODER: (-(2**31), 2**31 - 1),
+    AxisNumber.MAX_DEVIATION: (0, 2**31 - 1),
+    AxisNumber.MAX_CURRENT: (0, 255),
+    AxisNumber.STANDBY_CURRENT: (0, 255),
+    AxisNumber.RIGHT_OFF: (0, 1),
+    AxisNumber.LEFT_OFF: (0, 1),
+    AxisNumber.DECELERATION: (0, FASTEST),
+    AxisNumber.SOFT_STOP: (0, 1),
+    AxisNumber.RESOLUTION: (0, 8),
+    AxisNumber.RAMP_DIVISOR: (0, 13),
+    AxisNumber.PULSE_DIVISOR: (0, 13),
+    AxisNumber.FULLSTEPS: (1, 65535),
+    AxisNumber.FREEWHEELING: (0, 3),
+    AxisNumber.STEP_DIRECTION: (0, 5),
+    AxisNumber.UNITS: (0, 1),
 }
 START: dict[int, int] = {
-    Axis.MAX_SPEED: 51200,
-    Axis.ACCELERATION: 51200,
-    Axis.SEARCH_MODE: 1,
-    Axis.SEARCH_SPEED: 1000,
-    Axis.SWITCH_SPEED: 100,
-    Axis.MAX_DEVIATION: 0,
-    Axis.MAX_CURRENT: 128,
-    Axis.STANDBY_CURRENT: 8,
-    Axis.RIGHT_OFF: 0,
-    Axis.LEFT_OFF: 0,
-    Axis.DECELERATION: 51200,
-    Axis.SOFT_STOP: 0,
-    Axis.RESOLUTION: 8,
-    Axis.RAMP_DIVISOR: 7,
-    Axis.PULSE_DIVISOR: 3,
-    Axis.FULLSTEPS: 200,
-    Axis.FREEWHEELING: 0,
-    Axis.STEP_DIRECTION: 0,
-    Axis.UNITS: 1,
+    AxisNumber.MAX_SPEED: 51200,
+    AxisNumber.ACCELERATION: 51200,
+    AxisNumber.SEARCH_MODE: 1,
+    AxisNumber.SEARCH_SPEED: 1000,
+    AxisNumber.SWITCH_SPEED: 100,
+    AxisNumber.MAX_DEVIATION: 0,
+    AxisNumber.MAX_CURRENT: 128,
+    AxisNumber.STANDBY_CURRENT: 8,
+    AxisNumber.RIGHT_OFF: 0,
+    AxisNumber.LEFT_OFF: 0,
+    AxisNumber.DECELERATION: 51200,
+    AxisNumber.SOFT_STOP: 0,
+    AxisNumber.RESOLUTION: 8,
+    AxisNumber.RAMP_DIVISOR: 7,
+    AxisNumber.PULSE_DIVISOR: 3,
+    AxisNumber.FULLSTEPS: 200,
+    AxisNumber.FREEWHEELING: 0,
+    AxisNumber.STEP_DIRECTION: 0,
+    AxisNumber.UNITS: 1,
 }
 """As it comes from the factory."""
 
 
-class StepperDrum(Device):
-    """Stepper, encoder, drum, switches."""
+class StepperDrum(Drum):
+    """Stepper, encoder, drum, switches; the one at the retracted end closes at 0 m of cord."""
 
     def __init__(
         self, plant: Plant, metres_per_turn: float, direction: int, start_length: float, mechanical_length: float
     ) -> None:
-        self.plant = plant
-        self.length = start_length
-        """Cord paid out, m; the switch at the retracted end closes at 0."""
-        self.mechanical_length = mechanical_length
-        self.stuck = False
+        super().__init__(plant, direction * MICROSTEPS / metres_per_turn, start_length, mechanical_length)
         self.no_switch = False
         self.auto_start = False
         """Whether the stored program starts with the module; it turns the motor for ever."""
@@ -186,9 +181,7 @@ class StepperDrum(Device):
         """s of host time; 0 = off."""
         self.ticks = 0.0
         """ms since the start, or since it was set."""
-        self.silence = Silence()
         self._direction = direction
-        self._per_metre = direction * 51200 / metres_per_turn  # microsteps a turn
         self._encoder_offset = -start_length * self._per_metre
         self.steps = 0.0
         self.target = 0.0
@@ -196,7 +189,6 @@ class StepperDrum(Device):
         self._rotation = 0.0
         """Speed of a motion without a target, microsteps/s."""
         self.speed = 0.0
-        plant.spine_drive = start_length
 
     @property
     def encoder(self) -> int:
@@ -215,7 +207,7 @@ class StepperDrum(Device):
     @property
     def _stopped_by_switch(self) -> bool:
         """Whether it is closed and may stop the motor."""
-        return self.at_switch and not self.parameters[Axis.LEFT_OFF if self._direction > 0 else Axis.RIGHT_OFF]
+        return self.at_switch and not self.parameters[AxisNumber.LEFT_OFF if self._direction > 0 else AxisNumber.RIGHT_OFF]
 
     def go(self, target: float) -> None:
         """Start moving to a position, microsteps."""
@@ -231,7 +223,7 @@ class StepperDrum(Device):
     def run(self) -> None:
         """Start the stored program."""
         self.program = True
-        self.rotate(self._direction * self.parameters[Axis.MAX_SPEED])
+        self.rotate(self._direction * self.parameters[AxisNumber.MAX_SPEED])
 
     def halt(self) -> None:
         """Stop; also ends a search."""
@@ -256,20 +248,16 @@ class StepperDrum(Device):
         if self.heartbeat and silent > self.heartbeat:
             self.halt()
         self.ticks += 1000 * dt
-        remaining = dt
-        while remaining > 0:
-            self._step(min(STEP, remaining))
-            remaining -= STEP
-        self.plant.spine_drive = self.length
+        super().process(dt)
 
     def _step(self, dt: float) -> None:
         before = self.steps
         if self.searching:
             if self._home_reached():
                 return
-            self.steps -= self._direction * self.parameters[Axis.SEARCH_SPEED] * dt
+            self.steps -= self._direction * self.parameters[AxisNumber.SEARCH_SPEED] * dt
         elif self._moving:
-            reach = self.parameters[Axis.MAX_SPEED] * dt
+            reach = self.parameters[AxisNumber.MAX_SPEED] * dt
             self.steps += min(max(self.target - self.steps, -reach), reach)
             self._moving = self.steps != self.target
         else:
@@ -280,16 +268,16 @@ class StepperDrum(Device):
             moved = 0.0
             self.halt()
         self.speed = moved / dt
-        if not (self.stuck or self.plant.spine_blocked or self.parameters[Axis.MAX_CURRENT] == 0):
-            self.length = min(max(self.length + moved / self._per_metre, 0.0), self.mechanical_length)
-        limit = self.parameters[Axis.MAX_DEVIATION]
+        if self.parameters[AxisNumber.MAX_CURRENT]:
+            self._turn(moved)
+        limit = self.parameters[AxisNumber.MAX_DEVIATION]
         if limit and abs(self.steps - self.encoder) > limit:
             self.errors |= 2
             self.halt()
 
     def _home_reached(self) -> bool:
         """At the switch that the search mode names, steps and encoder start from 0."""
-        right = bool(self.parameters[Axis.SEARCH_MODE] & 64)
+        right = bool(self.parameters[AxisNumber.SEARCH_MODE] & 64)
         if not self._stopped_by_switch or right != (self._direction < 0):
             return False
         self.halt()
@@ -298,7 +286,7 @@ class StepperDrum(Device):
         return True
 
 
-class TmclFake(PtyFake):
+class TmclFake(DrumFake):
     """The module's wire: nine-byte frames."""
 
     own_faults: ClassVar[Mapping[str, tuple[str, Any]]] = {
@@ -323,8 +311,8 @@ class TmclFake(PtyFake):
         seed: int = 0,
     ) -> None:
         """Lengths in m; `direction` 1 when the steps count up as the spine grows."""
-        super().__init__("tmcl", clock, baud, seed)
         self.drum = StepperDrum(plant, metres_per_turn, direction, start_length, mechanical_length)
+        super().__init__("tmcl", self.drum, clock, baud, seed)
         self.module = module
         self.address, self.host = address, host
         self.secondary_address = 0
@@ -332,16 +320,8 @@ class TmclFake(PtyFake):
         self._heard = timing.now()
 
     def process(self, dt: float) -> None:
-        extra = self.faults.extra
-        self.drum.stuck = bool(extra.get("stuck"))
-        self.drum.no_switch = bool(extra.get("no_switch"))
-        if extra.pop("restart", False):
-            self.drum.restart()
-        self.drum.process(dt)
-
-    def restart(self) -> None:
-        """The supply fails for an instant."""
-        self.drum.restart()
+        self.drum.no_switch = bool(self.faults.extra.get("no_switch"))
+        super().process(dt)
 
     def idle(self) -> float | None:
         if self.buffer and timing.now() - self._heard > GAP_TIME:
@@ -369,7 +349,7 @@ class TmclFake(PtyFake):
         if isinstance(nak, int):
             status, result = nak, value
         elif sum(frame[:8]) & 0xFF != frame[8]:
-            status, result = Status.CHECKSUM, value
+            status, result = TmclStatus.CHECKSUM, value
         else:
             status, result = self._execute(command, kind, motor, value)
         self._reply(status, command, result)
@@ -384,97 +364,97 @@ class TmclFake(PtyFake):
     def _execute(self, command: int, kind: int, motor: int, value: int) -> tuple[int, int]:
         """Status and value of the answer."""
         drum = self.drum
-        if command == Command.VERSION and kind == 1:
-            return Status.OK, self.module << 16 | 1 << 8 | 16
-        if command in (Command.SGP, Command.GGP):
+        if command == TmclCommand.VERSION and kind == 1:
+            return TmclStatus.OK, self.module << 16 | 1 << 8 | 16
+        if command in (TmclCommand.SGP, TmclCommand.GGP):
             return self._global(command, kind, motor, value)
         if motor != 0:
-            return Status.VALUE, value
-        if command == Command.MST:
+            return TmclStatus.VALUE, value
+        if command == TmclCommand.MST:
             drum.halt()
-        elif command == Command.MVP and kind == Move.ABSOLUTE:
+        elif command == TmclCommand.MVP and kind == MoveType.ABSOLUTE:
             drum.go(value)
-        elif command == Command.MVP and kind == Move.RELATIVE:
+        elif command == TmclCommand.MVP and kind == MoveType.RELATIVE:
             drum.go(drum.target + value)
-        elif command in (Command.ROR, Command.ROL):
-            drum.rotate(value if command == Command.ROR else -value)
-        elif command == Command.STOP_PROGRAM:
+        elif command in (TmclCommand.ROR, TmclCommand.ROL):
+            drum.rotate(value if command == TmclCommand.ROR else -value)
+        elif command == TmclCommand.STOP_PROGRAM:
             drum.program = False
-        elif command == Command.SAP:
+        elif command == TmclCommand.SAP:
             return self._set(kind, value)
-        elif command == Command.GAP:
+        elif command == TmclCommand.GAP:
             return self._get(kind)
-        elif command == Command.RFS and kind in (0, 1, 2):
+        elif command == TmclCommand.RFS and kind in (0, 1, 2):
             if kind == 2:
-                return Status.OK, int(drum.searching)
+                return TmclStatus.OK, int(drum.searching)
             drum.halt()
             drum.searching = kind == 0
         else:
-            known = command in (Command.MVP, Command.RFS, Command.VERSION)
-            return Status.TYPE if known else Status.COMMAND, value
-        return Status.OK, value
+            known = command in (TmclCommand.MVP, TmclCommand.RFS, TmclCommand.VERSION)
+            return TmclStatus.TYPE if known else TmclStatus.COMMAND, value
+        return TmclStatus.OK, value
 
     def _global(self, command: int, kind: int, bank: int, value: int) -> tuple[int, int]:
         drum = self.drum
         held: dict[int, int] = {
-            Global.SERIAL_ADDRESS: self.address,
-            Global.HOST_ADDRESS: self.host,
-            Global.HEARTBEAT: round(1000 * drum.heartbeat),
-            Global.TICK_TIMER: int(drum.ticks) & 0x7FFFFFFF,
-            Global.AUTO_START: int(drum.auto_start),
-            Global.SECONDARY_ADDRESS: self.secondary_address,
-            Global.PROGRAM: int(drum.program),
+            GlobalNumber.SERIAL_ADDRESS: self.address,
+            GlobalNumber.HOST_ADDRESS: self.host,
+            GlobalNumber.HEARTBEAT: round(1000 * drum.heartbeat),
+            GlobalNumber.TICK_TIMER: int(drum.ticks) & 0x7FFFFFFF,
+            GlobalNumber.AUTO_START: int(drum.auto_start),
+            GlobalNumber.SECONDARY_ADDRESS: self.secondary_address,
+            GlobalNumber.PROGRAM: int(drum.program),
         }
         if bank != 0 or kind not in held:
-            return Status.TYPE, value
-        if command == Command.GGP:
-            return Status.OK, held[kind]
-        if kind == Global.TICK_TIMER:
+            return TmclStatus.TYPE, value
+        if command == TmclCommand.GGP:
+            return TmclStatus.OK, held[kind]
+        if kind == GlobalNumber.TICK_TIMER:
             drum.ticks = float(value)
-        elif kind == Global.HEARTBEAT and 0 <= value <= 65535:
+        elif kind == GlobalNumber.HEARTBEAT and 0 <= value <= 65535:
             drum.heartbeat = value / 1000
-        elif kind == Global.AUTO_START and value in (0, 1):
+        elif kind == GlobalNumber.AUTO_START and value in (0, 1):
             drum.auto_start = bool(value)
-        elif kind == Global.SECONDARY_ADDRESS and 0 <= value <= 255:
+        elif kind == GlobalNumber.SECONDARY_ADDRESS and 0 <= value <= 255:
             self.secondary_address = value
         else:
-            return Status.VALUE, value
-        return Status.OK, value
+            return TmclStatus.VALUE, value
+        return TmclStatus.OK, value
 
     def _set(self, kind: int, value: int) -> tuple[int, int]:
         if kind not in WRITABLE:
-            return Status.TYPE, value
+            return TmclStatus.TYPE, value
         low, high = WRITABLE[kind]
         if not low <= value <= high:
-            return Status.VALUE, value
-        if kind == Axis.TARGET:
+            return TmclStatus.VALUE, value
+        if kind == AxisNumber.TARGET:
             self.drum.go(value)
-        elif kind == Axis.ACTUAL:
+        elif kind == AxisNumber.ACTUAL:
             self.drum.steps = float(value)
-        elif kind == Axis.ENCODER:
+        elif kind == AxisNumber.ENCODER:
             self.drum.set_encoder(value)
         else:
             self.drum.parameters[kind] = value
-        return Status.OK, value
+        return TmclStatus.OK, value
 
     def _get(self, kind: int) -> tuple[int, int]:
         drum = self.drum
-        if kind == Axis.ERRORS:
+        if kind == AxisNumber.ERRORS:
             flags, drum.errors = drum.errors, 0
-            return Status.OK, flags
+            return TmclStatus.OK, flags
         driver = self.faults.extra.get("driver")
         values = {
-            Axis.TARGET: round(drum.target),
-            Axis.ACTUAL: round(drum.steps),
-            Axis.TARGET_SPEED: 0,
-            Axis.SPEED: round(drum.speed),
-            Axis.MEASURED_SPEED: round(drum.speed),
-            Axis.REACHED: int(drum.steps == drum.target),
-            Axis.HOME_SWITCH: 0,
-            Axis.RIGHT_SWITCH: 0,
-            Axis.LEFT_SWITCH: int(drum.at_switch),
-            Axis.DRIVER: (driver if isinstance(driver, int) else 0) | (drum.speed == 0) << 7,
-            Axis.ENCODER: drum.encoder,
+            AxisNumber.TARGET: round(drum.target),
+            AxisNumber.ACTUAL: round(drum.steps),
+            AxisNumber.TARGET_SPEED: 0,
+            AxisNumber.SPEED: round(drum.speed),
+            AxisNumber.MEASURED_SPEED: round(drum.speed),
+            AxisNumber.REACHED: int(drum.steps == drum.target),
+            AxisNumber.HOME_SWITCH: 0,
+            AxisNumber.RIGHT_SWITCH: 0,
+            AxisNumber.LEFT_SWITCH: int(drum.at_switch),
+            AxisNumber.DRIVER: (driver if isinstance(driver, int) else 0) | (drum.speed == 0) << 7,
+            AxisNumber.ENCODER: drum.encoder,
             **drum.parameters,
         }
-        return (Status.OK, values[kind]) if kind in values else (Status.TYPE, 0)
+        return (TmclStatus.OK, values[kind]) if kind in values else (TmclStatus.TYPE, 0)

@@ -111,8 +111,9 @@ def simulated() -> Iterator[SimulatedClock]:
 
 @pytest.fixture
 def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
-    """What a test starts and makes; `of_speed` gives its clock another speed than twenty times the host's."""
-    bench = Bench(getattr(request, "param", 20.0))
+    """What a test starts and makes; the mark `speed` gives its clock another speed than twenty times the host's."""
+    mark = request.node.get_closest_marker("speed")
+    bench = Bench(mark.args[0] if mark else 20.0)
     yield bench
     bench.end()
 
@@ -125,8 +126,7 @@ def plant(bench: Bench) -> Plant:
 
 REAL_TIME = {
     "test_serial_line.py": "ptys and what the system does to them",
-    "test_pty_fake.py": "ptys",
-    "test_punctual.py": "the computer's own delays",
+    "test_pty_fake.py": "ptys and the computer's own delays",
     "test_ur5.py": "the maker's library, with threads of its own",
     "test_ur5_faults.py": "the maker's library",
     "test_ur5_settings.py": "the maker's library, where no shared arm is asked for",
@@ -134,7 +134,6 @@ REAL_TIME = {
     "test_ur.py": "the maker's library",
     "test_ur_wire.py": "the maker's library",
     "test_contract.py": "commands and packages as a person has them",
-    "test_broken_packages.py": "commands as a person has them",
 }
 """Of the tests of drivers and fakes, those that keep real time, and what for."""
 
@@ -142,7 +141,7 @@ REAL_TIME = {
 @pytest.fixture(autouse=True)
 def _clock(request: pytest.FixtureRequest) -> None:
     """Drivers and fakes are tried in a simulated clock."""
-    near = request.path.parent.name in ("drivers", "motive", "sim_fakes") or request.path.name == "test_call_order.py"
+    near = request.path.parent.name in ("drivers", "sim_fakes") or request.path.name == "test_call_order.py"
     if near and request.path.name not in REAL_TIME:
         request.getfixturevalue("simulated")
 

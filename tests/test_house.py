@@ -36,8 +36,8 @@ def test_no_folder_holds_more_than_a_person_can_keep_in_the_head_and_each_says_w
 
 
 MOST_LINES = {
-    "lab": 26_769, "drivers": 7_432, "model": 11_753, "protocols": 2_535, "recordings": 7_132, "diagnosis": 10_863,
-    "sim_fakes": 7_533, "product": 74_306, "tests": 36_528, "benchmarks": 10_825,
+    "lab": 25_835, "drivers": 7_254, "model": 11_585, "protocols": 2_491, "recordings": 7_126, "diagnosis": 10_863,
+    "sim_fakes": 7_483, "product": 72_926, "tests": 35_642, "benchmarks": 10_541,
 }  # fmt: skip
 """Lines of Python of each room, of the product as a whole (its rooms and timing.py), of its tests and of the research on it: what
 a person has to scroll through. A change may lower a number; it raises none."""

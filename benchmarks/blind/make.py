@@ -55,13 +55,7 @@ class Order:
 
 
 def make(
-    root: Path,
-    recipe: Recipe,
-    design_name: str = "full",
-    *,
-    menu: bool = True,
-    simulator: str | None = None,
-    workers: int = 1,
+    root: Path, recipe: Recipe, design_name: str = "full", *, menu: bool = True, simulator: str | None = None, workers: int = 1
 ) -> str:
     """Make a set in an empty folder; returns the digest of its truth. Raises ConfigError.
 

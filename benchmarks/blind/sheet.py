@@ -90,9 +90,7 @@ def _confusion(axis: Axes, true: list[str], named: list[str], counts: np.ndarray
     axis.vlines(np.arange(len(named)) - 0.5, -0.5, len(true) - 0.5, color="0.92", lw=0.6)
     axis.set_xticks(range(len(named)), [n.replace("_", " ") for n in named], rotation=90, fontsize=7)
     axis.set_yticks(
-        range(len(true)),
-        [f"{t.replace('_', ' ')} ({n})" for t, n in zip(true, counts.sum(axis=1), strict=True)],
-        fontsize=7,
+        range(len(true)), [f"{t.replace('_', ' ')} ({n})" for t, n in zip(true, counts.sum(axis=1), strict=True)], fontsize=7
     )
     axis.grid(False)
     axis.set_xlabel("named")

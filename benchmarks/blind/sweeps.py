@@ -131,11 +131,7 @@ class Design:
         return Table.of(self._row(r) for r in table if self.both_branches or _paper_state(r))
 
     def _row(self, r: TrialRow) -> TrialRow:
-        return replace(
-            r,
-            orientation=r.orientation if self.orientation else None,
-            markers=r.markers if self.markers else (),
-        )
+        return replace(r, orientation=r.orientation if self.orientation else None, markers=r.markers if self.markers else ())
 
 
 DESIGNS = {

@@ -32,12 +32,7 @@ MIXED: dict[Stratum, float] = {
 """Shares of a set that asks for no stratum."""
 LESS_CLUTTER = {"contact": 0.15, "base_compliance": 0.3}
 """These two at their plain share would carry more than what is drawn."""
-TOLERANCES = {
-    "body_modulus": 0.02 / 0.12,
-    "self_weight": 0.01 / 0.12,
-    "base_tilt": 0.1 / 1.5,
-    "frame_misalignment": 0.1 / 1.5,
-}
+TOLERANCES = {"body_modulus": 0.02 / 0.12, "self_weight": 0.01 / 0.12, "base_tilt": 0.1 / 1.5, "frame_misalignment": 0.1 / 1.5}
 """Of every robot: E 2 %, density 1 %, base and camera frame 0.1 deg, in plausible scales."""
 SMALL = 0.5e-3
 """m: length of the body, origin of the camera frame."""
@@ -109,10 +104,7 @@ def causes(held_out: bool) -> Mapping[str, Cause]:
 def draw(recipe: Recipe) -> list[tuple[Stratum, tuple[str, ...]]]:
     """Stratum and causes of each case, in an order that tells nothing; a pair gets its partner with its sizes."""
     rng = np.random.default_rng([recipe.seed, 5])
-    known = {
-        False: _around(rng, list(recipe.causes) or _names(recipe)),
-        True: _around(rng, sorted(causes(recipe.held_out))),
-    }
+    known = {False: _around(rng, list(recipe.causes) or _names(recipe)), True: _around(rng, sorted(causes(recipe.held_out)))}
     chosen: list[tuple[Stratum, tuple[str, ...]]] = []
     for stratum in _strata(recipe):
         kind = KINDS[stratum]

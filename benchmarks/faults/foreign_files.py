@@ -60,11 +60,7 @@ def text_tables() -> dict[str, bytes]:
     rows = sweep(3, 0.4)
     german = ["Zeit [s]", *(f"Druck {i} [kPa]" for i in (1, 2, 3)), *(f"Spitze {a} [mm]" for a in "XYZ")]
     body = [*(f"Rotation {a}" for a in "XYZW"), *(f"Position {a}" for a in "XYZ")]
-    motive = [
-        ["", "Name", *["Tip"] * 7],
-        ["", "", *(b.split()[0] for b in body)],
-        ["Frame", "Time", *(b[-1] for b in body)],
-    ]
+    motive = [["", "Name", *["Tip"] * 7], ["", "", *(b.split()[0] for b in body)], ["Frame", "Time", *(b[-1] for b in body)]]
     pose = text(rows, headings=(), change=lambda k, c: [str(k), c[0], "0", "0", "0", "1", *c[4:]])
     vicon = "Trajectories\n2.5\n,,,,,Rig:Tip,,\nFrame,Time,P1,P2,P3,X,Y,Z\n,s,kPa,kPa,kPa,mm,mm,mm\n"
     named = ["rep", "chambers", "Roll", "Pitch", "Yaw"]

@@ -225,10 +225,7 @@ def main() -> int:
     a = parser.parse_args()
     tallies = {}
     print(f"{a.count} mutations of each kind, seeds from {a.seed}; bounds {MOST_MEMORY:g} MB, {SLOW:g} s\n")
-    print(
-        f"{'kind':28s} {'n':>6s} {'refused':>8s} {'uncaught':>9s} {'memory':>9s} {'time':>8s}  seeds of the worst",
-        flush=True,
-    )
+    print(f"{'kind':28s} {'n':>6s} {'refused':>8s} {'uncaught':>9s} {'memory':>9s} {'time':>8s}  seeds of the worst", flush=True)
     for name, go in sources(Path(tempfile.mkdtemp(prefix="fuzz-")), a.recording).items():
         if a.kind and a.kind not in name:
             continue

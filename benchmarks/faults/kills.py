@@ -1,12 +1,14 @@
 """`python -m benchmarks.faults.kills`: the program is killed at random moments; how fast is the rig safe, is the file whole?
 
-Also with --signal TERM, or INT: how long from the signal (the second Ctrl-C) to the first stop on the wire. Prints the
-figures, exits 0 when every run ended safe.
+Also with --signal TERM, or INT: how long from the signal (the second Ctrl-C) to the first stop on the wire. With --loops N the
+same next to N busy loops: is a guard lost, and how long does a start take? Prints the figures, exits 0 when every run began
+and ended safe.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import os
 import random
@@ -16,26 +18,21 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
-from lab.verbs.fakes import PATIENT_SETTLE, write_rig
+from lab.verbs.fakes import PATIENT, PATIENT_SETTLE, write_rig
 from recordings.file.recover import recover
 from sim_fakes.rig import FakeRig
 
 SPEED = 20.0
-BENDING = (
-    "bending",
-    "spine_lengths=[0.05]",
-    "pressures=[100 kPa, 200 kPa]",
-    "rate=20 kPa/s",
-    *PATIENT_SETTLE,
-)
+BENDING = ("bending", "spine_lengths=[0.05]", "pressures=[100 kPa, 200 kPa]", "rate=20 kPa/s", *PATIENT_SETTLE)
 STIFFNESS = ("stiffness", "spine_lengths=[0.1]", "steps=3", "min_samples=30")
-LIMIT = 30.0
+LIMIT, BUSY_LIMIT, BUSY_SPEED = 30.0, 300.0, 2.0
+"""Host seconds for a start, far more than one takes, alone and next to busy loops; speed of the fakes next to these."""
 AGAIN = 0.03
 """Host seconds between two Ctrl-C: two at once are one to the kernel."""
 
@@ -45,6 +42,8 @@ class Kill:
     """One run that was cut off."""
 
     protocol: str
+    start_s: float
+    """Host seconds from the command to the first motion."""
     after: float
     """Host seconds from the first motion to the signal."""
     stop_ms: float
@@ -94,16 +93,45 @@ class Witness(threading.Thread):
         self.join()
 
 
-def one(fakes: FakeRig, rig: Path, folder: Path, how: int, rng: random.Random, what: Sequence[str]) -> Kill | None:
-    """Start a run, cut it off at a random moment, see what becomes of the rig; None when it had ended by itself before."""
+@contextlib.contextmanager
+def busy(loops: int) -> Iterator[None]:
+    """Processes that compute without end, each in a session of its own, as other people's programs are."""
+    running = [subprocess.Popen([sys.executable, "-c", "while True: pass"], start_new_session=True) for _ in range(loops)]
+    try:
+        yield
+    finally:
+        for process in running:
+            process.kill()
+            process.wait()
+
+
+def started(rig: Path, folder: Path, what: Sequence[str]) -> subprocess.Popen[bytes]:
+    """`lab run` of a protocol and its settings, in a process of its own."""
     protocol, *settings = what
     command = [sys.executable, "-m", "lab.cli", "run", protocol, "--rig", str(rig), "--out", str(folder)]
     command += [word for s in settings for word in ("--set", s)]
-    program = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL)
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL)
+
+
+def one(
+    fakes: FakeRig, rig: Path, folder: Path, how: int, rng: random.Random, what: Sequence[str], limit: float = LIMIT
+) -> Kill | None:
+    """Start a run, cut it off at a random moment, see what becomes of the rig; None when it had ended by itself before.
+
+    A run that has not begun within `limit` s counts as not safe.
+    """
+    protocol, began = what[0], time.monotonic()
+    program = started(rig, folder, what)
     start = fakes.plant.probe_position.copy()
-    deadline = time.monotonic() + LIMIT
-    while not _begun(fakes, protocol, start) and program.poll() is None and time.monotonic() < deadline:
+    deadline = began + limit
+    while not (begun := _begun(fakes, protocol, start)) and program.poll() is None and time.monotonic() < deadline:
         time.sleep(0.005)
+    took = time.monotonic() - began
+    if not begun:
+        program.terminate()
+        program.wait()
+        rig.with_suffix(".latch").unlink(missing_ok=True)
+        return Kill(protocol, took, 0.0, np.nan, np.nan, np.nan, safe=False, recovered=_recovered(folder))
     after = rng.uniform(0.0, 1.5)
     time.sleep(after)
     if program.poll() is not None:
@@ -128,6 +156,7 @@ def one(fakes: FakeRig, rig: Path, folder: Path, how: int, rng: random.Random, w
     vented = float(fakes.plant.chamber_pressure.max()) < 5e3 and not fakes.plant.valve_on
     return Kill(
         protocol,
+        took,
         after,
         1e3 * (witness.stop_at - at),
         witness.vented_at - at,
@@ -171,22 +200,23 @@ def main() -> int:
     parser.add_argument("--signal", choices=("KILL", "TERM", "INT"), default="KILL")
     parser.add_argument("--protocol", choices=("both", "bending", "stiffness"), default="both")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--loops", type=int, default=0, help="busy loops next to the runs")
     parser.add_argument("--report", type=Path)
     a = parser.parse_args()
     how, rng = getattr(signal, f"SIG{a.signal}"), random.Random(a.seed)
     folder = Path(tempfile.mkdtemp(prefix="kills-"))
     kills: list[Kill] = []
-    with FakeRig(speed=SPEED, seed=a.seed) as fakes:
-        write_rig(fakes, folder / "rig.yaml")
+    with FakeRig(speed=BUSY_SPEED if a.loops else SPEED, seed=a.seed) as fakes, busy(a.loops):
+        write_rig(fakes, folder / "rig.yaml", PATIENT if a.loops else None)
         for i in range(a.count):
             stiffness = a.protocol == "stiffness" or (a.protocol == "both" and i % 3 == 2)
-            kill = None
+            what, limit, kill = STIFFNESS if stiffness else BENDING, BUSY_LIMIT if a.loops else LIMIT, None
             while kill is None:
-                kill = one(fakes, folder / "rig.yaml", folder, how, rng, STIFFNESS if stiffness else BENDING)
+                kill = one(fakes, folder / "rig.yaml", folder, how, rng, what, limit)
             kills.append(kill)
             ends = f"{'safe' if kill.safe else 'NOT SAFE'}, {'file recovered' if kill.recovered else 'FILE LOST'}"
             times = f"stop {kill.stop_ms:6.1f} ms, vented {kill.vented_s:5.2f} s, arm {kill.arm_ms:6.1f} ms"
-            print(f"{i + 1:3d} {kill.protocol:9s} {times}, {ends}", flush=True)
+            print(f"{i + 1:3d} {kill.protocol:9s} begun {kill.start_s:5.1f} s, {times}, {ends}", flush=True)
     summary(kills)
     if a.report is not None:
         a.report.write_text(json.dumps([asdict(k) for k in kills]))
@@ -196,6 +226,7 @@ def main() -> int:
 def summary(kills: list[Kill]) -> None:
     """The figures."""
     for name, unit in (
+        ("start_s", "s to the first motion"),
         ("stop_ms", "ms to the first stop on the wire"),
         ("vented_s", "s until vented"),
         ("arm_ms", "ms until the arm stood"),

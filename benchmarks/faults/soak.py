@@ -42,12 +42,7 @@ def counts() -> dict[str, float]:
     with open("/proc/self/statm") as file:
         memory = int(file.read().split()[1]) * os.sysconf("SC_PAGESIZE") / 1e6
     children = sum(len(Path(p).read_text().split()) for p in Path("/proc/self/task").glob("*/children"))
-    return {
-        "threads": threading.active_count(),
-        "files": len(os.listdir("/proc/self/fd")),
-        "children": children,
-        "MB": memory,
-    }
+    return {"threads": threading.active_count(), "files": len(os.listdir("/proc/self/fd")), "children": children, "MB": memory}
 
 
 def trouble(fakes: FakeRig, rng: random.Random, ended: threading.Event) -> str:

@@ -79,10 +79,7 @@ class Bench:
             self._inflate()
             clock = RigClock(SPEED)
             told, ended = self._timed(
-                lambda: make_safe_with_new_guard(file, clock, ACTUATORS, "bench", unlock=True),
-                state,
-                failing,
-                dead_units,
+                lambda: make_safe_with_new_guard(file, clock, ACTUATORS, "bench", unlock=True), state, failing, dead_units
             )
         return Trial(self.regulators, way, state, failing, dead_units, told, ended)
 
@@ -159,10 +156,7 @@ def main() -> int:
                 trial = bench.one(way, state, failing, dead)
                 trials.append(trial)
                 what = f"{'+'.join(failing) or 'none'} {state}{f', regulators {dead} dead' if dead else ''}"
-                print(
-                    f"{regulators:8s} {way:5s} told {trial.told_ms:7.1f} ms, ended {trial.ended_s:5.1f} s  {what}",
-                    flush=True,
-                )
+                print(f"{regulators:8s} {way:5s} told {trial.told_ms:7.1f} ms, ended {trial.ended_s:5.1f} s  {what}", flush=True)
         finally:
             bench.fakes.stop()
     if a.report is not None:

@@ -29,13 +29,7 @@ ARM = {"max_age": 1.0, "watchdog_frequency": PATIENT["instruments"]["arm"]["watc
 LIMIT = 90.0
 """Host seconds after which a cell counts as hung and its worker is killed."""
 QUICK = {
-    "bending": (
-        "spine_lengths=[0.05]",
-        "pressures=[100 kPa, 200 kPa]",
-        "unload=false",
-        "zero_state=false",
-        *PATIENT_SETTLE,
-    ),
+    "bending": ("spine_lengths=[0.05]", "pressures=[100 kPa, 200 kPa]", "unload=false", "zero_state=false", *PATIENT_SETTLE),
     "stiffness": ("spine_lengths=[0.1]", "steps=3", "min_samples=30", "zero_samples=20"),
 }
 STAYS = {"bending": ("arm", "force"), "stiffness": ("mocap",)}
@@ -52,10 +46,7 @@ class Bench:
     def __init__(self, second_rig: bool, seed: int = 1) -> None:
         self.second_rig = second_rig
         self.fakes = FakeRig(
-            speed=SPEED,
-            seed=seed,
-            regulators="smc_itv" if second_rig else "alicat",
-            spine="tmcl" if second_rig else "dynamixel",
+            speed=SPEED, seed=seed, regulators="smc_itv" if second_rig else "alicat", spine="tmcl" if second_rig else "dynamixel"
         ).start()
         self.folder = Path(tempfile.mkdtemp(prefix="faults-"))
         self.rig = self.folder / "rig.yaml"

@@ -34,17 +34,7 @@ def full_disk_in_a_run(folder: Path) -> Figure:
     with FakeRig(speed=SPEED, seed=3) as fakes:
         write_rig(fakes, place / "rig.yaml")
         _without(place / "rig.yaml", "arm", "force")
-        command = [
-            sys.executable,
-            "-m",
-            "lab.cli",
-            "run",
-            "bending",
-            "--rig",
-            str(place / "rig.yaml"),
-            "--out",
-            str(place),
-        ]
+        command = [sys.executable, "-m", "lab.cli", "run", "bending", "--rig", str(place / "rig.yaml"), "--out", str(place)]
         command += [word for setting in SETTINGS for word in ("--set", setting)]
         program = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         try:

@@ -1,29 +1,116 @@
-"""Alicat PC/PCD pressure controllers: up to 26 units on one RS-485 line, each called by its letter.
-
-The units hold their set-points: nothing expires when the host dies, so a rig needs a vent valve in hardware as well.
-"""
+"""Alicat PC/PCD pressure controllers: up to 26 units on one RS-485 line, each called by its letter."""
 
 from __future__ import annotations
 
 import contextlib
 import functools
 import math
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Sequence
+from typing import Literal
+
+from pydantic import Field, model_validator
 
 import timing
 from timing import Clock
 
-from ..chambers import ChamberMap
-from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, StaleReading, WrongDevice
+from ..chambers import PAPER_WIRING, ChamberMap
+from ..configs import RegulatorsConfig
+from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, StaleReading, Unreachable, WrongDevice
 from ..interfaces import Identity, PressureSample
 from ..pressure_limits import VENTED, PressureLimits
-from ..serial_line import SerialLine
-from ..spec import Driver
-from .config import Config
-from .measure import Measure
-from .opening import find_units, pressure_controller, version_of
-from .settings import WRITTEN, check_loop, check_source, put_right
-from .wire import FAULT_CODES, LOCKED, AlicatUnit, Frame
+from ..registry import Driver
+from ..serial_line import SerialLine, show
+from .settings import WRITTEN, Measure, check_loop, check_source, put_right
+from .wire import FAULT_CODES, LOCKED, AlicatUnit, Readout
+
+
+class Config(RegulatorsConfig):
+    """How to reach the units, their range, and what may be asked of them."""
+
+    port: str
+    """Serial port of the RS-485 adapter."""
+    baud: Literal[19200, 38400, 57600, 115200] = Field(115200, json_schema_extra={"unit": "Bd"})
+    units: tuple[str, ...] = ("A", "B", "C")
+    """Unit letters, in channel order."""
+    chambers: tuple[tuple[int, ...], ...] = PAPER_WIRING
+    """Chambers (1..9) on each channel."""
+    full_scale: float = Field(400e3, gt=0, le=2e6, json_schema_extra={"unit": "Pa"})
+    """Range of the units, compared at `open`."""
+    unit: Literal["Pa", "hPa", "kPa", "MPa", "mbar", "bar", "psi"] | None = None
+    """Unit of the displays, by default kPa; required with firmware before 6v00."""
+    timeout: float = Field(0.25, ge=0.05, le=2, json_schema_extra={"unit": "s"})
+    """Of an answer, host time; a failed request is repeated once."""
+    max_age: float = Field(1.0, gt=0, le=10, json_schema_extra={"unit": "s"})
+    """Of the first unit's reading when the last one's arrives, host time."""
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Config:
+        if len(self.units) != len(self.chambers):
+            raise ValueError(f"{len(self.units)} units but {len(self.chambers)} lists of chambers; give one unit for each list")
+        for unit in self.units:
+            if not re.fullmatch("[A-Z]", unit) or self.units.count(unit) > 1:
+                raise ValueError(f"units {', '.join(self.units)}: {unit!r} must be one letter A to Z, used once")
+        return self
+
+
+UNASKED = 0.2
+"""Host seconds in which a unit in streaming mode sends by itself; it does so every 50 ms unless told otherwise."""
+
+
+def find_units(name: str, line: SerialLine, units: Sequence[AlicatUnit], twice: Callable[[Callable[[], str]], str]) -> list[str]:
+    """Firmware of each unit; `twice` makes a request that may be repeated.
+
+    Raises `Unreachable` naming the silent ones, `WrongDevice` for foreign answers and for what sends unasked.
+    """
+    firmwares: dict[str, str] = {}
+    for unit in units:
+        with contextlib.suppress(NoReply):
+            try:
+                firmwares[unit.letter] = twice(unit.firmware)
+            except BadReply as e:
+                raise _foreign(name, line, unit, e) from e
+    silent = [unit.letter for unit in units if unit.letter not in firmwares]
+    if silent:
+        answered = ", ".join(firmwares) or "none"
+        raise Unreachable(
+            name,
+            f"no answer from unit {', '.join(silent)} on {line.port} at {line.baud} Bd (answered: {answered}); check power, "
+            "cable, and the letter and baud rate in the unit's menu",
+        )
+    return list(firmwares.values())
+
+
+def _foreign(name: str, line: SerialLine, unit: AlicatUnit, e: BadReply) -> WrongDevice:
+    line.flush()
+    if heard := line.listen(UNASKED):
+        return WrongDevice(
+            name,
+            f"something on {line.port} sends {show(heard)} without being asked: a unit in streaming mode (stop it with "
+            f"`@@ {unit.letter}`) or another device; check port and baud rate in rig.yaml",
+        )
+    return WrongDevice(
+        name,
+        f"the device on {line.port} at {line.baud} Bd is not Alicat unit {unit.letter} ({e.message}); check port and baud "
+        "rate in rig.yaml",
+    )
+
+
+def pressure_controller(name: str, unit: AlicatUnit) -> tuple[str, str]:
+    """Model and serial number of a unit; raises `WrongDevice` when it controls no pressure."""
+    model, serial = unit.model_and_serial()
+    if not re.match(r"E?PC|IVC", model):
+        raise WrongDevice(
+            name, f"unit {unit.letter} is a {model or 'device without a model name'}; a pressure controller (PC, PCD) is needed"
+        )
+    return model, serial
+
+
+def version_of(firmware: str) -> tuple[int, int]:
+    """Firmware as numbers; the oldest has none."""
+    match = re.match(r"(\d+)v(\d+)", firmware)
+    return (int(match[1]), int(match[2])) if match else (0, 0)
+
 
 __all__ = ["DRIVER", "Alicat", "Config"]
 JUMP_ABOVE = 3e3
@@ -36,7 +123,10 @@ VENT_WAIT = 0.5
 
 
 class Alicat:
-    """Pressure regulators (see `PressureRegulators`), one channel a unit."""
+    """Pressure regulators (see `PressureRegulators`), one channel a unit.
+
+    The units hold their set-points when the host dies, so a rig needs a vent valve in hardware.
+    """
 
     def __init__(self, name: str, config: Config, clock: Clock) -> None:
         self.name = name
@@ -233,7 +323,7 @@ class Alicat:
         if wrong := self._wrong():
             raise WrongDevice(self.name, wrong)
 
-    def _polled(self, channel: int) -> Frame:
+    def _polled(self, channel: int) -> Readout:
         """One reading in Pa. The unit of measure is asked first where it may have changed: after a vent, when the set-point is
         not the confirmed one, when the pressure jumps, when somebody has unlocked the panel."""
         unit = self._units[channel]
@@ -252,7 +342,7 @@ class Alicat:
         self._measured[channel] = frame.measured
         return frame
 
-    def _jumps(self, channel: int, frame: Frame) -> bool:
+    def _jumps(self, channel: int, frame: Readout) -> bool:
         low, high = sorted((abs(self._measured[channel]), abs(frame.measured)))
         # units of measure that could be confused lie further apart
         return high > JUMP_ABOVE and high > 1.5 * low
@@ -311,12 +401,11 @@ class Alicat:
         self._confirmed[channel] = 0.0
         self._limits.sent(channel, 0.0)
 
-    def _raise_fault(self, unit: AlicatUnit, frame: Frame) -> None:
+    def _raise_fault(self, unit: AlicatUnit, frame: Readout) -> None:
         for code in frame.codes:
             if code in FAULT_CODES:
                 raise DeviceFault(
-                    self.name,
-                    f"unit {unit.letter} reports {code} at {frame.measured / 1e3:.2f} kPa: {FAULT_CODES[code]}",
+                    self.name, f"unit {unit.letter} reports {code} at {frame.measured / 1e3:.2f} kPa: {FAULT_CODES[code]}"
                 )
 
     def _need_open(self) -> None:

@@ -55,7 +55,7 @@ FAULT_CODES = {
 
 
 @dataclass(frozen=True)
-class Frame:
+class Readout:
     """One data frame: pressure and set-point (Pa gauge), and the unit's status codes."""
 
     measured: float
@@ -83,22 +83,22 @@ class AlicatUnit:
         """Last digit of its display, Pa."""
         return self.pa * 10.0**-self._decimals
 
-    def poll(self) -> Frame:
+    def poll(self) -> Readout:
         """The data frame as it is now."""
         return self._frame("")
 
-    def set(self, pressure: float, timeout: float | None = None) -> Frame:
+    def set(self, pressure: float, timeout: float | None = None) -> Readout:
         """Send a set-point (Pa), rounded to the unit's decimals; the answer shows the set-point that holds now.
 
         `timeout` (s, host time) where the line's own is too long.
         """
         return self._frame(f"S {pressure / self.pa:.{self._decimals}f}", timeout)
 
-    def set_share(self, counts: int) -> Frame:
+    def set_share(self, counts: int) -> Readout:
         """Send a set-point as `counts` of the 64000 parts of the full scale; all firmware knows this form."""
         return self._frame(f"{counts}")
 
-    def cancel_hold(self) -> Frame:
+    def cancel_hold(self) -> Readout:
         """Let the unit control again after its valves were held or its exhaust was opened."""
         return self._frame("C")
 
@@ -159,7 +159,7 @@ class AlicatUnit:
             raise self._unexpected("register 122", answer)
         return int(match[1])
 
-    def _frame(self, words: str, timeout: float | None = None) -> Frame:
+    def _frame(self, words: str, timeout: float | None = None) -> Readout:
         text = f"{self.letter} {self._ask(words, timeout)}"
         match = FRAME.fullmatch(text)
         if match is None:
@@ -172,7 +172,7 @@ class AlicatUnit:
             raise self._unexpected("numbers as wide as in the last data frame", text)
         self._widths = (widths,)
         self._decimals = len(numbers[-1].partition(".")[2])
-        return Frame(float(numbers[0]) * self.pa, float(numbers[-1]) * self.pa, tuple(match[2].split()))
+        return Readout(float(numbers[0]) * self.pa, float(numbers[-1]) * self.pa, tuple(match[2].split()))
 
     def _ask(self, words: str, timeout: float | None = None) -> str:
         """What follows the unit's letter in the answer."""

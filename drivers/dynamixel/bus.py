@@ -29,8 +29,6 @@ MARKS = (6, 7, 9, 10, 11, 12)
 """Lengths (bytes) of a read from address 0 by which the line is caught up, used in turn; no other answer is so long."""
 CATCH_UP_WAITS = 3.0
 """How many time-outs its answer may take: those that are owed come before it."""
-LONGEST_READ = 0.005
-"""s of one read: the SDK looks at its own time-out in between."""
 ID, LENGTH, ERROR, PARAMETERS = 4, 5, 8, 9
 """Where they stand in a status packet."""
 REFUSALS = {
@@ -90,9 +88,11 @@ class _Port(PortHandler):  # type: ignore[misc]
 class Servo(SerialPort):
     """The registers of one servo. `alert` is the hardware-error bit of the last answer."""
 
+    longest_read = 0.005  # the SDK looks at its own time-out in between
+
     def __init__(self, name: str, port: str, baud: int, servo_id: int, timeout: float) -> None:
         """`timeout` (s, host time) bounds each answer beyond its time on the line; an exchange is tried three times."""
-        super().__init__(name, port, baud, timeout, longest_read=LONGEST_READ)
+        super().__init__(name, port, baud, timeout)
         self.id = servo_id
         self.alert = False
         self._odd = ""

@@ -14,7 +14,6 @@ Faults, each latched until the call that answers it:
 from __future__ import annotations
 
 import contextlib
-import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -23,51 +22,63 @@ from pydantic import Field, model_validator
 import timing
 from timing import Clock
 
-from ..configs import LengthUnitConfig
-from ..errors import BadReply, DeviceFault, InstrumentError, LimitExceeded, NoReply, NotReady, WrongDevice
+from ..errors import BadReply, DeviceFault, InstrumentError, LimitExceeded, NoReply, WrongDevice
 from ..interfaces import Identity, SpineSample
-from ..serial_line import meeting
-from ..spec import Driver
-from ..stall import StallWatch
+from ..length_unit import DrumConfig, DrumLengthUnit
+from ..registry import Driver
 from . import table
 from .bus import Servo
-from .settings import settings
+
+
+class StallWatch:
+    """A motor is stalled when it pushed with nearly all it may while it stayed in place for `duration` seconds."""
+
+    SHARE = 0.8
+    """Share of the allowed current that counts as pushing with all it may."""
+    READINGS = 3
+    """Readings that must agree, so that one late reading is not taken for a long stall."""
+
+    def __init__(self, allowed: float, window: float, duration: float) -> None:
+        """`allowed` current and `window` (how far a standing motor may creep) in units of `update`; `duration` in s."""
+        self._threshold = self.SHARE * allowed
+        self._window = window
+        self._duration = duration
+        self._anchor = 0.0
+        self._since = 0.0
+        self._readings = 0
+
+    def update(self, t: float, position: float, current: float) -> bool:
+        """Take one reading at time t (s); True once the motor is stalled."""
+        if abs(current) < self._threshold or self._readings == 0 or abs(position - self._anchor) > self._window:
+            self._anchor, self._since = position, t
+            self._readings = 1 if abs(current) >= self._threshold else 0
+            return False
+        self._readings += 1
+        return self._readings >= self.READINGS and t - self._since >= self._duration
+
 
 RESTARTED = "the servo has restarted (power failure?) and lost its position; check its supply, then home()"
 REBOOT_TIME = 2.0
 """Longest wait for a restarted servo, s of host time."""
 
 
-class Config(LengthUnitConfig):
+class Config(DrumConfig):
     """Length unit by Dynamixel."""
 
-    port: str
     baud: Literal[9600, 57600, 115200, 1000000, 2000000, 3000000, 4000000] = Field(
         default=57600, json_schema_extra={"unit": "Bd"}
     )
     id: int = Field(default=1, ge=0, le=252)
-    metres_per_turn: float = Field(gt=0, le=1, json_schema_extra={"unit": "m"})
-    """Spine length per turn of the drum."""
-    direction: Literal[1, -1] = 1
-    """1 when the spine grows as the servo counts up."""
     current_limit: float = Field(default=1.0, gt=0, le=5, json_schema_extra={"unit": "A"})
     homing_current: float = Field(default=0.3, gt=0, le=5, json_schema_extra={"unit": "A"})
-    homing_speed: float = Field(default=0.02, gt=0, le=0.1, json_schema_extra={"unit": "m/s"})
     homing_tolerance: float = Field(default=0.005, gt=0, le=0.1, json_schema_extra={"unit": "m"})
     """Largest change of the end stop's place."""
-    tolerance: float = Field(default=0.0005, gt=0, le=0.01, json_schema_extra={"unit": "m"})
-    """Distance from its goal at which a motion has ended."""
     stall_time: float = Field(default=0.5, gt=0, le=10, json_schema_extra={"unit": "s"})
     watchdog: float = Field(default=2.0, ge=0.1, le=2.54, json_schema_extra={"unit": "s"})
     """The servo stops after this long a silence of the host."""
     timeout: float = Field(default=0.1, gt=0, le=1, json_schema_extra={"unit": "s"})
     release_on_close: bool = False
     """Torque off at close; the spine can be moved by hand."""
-
-    @property
-    def homing_reach(self) -> float:
-        """How far to retract in search of the end stop, m: all there can be, and some slack."""
-        return 1.2 * self.max_length + 0.02
 
     @model_validator(mode="after")
     def _homing_is_gentle(self) -> Config:
@@ -77,7 +88,7 @@ class Config(LengthUnitConfig):
 
 
 @dataclass(frozen=True)
-class _State:
+class _ServoState:
     """One reading of the servo: time (s), counts, counts/s, current (A)."""
 
     t: float
@@ -86,15 +97,15 @@ class _State:
     current: float
 
 
-class DynamixelSpine:
-    """Length unit by Dynamixel; see the module's text. Calls may come from several threads."""
+class DynamixelSpine(DrumLengthUnit):
+    """Length unit by Dynamixel; see the module's text."""
+
+    stranger = "no Dynamixel servo"
+    _config: Config
 
     def __init__(self, name: str, config: Config, clock: Clock) -> None:
-        self.name = name
-        self._config = config
-        self._clock = clock
         self._servo = Servo(name, config.port, config.baud, config.id, config.timeout)
-        self._lock = timing.RLock()
+        super().__init__(name, config, clock, self._servo)
         self._ampere = 0.0
         self._zero: int | None = None
         self._end_stop: int | None = None
@@ -103,47 +114,22 @@ class DynamixelSpine:
         """Counts at which the reference run under way gives up."""
         self._place: tuple[float, int] | None = None
         """When the position was read last (s), and what it was (counts)."""
-        self._goal = 0.0
         self._stall = self._watch(config.current_limit)
-        self._fault = ""
         self._lost = False
-
-    def open(self) -> Identity:
-        """Connect, check the model and its settings, set the watchdog; a motion left over from before is stopped.
-
-        Raises `Unreachable` when nobody answers, `WrongDevice` for a servo without current-based position mode and for a
-        setting that only a person may change, `LimitExceeded` for a current limit below `current_limit`.
-        """
-        with self._lock:
-            if not self._servo.is_open:
-                self._servo.open()
-                self._homing = self._zero = self._end_stop = None  # while nobody listened the servo may have lost its count
-            with meeting(self.name, self._servo.close, "no Dynamixel servo"):
-                return self._meet()
 
     def confirm_settings(self) -> None:
         """Ask for the settings once more. Raises `WrongDevice` or `LimitExceeded` when another host has changed one."""
         with self._lock:
             self._check_current_limit()
-            settings(self._servo).confirm()
+            table.settings(self._servo).confirm()
 
-    def take_notices(self) -> list[str]:
-        """See the module `interfaces`."""
-        return self._servo.take_notices()
-
-    def close(self) -> None:
-        """Stop, release the torque if so configured, disconnect; the watchdog goes off, as holding is meant to last."""
-        with self._lock:
-            if self._servo.is_open:
-                with contextlib.suppress(InstrumentError):
-                    self.stop()
-                with contextlib.suppress(InstrumentError):
-                    self._servo.write(table.WATCHDOG, 0)
-                if self._config.release_on_close:
-                    with contextlib.suppress(InstrumentError):
-                        self._servo.write(table.TORQUE, 0)
-            self._servo.close()
-            self._homing = self._zero = self._end_stop = None
+    def _release(self) -> None:
+        """The watchdog goes off, as holding is meant to last, and the torque if so configured."""
+        with contextlib.suppress(InstrumentError):
+            self._servo.write(table.WATCHDOG, 0)
+        if self._config.release_on_close:
+            with contextlib.suppress(InstrumentError):
+                self._servo.write(table.TORQUE, 0)
 
     def home(self) -> None:
         """Start the reference run into the retracted end stop; un-jam the spine before. `read` carries it on.
@@ -165,37 +151,29 @@ class DynamixelSpine:
             self._homing = target
             self._goal = 0.0
 
-    def move_to(self, length: float, speed: float) -> float:
-        """Start moving to `length` (m) at `speed` (m/s), both clipped; returns the goal that the servo confirmed.
+    def _answer_fault(self) -> None:
+        self._fault = ""
+        self._check(self._poll())
 
-        Raises `NotReady` before `home` has found the zero and `LimitExceeded` for what is not a length or speed
-        (nothing is sent then), `DeviceFault` while the servo reports one.
-        """
-        with self._lock:
-            if not self._servo.is_open:
-                raise NotReady(self.name, "not open; call open() first")
-            if self._zero is None:
-                raise NotReady(self.name, "length unknown; call home() and wait until read().homed")
-            if not math.isfinite(length) or not (math.isfinite(speed) and speed > 0):
-                raise LimitExceeded(
-                    self.name,
-                    f"length {length} m at {speed} m/s is not a valid motion; give a number and a speed above 0 m/s",
-                )
-            self._fault = ""
-            self._check(self._poll())
-            length = min(max(length, 0.0), self._config.max_length)
-            goal = self._zero + self._counts(length)
-            self._limit_current(self._config.current_limit)
-            self._set_goal(goal, min(speed, self._config.max_speed))
-            self._goal = self._length(goal)
-            return self._goal
+    def _start(self, length: float, speed: float) -> float:
+        goal = (self._zero or 0) + self._counts(length)
+        self._limit_current(self._config.current_limit)
+        self._set_goal(goal, speed)
+        return self._length(goal)
+
+    @property
+    def _homed(self) -> bool:
+        return self._zero is not None
+
+    def _forget_position(self) -> None:
+        self._zero = self._end_stop = self._homing = None
 
     def stop(self) -> None:
         """Hold the present position; answers a watchdog trip or a stall, and ends a reference run without result."""
         with self._lock:
             self._homing = None
             self._fault = ""
-            restarted = self._zero is not None and self._has_restarted()  # setting the watchdog would hide it
+            restarted = self._homed and self._has_restarted()  # setting the watchdog would hide it
             try:
                 self._hold()
             except BadReply:
@@ -221,8 +199,8 @@ class DynamixelSpine:
             length = self._length(state.counts)
             speed = self._config.direction * state.velocity / table.COUNTS_PER_TURN * self._config.metres_per_turn
             arrived = abs(length - self._goal) <= self._config.tolerance and abs(speed) <= self._speed_step
-            moving = self._homing is not None or (self._zero is not None and not arrived)
-            return SpineSample(state.t, length, speed, self._goal, moving, homed=self._zero is not None)
+            moving = self._homing is not None or (self._homed and not arrived)
+            return SpineSample(state.t, length, speed, self._goal, moving, self._homed)
 
     # -- units
     @property
@@ -256,7 +234,7 @@ class DynamixelSpine:
         firmware = self._servo.read(table.FIRMWARE)
         self._arm_watchdog()  # clears a trip, which locks some of the settings
         self._end_motion()  # before anything is refused
-        settings(self._servo).apply()
+        table.settings(self._servo).apply()
         self._check_current_limit()
         return Identity("ROBOTIS", name, firmware=str(firmware))
 
@@ -350,14 +328,13 @@ class DynamixelSpine:
         self._zero = self._end_stop = None
         if bits := self._servo.read(table.HARDWARE_ERROR):
             raise DeviceFault(
-                self.name,
-                f"hardware error persists after a restart: {table.hardware_errors(bits)}; check supply and motor",
+                self.name, f"hardware error persists after a restart: {table.hardware_errors(bits)}; check supply and motor"
             )
-        settings(self._servo).apply()
+        table.settings(self._servo).apply()
         self._lost = False
 
     # -- judging what was read
-    def _poll(self) -> _State:
+    def _poll(self) -> _ServoState:
         """One reading; latches what the servo reports as wrong."""
         block = self._servo.read_block(table.Address.STATE, table.STATE.size)
         watchdog, *_, current, velocity, counts = table.STATE.unpack(block)
@@ -386,7 +363,7 @@ class DynamixelSpine:
             )
         counts = self._placed(counts)
         velocity_counts = velocity * table.RPM / 60 * table.COUNTS_PER_TURN
-        return _State(self._clock.now(), counts, velocity_counts, current * self._ampere)
+        return _ServoState(self._clock.now(), counts, velocity_counts, current * self._ampere)
 
     def _has_restarted(self) -> bool:
         """Whether the servo has forgotten what it holds in memory only; looked at twice before it is believed."""
@@ -398,11 +375,11 @@ class DynamixelSpine:
         )
 
     def _lose_zero(self, fault: str) -> None:
-        self._zero = self._end_stop = self._homing = None
+        self._forget_position()
         self._lost = True
         self._fault = fault
 
-    def _check(self, state: _State) -> None:
+    def _check(self, state: _ServoState) -> None:
         """Raise the latched fault, or a stall that this reading shows; a reference run is meant to stall."""
         if not self._fault and self._homing is None and self._stall.update(state.t, state.counts, state.current):
             goal = self._goal
@@ -412,10 +389,9 @@ class DynamixelSpine:
                 f"{self._config.current_limit} A for {self._config.stall_time} s; un-jam the spine or clear its way, "
                 "then move again"
             )
-        if self._fault:
-            raise DeviceFault(self.name, self._fault)
+        self._raise_fault()
 
-    def _continue_homing(self, state: _State, target: int) -> None:
+    def _continue_homing(self, state: _ServoState, target: int) -> None:
         """Zero the length where the end stop holds the motor."""
         if abs(state.counts - target) <= abs(self._counts(self._config.tolerance)):
             self._homing = None
@@ -428,8 +404,7 @@ class DynamixelSpine:
             self._relax()
             self._limit_current(self._config.current_limit)
             self._judge_end_stop(state.counts)
-        if self._fault:
-            raise DeviceFault(self.name, self._fault)
+        self._raise_fault()
 
     def _judge_end_stop(self, counts: int) -> None:
         """Take the stop as zero, unless an earlier run found it elsewhere: jammed granules held one of the two."""

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
+from dataclasses import replace
 from enum import IntEnum
 
-from .bus import Register
+from ..errors import BadReply
+from ..kept_settings import KeptSettings, Setting
+from .bus import ANSWER_ALL, STATUS_RETURN_LEVEL, Register, Servo
 
 
 class Address(IntEnum):
@@ -62,3 +66,52 @@ HARDWARE_ERRORS = {0: "supply voltage", 1: "hall sensor", 2: "overheated", 3: "e
 def hardware_errors(bits: int) -> str:
     """The hardware error byte in words."""
     return ", ".join(text for bit, text in HARDWARE_ERRORS.items() if bits >> bit & 1) or f"bits {bits:#04x}"
+
+
+FULL_PWM = 885
+"""The whole supply voltage."""
+SHUTDOWN_CAUSES = 1 << 2 | 1 << 4 | 1 << 5
+"""Overheating, electrical shock, overload."""
+NO_SECONDARY_ID, FIRST_INVALID_ID = 255, 253
+
+
+def settings(servo: Servo) -> KeptSettings:
+    """The settings on which the length unit's promises rest, for `open` and after a restart; torque goes off before EEPROM is
+    written."""
+
+    def one(name: str, register: Register, needed: int | Callable[[int], int], why: str, written: bool = True) -> Setting:
+        def write(value: int) -> None:
+            if register.address < Address.EEPROM_END:
+                servo.write(TORQUE, 0)
+            servo.write(register, value)
+
+        place = f"{name} (register {register.address})"
+        return Setting(place, lambda: servo.read(register), needed, why, write if written else None)
+
+    def startup() -> int | None:
+        try:
+            return servo.read(STARTUP)
+        except BadReply:  # older firmware has no such register
+            return None
+
+    every = [
+        one("status return level", STATUS_RETURN_LEVEL, ANSWER_ALL, "commands would not be confirmed"),
+        one("secondary ID", SECONDARY_ID, lambda held: held if held >= FIRST_INVALID_ID else NO_SECONDARY_ID,
+            "the servo would obey commands meant for other servos"),
+        one("homing offset", HOMING_OFFSET, 0,
+            "with older firmware a bus watchdog that trips would move the cord by it"),
+        one("drive mode", DRIVE_MODE, PLAIN_DRIVE, "directions, speeds and torque would differ"),
+        one("operating mode", OPERATING_MODE, CURRENT_BASED_POSITION,
+            "positions or the current would not hold"),
+        one("shutdown", SHUTDOWN, lambda held: held | SHUTDOWN_CAUSES,
+            "overheating or overload would not end the torque"),
+        replace(one("startup configuration", STARTUP, 0,
+                    "the servo would start with torque, or with settings of an earlier program"), read=startup),
+        one("profile acceleration", PROFILE_ACCELERATION, 0, "a stop would take longer"),
+        one("PWM limit", PWM_LIMIT, FULL_PWM,
+            "the motor may not reach current_limit, and a stall would not show", written=False),
+        one("goal PWM", GOAL_PWM, FULL_PWM, "the motor may not reach current_limit"),
+        one("position P gain", POSITION_P_GAIN, lambda held: max(1, held), "the motor would not hold",
+            written=False),
+    ]  # fmt: skip
+    return KeptSettings(servo.name, "servo", "DYNAMIXEL Wizard", every)

@@ -23,10 +23,9 @@ from timing import Clock
 from ..configs import ForceConfig
 from ..errors import DeviceFault, InstrumentError, LimitExceeded, NotReady, StaleReading, Unreachable, WrongDevice
 from ..interfaces import Identity, Sink, Vector6, WrenchSample
+from ..registry import Driver
 from ..serial_line import SerialLine, show
-from ..spec import Driver
-from .rest import AXES, unrest
-from .stream import PERIOD, FrameParser, GapCounter
+from .stream import AXES, PERIOD, FrameParser, GapCounter, unrest
 
 BAUD = 19200
 DEVICE_ID = 9
@@ -65,12 +64,7 @@ class FT300S:
     """
 
     def __init__(
-        self,
-        name: str,
-        config: Config,
-        clock: Clock,
-        sink: Sink[WrenchSample],
-        notice: Callable[[str], None] = lambda text: None,
+        self, name: str, config: Config, clock: Clock, sink: Sink[WrenchSample], notice: Callable[[str], None] = lambda text: None
     ) -> None:
         """`notice` is never called: this sensor has nothing to tell beside its samples."""
         self.name = name

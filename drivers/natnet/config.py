@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import math
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
@@ -10,12 +12,39 @@ from pydantic import BaseModel, Field, field_validator, model_validator
 
 from ..configs import MocapConfig
 from ..interfaces import Quaternion, Vector3
-from .packets import Body
+from .packets import Definitions, RigidBody
+
+
+class NotOne(ValueError):
+    """A name that no body has, or a name or number that several have; the message says what to do."""
+
+
+def found(names: Sequence[str], told: Definitions) -> dict[str, int]:
+    """Numbers of the bodies with these names. Bodies of other names may be as they like."""
+    ids: dict[str, int] = {}
+    for name in names:
+        numbers = [number for known, number in told.bodies if known == name]
+        if not numbers:
+            known = [name for name, _ in told.bodies]
+            near = difflib.get_close_matches(name, known, n=1, cutoff=0.0)
+            hint = f"the nearest name is {near[0]!r}" if near else "there are no rigid bodies at all"
+            unread = f" ({'; '.join(told.unread)})" if told.unread else ""
+            raise NotOne(f"no rigid body {name!r}; {hint}{unread}. Correct the name in rig.yaml or in Motive")
+        if len(numbers) > 1:
+            of = " and ".join(map(str, numbers))
+            raise NotOne(f"several rigid bodies are named {name!r}: numbers {of}. Rename all but one in Motive")
+        sharing = [known for known, number in told.bodies if number == numbers[0]]
+        if len(sharing) > 1:
+            of = " and ".join(map(repr, sharing))
+            raise NotOne(f"rigid bodies {of} have the same streaming ID {numbers[0]}. Give each an ID of its own in Motive")
+        ids[name] = numbers[0]
+    return ids
+
 
 NOWHERE: Vector3 = (math.nan, math.nan, math.nan)
 
 
-class Pose(BaseModel):
+class Transform(BaseModel):
     """A rigid transform: p_base = R(quaternion) p_mocap + position."""
 
     position: Vector3 = Field(json_schema_extra={"unit": "m"})
@@ -36,17 +65,17 @@ class Pose(BaseModel):
 
         return matrix_from_quaternion(self.quaternion)
 
-    def place(self, body: Body | None) -> Vector3:
+    def place(self, body: RigidBody | None) -> Vector3:
         """Position in the base frame, m, as received; NaN where there is no body."""
         from ..frames import apply
 
         return NOWHERE if body is None else apply(self.position, self._rotation, body.position)
 
-    def tracked_place(self, body: Body | None) -> Vector3:
+    def tracked_place(self, body: RigidBody | None) -> Vector3:
         """The same, NaN also where it must not be used."""
         return self.place(body if usable(body) else None)
 
-    def turn(self, body: Body | None) -> Quaternion:
+    def turn(self, body: RigidBody | None) -> Quaternion:
         """Orientation in the base frame, w, x, y, z with w >= 0; NatNet has x, y, z, w. Identity where there is none."""
         from ..frames import compose
 
@@ -68,7 +97,7 @@ class Config(MocapConfig):
     data_port: int = Field(default=1511, ge=1, le=65535, json_schema_extra={"unit": ""})
     body: str
     """Name of the tip's rigid body in Motive."""
-    mocap_to_base: Pose
+    mocap_to_base: Transform
     """Takes Motive's world to the robot's base frame."""
     rate: float = Field(default=100.0, ge=1, le=1000, json_schema_extra={"unit": "Hz"})
     """Frame rate set in Motive."""
@@ -88,12 +117,12 @@ class Config(MocapConfig):
         return self
 
 
-def usable(body: Body | None) -> bool:
+def usable(body: RigidBody | None) -> bool:
     """Tracked, and with values that can be true."""
     return not remedy(body)
 
 
-def remedy(body: Body | None) -> str:
+def remedy(body: RigidBody | None) -> str:
     """What to do about a body that cannot be used; empty for one that can."""
     if body is None:
         return "no frame holds it: let Motive stream rigid bodies, and check that it is active there"

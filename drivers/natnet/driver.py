@@ -20,15 +20,14 @@ from timing import Clock
 
 from ..errors import DeviceFault, NotReady, StaleReading, Unreachable, WrongDevice
 from ..interfaces import BodySample, Identity, Sink
-from ..spec import Driver
+from ..registry import Driver
 from . import packets
-from .bodies import NotOne, found
 from .config import Config as Config
-from .config import Pose as Pose
-from .config import remedy, usable
+from .config import NotOne, found, remedy, usable
+from .config import Transform as Transform
 from .order import Order
-from .packets import Cursor, Definitions, Frame, ServerInfo, Unreadable
-from .wire import Server
+from .packets import Cursor, Definitions, MocapFrame, ServerInfo, Unreadable
+from .wire import NatNetServer
 
 LONGEST_WAIT = 0.02
 """s until the sockets are looked at again though nothing has come: to keep alive, and to end."""
@@ -46,12 +45,7 @@ class NatNetMocap:
     """Motion capture; see the module's text."""
 
     def __init__(
-        self,
-        name: str,
-        config: Config,
-        clock: Clock,
-        sink: Sink[BodySample],
-        notice: Callable[[str], None] = lambda text: None,
+        self, name: str, config: Config, clock: Clock, sink: Sink[BodySample], notice: Callable[[str], None] = lambda text: None
     ) -> None:
         """`notice` is called once after each `open` for each of: datagrams from anybody but the server, datagrams that
         cannot be read."""
@@ -64,7 +58,7 @@ class NatNetMocap:
         """What was noticed since `open`, by kind: the first address that was not the server's, the first unreadable part."""
         self._names = (config.body, *config.markers)
         self._where = f"{config.server}:{config.command_port}"
-        self._server: Server | None = None
+        self._server: NatNetServer | None = None
         self._info: ServerInfo | None = None
         self._definitions: Definitions | None = None
         self._ids: dict[str, int] = {}
@@ -145,8 +139,7 @@ class NatNetMocap:
         if now - newest_at <= self._config.max_age:
             since = "since the start" if valid is None else f"for {now - valid_at:.2f} s"
             raise DeviceFault(
-                self.name,
-                f"{self._config.body!r} has not been tracked {since} (limit {self._config.max_age} s); {why}",
+                self.name, f"{self._config.body!r} has not been tracked {since} (limit {self._config.max_age} s); {why}"
             )
         raise StaleReading(
             self.name,
@@ -155,10 +148,10 @@ class NatNetMocap:
         )
 
     # -- connecting
-    def _connection(self) -> Server:
+    def _connection(self) -> NatNetServer:
         config = self._config
         try:
-            return Server(config.server, config.local, (config.command_port, config.data_port), self._heard_elsewhere)
+            return NatNetServer(config.server, config.local, (config.command_port, config.data_port), self._heard_elsewhere)
         except (OSError, UnicodeError) as e:
             raise Unreachable(
                 self.name,
@@ -181,7 +174,7 @@ class NatNetMocap:
             self._noticed[kind] = what
             self._notice(f"{self.name}: {text}")
 
-    def _meet(self, server: Server) -> Identity:
+    def _meet(self, server: NatNetServer) -> Identity:
         self._wait(server, lambda: self._info is not None, packets.CONNECT, self._no_server)
         info = self._info
         assert info is not None
@@ -192,18 +185,12 @@ class NatNetMocap:
                 self.name, f"{self._where} speaks {speaks}; {oldest} is the oldest supported version: update Motive"
             )
         self._wait(
-            server,
-            lambda: self._definitions is not None,
-            packets.REQUEST_MODELDEF,
-            lambda: self._nothing("model definitions"),
+            server, lambda: self._definitions is not None, packets.REQUEST_MODELDEF, lambda: self._nothing("model definitions")
         )
         if self._doubt:
             raise WrongDevice(self.name, f"{self._where}: {self._doubt}")
         self._wait(
-            server,
-            lambda: self._order.newest is not None,
-            packets.CONNECT,
-            lambda: self._nothing("frames; set Motive to live"),
+            server, lambda: self._order.newest is not None, packets.CONNECT, lambda: self._nothing("frames; set Motive to live")
         )
         return Identity("OptiTrack", f"{info.application}, {speaks}", firmware=info.application_version)
 
@@ -226,7 +213,9 @@ class NatNetMocap:
             f"{self._config.server} answers, but within {self._config.timeout} s sent no {what}{f' ({odd})' if odd else ''}",
         )
 
-    def _wait(self, server: Server, done: Callable[[], bool], ask: int, failure: Callable[[], Unreachable | WrongDevice]) -> None:
+    def _wait(
+        self, server: NatNetServer, done: Callable[[], bool], ask: int, failure: Callable[[], Unreachable | WrongDevice]
+    ) -> None:
         """Ask, and take what comes until `done`; raises the failure after `TRIES`, of which a computer that stands still
         spends one."""
         for _ in range(TRIES):
@@ -246,7 +235,7 @@ class NatNetMocap:
         raise failure()
 
     # -- streaming
-    def _run(self, server: Server) -> None:
+    def _run(self, server: NatNetServer) -> None:
         patience = max(ASK_AGAIN, 3 / self._config.rate)
         began = timing.now()
         while not self._stopping.is_set():
@@ -262,7 +251,7 @@ class NatNetMocap:
                 self._mode_asked_at = now
                 server.try_asking(packets.REQUEST, packets.CURRENT_MODE)
 
-    def _hear(self, server: Server) -> None:
+    def _hear(self, server: NatNetServer) -> None:
         """Take what has arrived. What cannot be read is noticed and thrown away; the count of frames shows a lost one."""
         for data in server.hear(LONGEST_WAIT):
             try:
@@ -270,7 +259,7 @@ class NatNetMocap:
             except Unreadable as e:
                 self._tell(str(e), f"{e}; what cannot be read is ignored", kind="unreadable")
 
-    def _take(self, server: Server, kind: int, content: Cursor) -> None:
+    def _take(self, server: NatNetServer, kind: int, content: Cursor) -> None:
         if kind == packets.SERVERINFO:
             self._take_info(server, packets.server_info(content))
         elif self._info is None:  # the layout of all others depends on the server's version
@@ -283,7 +272,7 @@ class NatNetMocap:
         elif kind == packets.FRAME and self._definitions is not None:
             self._take_frame(server, packets.frame(content, self._info.version))
 
-    def _take_info(self, server: Server, info: ServerInfo) -> None:
+    def _take_info(self, server: NatNetServer, info: ServerInfo) -> None:
         self._info = info
         if info.group:
             try:
@@ -295,7 +284,7 @@ class NatNetMocap:
             self._order.connected_again()
             self._ask_who(server, "Motive has been silent and has not said since which bodies there are")
 
-    def _ask_who(self, server: Server, why: str) -> None:
+    def _ask_who(self, server: NatNetServer, why: str) -> None:
         with self._lock:
             self._doubt = why
         self._asked_at = timing.now()
@@ -312,7 +301,7 @@ class NatNetMocap:
         with self._lock:
             self._definitions, self._doubt = told, doubt
 
-    def _take_frame(self, server: Server, frame: Frame) -> None:
+    def _take_frame(self, server: NatNetServer, frame: MocapFrame) -> None:
         if frame.models_changed and not self._changed:
             self._ask_who(server, "Motive's list of bodies has changed and it has not said yet which there are")
         self._changed = frame.models_changed
@@ -346,7 +335,7 @@ class NatNetMocap:
             if newest is not None and newest.valid:
                 self._valid, self._valid_at = newest, now
 
-    def _past(self, frame: Frame) -> str:
+    def _past(self, frame: MocapFrame) -> str:
         """Why a frame does not show the present; empty for one that does."""
         if self._mode == packets.EDIT:
             return "Motive plays a take that was recorded (Edit mode): set Motive to Live"

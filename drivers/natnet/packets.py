@@ -48,7 +48,7 @@ class ServerInfo:
 
 
 @dataclass(frozen=True)
-class Body:
+class RigidBody:
     """A rigid body in a frame, in Motive's world: m, quaternion x, y, z, w."""
 
     position: tuple[float, float, float]
@@ -58,12 +58,12 @@ class Body:
 
 
 @dataclass(frozen=True)
-class Frame:
+class MocapFrame:
     """One frame; `stamp` (s) is the server's. A number that two bodies share stands for None."""
 
     number: int
     stamp: float
-    bodies: dict[int, Body | None]
+    bodies: dict[int, RigidBody | None]
     models_changed: bool
     taken: int = 0
     """Ticks of the server's computer from the cameras' data to the sending; 0 where they are not stated."""
@@ -244,12 +244,12 @@ def _pass_channels(c: Cursor, version: Version) -> None:
         c.skip(4 * c.count(4))
 
 
-def _body(c: Cursor, version: Version) -> tuple[int, Body]:
+def _body(c: Cursor, version: Version) -> tuple[int, RigidBody]:
     number, x, y, z, qx, qy, qz, qw = c.unpack(POSE)
     if version < (3, 0):
         c.skip(20 * c.count(20))
     error, bits = c.unpack(QUALITY)
-    return int(number), Body((x, y, z), (qx, qy, qz, qw), error, bool(int(bits) & 1))
+    return int(number), RigidBody((x, y, z), (qx, qy, qz, qw), error, bool(int(bits) & 1))
 
 
 SECTIONS: tuple[tuple[str, Version, Skip], ...] = (
@@ -265,10 +265,10 @@ SECTIONS: tuple[tuple[str, Version, Skip], ...] = (
 """Parts of a frame in their order, the first version that has each, and how to pass over one of its things."""
 
 
-def frame(c: Cursor, version: Version) -> Frame:
+def frame(c: Cursor, version: Version) -> MocapFrame:
     """Raises Unreadable."""
     start, named = c.at, "the frame's number"
-    bodies: dict[int, Body | None] = {}
+    bodies: dict[int, RigidBody | None] = {}
     try:
         number = int(c.unpack(NUMBER)[0])
         for named, since, passed in SECTIONS:
@@ -294,7 +294,7 @@ def frame(c: Cursor, version: Version) -> Frame:
         stamp, bits, taken = _suffix(c, version)
     except Short:
         raise Unreadable(f"{named} at byte {start} cannot be read") from None
-    return Frame(number, stamp, bodies, models_changed=bool(bits & 2), taken=taken)
+    return MocapFrame(number, stamp, bodies, models_changed=bool(bits & 2), taken=taken)
 
 
 def _suffix(c: Cursor, version: Version) -> tuple[float, int, int]:

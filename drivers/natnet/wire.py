@@ -15,7 +15,7 @@ KEEP_ALIVE = 0.5
 """Pause between two keep-alive messages, s; Motive forgets a client that is silent for 10 s."""
 
 
-class Server:
+class NatNetServer:
     """One server as a client hears it: frames come to the socket that asked, or to the server's multicast group."""
 
     def __init__(self, server: str, local: str, ports: tuple[int, int], elsewhere: Callable[[str], None]) -> None:

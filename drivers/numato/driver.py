@@ -17,8 +17,8 @@ from timing import Clock
 from ..configs import ValveConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, NoReply
 from ..interfaces import Identity, ValveSample
+from ..registry import Driver
 from ..serial_line import SerialLine, meeting, show
-from ..spec import Driver
 
 PROMPT = b">"
 RELAY_NAMES = "0123456789ABCDEFGHIJKLMNOPQRSTUV"

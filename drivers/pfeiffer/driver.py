@@ -18,8 +18,8 @@ from timing import Clock
 from ..configs import GaugeConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, Refused, WrongDevice
 from ..interfaces import GaugeSample, Identity
+from ..registry import Driver
 from ..serial_line import SerialLine, meeting, show
-from ..spec import Driver
 
 SUITABLE = ("CPT 100", "RPT 100")
 HEALTH_EVERY = 20
@@ -169,8 +169,7 @@ class PfeifferGauge:
             )
         elif code:
             raise DeviceFault(
-                self.name,
-                f"reports {code} (parameter {ERROR_CODE}); power-cycle it, and replace it if the error persists",
+                self.name, f"reports {code} (parameter {ERROR_CODE}); power-cycle it, and replace it if the error persists"
             )
         found = self._correction()
         if found is not None and found != 1.0:

@@ -1,27 +1,58 @@
-"""SMC ITV1050/2050/3050 electro-pneumatic regulators with RS-232C: one unit a port, no address.
-
-Commands end in CR LF: `SET n` and `REQ` answer the set-point, `MON` the measured pressure, all as n of 0..1023 over the
-full scale. That is coarse: 0.98 kPa on a 1 MPa unit, so a 100 kPa or 500 kPa model suits soft chambers better.
-The units hold their set-points: nothing expires when the host dies, so a rig needs a vent valve in hardware as well.
-"""
+"""SMC ITV1050/2050/3050 electro-pneumatic regulators with RS-232C: one unit a port, no address."""
 
 from __future__ import annotations
 
 import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
+
+from pydantic import Field, model_validator
 
 import timing
 from timing import Clock
 
 from ..chambers import ChamberMap
+from ..configs import RegulatorsConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, Unreachable, WrongDevice
 from ..interfaces import Identity, PressureSample
 from ..pressure_limits import VENTED, PressureLimits
+from ..registry import Driver
 from ..serial_line import SerialLine, show
-from ..spec import Driver
 from ..stop_first import StopFirst
-from .config import Config
+
+
+class Config(RegulatorsConfig):
+    """How to reach the units, their range, and what may be asked of them."""
+
+    ports: tuple[str, ...] = Field(min_length=1)
+    """Serial ports, in channel order."""
+    chambers: tuple[tuple[int, ...], ...] = ((1,), (2,), (3,), (4,), (5,), (6,), (7,), (8,), (9,))
+    """Chambers (1..9) on each channel."""
+    full_scale: float = Field(
+        gt=0,
+        le=1e6,
+        json_schema_extra={
+            "unit": "Pa",
+            "write": "the units cannot report it; see their label: ITV_01_ 100 kPa, ITV_03_ 500 kPa, ITV_05_ 900 kPa",
+        },
+    )
+    """Pressure at 1023 counts; readings do not show a wrong one."""
+    timeout: float = Field(0.25, ge=0.05, le=2, json_schema_extra={"unit": "s"})
+    """Of an answer, host time; a failed request is repeated once."""
+    poll_interval: float = Field(0.1, ge=0.0, le=5, json_schema_extra={"unit": "s"})
+    """Shortest time between two polls of one unit, host time."""
+
+    widest: ClassVar[float | None] = 900e3
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Config:
+        if len(self.ports) != len(self.chambers):
+            raise ValueError(f"{len(self.ports)} ports but {len(self.chambers)} lists of chambers; give one port for each list")
+        if len(set(self.ports)) != len(self.ports):
+            raise ValueError(f"ports {', '.join(self.ports)}: a port is listed twice")
+        return self
+
 
 __all__ = ["DRIVER", "Config", "SmcItv"]
 
@@ -56,7 +87,11 @@ class _Behind:
 
 
 class SmcItv:
-    """Pressure regulators (see `PressureRegulators`), one channel a port."""
+    """Pressure regulators (see `PressureRegulators`), one channel a port.
+
+    Commands end in CR LF: `SET n` and `REQ` answer the set-point, `MON` the measured pressure, all as n of 0..1023 over the full
+    scale: 0.98 kPa on a 1 MPa unit. The units hold their set-points when the host dies, so a rig needs a vent valve in hardware.
+    """
 
     def __init__(self, name: str, config: Config, clock: Clock) -> None:
         self.name = name
@@ -217,8 +252,7 @@ class SmcItv:
         silent = [self.config.ports[channel] for channel in errors]
         if silent:
             raise Unreachable(
-                self.name,
-                f"no answer on {', '.join(silent)} at {BAUD} Bd; check the unit's power and the RS-232C cable",
+                self.name, f"no answer on {', '.join(silent)} at {BAUD} Bd; check the unit's power and the RS-232C cable"
             )
 
     def _disconnect(self) -> None:

@@ -11,7 +11,9 @@ comes before an answer near that value is thrown away. The timer counts millisec
 
 from __future__ import annotations
 
+import math
 import random
+from enum import IntEnum
 
 import serial
 from pytrinamic.helpers import to_signed_32
@@ -21,7 +23,55 @@ import timing
 
 from ..errors import BadReply, InstrumentError, NoReply, Refused
 from ..serial_line import SerialPort
-from .parameters import Global
+
+
+class AxisParameter(IntEnum):
+    """Parameters of the motor."""
+
+    TARGET_POSITION = 0
+    ACTUAL_POSITION = 1
+    ACTUAL_SPEED = 3
+    MAX_SPEED = 4
+    ACCELERATION = 5
+    MAX_CURRENT = 6
+    STANDBY_CURRENT = 7
+    RIGHT_SWITCH_OFF = 12
+    LEFT_SWITCH_OFF = 13
+    DECELERATION = 17
+    SOFT_STOP = 26
+    MICROSTEPS = 140
+    SEARCH_MODE = 193
+    SEARCH_SPEED = 194
+    SWITCH_SPEED = 195
+    FULLSTEPS = 202
+    FREEWHEELING = 204
+    ERROR_FLAGS = 207
+    DRIVER_STATUS = 208
+    ENCODER = 209
+    MAX_DEVIATION = 212
+    STEP_DIRECTION = 254
+    UNITS = 255
+
+
+class ModuleParameter(IntEnum):
+    """Parameters of the module."""
+
+    HEARTBEAT = 68
+    """ms of silence on the serial line after which the motor stops; 0 = never."""
+    HOST_ADDRESS = 76
+    AUTO_START = 77
+    SECONDARY_ADDRESS = 87
+    PROGRAM = 128
+    TICK_TIMER = 132
+    """ms since the module started, or since it was set."""
+
+
+class SearchMode(IntEnum):
+    """Which limit switch a reference search looks for."""
+
+    LEFT_SWITCH = 1
+    RIGHT_SWITCH = 65
+
 
 ATTEMPTS = 2
 FRAME_BYTES = 9
@@ -35,12 +85,14 @@ CATCH_UP_WAITS = 2.0
 """How many time-outs the answers may take that are owed."""
 
 
-class Axis(SerialPort):
+class MotorAxis(SerialPort):
     """Motor `motor` of module `address`."""
+
+    longest_read = math.inf  # one read waits for the whole frame
 
     def __init__(self, name: str, port: str, baud: int, address: int, host: int, motor: int, timeout: float) -> None:
         """`timeout` (s, host time) bounds each answer; an exchange is tried twice."""
-        super().__init__(name, port, baud, timeout, longest_read=timeout)
+        super().__init__(name, port, baud, timeout)
         self._address, self._host, self._motor = address, host, motor
         self._behind = False
         """Whether answers to earlier questions may still come."""
@@ -80,11 +132,13 @@ class Axis(SerialPort):
     def set_tick(self) -> None:
         """Give the tick timer a new value; from now on `restarted` knows."""
         self._tick = random.randrange(FIRST_TICK, LAST_TICK)
-        self._send(TMCLCommand.SGP, Global.TICK_TIMER, self._tick, bank=0)
+        self._send(TMCLCommand.SGP, ModuleParameter.TICK_TIMER, self._tick, bank=0)
 
     def restarted(self) -> bool:
         """Whether the tick timer has gone back, which it does without power only; it is asked twice."""
-        return all(self._send(TMCLCommand.GGP, Global.TICK_TIMER, 0, bank=0) & 0xFFFFFFFF < self._tick for _ in range(ATTEMPTS))
+        return all(
+            self._send(TMCLCommand.GGP, ModuleParameter.TICK_TIMER, 0, bank=0) & 0xFFFFFFFF < self._tick for _ in range(ATTEMPTS)
+        )
 
     def move_to(self, position: int) -> None:
         """Start moving to a position, microsteps."""
@@ -125,7 +179,7 @@ class Axis(SerialPort):
                     failure = Refused(
                         self.name,
                         f"{where} answers {what} to host {self._other_host}, not {self._host}: correct `host` in rig.yaml, or "
-                        f"the module's host address (global parameter {Global.HOST_ADDRESS})",
+                        f"the module's host address (global parameter {ModuleParameter.HOST_ADDRESS})",
                     )
                 elif reply is None and heard:
                     failure = BadReply(self.name, f"damaged answer from {where} to {what}; check cable and baud rate")
@@ -180,9 +234,9 @@ class Axis(SerialPort):
         for _ in range(ATTEMPTS):
             tick = random.randrange(FIRST_TICK, LAST_TICK)
             line.reset_input_buffer()
-            if self._await(line, TMCLRequest(self._address, TMCLCommand.SGP, Global.TICK_TIMER, 0, tick), range(2**32)):
+            if self._await(line, TMCLRequest(self._address, TMCLCommand.SGP, ModuleParameter.TICK_TIMER, 0, tick), range(2**32)):
                 self._tick = tick
-                ask = TMCLRequest(self._address, TMCLCommand.GGP, Global.TICK_TIMER, 0, 0)
+                ask = TMCLRequest(self._address, TMCLCommand.GGP, ModuleParameter.TICK_TIMER, 0, 0)
                 if self._await(line, ask, range(tick, tick + NEAR)):
                     self._behind, self.caught_up = False, True
                     return True

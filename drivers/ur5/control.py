@@ -36,7 +36,7 @@ class Operation:
     running: bool
 
 
-class _Outcome:
+class _Result:
     """What comes of something that another thread does."""
 
     def __init__(self) -> None:
@@ -64,9 +64,9 @@ class _Outcome:
 
 
 @dataclass
-class _Job:
+class _Call:
     do: Callable[[Any], Any]
-    done: _Outcome
+    done: _Result
 
 
 class ControlThread:
@@ -75,8 +75,8 @@ class ControlThread:
     def __init__(self, name: str, host: str, timeout: float) -> None:
         """`timeout` bounds each call, s of host time."""
         self.name, self.host, self.timeout = name, host, timeout
-        self._jobs: queue.Queue[_Job | None] = timing.Queue()
-        self._ready = _Outcome()
+        self._jobs: queue.Queue[_Call | None] = timing.Queue()
+        self._ready = _Result()
         self._broken: InstrumentError | None = None
         self._kick_interval: float | None = None
         self._thread = timing.Thread(target=self._run, name=f"{name} control", daemon=True)
@@ -96,8 +96,7 @@ class ControlThread:
             return NotReady(self.name, "the pendant is in local mode; switch it to remote control")
         if _in_use(reason):
             return NotReady(
-                self.name,
-                "another program controls the arm (its RTDE inputs are taken); end it, or turn the fieldbus off",
+                self.name, "another program controls the arm (its RTDE inputs are taken); end it, or turn the fieldbus off"
             )
         return Unreachable(self.name, f"cannot take control of {self.host}: {reason}; see the log on the pendant")
 
@@ -111,7 +110,7 @@ class ControlThread:
         library gives up its connection."""
         if self._broken is not None:
             raise self._broken
-        job = _Job(do, _Outcome())
+        job = _Call(do, _Result())
         self._jobs.put(job)
         try:
             result: T = job.done.result(self.timeout)
@@ -150,7 +149,7 @@ class ControlThread:
     def finish(self, timeout: float) -> bool:
         """End the program and disconnect; False when that takes longer than `timeout` (s of host time)."""
         if self._broken is None:
-            self._jobs.put(_Job(lambda control: control.stopScript(), _Outcome()))
+            self._jobs.put(_Call(lambda control: control.stopScript(), _Result()))
             self._jobs.put(None)
         self._thread.join(timeout)
         return not self._thread.is_alive()

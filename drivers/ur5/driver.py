@@ -18,16 +18,14 @@ from timing import Clock
 
 from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, NotReady, StaleReading, WrongDevice
 from ..interfaces import ArmSample, Identity, Sink, Vector6
-from ..spec import Driver
+from ..registry import Driver
 from . import motion as ur5_motion
-from . import wire as ur5_wire
 from .config import Config
 from .control import ControlThread
-from .motion import Deadline
+from .motion import Deadline, Tool, millimetres, same_pose
 from .safety import SlowMotion, is_reduced, stop_text
 from .state import ENDED, PLAYING, UR5State
-from .state import Config as StateConfig
-from .tool import Tool, millimetres, same_pose
+from .wire import SCRIPT_PORT, Snapshot, UrController
 
 STILL_SPEED, STILL_TURNING = 2e-3, 1e-2
 """m/s and rad/s: below both the TCP counts as standing; the encoders' noise stays well below."""
@@ -46,7 +44,7 @@ FINISH_TIMEOUT = 3.0
 
 
 @dataclass
-class _Move:
+class _Motion:
     goal: Vector6
     operation: int
     deadline: Deadline
@@ -62,13 +60,12 @@ class UR5:
         self.name = name
         self.config = config
         self._clock = clock
-        max_age = max(0.3, config.timeout / 2)
-        state = StateConfig(host=config.host, poll_interval=0.002, max_age=max_age, timeout=config.timeout)
-        self._state = UR5State(name, state, clock, lambda sample: None)
+        self._controller = UrController(name, config.host, config.timeout)
+        self._state = UR5State(self._controller, clock, lambda sample: None, max(0.3, config.timeout / 2), poll_interval=0.002)
         self._control: ControlThread | None = None
-        self._seen: ur5_wire.Snapshot | None = None
+        self._seen: Snapshot | None = None
         """What the controller said of itself at `open`."""
-        self._move: _Move | None = None
+        self._move: _Motion | None = None
         self._tool: Tool | None = None
         """What the controller took to be at the flange at `open`."""
 
@@ -81,11 +78,11 @@ class UR5:
         if self._control is not None and self._control.alive:
             raise NotReady(self.name, "is already open, or its last connection has not ended; close it, or restart its process")
         config = self.config
-        seen = ur5_wire.snapshot(self.name, config.host, config.timeout)
-        identity = ur5_wire.identify(self.name, config.host, config.timeout, seen)
+        seen = self._controller.snapshot()
+        identity = self._controller.identify(seen)
         self._check_identity(identity)
         self._check_ready(seen)
-        ur5_wire.connect(self.name, config.host, ur5_wire.SCRIPT_PORT, config.timeout).close()  # the library names no port
+        self._controller.connect(SCRIPT_PORT).close()  # the library names no port
         self._seen = seen
         try:
             self._state.open()
@@ -109,11 +106,11 @@ class UR5:
         person sets right without opening the arm again.
         """
         control = self._opened()
-        seen = ur5_wire.snapshot(self.name, self.config.host, self.config.timeout)
+        seen = self._controller.snapshot()
         self._check_ready(seen)
         if paused := self._paused():  # it would answer nothing
             raise DeviceFault(self.name, paused)
-        if not ur5_wire.in_remote_control(self.name, self.config.host, self.config.timeout, seen):
+        if not self._controller.in_remote_control(seen):
             raise NotReady(self.name, "the pendant is in local mode, needed: remote control; switch it there")
         if seen.speed_slider < LEAST_SLIDER:
             raise NotReady(
@@ -156,7 +153,7 @@ class UR5:
         allowed = DEADLINE_FACTOR * ur5_motion.duration(here, goal, speed, acceleration)
         deadline = Deadline.after(self._clock, allowed, self.config.timeout)
         slow = SlowMotion(ur5_motion.top_speed(here, goal, speed, acceleration))
-        self._move = _Move(goal, self._started(control, before), deadline, slow)
+        self._move = _Motion(goal, self._started(control, before), deadline, slow)
 
     def moving(self) -> bool:
         """True until the last started motion has ended at its goal.
@@ -238,7 +235,7 @@ class UR5:
 
         Raises Unreachable, WrongDevice.
         """
-        return _slow(ur5_wire.snapshot(self.name, self.config.host, self.config.timeout).tcp_speed)
+        return _slow(self._controller.snapshot().tcp_speed)
 
     # -- checks
     def _opened(self) -> ControlThread:
@@ -253,8 +250,7 @@ class UR5:
         ):
             if wanted and found and wanted != found:
                 raise WrongDevice(
-                    self.name,
-                    f"{what} at {self.config.host} is {found!r}, not {wanted!r}; check address and configuration",
+                    self.name, f"{what} at {self.config.host} is {found!r}, not {wanted!r}; check address and configuration"
                 )
 
     def _stopped(self, bits: int) -> str:
@@ -266,7 +262,7 @@ class UR5:
         paused = self._state.runtime not in (*ENDED, PLAYING)
         return "the program on the controller was paused at the pendant; close and open the arm again" if paused else ""
 
-    def _check_ready(self, seen: ur5_wire.Snapshot) -> None:
+    def _check_ready(self, seen: Snapshot) -> None:
         """Raises DeviceFault for a stop, NotReady for an arm without power or with its brakes on."""
         if stop := stop_text(seen.safety_bits, seen.safety_mode):
             raise DeviceFault(self.name, stop)
@@ -304,7 +300,7 @@ class UR5:
         if self._seen is None or self._state.runtime in ENDED:
             return ""
         try:
-            answer = ur5_wire.stop_program(self.name, self.config.host, self.config.timeout, self._seen)
+            answer = self._controller.stop_program(self._seen)
             give_up = timing.now() + STATE_LAG
             while self._state.runtime not in ENDED and timing.now() < give_up:
                 timing.sleep(LOOK_INTERVAL)
@@ -348,7 +344,7 @@ class UR5:
             timing.sleep(LOOK_INTERVAL)
         return number
 
-    def _take_too_long(self, move: _Move) -> None:
+    def _take_too_long(self, move: _Motion) -> None:
         with contextlib.suppress(DeviceFault):
             self.stop()
         raise DeviceFault(
@@ -369,7 +365,7 @@ def _slow(speed: Vector6) -> bool:
 
 def _state(name: str, config: Config, clock: Clock, sink: Sink[ArmSample]) -> UR5State:
     """The arm's stream of states."""
-    return UR5State(name, StateConfig(host=config.host, max_age=config.max_age, timeout=config.timeout), clock, sink)
+    return UR5State(UrController(name, config.host, config.timeout), clock, sink, config.max_age)
 
 
 DRIVER = Driver("arm", Config, UR5, make_state=_state, own_process=True)

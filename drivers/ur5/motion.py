@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import timing
 from timing import Clock
 
-from ..errors import LimitExceeded
+from ..errors import LimitExceeded, WrongDevice
 from ..interfaces import Vector6
 from .config import Config
 
@@ -45,8 +45,7 @@ def check_request(name: str, limits: Config, pose: Sequence[float], speed: float
     goal = [float(x) for x in pose]
     if len(goal) != 6 or not all(math.isfinite(x) for x in (*goal, speed, acceleration)):
         raise LimitExceeded(
-            name,
-            f"pose {goal}, speed {speed}, acceleration {acceleration}: the pose needs six numbers, and all must be finite",
+            name, f"pose {goal}, speed {speed}, acceleration {acceleration}: the pose needs six numbers, and all must be finite"
         )
     if not 0 < speed <= limits.max_speed:
         raise LimitExceeded(name, f"speed {speed:g} m/s outside 0..{limits.max_speed:g} m/s; reduce it or raise max_speed")
@@ -58,10 +57,7 @@ def check_request(name: str, limits: Config, pose: Sequence[float], speed: float
         )
     for axis, value, low, high in zip("xyz", goal, limits.workspace_min, limits.workspace_max, strict=False):
         if not low <= value <= high:
-            raise LimitExceeded(
-                name,
-                f"{axis} = {value:.4f} m outside the workspace {low:g}..{high:g} m; change one of them",
-            )
+            raise LimitExceeded(name, f"{axis} = {value:.4f} m outside the workspace {low:g}..{high:g} m; change one of them")
     return (goal[0], goal[1], goal[2], goal[3], goal[4], goal[5])
 
 
@@ -70,13 +66,11 @@ def check_step(name: str, limits: Config, here: Sequence[float], goal: Sequence[
     distance, turn = distance_between(here, goal), turn_between(here, goal)
     if distance > limits.max_step:
         raise LimitExceeded(
-            name,
-            f"target is {distance:.4f} m away, limit {limits.max_step:g} m; move in steps or raise max_step",
+            name, f"target is {distance:.4f} m away, limit {limits.max_step:g} m; move in steps or raise max_step"
         )
     if turn > limits.max_turn:
         raise LimitExceeded(
-            name,
-            f"target is turned by {turn:.3f} rad, limit {limits.max_turn:g} rad; turn in steps or raise max_turn",
+            name, f"target is turned by {turn:.3f} rad, limit {limits.max_turn:g} rad; turn in steps or raise max_turn"
         )
 
 
@@ -114,3 +108,56 @@ class Deadline:
         if rig <= self.rig_allowed:
             return False
         return host * (1.0 - self.rig_allowed / rig) > self.host_margin
+
+
+PAYLOAD_TOLERANCE, CENTRE_TOLERANCE = 0.01, 1e-3
+"""kg and m: the pendant shows no finer."""
+TCP_TOLERANCE = 1e-6
+"""m and rad: what the controller's own arithmetic changes."""
+
+
+@dataclass(frozen=True)
+class Tool:
+    """Payload (kg), its centre of gravity (m), TCP (m, rotation vector rad), in the flange frame; None: not told."""
+
+    payload: float | None
+    centre: Sequence[float] | None
+    tcp: Sequence[float]
+
+    def check(self, name: str, at_open: Tool, wanted: float | None) -> None:
+        """Raise WrongDevice when the payload is not the one wanted (kg), or anything not as it was at `open`."""
+        if wanted is not None and self.payload is not None and abs(self.payload - wanted) > PAYLOAD_TOLERANCE:
+            raise WrongDevice(
+                name,
+                f"the payload is set to {self.payload:.3f} kg, needed {wanted:.3f} kg; set it in the installation at the "
+                "pendant, or correct payload in rig.yaml",
+            )
+        if self.payload is not None and at_open.payload is not None:
+            same = abs(self.payload - at_open.payload) <= PAYLOAD_TOLERANCE
+            self._demand(same, name, "payload", f"{self.payload:.3f} kg", f"{at_open.payload:.3f} kg")
+        if self.centre is not None and at_open.centre is not None:
+            same = distance_between(self.centre, at_open.centre) <= CENTRE_TOLERANCE
+            now, then = millimetres(self.centre), millimetres(at_open.centre)
+            self._demand(same, name, "payload's centre of gravity", now, then)
+        self._demand(same_pose(self.tcp, at_open.tcp), name, "TCP", _words(self.tcp), _words(at_open.tcp))
+
+    @staticmethod
+    def _demand(same: bool, name: str, what: str, now: str, then: str) -> None:
+        if not same:
+            raise WrongDevice(
+                name, f"the {what} is now {now}, needed as at open {then}; set it back at the pendant, or close and open the arm"
+            )
+
+
+def same_pose(a: Sequence[float], b: Sequence[float]) -> bool:
+    """Whether two poses agree within the controller's arithmetic."""
+    return distance_between(a, b) <= TCP_TOLERANCE and turn_between(a, b) <= TCP_TOLERANCE
+
+
+def millimetres(pose: Sequence[float]) -> str:
+    """The position of a pose (m) in words."""
+    return "(" + ", ".join(f"{x * 1e3:.1f}" for x in pose[:3]) + ") mm"
+
+
+def _words(pose: Sequence[float]) -> str:
+    return f"{millimetres(pose)} turned by ({', '.join(f'{x:.4f}' for x in pose[3:])}) rad"

@@ -11,14 +11,13 @@ import threading
 from typing import Any
 
 import rtde_receive
-from pydantic import BaseModel, ConfigDict, Field
 
 import timing
 from timing import Clock
 
 from ..errors import BadReply, InstrumentError, NotReady, StaleReading, Unreachable
 from ..interfaces import ArmSample, Identity, Sink, Vector6
-from . import wire as ur5_wire
+from .wire import UrController
 
 VARIABLES = [
     "timestamp",
@@ -40,21 +39,6 @@ FARTHEST, LARGEST_ANGLE = 3.0, 7.0
 """m and rad; no arm of this family reaches beyond."""
 CLOSE_TIMEOUT = 4.0
 """s of host time; the library alone takes 0.5 s, and up to 2.5 s more when the controller is silent."""
-
-
-class Config(BaseModel):
-    """How to reach the controller; the ports (30004, 29999) are fixed by the library."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-    host: str
-    """Address of the controller."""
-    poll_interval: float = Field(0.001, ge=0.0005, le=0.02, json_schema_extra={"unit": "s"})
-    """How often to look for a new package, host time."""
-    max_age: float = Field(0.2, gt=0, le=5, json_schema_extra={"unit": "s"})
-    """How old the newest sample may be, host time."""
-    timeout: float = Field(1.0, ge=0.1, le=10, json_schema_extra={"unit": "s"})
-    """How long the controller may take for an answer at connect, host time."""
 
 
 class CycleCounter:
@@ -91,9 +75,12 @@ class CycleCounter:
 class UR5State:
     """State of the arm (see `ArmState`). A lost stream is taken up again by itself; the gap is counted in `lost`."""
 
-    def __init__(self, name: str, config: Config, clock: Clock, sink: Sink[ArmSample]) -> None:
-        self.name = name
-        self.config = config
+    def __init__(
+        self, controller: UrController, clock: Clock, sink: Sink[ArmSample], max_age: float = 0.2, poll_interval: float = 0.001
+    ) -> None:
+        """`max_age` of the newest sample, and how often to look for a new package; s, host time."""
+        self.name = controller.name
+        self._controller, self._max_age, self._poll_interval = controller, max_age, poll_interval
         self.lost = 0
         self.interruptions = 0
         """How often the connection was lost since `open`."""
@@ -126,21 +113,21 @@ class UR5State:
             if self._identity is not None and not self._stopping.is_set():
                 return self._identity
             raise NotReady(self.name, "the library has not released the last connection; restart the program")
-        seen = ur5_wire.snapshot(self.name, self.config.host, self.config.timeout)
-        identity = ur5_wire.identify(self.name, self.config.host, self.config.timeout, seen)
+        seen = self._controller.snapshot()
+        identity = self._controller.identify(seen)
         try:
-            self._receive = rtde_receive.RTDEReceiveInterface(self.config.host, -1.0, VARIABLES)
+            self._receive = rtde_receive.RTDEReceiveInterface(self._controller.host, -1.0, VARIABLES)
         except RuntimeError as error:
-            raise Unreachable(self.name, f"no state stream from {self.config.host}: {error}") from error
+            raise Unreachable(self.name, f"no state stream from {self._controller.host}: {error}") from error
         self.lost = self.interruptions = 0
         self._counter, self._newest = CycleCounter(), None
         self._stopping.clear()
         self._first.clear()
         self._thread = timing.Thread(target=self._run, name=f"{self.name} state", daemon=True)
         self._thread.start()
-        if not self._first.wait(self.config.timeout):
+        if not self._first.wait(self._controller.timeout):
             self.close()
-            raise Unreachable(self.name, f"no state from {self.config.host} within {self.config.timeout:g} s")
+            raise Unreachable(self.name, f"no state from {self._controller.host} within {self._controller.timeout:g} s")
         self._identity = identity
         return identity
 
@@ -157,19 +144,19 @@ class UR5State:
         if self._identity is None or newest is None:
             raise NotReady(self.name, "not open; call open() first")
         age = timing.now() - newest[0]
-        if age > self.config.max_age:
+        if age > self._max_age:
             raise StaleReading(
                 self.name,
-                f"newest state is {age:.2f} s old, limit {self.config.max_age:g} s; "
-                + timing.busy_or(f"check the cable to {self.config.host} and the controller"),
+                f"newest state is {age:.2f} s old, limit {self._max_age:g} s; "
+                + timing.busy_or(f"check the cable to {self._controller.host} and the controller"),
             )
-        check_plausible(self.name, self.config.host, newest[1])
+        check_plausible(self.name, self._controller.host, newest[1])
         return newest[1]
 
     # -- the stream's own thread
     def _run(self) -> None:
         last = None
-        while not self._stopping.wait(self.config.poll_interval):
+        while not self._stopping.wait(self._poll_interval):
             if not self._receive.isConnected():
                 self._recover()
                 continue
@@ -215,7 +202,7 @@ class UR5State:
         self.interruptions += 1
         while not self._stopping.wait(RETRY_INTERVAL):
             try:
-                ur5_wire.snapshot(self.name, self.config.host, self.config.timeout)
+                self._controller.snapshot()
                 self._receive.reconnect()
                 return
             except (InstrumentError, RuntimeError):

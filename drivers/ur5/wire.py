@@ -57,56 +57,6 @@ class Snapshot:
         return f"PolyScope {'X ' if self.version[0] >= POLYSCOPE_X else ''}{'.'.join(map(str, self.version[:3]))}"
 
 
-def connect(name: str, host: str, port: int, timeout: float) -> socket.socket:
-    """A connected socket. Raises Unreachable."""
-    try:
-        return socket.create_connection((host, port), timeout=timeout)
-    except OSError as error:
-        raise Unreachable(
-            name,
-            f"nothing listens at {host}:{port} ({error}); is the arm on, its cable plugged in, the address right, and this "
-            "port's service enabled at the pendant (Settings, Security)?",
-        ) from error
-
-
-def snapshot(name: str, host: str, timeout: float) -> Snapshot:
-    """Go through the whole RTDE start until the first data package has come.
-
-    `timeout` is for each answer, s of host time. Raises Unreachable, WrongDevice.
-    """
-    with connect(name, host, RTDE_PORT, timeout) as line:
-        rtde = _Rtde(name, f"{host}:{RTDE_PORT}", line)
-        if rtde.ask(_VERSION, struct.pack(">H", 2), 1) != b"\x01":
-            raise WrongDevice(name, f"{host}:{RTDE_PORT} refuses RTDE version 2; PolyScope 3.4 or newer is needed")
-        version = struct.unpack(">4I", rtde.ask(_CONTROLLER, b"", 16))
-        names: tuple[str, ...] = _ASKED + _PAYLOAD
-        kinds = rtde.subscribe(names)
-        if len(kinds) == len(names) and "NOT_FOUND" in kinds[len(_ASKED) :]:
-            names = _ASKED
-            kinds = rtde.subscribe(names)
-        if len(kinds) != len(names) or not set(kinds) <= set(_FORMATS):
-            raise WrongDevice(name, f"{host}:{RTDE_PORT} does not offer {', '.join(names)} (it says {','.join(kinds)!r})")
-        if rtde.ask(_START, b"", 1) != b"\x01":
-            raise WrongDevice(name, f"{host}:{RTDE_PORT} does not start its stream; restart the controller")
-        layout, data = struct.Struct(">B" + "".join(_FORMATS[kind] for kind in kinds)), rtde.receive(_DATA)
-        if len(data) != layout.size:
-            raise WrongDevice(
-                name, f"{host}:{RTDE_PORT} sends {len(data)} bytes of data instead of {layout.size}; check the line"
-            )
-        values = layout.unpack(data)
-    found = Snapshot(
-        (version[0], version[1], version[2], version[3]),
-        robot_mode=int(values[1]),
-        safety_bits=int(values[2]),
-        safety_mode=int(values[3]),
-        speed_slider=values[4],
-        tcp_speed=(values[5], values[6], values[7], values[8], values[9], values[10]),
-    )
-    if len(values) == 11:
-        return found
-    return replace(found, payload=values[11], centre_of_gravity=(values[12], values[13], values[14]))
-
-
 class _Rtde:
     """RTDE packets over one socket."""
 
@@ -166,63 +116,108 @@ class _Rtde:
         return WrongDevice(self.name, f"{self.where} is not an RTDE server: it sent {instead}; check the address")
 
 
-def identify(name: str, host: str, timeout: float, seen: Snapshot) -> Identity:
-    """Ask the dashboard for model, serial number and PolyScope version; what this version cannot tell stays empty.
+class UrController:
+    """A controller at an address. Each method raises Unreachable and WrongDevice; `timeout` (s, host time) is for each answer."""
 
-    `timeout` is for each answer, s of host time. Raises Unreachable, WrongDevice.
-    """
-    with _dashboard(name, host, timeout, seen) as ask:
-        version = re.search(r"\d+\.\d+\.\d+(\.\d+)?", ask("PolyscopeVersion"))
-        model, serial = ask("get robot model"), ask("get serial number")
-    if seen.version[0] >= E_SERIES and model in IN_BOTH_SERIES:
-        model += "e"
-    return Identity("Universal Robots", model, serial, version[0] if version else "")
+    def __init__(self, name: str, host: str, timeout: float) -> None:
+        self.name, self.host, self.timeout = name, host, timeout
 
+    def connect(self, port: int) -> socket.socket:
+        """A connected socket."""
+        try:
+            return socket.create_connection((self.host, port), timeout=self.timeout)
+        except OSError as error:
+            raise Unreachable(
+                self.name,
+                f"nothing listens at {self.host}:{port} ({error}); is the arm on, its cable plugged in, the address right, and "
+                "this port's service enabled at the pendant (Settings, Security)?",
+            ) from error
 
-def in_remote_control(name: str, host: str, timeout: float, seen: Snapshot) -> bool:
-    """Whether the pendant lets other computers command the arm; also True where it has no such switch (CB3)."""
-    with _dashboard(name, host, timeout, seen) as ask:
-        return ask("is in remote control").lower() in ("true", "")
+    def snapshot(self) -> Snapshot:
+        """Go through the whole RTDE start until the first data package has come."""
+        name, where = self.name, f"{self.host}:{RTDE_PORT}"
+        with self.connect(RTDE_PORT) as line:
+            rtde = _Rtde(name, where, line)
+            if rtde.ask(_VERSION, struct.pack(">H", 2), 1) != b"\x01":
+                raise WrongDevice(name, f"{where} refuses RTDE version 2; PolyScope 3.4 or newer is needed")
+            version = struct.unpack(">4I", rtde.ask(_CONTROLLER, b"", 16))
+            names: tuple[str, ...] = _ASKED + _PAYLOAD
+            kinds = rtde.subscribe(names)
+            if len(kinds) == len(names) and "NOT_FOUND" in kinds[len(_ASKED) :]:
+                names = _ASKED
+                kinds = rtde.subscribe(names)
+            if len(kinds) != len(names) or not set(kinds) <= set(_FORMATS):
+                raise WrongDevice(name, f"{where} does not offer {', '.join(names)} (it says {','.join(kinds)!r})")
+            if rtde.ask(_START, b"", 1) != b"\x01":
+                raise WrongDevice(name, f"{where} does not start its stream; restart the controller")
+            layout, data = struct.Struct(">B" + "".join(_FORMATS[kind] for kind in kinds)), rtde.receive(_DATA)
+            if len(data) != layout.size:
+                raise WrongDevice(name, f"{where} sends {len(data)} bytes of data instead of {layout.size}; check the line")
+            values = layout.unpack(data)
+        found = Snapshot(
+            (version[0], version[1], version[2], version[3]),
+            robot_mode=int(values[1]),
+            safety_bits=int(values[2]),
+            safety_mode=int(values[3]),
+            speed_slider=values[4],
+            tcp_speed=(values[5], values[6], values[7], values[8], values[9], values[10]),
+        )
+        if len(values) == 11:
+            return found
+        return replace(found, payload=values[11], centre_of_gravity=(values[12], values[13], values[14]))
 
+    def identify(self, seen: Snapshot) -> Identity:
+        """Ask the dashboard for model, serial number and PolyScope version; what this version cannot tell stays empty."""
+        with self._dashboard(seen) as ask:
+            version = re.search(r"\d+\.\d+\.\d+(\.\d+)?", ask("PolyscopeVersion"))
+            model, serial = ask("get robot model"), ask("get serial number")
+        if seen.version[0] >= E_SERIES and model in IN_BOTH_SERIES:
+            model += "e"
+        return Identity("Universal Robots", model, serial, version[0] if version else "")
 
-def stop_program(name: str, host: str, timeout: float, seen: Snapshot) -> str:
-    """End the program on the controller, also one that is paused; returns the dashboard's answer."""
-    with _dashboard(name, host, timeout, seen) as ask:
-        return ask("stop")
+    def in_remote_control(self, seen: Snapshot) -> bool:
+        """Whether the pendant lets other computers command the arm; also True where it has no such switch (CB3)."""
+        with self._dashboard(seen) as ask:
+            return ask("is in remote control").lower() in ("true", "")
 
+    def stop_program(self, seen: Snapshot) -> str:
+        """End the program on the controller, also one that is paused; returns the dashboard's answer."""
+        with self._dashboard(seen) as ask:
+            return ask("stop")
 
-@contextmanager
-def _dashboard(name: str, host: str, timeout: float, seen: Snapshot) -> Iterator[Callable[[str], str]]:
-    """How to ask the dashboard server one question; the answer is empty where it does not understand."""
-    where = f"{host}:{DASHBOARD_PORT}"
-    try:
-        line = connect(name, host, DASHBOARD_PORT, timeout)
-    except Unreachable as error:
-        raise _without_dashboard(name, where, seen) from error
-    with line:
-        come = b""
+    @contextmanager
+    def _dashboard(self, seen: Snapshot) -> Iterator[Callable[[str], str]]:
+        """How to ask the dashboard server one question; the answer is empty where it does not understand."""
+        name, where = self.name, f"{self.host}:{DASHBOARD_PORT}"
+        try:
+            line = self.connect(DASHBOARD_PORT)
+        except Unreachable as error:
+            raise _without_dashboard(name, where, seen) from error
+        with line:
+            come = b""
 
-        def hear() -> str:
-            nonlocal come
-            try:
-                while b"\n" not in come and len(come) < LONGEST_LINE and (piece := timing.recv(line, LONGEST_LINE)):
-                    come += piece
-            except TimeoutError as error:
-                raise Unreachable(name, f"dashboard {where} is silent for {timeout:g} s; restart the controller") from error
-            except OSError as error:
-                raise Unreachable(name, f"dashboard {where} closed the connection ({error})") from error
-            text, _, come = come.partition(b"\n")
-            return text.decode("utf-8", "replace").strip()
+            def hear() -> str:
+                nonlocal come
+                try:
+                    while b"\n" not in come and len(come) < LONGEST_LINE and (piece := timing.recv(line, LONGEST_LINE)):
+                        come += piece
+                except TimeoutError as error:
+                    silent = f"dashboard {where} is silent for {self.timeout:g} s; restart the controller"
+                    raise Unreachable(name, silent) from error
+                except OSError as error:
+                    raise Unreachable(name, f"dashboard {where} closed the connection ({error})") from error
+                text, _, come = come.partition(b"\n")
+                return text.decode("utf-8", "replace").strip()
 
-        def ask(question: str) -> str:
-            line.sendall(question.encode() + b"\n")
-            answer = hear()
-            return "" if answer.lower().startswith("could not understand") else answer
+            def ask(question: str) -> str:
+                line.sendall(question.encode() + b"\n")
+                answer = hear()
+                return "" if answer.lower().startswith("could not understand") else answer
 
-        banner = hear()
-        if "universal robots" not in banner.lower():
-            raise WrongDevice(name, f"{where} greets with {banner!r} and not as a Universal Robots dashboard")
-        yield ask
+            banner = hear()
+            if "universal robots" not in banner.lower():
+                raise WrongDevice(name, f"{where} greets with {banner!r} and not as a Universal Robots dashboard")
+            yield ask
 
 
 def _without_dashboard(name: str, where: str, seen: Snapshot) -> InstrumentError:

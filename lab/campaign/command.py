@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import secrets
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -14,8 +14,6 @@ from rich.table import Table as Sheet
 
 from protocols.experiment import Plan
 from protocols.planned import cycles, setups
-from recordings.campaign.labels import labels
-from recordings.errors import BadMessage
 
 from ..console import Screen, clock, err, out
 from ..files.campaign_file import OWN_LABELS
@@ -24,9 +22,8 @@ from ..files.units import shown
 from ..options import JSON, LABELS, Result, Verb, given_labels, option, rig
 from ..rig.limits import Margin, margins
 from ..rig.operator import preparations
-from .design import Campaign, campaign_of
-from .folder import FILE, demand_same, fill, folder_of
-from .journal import Done, Journal
+from .design import CampaignDesign, campaign_of
+from .journal import FILE, CampaignJournal, CampaignProgress, demand_same, fill, folder_of
 from .planned import planned_table
 from .session import Ended, Session
 
@@ -40,28 +37,28 @@ def plan(path: Path, rig_path: Path) -> Result:
     return Result(data, lambda: _show_plan(c, data))
 
 
-def _show_plan(c: Campaign, said: Mapping[str, Any]) -> None:
+def _show_plan(c: CampaignDesign, planned: Mapping[str, Any]) -> None:
     sheet = Sheet("run", "block", "protocol", "condition", "about", "hands", box=None, pad_edge=False)
     tasks: list[str] = []
-    for run in said["runs"]:
+    for run in planned["runs"]:
         before = f"run {run['run']}" if run["run"] else "the warm-up"
-        own = [f"before {before}: {hand['do']}" for hand in run["hands"]]
-        numbers = ", ".join(f"task {len(tasks) + i}" for i, _ in enumerate(own, 1))
-        tasks += own
+        run_tasks = [f"before {before}: {hand['do']}" for hand in run["hands"]]
+        numbers = ", ".join(f"task {len(tasks) + i}" for i, _ in enumerate(run_tasks, 1))
+        tasks += run_tasks
         run_number, block = (str(run[key] or "") for key in ("run", "block"))
         sheet.add_row(run_number, block, run["protocol"], run["condition"], clock(run["seconds"]), numbers)
     out.print(sheet)
-    rig_s, host_s = said["rig_seconds"], said["host_seconds"]
+    rig_s, host_s = planned["rig_seconds"], planned["host_seconds"]
     fast = f", {clock(host_s)} on this rig" if host_s != rig_s else ""
     out.print(
-        f"{len(c.runs)} runs, {said['states']} states, about {clock(rig_s)} of rig time{fast}, a person's hands not counted"
+        f"{len(c.runs)} runs, {planned['states']} states, about {clock(rig_s)} of rig time{fast}, a person's hands not counted"
     )
-    out.print(f"seed {c.file.seed}{'' if said['seed_given'] else ' (drawn now; write it into the file to keep this order)'}")
+    out.print(f"seed {c.file.seed}{'' if planned['seed_given'] else ' (drawn now; write it into the file to keep this order)'}")
     out.print(f"hands are needed {c.hands} times, the first time included")
     for number, task in enumerate(tasks, 1):
         out.print(f"  task {number}, {task}", soft_wrap=True)
     alike: dict[tuple[int, float], list[str]] = {}
-    for chamber in said["chambers"]:
+    for chamber in planned["chambers"]:
         alike.setdefault((chamber["cycles"], chamber["highest_pa"]), []).append(str(chamber["chamber"]))
     for (count, highest), chambers in alike.items():
         if count:
@@ -71,38 +68,29 @@ def _show_plan(c: Campaign, said: Mapping[str, Any]) -> None:
         out.print(f"  {margin}", soft_wrap=True)
 
 
-def _margins(c: Campaign) -> list[Margin]:
+def _margins(c: CampaignDesign) -> list[Margin]:
     """Of all runs together."""
-    whole = Plan(c.file.campaign, [step for j in c.jobs for step in j.plan.steps], {})
+    whole = Plan(c.file.campaign, [step for _, j in c.jobs for step in j.plan.steps], {})
     return margins(whole, c.runs[0].job.rig, c.robot)
 
 
-def _checked(path: Path, rig_path: Path) -> Campaign:
+def _checked(path: Path, rig_path: Path) -> CampaignDesign:
     """The campaign of a file; where that gives no seed, one is drawn."""
     with Screen("checking all runs") as screen:
         return campaign_of(path, rig_path, secrets.randbelow(MOST_SEED), screen.progress)
 
 
-def plan_dict(c: Campaign) -> dict[str, Any]:
+def plan_dict(c: CampaignDesign) -> dict[str, Any]:
     """The plan as JSON has it."""
     counts, highest = c.cycles()
-    by_job = {id(run.job): run for run in c.runs}
-    runs, stands, number = [], None, iter(c.runs)
+    runs, stands = [], None
     limits: dict[str, float] = {}
-    for j in c.jobs:
-        run = next(number) if id(j) in by_job else None
+    for run, j in c.jobs:
         hands = []
         for setup in setups(j.plan):
             if setup != stands:
-                hands.append(
-                    {
-                        "do": preparations(setup, stands),
-                        "mount": setup.mount,
-                        "tip_mass_kg": setup.tip_mass,
-                        "roll_deg": setup.roll_deg,
-                        "vacuum_pa": setup.vacuum,
-                    }
-                )
+                about = {"mount": setup.mount, "tip_mass_kg": setup.tip_mass, "roll_deg": setup.roll_deg}
+                hands.append({"do": preparations(setup, stands), **about, "vacuum_pa": setup.vacuum})
             stands = setup
         for key, value in j.plan.limits.items():
             limits[key] = max(limits.get(key, value), value)
@@ -125,35 +113,24 @@ def plan_dict(c: Campaign) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def run(path: Path, rig_path: Path, folder: Path | None, said: Sequence[tuple[str, str]], watched: bool = False) -> Result:
-    """Begin a campaign. `said`: further labels. Raises ConfigError."""
+def run(path: Path, rig_path: Path, folder: Path | None, labels: Mapping[str, str], watched: bool = False) -> Result:
+    """Begin a campaign. `labels`: further ones. Raises ConfigError."""
     c = _checked(path, rig_path)
-    own_labels = _labels(said)
     place = folder or Path(c.file.campaign)
     place.mkdir(parents=True, exist_ok=True)
-    with Journal.begin(place, c.file.campaign, c.digest, own_labels) as journal:
+    with CampaignJournal.begin(place, c.file.campaign, c.digest, labels) as journal:
         fill(place, c)
         return _session(c, place, journal, watched)
 
 
-def resume(place: Path, rig_path: Path, said: Sequence[tuple[str, str]], watched: bool = False) -> Result:
+def resume(place: Path, rig_path: Path, labels: Mapping[str, str], watched: bool = False) -> Result:
     """Go on with the campaign of a folder, or of a file in it. Raises ConfigError, BadJournal."""
     folder = folder_of(place)
-    with Journal.reopen(folder) as journal:
+    with CampaignJournal.reopen(folder) as journal:
         c = _checked(folder / FILE, rig_path)
         demand_same(folder, c, journal.done.design)
-        journal.done.labels |= _labels(said)
+        journal.done.labels |= labels
         return _session(c, folder, journal, watched)
-
-
-def _labels(said: Sequence[tuple[str, str]]) -> dict[str, str]:
-    try:
-        found = labels(said)
-    except BadMessage as e:
-        raise ConfigError(str(e)) from e
-    if taken := sorted(set(found) & set(OWN_LABELS)):
-        raise ConfigError(f"--tag {', '.join(taken)}: is given by the campaign itself")
-    return found
 
 
 def resume_command(folder: Path, rig_path: Path) -> str:
@@ -161,7 +138,7 @@ def resume_command(folder: Path, rig_path: Path) -> str:
     return shlex.join(["lab", "campaign", "--resume", str(folder), "--rig", str(rig_path)])
 
 
-def _session(c: Campaign, folder: Path, journal: Journal, watched: bool) -> Result:
+def _session(c: CampaignDesign, folder: Path, journal: CampaignJournal, watched: bool) -> Result:
     try:
         ended = Session(c, folder, journal, watched=watched).go()
     except Exception:
@@ -177,7 +154,7 @@ def _session(c: Campaign, folder: Path, journal: Journal, watched: bool) -> Resu
     return Result(data, lambda: _show(c, folder, done, ended, again), code, ended.error)
 
 
-def _show(c: Campaign, folder: Path, done: Done, ended: Ended, again: str | None) -> None:
+def _show(c: CampaignDesign, folder: Path, done: CampaignProgress, ended: Ended, again: str | None) -> None:
     word = "completed" if ended.completed else f"ended: {ended.why}"
     out.print(f"{word}: {len(done.completed)} of {len(c.runs)} runs, {done.rows} states in {folder}", soft_wrap=True)
     if done.lost:
@@ -189,14 +166,16 @@ def _show(c: Campaign, folder: Path, done: Done, ended: Ended, again: str | None
 
 
 def _campaign(a: argparse.Namespace) -> Result:
-    said = given_labels(a)
+    labels = given_labels(a)
+    if taken := sorted(set(labels) & set(OWN_LABELS)):
+        raise ConfigError(f"--tag {', '.join(taken)}: is given by the campaign itself")
     if (a.file is None) == (a.resume is None):
         raise ConfigError("give a campaign's file, or the folder of one with --resume")
     if a.resume is not None:
         if a.plan or a.out is not None:
             raise ConfigError("--resume goes on with the campaign as it is in its folder: do not give --plan or --out")
-        return resume(a.resume, a.rig, said, a.watch)
-    return plan(a.file, a.rig) if a.plan else run(a.file, a.rig, a.out, said, a.watch)
+        return resume(a.resume, a.rig, labels, a.watch)
+    return plan(a.file, a.rig) if a.plan else run(a.file, a.rig, a.out, labels, a.watch)
 
 
 VERBS = (
@@ -208,20 +187,12 @@ VERBS = (
             option("file", nargs="?", type=Path, help="campaign.yaml"),
             rig(),
             option("--plan", action="store_true", help="what it will do, how long it takes, its limits; nothing moves"),
-            option(
-                "--out",
-                type=Path,
-                metavar="FOLDER",
-                help="folder for all its recordings (default: the campaign's name)",
-            ),
+            option("--out", type=Path, metavar="FOLDER", help="folder for all its recordings (default: the campaign's name)"),
             option("--resume", type=Path, metavar="FOLDER", help="go on with the campaign of this folder"),
             option("--watch", action="store_true", help="show run after run on a page in the browser"),
             *LABELS,
         ),
-        examples=(
-            "lab campaign campaign.yaml --rig rig/rig.yaml --plan",
-            "lab campaign --resume april --rig rig/rig.yaml",
-        ),
+        examples=("lab campaign campaign.yaml --rig rig/rig.yaml --plan", "lab campaign --resume april --rig rig/rig.yaml"),
         page="docs/howto/campaign.md",
     ),
 )

@@ -22,7 +22,7 @@ from protocols.planned import cycles, setups
 from protocols.registry import Experiment
 
 from ..files.all_protocols import found_protocols, protocol_from_file
-from ..files.campaign_file import CampaignFile, Part, load_campaign
+from ..files.campaign_file import CampaignFile, CampaignProtocol, load_campaign
 from ..files.config import ConfigError, Loc, Source, in_units
 from ..files.rig_file import RigFile, load_rig
 from ..verbs.run import Job, job
@@ -40,19 +40,19 @@ def ordered(hands: Sequence[Sequence[Hashable]], blocks: int, seed: int, grouped
     [(1, (0, 1)), (1, (0, 0)), (2, (0, 1)), (2, (0, 0)), (1, (0, 2)), (2, (0, 2))]
     """
     rng = random.Random(seed)
-    cells = [[(part, k) for k in range(len(own))] for part, own in enumerate(hands)]
+    cells = [[(part, k) for k in range(len(conditions))] for part, conditions in enumerate(hands)]
     if not grouped:
-        return [(block, cell) for own in cells for block in range(1, blocks + 1) for cell in _shuffled(own, rng)]
+        return [(block, cell) for conditions in cells for block in range(1, blocks + 1) for cell in _shuffled(conditions, rng)]
     plots = [
-        {setup: [(part, k) for k, s in enumerate(own) if s == setup] for setup in dict.fromkeys(own)}
-        for part, own in enumerate(hands)
+        {setup: [(part, k) for k, s in enumerate(conditions) if s == setup] for setup in dict.fromkeys(conditions)}
+        for part, conditions in enumerate(hands)
     ]
     return [
         (block, cell)
-        for own, order in zip(plots, fewest_changes([list(p) for p in plots], rng), strict=True)
+        for conditions, order in zip(plots, fewest_changes([list(p) for p in plots], rng), strict=True)
         for setup in order
         for block in range(1, blocks + 1)
-        for cell in _shuffled(own[setup], rng)
+        for cell in _shuffled(conditions[setup], rng)
     ]
 
 
@@ -66,15 +66,15 @@ def fewest_changes(parts: Sequence[Sequence[Hashable]], rng: random.Random) -> l
     best: Mapping[Hashable, tuple[int, list[list[Hashable]]]] = {None: (0, [])}
     for part in parts:
         mixed = rng.sample(list(part), len(part))
-        found: dict[Hashable, tuple[int, list[list[Hashable]]]] = {}
+        by_last: dict[Hashable, tuple[int, list[list[Hashable]]]] = {}
         for first in mixed:
             for last in mixed if len(mixed) == 1 else [s for s in mixed if s != first]:
                 order = [first, *(s for s in mixed if s not in (first, last)), *([last] if last != first else [])]
                 for before, (kept, orders) in best.items():
                     score = kept + (before == first and bool(orders))
-                    if last not in found or score > found[last][0]:
-                        found[last] = (score, [*orders, order])
-        best = found
+                    if last not in by_last or score > by_last[last][0]:
+                        by_last[last] = (score, [*orders, order])
+        best = by_last
     return max(best.values(), key=lambda scored: scored[0])[1]
 
 
@@ -89,7 +89,7 @@ SHOWN = 180
 
 
 @dataclass(frozen=True)
-class Run:
+class CampaignRun:
     """One run of the campaign."""
 
     number: int
@@ -119,12 +119,12 @@ class Run:
 
 
 @dataclass(frozen=True)
-class Campaign:
+class CampaignDesign:
     """All runs in order."""
 
     file: CampaignFile
     """With its seed."""
-    runs: tuple[Run, ...]
+    runs: tuple[CampaignRun, ...]
     warm_up: Job | None
     """Cycles before the first run that inflates the robot; None: there is no such run, or none are wanted."""
     rig_path: Path
@@ -138,19 +138,19 @@ class Campaign:
         return len(self.robot.actuators.azimuths_deg)
 
     @property
-    def first_inflating(self) -> Run | None:
+    def first_inflating(self) -> CampaignRun | None:
         """The run before which the robot is warmed up."""
         return next((run for run in self.runs if run.inflates), None)
 
     @property
-    def jobs(self) -> Iterator[Job]:
-        """What is done in order, with the warm-up where it is planned."""
+    def jobs(self) -> Iterator[tuple[CampaignRun | None, Job]]:
+        """What is done in order, and of which run it is; None: the warm-up, where it is planned."""
         for run in self.runs:
             if self.warm_up is not None and run is self.first_inflating:
-                yield self.warm_up_for(run)
-            yield run.job
+                yield None, self.warm_up_for(run)
+            yield run, run.job
 
-    def warm_up_for(self, run: Run) -> Job:
+    def warm_up_for(self, run: CampaignRun) -> Job:
         """The warm-up with the set-up of the run that follows, so that nobody's hands are needed for it."""
         assert self.warm_up is not None
         told = [s for s in setups(run.job.plan) if s.mount == "robot"]
@@ -163,16 +163,16 @@ class Campaign:
     @property
     def seconds(self) -> float:
         """Planned, s of rig time, without a person's hands."""
-        return sum(j.plan.seconds for j in self.jobs)
+        return sum(j.plan.seconds for _, j in self.jobs)
 
     @property
     def hands(self) -> int:
         """How often a person is asked to set the rig up."""
-        return changes([setups(j.plan) for j in self.jobs])
+        return changes([setups(j.plan) for _, j in self.jobs])
 
     def cycles(self) -> tuple[np.ndarray, np.ndarray]:
         """(chambers,) pressure cycles of each chamber, and its highest pressure, Pa gauge; the warm-up included."""
-        counts = [cycles(j.plan, self.chambers) for j in self.jobs]
+        counts = [cycles(j.plan, self.chambers) for _, j in self.jobs]
         return np.sum([c for c, _ in counts], axis=0), np.max([p for _, p in counts], axis=0)
 
     @property
@@ -195,7 +195,7 @@ def _code(experiment: Experiment) -> str:
 
 def campaign_of(
     path: Path, rig_path: Path, seed: int, progress: Callable[[float, float], None] = lambda done, total: None
-) -> Campaign:
+) -> CampaignDesign:
     """Read and check everything of a campaign before anything moves; `seed` counts where the file gives none.
 
     `progress` is told how many conditions of how many are checked.
@@ -214,27 +214,27 @@ def campaign_of(
             jobs[number].append(checked)
             progress(sum(map(len, jobs)), total)
     if problems:
-        told = list(problems.values())
-        more = [f"{path}: and {len(told) - MOST_PROBLEMS} more problems"] if len(told) > MOST_PROBLEMS else []
-        raise ConfigError("\n".join([*told[:MOST_PROBLEMS], *more]))
-    hands: list[list[tuple[Setup, ...]]] = [[setups(j.plan) for _, j in own] for own in jobs]
+        texts = list(problems.values())
+        more = [f"{path}: and {len(texts) - MOST_PROBLEMS} more problems"] if len(texts) > MOST_PROBLEMS else []
+        raise ConfigError("\n".join([*texts[:MOST_PROBLEMS], *more]))
+    hands: list[list[tuple[Setup, ...]]] = [[setups(j.plan) for _, j in part_jobs] for part_jobs in jobs]
     assert file.seed is not None
     slots = ordered(hands, file.blocks, file.seed, file.hands == "grouped")
-    runs = tuple(Run(n, block, (part, k), *jobs[part][k]) for n, (block, (part, k)) in enumerate(slots, 1))
-    return Campaign(file, runs, _warm_up(file, runs, rig_path, rig), rig_path, rig.body, seed_given)
+    runs = tuple(CampaignRun(n, block, (part, k), *jobs[part][k]) for n, (block, (part, k)) in enumerate(slots, 1))
+    return CampaignDesign(file, runs, _warm_up(file, runs, rig_path, rig), rig_path, rig.body, seed_given)
 
 
 def _jobs(
-    part: Part, place: Loc, source: Source, rig_path: Path, rig: RigFile, problems: dict[str, str]
+    part: CampaignProtocol, place: Loc, source: Source, rig_path: Path, rig: RigFile, problems: dict[str, str]
 ) -> Iterator[tuple[str, Job]]:
     """Each condition of a protocol as people read it, and its job; what is wrong goes to `problems`, each text once."""
-    own = Path(part.protocol) if part.protocol.endswith(".py") else None
+    file = Path(part.protocol) if part.protocol.endswith(".py") else None
     try:
-        experiment = protocol_from_file(own) if own is not None else found_protocols().usable.get(part.protocol)
+        experiment = protocol_from_file(file) if file is not None else found_protocols().usable.get(part.protocol)
     except ConfigError as e:
         problems[str(e)] = f"{source.at((*place, 'protocol'))}: {e}"
         return
-    name = part.protocol if own is None or experiment is None else experiment.name
+    name = part.protocol if file is None or experiment is None else experiment.name
     for choice in itertools.product(*(range(len(values)) for values in part.conditions.values())):
         picked = dict(zip(part.conditions, choice, strict=True))
         values = {key: part.conditions[key][k] for key, k in picked.items()}
@@ -243,7 +243,7 @@ def _jobs(
         lines = _lines(source, place, picked)
         given = Source(source.name, {"protocol": name, **part.parameters, **set_to}, lines)
         try:
-            yield condition, job(name, rig_path, [], given, experiment if own is not None else None, rig)
+            yield condition, job(name, rig_path, [], given, experiment if file is not None else None, rig)
         except ConfigError as e:
             for line in str(e).splitlines():
                 where = "" if line.startswith(f"{source.name}:") or not condition else f"{condition}: "
@@ -277,7 +277,7 @@ def _short(value: Any) -> str:
     return text if len(text) <= SHOWN else f"{text[: SHOWN - 2]}.."
 
 
-def _warm_up(file: CampaignFile, runs: tuple[Run, ...], rig_path: Path, rig: RigFile) -> Job | None:
+def _warm_up(file: CampaignFile, runs: tuple[CampaignRun, ...], rig_path: Path, rig: RigFile) -> Job | None:
     """Cycles of each group of chambers that is inflated, to the highest pressure that it gets."""
     highest: dict[tuple[int, ...], float] = {}
     rate, speed = 0.0, 0.0

@@ -1,6 +1,6 @@
-"""The journal of a campaign: which runs are done. Each run has a folder beside it, with its recordings and its own journal.
+"""The folder of a campaign: its file, its journal, and one folder a run with recordings and a journal of their own.
 
-One JSON object a line, appended and synced line by line, in `campaign.journal`:
+The journal tells which runs are done. One JSON object a line, appended and synced line by line, in `campaign.journal`:
 
     {"campaign_journal": 1, "campaign": "lengths", "design": "<sha256>", "labels": {"specimen": "S7"}}
     {"run": 3, "begun": 1795449600.0}                   wall time, s
@@ -13,6 +13,7 @@ While a campaign goes on, its journal is locked against a second process.
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import json
 import os
@@ -24,11 +25,18 @@ from pathlib import Path
 from typing import Any
 
 from recordings.bounded import read_bounded
-from recordings.errors import BadJournal, WriteFailed
+from recordings.errors import BadJournal, RecordingError, WriteFailed
+from recordings.file.counts import counted
+from recordings.file.journal import read as read_run
+from recordings.file.reader import Recording
+from recordings.file.recover import recover
 from recordings.json_text import read_json
-from recordings.own_files import opened
+from recordings.own_files import opened, replaced
 
 from ..files.config import ConfigError
+from ..files.inputs import same_body
+from ..files.resume import Broken, find
+from .design import CampaignDesign
 
 NAME, VERSION = "campaign.journal", 1
 LARGEST = 50_000_000
@@ -36,7 +44,7 @@ LARGEST = 50_000_000
 
 
 @dataclass
-class Done:
+class CampaignProgress:
     """What a journal tells."""
 
     campaign: str
@@ -68,15 +76,15 @@ class Done:
             self.rows += _whole(line["rows"])
 
 
-class Journal:
+class CampaignJournal:
     """A journal that is being written, and what it tells so far."""
 
-    def __init__(self, path: Path, fd: int, done: Done) -> None:
+    def __init__(self, path: Path, fd: int, done: CampaignProgress) -> None:
         self.path, self.done = path, done
         self._fd = fd
 
     @classmethod
-    def begin(cls, folder: Path, campaign: str, design: str, labels: Mapping[str, str]) -> Journal:
+    def begin(cls, folder: Path, campaign: str, design: str, labels: Mapping[str, str]) -> CampaignJournal:
         """A new campaign in a folder; raises ConfigError when there is one already."""
         path = folder / NAME
         try:
@@ -85,12 +93,12 @@ class Journal:
             raise ConfigError(
                 f"{folder}: holds a campaign already; go on with it by --resume {folder}, or give another --out"
             ) from None
-        journal = cls(path, fd, Done(campaign, design, dict(labels)))
+        journal = cls(path, fd, CampaignProgress(campaign, design, dict(labels)))
         journal._append({"campaign_journal": VERSION, "campaign": campaign, "design": design, "labels": dict(labels)}, sync=False)
         return journal
 
     @classmethod
-    def reopen(cls, folder: Path) -> Journal:
+    def reopen(cls, folder: Path) -> CampaignJournal:
         """Go on with a campaign; a line that a crash left torn is cut off. Raises ConfigError, BadJournal, WriteFailed."""
         path = folder / NAME
         if not path.exists():
@@ -125,7 +133,7 @@ class Journal:
         if sync:
             self.done.take(line)
 
-    def __enter__(self) -> Journal:
+    def __enter__(self) -> CampaignJournal:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -148,30 +156,107 @@ def _locked(path: Path, flags: int) -> int:
     return fd
 
 
-def read(path: Path) -> Done:
+def read(path: Path) -> CampaignProgress:
     """What a journal tells; its last line may be torn. Raises BadJournal."""
     text = read_bounded(path, LARGEST, BadJournal)
-    found: Done | None = None
+    done: CampaignProgress | None = None
     try:
         for raw in text[: text.rfind(b"\n") + 1].splitlines():
             line = read_json(raw)
-            if found is not None:
-                found.take(line)
+            if done is not None:
+                done.take(line)
                 continue
             if line["campaign_journal"] != VERSION:
                 raise BadJournal(f"{path}: has version {line['campaign_journal']}, this software reads {VERSION}")
             labels = {str(k): str(v) for k, v in line["labels"].items()}
-            found = Done(str(line["campaign"]), str(line["design"]), labels)
+            done = CampaignProgress(str(line["campaign"]), str(line["design"]), labels)
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         if isinstance(error, BadJournal):
             raise
         raise BadJournal(f"{path}: a line cannot be understood ({repr(error)[:200]})") from error
-    if found is None:
+    if done is None:
         raise BadJournal(f"{path}: is empty; nothing had begun, so start the campaign anew in another folder")
-    return found
+    return done
 
 
 def _whole(value: object) -> int:
     if type(value) is not int or not 0 <= value < 2**53:
         raise ValueError(f"{repr(value)[:80]} is not a count")
     return value
+
+
+FILE, ROBOT = "campaign.yaml", "robot.yaml"
+TORN = ".torn"
+"""What a recording that was not finished is called once all that can be read of it is recovered."""
+
+
+def fill(folder: Path, campaign: CampaignDesign) -> None:
+    """Keep what the campaign goes on with."""
+    replaced(folder / FILE, campaign.yaml)
+    replaced(folder / ROBOT, campaign.runs[0].job.rig.texts[ROBOT].decode())
+
+
+def folder_of(place: Path) -> Path:
+    """The campaign's folder: itself, or the one that a file of it is in."""
+    return place if place.is_dir() else place.parent
+
+
+def demand_same(folder: Path, campaign: CampaignDesign, design: str) -> None:
+    """Raises ConfigError when the campaign in the folder, or the robot, is not what it began with."""
+    if campaign.digest != design:
+        raise ConfigError(
+            f"{folder / FILE}: is not the campaign that was begun here: protocols, conditions, blocks, order or "
+            "a protocol's file differ; only stop, warm_up and labels may be changed. Start a new campaign instead"
+        )
+    rig = campaign.runs[0].job.rig
+    if not same_body(rig.texts[ROBOT], (folder / ROBOT).read_bytes()):
+        raise ConfigError(f"{rig.robot}: differs from {folder / ROBOT}, with which the campaign began; start a new one")
+
+
+@dataclass(frozen=True)
+class RunState:
+    """What there is of a run."""
+
+    broken: Broken | None
+    """How to go on with it; None: nothing was measured yet."""
+    completed: bool = False
+    lost: int = 0
+    """Samples, in the last recording."""
+
+
+def found_of(folder: Path) -> RunState:
+    """What the folder of a run holds; torn recordings are recovered on the way. Raises ConfigError, RecordingError."""
+    mend(folder)
+    for journal in sorted(folder.glob("*.journal")):
+        progress = read_run(journal)
+        if not any(_there(journal.parent / name) for name, _ in progress.recordings):
+            if progress.done:
+                raise ConfigError(f"{journal}: its recordings are missing; put them back")
+            journal.rename(journal.with_name(journal.name + TORN))  # the crash came before the file had anything in it
+            continue
+        broken = find(journal)
+        last = _there(journal.parent / progress.recordings[-1][0])
+        about = {} if last is None else Recording.open(last, truncated=True).metadata
+        counts = counted({"counts": about.get("counts", {})}).values()
+        lost = sum((c.get("lost") or 0) + (c.get("dropped") or 0) for c in counts)
+        return RunState(broken, about.get("outcome", {}).get("outcome") == "completed", lost)
+    return RunState(None)
+
+
+def _there(file: Path) -> Path | None:
+    """A recording, or what was recovered of it."""
+    saved = file.with_name(f"{file.stem}-recovered.mcap")
+    return file if file.exists() else saved if saved.exists() else None
+
+
+def mend(folder: Path) -> None:
+    """Of recordings that were not finished keep all that can be read as ones that are; the torn files stay beside them."""
+    for file in sorted(folder.glob("*.mcap")):
+        with contextlib.suppress(RecordingError):
+            if Recording.open(file, truncated=True).contents.finished:
+                continue
+        saved = file.with_name(f"{file.stem}-recovered.mcap")
+        with contextlib.suppress(RecordingError):
+            saved.unlink(missing_ok=True)  # made by a process that was killed before it could set the torn one aside
+            recover(file, saved)
+        file.rename(file.with_suffix(TORN))

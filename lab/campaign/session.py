@@ -17,19 +17,18 @@ from protocols.planned import cycles
 from recordings.own_files import folder_in
 from recordings.trials import Table
 
-from ..console import Screen, clock, err, out
+from ..console import Screen, clock, out, warn
 from ..files.campaign_file import Stop
+from ..files.checked import last
 from ..files.resume import Broken
 from ..guard.messages import RigLanded
 from ..live.beside import Page, page_where
 from ..rig.actuators import ActuatorsLost
 from ..rig.assembly import Rig
-from ..rig.checked import last
-from ..rig.operator import Prepared
+from ..rig.operator import RememberingOperator
 from ..verbs.run import UNCHECKED, Job, Outcome, connect, execute, job_again
-from .design import SHOWN, Campaign, Run
-from .folder import Found, found_of, mend
-from .journal import Done, Journal
+from .design import SHOWN, CampaignDesign, CampaignRun
+from .journal import CampaignJournal, CampaignProgress, RunState, found_of, mend
 
 Key = tuple[tuple[int, int], int, int]
 """Cell, trial in the run, step: a state that each block has once."""
@@ -50,7 +49,7 @@ class Stops:
         """A plan has been begun so often: its cycles count as whole."""
         self._cycles = self._cycles + times * cycles(plan, self._chambers)[0]
 
-    def before(self, plan: Plan, done: Done) -> str:
+    def before(self, plan: Plan, done: CampaignProgress) -> str:
         """Why a plan must not begin."""
         longest, most = self.rules.max_duration, self.rules.max_cycles
         if longest is not None and done.seconds + plan.seconds > longest:
@@ -73,7 +72,7 @@ class Stops:
         for trial, step, tip in zip(states.trial.tolist(), states.get("step").tolist(), states.tip, strict=True):
             self._tips.setdefault((cell, trial, step), []).append(tip)
 
-    def after(self, done: Done) -> str:
+    def after(self, done: CampaignProgress) -> str:
         """Why the campaign must not go on after a run."""
         if self.rules.max_lost is not None and done.lost > self.rules.max_lost:
             return f"stop.max_lost = {self.rules.max_lost}: {done.lost} samples were lost"
@@ -115,43 +114,14 @@ class Ended:
     """A recording or its journal was deleted, renamed, replaced or truncated under the run's hands."""
 
 
-class PartOfScreen(Screen):
-    """The campaign's screen as one of its runs sees it: what comes before and after it counts."""
-
-    def __init__(self, whole: Screen, before: float, total: float) -> None:
-        self._whole, self._before, self._total, self.quiet = whole, before, total, whole.quiet
-
-    def __enter__(self) -> PartOfScreen:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """The whole goes on."""
-
-    def say(self, text: str) -> None:
-        """See Screen.say."""
-        self._whole.say(text)
-
-    def watched(self, address: str) -> None:
-        """See Screen.watched."""
-        self._whole.watched(address)
-
-    def typed(self, text: str | None) -> None:
-        """See Screen.typed."""
-        self._whole.typed(text)
-
-    def progress(self, done: float, total: float) -> None:
-        """See Screen.progress."""
-        self._whole.progress(self._before + done, self._total)
-
-
 class Session:
     """One process's share of a campaign."""
 
-    def __init__(self, campaign: Campaign, folder: Path, journal: Journal, watched: bool = False) -> None:
+    def __init__(self, campaign: CampaignDesign, folder: Path, journal: CampaignJournal, watched: bool = False) -> None:
         self.campaign, self.folder, self.journal = campaign, folder, journal
         self.watched = watched
         self._page: Page | None = None
-        self.hands = Prepared()
+        self.hands = RememberingOperator()
         self.stops = Stops(campaign.file.stop, campaign.chambers)
         self.screen = Screen(campaign.file.campaign, campaign.runs[0].job.rig.clock.speed)
         self._rig: Rig | None = None
@@ -203,12 +173,13 @@ class Session:
                 return ended
         return Ended(True)
 
-    def _attempt(self, run: Run) -> Ended | None:
+    def _attempt(self, run: CampaignRun) -> Ended | None:
         """One attempt at a run, with a warm-up before it where one is due; None: it failed, and may be tried again."""
         needs = run.job.experiment.needs
         if self.campaign.warm_up is not None and run.inflates:  # opened once for both
             needs = tuple(dict.fromkeys((*needs, *self.campaign.warm_up.experiment.needs)))
-        if self._is_cold(run):
+        since = time.time() - self.journal.done.inflated
+        if self.campaign.warm_up is not None and run.inflates and since > self.campaign.file.warm_up.again_after:
             ended = self._one(None, self.campaign.warm_up_for(run), needs, self.folder / WARM_UP, None)
             if ended is None or not ended.completed:
                 return ended
@@ -217,30 +188,27 @@ class Session:
         job = run.job if broken is None else job_again(broken, self.campaign.rig_path, own, run.job.rig)
         return self._one(run, job, needs, self.folder / run.folder, broken)
 
-    def _is_cold(self, run: Run) -> bool:
-        since = time.time() - self.journal.done.inflated
-        return self.campaign.warm_up is not None and run.inflates and since > self.campaign.file.warm_up.again_after
-
-    def _found(self, run: Run) -> Found:
+    def _found(self, run: CampaignRun) -> RunState:
         return found_of(self.folder / run.folder)
 
-    def _one(self, run: Run | None, job: Job, needs: Sequence[str], folder: Path, broken: Broken | None) -> Ended | None:
+    def _one(self, run: CampaignRun | None, job: Job, needs: Sequence[str], folder: Path, broken: Broken | None) -> Ended | None:
         """One recording, with the instruments that are needed open; None: it failed, and may be tried again."""
         if why := self.stops.before(job.plan, self.journal.done):
             return Ended(False, why)
         number = None if run is None else run.number
-        said = f"Run {run.number} of {len(self.campaign.runs)}: {run.text}" if run is not None else "Warm-up"
-        self.screen.say(said)
+        title = f"Run {run.number} of {len(self.campaign.runs)}: {run.text}" if run is not None else "Warm-up"
+        self.screen.say(title)
         if self._page is not None:
-            self._page.part(f"Campaign {self.campaign.file.campaign}. {said}", more=True)
+            self._page.part(f"Campaign {self.campaign.file.campaign}. {title}", more=True)
         try:
             rig = self._opened(job, needs)
             self.stops.count(job.plan)
             self.journal.began(number)
             begun = rig.clock.now()
             folder_in(folder.parent, folder.name)
-            part = PartOfScreen(self.screen, self._done_s, self._total_s) if run is not None else _Silent(self.screen)
-            result = execute(rig, replace(job, labels=self._labels(run)), folder, part, broken, self._page)
+            before, total = (self._done_s, self._total_s) if run is not None else (0.0, 0.0)  # a warm-up's progress is none
+            with self.screen.part(before, total):
+                result = execute(rig, replace(job, labels=self._labels(run)), folder, self.screen, broken, self._page)
         except (InstrumentError, ActuatorsLost, RigLanded) as e:  # nothing was recorded: the rig could not be connected
             return self._failed(number, e, 0.0, 0)
         seconds, lost = rig.clock.now() - begun, sum(result.lost.values())
@@ -255,7 +223,7 @@ class Session:
         self.journal.ended(number, "completed", seconds, len(result.table), lost, inflated)
         return self._judged(run, result)
 
-    def _judged(self, run: Run | None, result: Outcome) -> Ended:
+    def _judged(self, run: CampaignRun | None, result: Outcome) -> Ended:
         """Whether the campaign goes on after a run that was completed."""
         if run is not None:
             self._done_s += run.job.plan.seconds
@@ -301,12 +269,11 @@ class Session:
     def _close(self) -> None:
         if self._rig is not None:
             rig, self._rig, self._open = self._rig, None, []
-            for text in rig.notices:
-                err.print(f"warning: {text}")
+            warn(rig.notices)
             with contextlib.suppress(KeyboardInterrupt):
                 rig.close()
 
-    def _labels(self, run: Run | None) -> dict[str, str]:
+    def _labels(self, run: CampaignRun | None) -> dict[str, str]:
         """What is said of a recording."""
         own = {**self.campaign.file.labels, **self.journal.done.labels, "campaign": self.campaign.file.campaign}
         if run is None:
@@ -316,13 +283,3 @@ class Session:
             | {"block": str(run.block), "run": str(run.number)}
             | ({"condition": run.condition[:SHOWN]} if run.condition else {})
         )
-
-
-class _Silent(PartOfScreen):
-    """A warm-up's: its progress is none of the campaign's."""
-
-    def __init__(self, whole: Screen) -> None:
-        super().__init__(whole, 0.0, 1.0)
-
-    def progress(self, done: float, total: float) -> None:
-        """Not shown."""

@@ -7,11 +7,11 @@ from collections.abc import Mapping
 
 from drivers.registry import GROUP, Driver, faults, own
 
-from .packages import Found, Unusable, installed
+from .packages import Registered, Unusable, installed
 
 
 @functools.cache
-def found_drivers() -> Found[Driver]:
+def found_drivers() -> Registered[Driver]:
     """By name; looked up once, since a rig asks for them again and again."""
     good, missing = own()
     return installed(GROUP, good, _driver, missing)

@@ -13,11 +13,11 @@ from protocols.parameters import Parameters
 from protocols.registry import GROUP, OWN, Experiment, experiment, faults
 
 from .config import ConfigError
-from .packages import Found, Unusable, installed, python_file
+from .packages import Registered, Unusable, installed, python_file
 from .units import usual
 
 
-def found_protocols() -> Found[Experiment]:
+def found_protocols() -> Registered[Experiment]:
     """By name."""
     return installed(GROUP, {name: experiment(name, module) for name, module in OWN.items()}, _protocol)
 

@@ -40,19 +40,19 @@ READ = ("x", "y", "z", "qw", "qx", "qy", "qz")
 
 def from_table(path: Path, case: Case) -> Baseline:
     """Predictions of a CSV file, matched by trial and step, or by state; raises ConfigError naming line, column and value."""
-    found = read_numbers(path, ("trial", "step", *SETTING, *READ), r"p[0-9]+|m[0-9]+[xyz]", "x, y, z (m)")
-    missing = [name for name in "xyz" if name not in found]
+    predicted = read_numbers(path, ("trial", "step", *SETTING, *READ), r"p[0-9]+|m[0-9]+[xyz]", "x, y, z (m)")
+    missing = [name for name in "xyz" if name not in predicted]
     if missing:
         raise ConfigError(f"{path}: has no column {missing[0]}; a baseline predicts the tip: x, y, z in m, base frame")
-    place = _by_step(path, found, case) if {"trial", "step"} <= found.keys() else _by_state(path, found, case)
-    made = _baseline(path.name, found, place, case)
-    _demand_plausible(str(path), made, case)
-    return made
+    place = _by_step(path, predicted, case) if {"trial", "step"} <= predicted.keys() else _by_state(path, predicted, case)
+    baseline = _baseline(path.name, predicted, place, case)
+    _demand_plausible(str(path), baseline, case)
+    return baseline
 
 
-def _by_step(path: Path, found: Columns, case: Case) -> NDArray[np.int64]:
+def _by_step(path: Path, predicted: Columns, case: Case) -> NDArray[np.int64]:
     """(rows,) line of the file for each row of the table, -1 where it has none."""
-    keys = list(zip(found["trial"].tolist(), found["step"].tolist(), strict=True))
+    keys = list(zip(predicted["trial"].tolist(), predicted["step"].tolist(), strict=True))
     twice = next((k for k in dict.fromkeys(keys) if keys.count(k) > 1), None)
     if twice is not None:
         raise ConfigError(f"{path}: trial {twice[0]:g} step {twice[1]:g} is predicted twice; keep one")
@@ -63,30 +63,31 @@ def _by_step(path: Path, found: Columns, case: Case) -> NDArray[np.int64]:
     return place
 
 
-def _by_state(path: Path, found: Columns, case: Case) -> NDArray[np.int64]:
+def _by_state(path: Path, predicted: Columns, case: Case) -> NDArray[np.int64]:
     """The same, by the nearest state."""
     pressures = [f"p{i}" for i in range(1, len(case.robot.actuators.azimuths_deg) + 1)]
-    missing = [name for name in pressures if name not in found]
+    missing = [name for name in pressures if name not in predicted]
     if missing:
         raise ConfigError(
             f"{path}: has neither trial and step nor {missing[0]}; give the columns trial and step, or the state: "
             f"spine_length (m) and p1..p{len(pressures)} (Pa)"
         )
-    theirs = np.column_stack([np.asarray(found[name], float) for name in pressures])
+    theirs = np.column_stack([np.asarray(predicted[name], float) for name in pressures])
     highest, measured = float(np.nanmax(theirs)), float(np.nanmax(case.table.pressures, initial=0.0))
     # a file whose pressures are this small has another unit
     if measured > PRESSURE_WITHIN and highest < 0.01 * measured:
         raise ConfigError(
             f"{path}: its highest pressure is {highest:g} Pa, that of the table {measured:g} Pa; pressures are in Pa"
         )
-    spine = np.asarray(found.get("spine_length", np.zeros(len(theirs))), float)
-    others = [name for name in ("tip_mass", "roll_deg") if name in found]
+    spine = np.asarray(predicted.get("spine_length", np.zeros(len(theirs))), float)
+    others = [name for name in ("tip_mass", "roll_deg") if name in predicted]
     place, table = np.full(len(case.table), -1), case.table
-    own, lengths, given = table.pressures, np.clip(table.spine_length, 0.0, None), {n: table.get(n, 0.0) for n in others}
-    for i in range(len(table)):
-        far = np.maximum(np.abs(theirs - own[i]).max(axis=1) / PRESSURE_WITHIN, np.abs(spine - lengths[i]) / SPINE_WITHIN)
+    lengths, given = np.clip(table.spine_length, 0.0, None), {n: table.get(n, 0.0) for n in others}
+    for i, pressures_read in enumerate(table.pressures):
+        by_pressure = np.abs(theirs - pressures_read).max(axis=1) / PRESSURE_WITHIN
+        far = np.maximum(by_pressure, np.abs(spine - lengths[i]) / SPINE_WITHIN)
         for name in others:
-            far[np.asarray(found[name], float) != given[name][i]] = np.inf
+            far[np.asarray(predicted[name], float) != given[name][i]] = np.inf
         nearest = int(np.nanargmin(far)) if np.isfinite(far).any() else 0
         place[i] = nearest if far[nearest] <= 1.0 else -1
     if (place < 0).all():
@@ -97,15 +98,15 @@ def _by_state(path: Path, found: Columns, case: Case) -> NDArray[np.int64]:
     return place
 
 
-def _baseline(name: str, found: Columns, place: NDArray[np.int64], case: Case) -> Baseline:
+def _baseline(name: str, predicted: Columns, place: NDArray[np.int64], case: Case) -> Baseline:
     """Columns of a file, or what a simulator made, in the order of the case's table."""
     table, chambers = case.table, len(case.robot.actuators.azimuths_deg)
     seen = place >= 0
 
     def column(of: str, default: Array) -> Array:
-        if of not in found:
+        if of not in predicted:
             return default
-        return np.where(seen, np.asarray(found[of], float)[np.maximum(place, 0)], default)
+        return np.where(seen, np.asarray(predicted[of], float)[np.maximum(place, 0)], default)
 
     nothing = np.full(len(table), np.nan)
     markers = len(case.robot.markers)
@@ -148,14 +149,14 @@ def simulator(name: str, robot: Robot) -> tuple[str, Forward]:
             raise Unusable(f"{entry} must be a class or function that takes the robot")
         return {entry: thing}
 
-    found = installed(GROUP, dict.fromkeys(OWN, object()), unpack)
-    if name in found.broken:
-        raise ConfigError(found.broken[name])
-    if name not in found.usable:
+    listed = installed(GROUP, dict.fromkeys(OWN, object()), unpack)
+    if name in listed.broken:
+        raise ConfigError(listed.broken[name])
+    if name not in listed.usable:
         raise ConfigError(
-            f"--simulator {name}: is not known, {nearest(name, found.usable)}; give its name, or a Python file with a SIMULATOR"
+            f"--simulator {name}: is not known, {nearest(name, listed.usable)}; give its name, or a Python file with a SIMULATOR"
         )
-    return name, _made(name, found.usable[name], robot)
+    return name, _made(name, listed.usable[name], robot)
 
 
 def _made(place: str, thing: object, robot: Robot) -> Forward:
@@ -176,7 +177,7 @@ def _made(place: str, thing: object, robot: Robot) -> Forward:
 
 def from_simulator(
     name: str,
-    own: Forward,
+    forward: Forward,
     case: Case,
     catalogue: Mapping[str, EffectSpec],
     progress: Callable[[float, float], None],
@@ -186,32 +187,32 @@ def from_simulator(
 
     Readings of one setting are simulated once. Raises ConfigError for what is not as `Forward` asks.
     """
-    known = (*catalogue.values(), *TOLERANCES.values(), AREA)
-    scale = {f"{spec.id}.{p.name}": p.scale for spec in known for p in spec.parameters}
-    unknown = [p for p in own.parameters if p not in scale]
+    specs = (*catalogue.values(), *TOLERANCES.values(), AREA)
+    scale = {f"{spec.id}.{p.name}": p.scale for spec in specs for p in spec.parameters}
+    unknown = [p for p in forward.parameters if p not in scale]
     if unknown:
         raise ConfigError(f"simulator {name}: parameter {unknown[0]!r} is not known; `lab effects --json` lists the names")
     settings = _settings(case)
     distinct, place = _distinct(settings)
     states = [distinct[i : i + 8] for i in range(0, len(distinct), 8)]
-    steps = [(p, 0.1 * scale[p]) for p in own.parameters] if varied else []
+    steps = [(p, 0.1 * scale[p]) for p in forward.parameters] if varied else []
     variants: list[tuple[str, float]] = [("", 0.0), *steps]
-    made: dict[str, Baseline] = {}
+    baselines: dict[str, Baseline] = {}
     for v, (parameter, step) in enumerate(variants):
         columns: list[Columns] = []
         for i, part in enumerate(states):
             try:
                 mass, roll, force = part[:, -BEHIND], part[:, 1 - BEHIND], part[:, 2 - BEHIND :]
                 asked = conditions(case.robot, part[:, 0], part[:, 1:-BEHIND], mass, roll, force)
-                read = own.predict(asked, {parameter: step} if parameter else {})
+                read = forward.predict(asked, {parameter: step} if parameter else {})
             except Exception as e:
                 raise ConfigError(f"simulator {name}: predict failed: {type(e).__name__}: {e}") from e
             columns.append(_columns(name, read, part, len(case.robot.markers)))
             progress(v * len(states) + i + 1, len(variants) * len(states))
         together = {key: np.concatenate([c[key] for c in columns]) for key in columns[0]}
-        made[parameter] = _baseline(name, together, place, case)
-    _demand_plausible(f"simulator {name}", made[""], case)
-    return replace(made[""], varied={p: (step, made[p]) for p, step in variants if p})
+        baselines[parameter] = _baseline(name, together, place, case)
+    _demand_plausible(f"simulator {name}", baselines[""], case)
+    return replace(baselines[""], varied={p: (step, baselines[p]) for p, step in variants if p})
 
 
 def _distinct(settings: Array) -> tuple[Array, NDArray[np.int64]]:

@@ -21,7 +21,7 @@ CampaignName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9
 LabelName = Annotated[str, StringConstraints(pattern=f"^{NAME.pattern}$")]
 
 
-class Part(FileTable):
+class CampaignProtocol(FileTable):
     """A protocol of the campaign."""
 
     protocol: str = Field(min_length=1, max_length=1000)
@@ -38,7 +38,7 @@ class Part(FileTable):
         return math.prod(map(len, self.conditions.values()))
 
     @model_validator(mode="after")
-    def _once(self) -> Part:
+    def _once(self) -> CampaignProtocol:
         both = ", ".join(sorted(set(self.parameters) & set(self.conditions)))
         if both:
             raise ValueError(f"{both}: stands in parameters and in conditions; leave it in one of them")
@@ -77,7 +77,7 @@ class CampaignFile(FileTable):
 
     campaign: CampaignName
     """Its name: a label of each recording, and by default the folder."""
-    protocols: list[Part] = Field(min_length=1, max_length=100)
+    protocols: list[CampaignProtocol] = Field(min_length=1, max_length=100)
     """One after the other."""
     blocks: int = Field(3, ge=1, le=MOST_BLOCKS)
     """Each holds every condition once, in its own order."""

@@ -117,13 +117,13 @@ def check(source: Source, model: type[M]) -> M:
         if not problems:
             return result
     order = sorted(problems, key=lambda loc: (source.lines.get(loc, 10**9), str(loc)))
-    told = []
+    texts = []
     for loc in order[:MOST_PROBLEMS]:
         problem = problems[loc]
-        told.append(f"{source.at(loc)}: {problem if isinstance(problem, str) else _describe(problem, loc, data, model)}")
-    if len(order) > len(told):
-        told.append(f"{source.name}: and {len(order) - len(told)} more problems")
-    raise ConfigError("\n".join(told))
+        texts.append(f"{source.at(loc)}: {problem if isinstance(problem, str) else _describe(problem, loc, data, model)}")
+    if len(order) > len(texts):
+        texts.append(f"{source.name}: and {len(order) - len(texts)} more problems")
+    raise ConfigError("\n".join(texts))
 
 
 # ------------------------------------------------------------------ where a key stands

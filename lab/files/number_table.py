@@ -23,10 +23,10 @@ MOST_ROWS = 200_000
 TEXTS = ("branch", "protocol")
 
 
-def read_numbers(path: Path, wanted: Collection[str], pattern: str, told: str) -> Columns:
+def read_numbers(path: Path, wanted: Collection[str], pattern: str, needed: str) -> Columns:
     """The columns named in `wanted`, or that match `pattern`, of a CSV file in SI units; others are not read.
 
-    `told`: what a person is told to give. An empty cell is NaN. Raises ConfigError naming file, line, column and value.
+    `needed`: what a person has to give. An empty cell is NaN. Raises ConfigError naming file, line, column and value.
     """
     data = read_bounded(path, 50_000_000, ConfigError)  # bytes
     try:
@@ -39,7 +39,7 @@ def read_numbers(path: Path, wanted: Collection[str], pattern: str, told: str) -
         raise ConfigError(f"{path}: the column {twice[0]} stands there twice")
     used = [name for name in header if name in wanted or (pattern and re.fullmatch(pattern, name))]
     if not used:
-        raise ConfigError(f"{path}: has no column that is known here; its first line must name {told}")
+        raise ConfigError(f"{path}: has no column that is known here; its first line must name {needed}")
     rows = [(k, line) for k, line in enumerate(lines[1:], 2) if any(cell.strip() for cell in line)]
     if not rows:
         raise ConfigError(f"{path}: has no rows below its first line")
@@ -50,8 +50,8 @@ def read_numbers(path: Path, wanted: Collection[str], pattern: str, told: str) -
             raise ConfigError(f"{path}:{k}: has {len(line)} cells, the first line names {len(header)} columns")
     out: Columns = {}
     for name in used:
-        at = header.index(name)
-        cells = [(k, line[at].strip()) for k, line in rows]
+        position = header.index(name)
+        cells = [(k, line[position].strip()) for k, line in rows]
         if name in TEXTS:
             out[name] = np.array([text for _, text in cells])
         else:

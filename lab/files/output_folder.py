@@ -16,11 +16,11 @@ MOST_NAMED = 4
 """Of the files that are in the way."""
 
 
-def demand_free(folder: Path, own: Collection[str] = (), replace: bool = False, inputs: Sequence[Path] = ()) -> None:
+def demand_free(folder: Path, rewritten: Collection[str] = (), replace: bool = False, inputs: Sequence[Path] = ()) -> None:
     """Raise ConfigError where a folder holds what would be mixed with, or lost by, what is to be written.
 
-    `own`: names that the same command writes again, whatever its inputs. `replace`: it may be replaced as a whole, unless it
-    holds `inputs`, other recordings, or the folder in which the command runs.
+    `rewritten`: names that the same command writes again, whatever its inputs. `replace`: it may be replaced as a whole, unless
+    it holds `inputs`, other recordings, or the folder in which the command runs.
     """
     path = folder.resolve()
     if not path.exists():
@@ -28,7 +28,7 @@ def demand_free(folder: Path, own: Collection[str] = (), replace: bool = False, 
     if not path.is_dir():
         raise ConfigError(f"{folder}: is a file, not a folder; give another folder")
     held = sorted(place.name for place in path.iterdir())
-    strange = [name for name in held if name not in own]
+    strange = [name for name in held if name not in rewritten]
     if strange and not replace:
         more = f" and {len(strange) - MOST_NAMED} more" if len(strange) > MOST_NAMED else ""
         raise ConfigError(
@@ -43,15 +43,13 @@ def demand_free(folder: Path, own: Collection[str] = (), replace: bool = False, 
 
 
 @contextlib.contextmanager
-def whole(folder: Path, own: Collection[str] = (), replace: bool = False, inputs: Sequence[Path] = ()) -> Iterator[Path]:
-    """A new folder that takes the place of `folder` when the block ends without error; before that nothing there changes.
-
-    See `demand_free`, which is asked first.
-    """
-    demand_free(folder, own, replace, inputs)
+def whole(folder: Path, rewritten: Collection[str] = (), replace: bool = False, inputs: Sequence[Path] = ()) -> Iterator[Path]:
+    """A new folder that takes the place of `folder` when the block ends without error; before that nothing there changes. See
+    `demand_free`, which is asked first."""
+    demand_free(folder, rewritten, replace, inputs)
     path = folder.resolve()
     empty = path.is_dir() and not any(path.iterdir())
-    made = [place for place in path.parents if not place.exists()]
+    new_parents = [place for place in path.parents if not place.exists()]
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = (path if empty else path.parent) / f".{path.name}.{secrets.token_hex(4)}.new"
     try:
@@ -66,7 +64,7 @@ def whole(folder: Path, own: Collection[str] = (), replace: bool = False, inputs
     except BaseException:
         shutil.rmtree(temporary, ignore_errors=True)
         with contextlib.suppress(OSError):  # something else is in it
-            for place in made:
+            for place in new_parents:
                 place.rmdir()
         raise
 
@@ -88,10 +86,8 @@ def _exchanged(new: Path, path: Path) -> None:
 
 
 def names_apart(paths: Sequence[Path]) -> list[str]:
-    """A name for each file or folder: its own without suffix, with those of the folders above where several have the same.
-
-    Raises ConfigError where one is given twice.
-    """
+    """A name for each file or folder: its own without suffix, with those of the folders above where several have the same. Raises
+    ConfigError where one is given twice."""
     parts = [(*path.resolve().parent.parts[1:], path.resolve().stem if path.is_file() else path.resolve().name) for path in paths]
     for k, path in enumerate(paths):
         if path.resolve() in [other.resolve() for other in paths[:k]]:

@@ -33,7 +33,7 @@ class Unusable(ValueError):
 
 
 @dataclass(frozen=True)
-class Found(Generic[T]):
+class Registered(Generic[T]):
     """What can be used, by name, and what is to be said of the rest."""
 
     usable: Mapping[str, T]
@@ -60,7 +60,9 @@ class Entry:
         return f"repair it or remove it: pip uninstall {self.package}"
 
 
-def installed(group: str, own: Mapping[str, T], unpack: Unpack[T], missing: Mapping[str, str] = MappingProxyType({})) -> Found[T]:
+def installed(
+    group: str, ours: Mapping[str, T], unpack: Unpack[T], missing: Mapping[str, str] = MappingProxyType({})
+) -> Registered[T]:
     """The project's own things and those of installed packages; `missing`: the own ones that cannot be used here, and why."""
     offers: dict[str, list[tuple[Entry, T]]] = {}
     faults: dict[str, list[str]] = {}
@@ -75,7 +77,7 @@ def installed(group: str, own: Mapping[str, T], unpack: Unpack[T], missing: Mapp
         else:
             for name, thing in things.items():
                 offers.setdefault(name, []).append((entry, thing))
-    return _settled(own, missing, offers, faults)
+    return _settled(ours, missing, offers, faults)
 
 
 def _entries(group: str) -> Iterator[Entry]:
@@ -85,18 +87,18 @@ def _entries(group: str) -> Iterator[Entry]:
 
 
 def _settled(
-    own: Mapping[str, T],
+    ours: Mapping[str, T],
     missing: Mapping[str, str],
     offers: Mapping[str, list[tuple[Entry, T]]],
     faults: Mapping[str, list[str]],
-) -> Found[T]:
+) -> Registered[T]:
     """Who has which name."""
-    usable, broken, doubts = dict(own), dict(missing), {}
+    usable, broken, doubts = dict(ours), dict(missing), {}
     for name in {**offers, **faults}:
         offered, wrong = offers.get(name, []), faults.get(name, [])
-        if name in own or name in missing:
-            taken = [f"{e}: the name {name} belongs to this software and is not replaced; {e.remedy}" for e, _ in offered]
-            doubts[name] = "\n".join([*taken, *wrong])
+        if name in ours or name in missing:
+            refused = [f"{e}: the name {name} belongs to this software and is not replaced; {e.remedy}" for e, _ in offered]
+            doubts[name] = "\n".join([*refused, *wrong])
         elif len(offered) == 1:
             usable[name] = offered[0][1]
             if wrong:
@@ -105,7 +107,7 @@ def _settled(
             broken[name] = _contested(name, [entry for entry, _ in offered])
         else:
             broken[name] = "\n".join(wrong)
-    return Found(MappingProxyType(usable), MappingProxyType(broken), MappingProxyType(doubts))
+    return Registered(MappingProxyType(usable), MappingProxyType(broken), MappingProxyType(doubts))
 
 
 def _contested(name: str, entries: Collection[Entry]) -> str:

@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Optional, Union
 
-from pydantic import (
-    ConfigDict,
-    Field,
-    PrivateAttr,
-    StringConstraints,
-    create_model,
-    field_validator,
-    model_validator,
-)
+from pydantic import ConfigDict, Field, PrivateAttr, StringConstraints, create_model, field_validator, model_validator
 
 from drivers.configs import (
+    HOSTS,
+    PORTS,
     ArmConfig,
     ForceConfig,
     GaugeConfig,
@@ -30,8 +24,7 @@ from drivers.configs import (
     ValveConfig,
 )
 from drivers.interfaces import Vector3
-from drivers.registry import ROLES
-from drivers.spec import QUANTITY
+from drivers.registry import QUANTITY, ROLES
 
 from .all_drivers import drivers, found_drivers
 from .config import ConfigError, FileTable, Source, check, read_yaml
@@ -115,6 +108,17 @@ def table_of(instruments: Instruments, name: str) -> InstrumentConfig:
         return instruments.sensors[name.removeprefix(SENSORS)]
     found: InstrumentConfig = getattr(instruments, "arm" if name == "arm_state" else name)
     return found
+
+
+def addresses(instruments: Instruments) -> Iterator[tuple[str, str, str]]:
+    """Instrument, key and text of all its ports (`PORTS`) and hosts (`HOSTS`)."""
+    for name in present(instruments):
+        config = table_of(instruments, name)
+        for key in (*PORTS, *HOSTS):
+            value = getattr(config, key, None)
+            for address in value if isinstance(value, tuple) else (value,):
+                if isinstance(address, str) and address:  # TMCL has a `host` that is a number on its bus
+                    yield name, key, address
 
 
 class ClockConfig(FileTable):
@@ -311,14 +315,14 @@ def rig_to_make_safe(path: Path, last: RigFile | None) -> Readable:
             if key in ROLES and key != SENSOR and key not in missing and table is not None:
                 tables[key] = getattr(_with(source, {key: table}).instruments, key)
         except ConfigError as e:
-            if (known := getattr(last.instruments, key, None) if last is not None else None) is not None:
-                tables[key] = known
+            if (last_table := getattr(last.instruments, key, None) if last is not None else None) is not None:
+                tables[key] = last_table
                 notes.append(f"{e}\nusing instruments.{key} as the rig was last used with it")
             else:
                 missing[key] = str(e)
     for key in set(ROLES) - {SENSOR} - set(source.data["instruments"]):
-        if last is not None and (known := getattr(last.instruments, key)) is not None:
-            tables[key] = known
+        if last is not None and (last_table := getattr(last.instruments, key)) is not None:
+            tables[key] = last_table
             notes.append(f"{path}: has no instruments.{key} any more; using it as the rig was last used with it")
     robot = (path.parent / "robot.yaml").resolve()
     rig = kept.model_copy(update={"instruments": Instruments(**tables), "robot": robot})

@@ -157,48 +157,48 @@ class _Edited:
     ) -> Iterator[_Edit]:
         """Edits that turn a table into another one: of values that differ, and of entries that only one of the two has."""
         by_number = all(isinstance(key, float) for key in (*before, *after))
-        there = {float(own) if by_number else own: _There(own, *pair) for own, pair in zip(data, node.value, strict=True)}
-        gone = [key for key in there if key in before and key not in after]
-        added = {key: value for key, value in after.items() if key not in there and before.get(key) != value}
-        edits: dict[Any, list[_Edit]] = {key: [] for key in there}
-        for key, (own, _, value) in there.items():
+        entries = {float(raw) if by_number else raw: _There(raw, *pair) for raw, pair in zip(data, node.value, strict=True)}
+        gone = [key for key in entries if key in before and key not in after]
+        added = {key: value for key, value in after.items() if key not in entries and before.get(key) != value}
+        edits: dict[Any, list[_Edit]] = {key: [] for key in entries}
+        for key, (raw, _, value) in entries.items():
             if key in after and before.get(key) != after[key]:
                 try:
-                    edits[key] += self._value(value, data[own], before.get(key), after[key], (*loc, own))
+                    edits[key] += self._value(value, data[raw], before.get(key), after[key], (*loc, raw))
                 except _Anew:
                     if node.flow_style:
                         raise
-                    edits[key] = [self._without(there[key], _entry(key, after[key]))]
-        like = next((entry.value for entry in there.values() if by_number), None)
+                    edits[key] = [self._without(entries[key], _entry(key, after[key]))]
+        like = next((entry.value for entry in entries.values() if by_number), None)
         lines = {key: f"{in_one_line(key)}: {self._written(value, like, loc)}" for key, value in added.items()}
         if not node.flow_style:
-            edits |= {key: [self._without(there[key])] for key in gone}
+            edits |= {key: [self._without(entries[key])] for key in gone}
             fresh = {key: f"{lines[key]}\n" if by_number else _entry(key, value) for key, value in added.items()}
-            yield from itertools.chain(*edits.values(), self._added(node, there, fresh))
+            yield from itertools.chain(*edits.values(), self._added(node, entries, fresh))
         elif gone or added:
             start, end = node.start_mark.index, node.end_mark.index
             if "#" in self._given[start:end]:
                 raise _Anew
-            for key in there.keys() - gone:
-                lines[key] = self._with(there[key].name.start_mark.index, there[key].value.end_mark.index, edits[key])
-            order = sorted(lines) if by_number else [*(key for key in there if key in lines), *added]
+            for key in entries.keys() - gone:
+                lines[key] = self._with(entries[key].name.start_mark.index, entries[key].value.end_mark.index, edits[key])
+            order = sorted(lines) if by_number else [*(key for key in entries if key in lines), *added]
             yield _Edit(start, end, f"{{{', '.join(lines[key] for key in order)}}}")
         else:
             yield from itertools.chain(*edits.values())
 
-    def _added(self, node: yaml.MappingNode, there: Mapping[Any, _There], fresh: Mapping[Any, str]) -> Iterator[_Edit]:
+    def _added(self, node: yaml.MappingNode, entries: Mapping[Any, _There], fresh: Mapping[Any, str]) -> Iterator[_Edit]:
         """New entries of a block: each before the next larger number, else at the end of the block."""
         if not fresh:
             return
-        _, end, indent = self._lines(list(there.values())[-1])
+        _, end, indent = self._lines(list(entries.values())[-1])
         if node is self._root:
             end = node.end_mark.index
-        at: dict[int, str] = {}
+        insertions: dict[int, str] = {}
         for key in sorted(fresh) if isinstance(next(iter(fresh)), float) else fresh:
-            larger = [known for known in there if isinstance(known, float) and known > key]
-            place = self._lines(there[min(larger)])[0] if larger else end
-            at[place] = at.get(place, "") + self._indented(fresh[key], indent)
-        for place, text in at.items():
+            larger = [number for number in entries if isinstance(number, float) and number > key]
+            place = self._lines(entries[min(larger)])[0] if larger else end
+            insertions[place] = insertions.get(place, "") + self._indented(fresh[key], indent)
+        for place, text in insertions.items():
             begun = self._given[place - 1] == "\n"
             yield _Edit(place, place, text if begun else self._newline + text.removesuffix(self._newline))
 

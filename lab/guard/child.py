@@ -14,37 +14,26 @@ import signal
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
-from multiprocessing import Pipe
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 import timing
 
-from ..priority import FIRST, Place, put_in_place
+from ..priority import FIRST, Priority, put_in_place
 
 Child = subprocess.Popen[bytes]
 
 
-def start_child(module: str, passed: Sequence[int] = (), *more: str, place: Place = FIRST, **streams: Any) -> Child:
+def start_child(module: str, passed: Sequence[int] = (), *more: str, place: Priority = FIRST, **streams: Any) -> Child:
     """Start `python -m MODULE FD .. MORE ..`, which inherits the file descriptors `passed`; `streams` as of `Popen`."""
     return timing.made(new_process, module, passed, more, place, streams)
 
 
-def new_process(module: str, passed: Sequence[int], more: Sequence[str], place: Place, streams: Mapping[str, Any]) -> Child:
+def new_process(module: str, passed: Sequence[int], more: Sequence[str], place: Priority, streams: Mapping[str, Any]) -> Child:
     command = [sys.executable, "-P", "-m", module, *map(str, passed), *more]
     child = subprocess.Popen(command, pass_fds=passed, start_new_session=True, **{"stdin": subprocess.DEVNULL, **streams})
     put_in_place(child.pid, place)
     return child
-
-
-def start_served(module: str, first: object) -> tuple[Child, Connection]:
-    """The same with a pipe, whose other end is the child's; `first` is the first message."""
-    ours, theirs = Pipe()
-    process = start_child(module, (theirs.fileno(),))
-    theirs.close()
-    ours.send(first)
-    return process, ours
 
 
 def end_child(process: Child, within: float) -> None:

@@ -224,7 +224,7 @@ class Door:
                 self._end_oldest_stranger()
                 break
             connection.setblocking(False)
-            pid, uid = _peer(connection)
+            pid, uid = peer(connection)
             stranger = uid not in self._accounts
             if stranger:
                 strangers = True
@@ -308,7 +308,7 @@ def _demand_free(found: Iterable[Owner], ending_too: bool) -> None:
 
 
 @dataclass(frozen=True)
-class Answer:
+class LandingAnswer:
     """What a guard has read back after landing its rig."""
 
     report: SafeReport
@@ -320,10 +320,10 @@ class Answer:
 class Landed:
     """The answers of the guards that were asked; None from one that stands still."""
 
-    answers: dict[Owner, Answer | None]
+    answers: dict[Owner, LandingAnswer | None]
 
     @property
-    def answered(self) -> list[tuple[Owner, Answer]]:
+    def answered(self) -> list[tuple[Owner, LandingAnswer]]:
         """Those that did, and are believed."""
         return [(owner, answer) for owner, answer in self.answers.items() if owner.believed and answer is not None]
 
@@ -376,7 +376,7 @@ class _Talk:
     line: socket.socket | None = None
     owner: Owner | None = None
     """Who is there, as soon as that is known; None when nobody is."""
-    answer: Answer | None = None
+    answer: LandingAnswer | None = None
     data: bytes = b""
     over: bool = False
 
@@ -386,7 +386,7 @@ class _Talk:
         self.line.setblocking(False)
         try:
             _connect(self.line, self.address)
-            pid, uid = _peer(self.line)
+            pid, uid = peer(self.line)
             if self.owner is None or self.owner.uid < 0:
                 believed = uid in self.accounts
                 self.owner = Owner("", pid, _user(uid), uid=uid, believed=believed)
@@ -421,24 +421,24 @@ class _Talk:
             self.hang_up()
         self.over = self.over or len(self.data) > LONGEST
 
-    def _hear(self, said: Any) -> None:
+    def _hear(self, message: Any) -> None:
         """One line of the answer. Raises ValueError when it is none."""
         owner = self.owner
-        if owner is None or not isinstance(said, dict):
+        if owner is None or not isinstance(message, dict):
             raise ValueError("no answer")
         if owner.guard:
-            self.answer = Answer(SafeReport.parsed(said.get("steps")), str(said.get("locked", ""))[:1000])
+            self.answer = LandingAnswer(SafeReport.parsed(message.get("steps")), str(message.get("locked", ""))[:1000])
             self.over = True
             return
-        names = said.get("names")
-        guard, rig, about = (str(said.get(key, ""))[:1000] for key in ("guard", "rig", "about"))
+        names = message.get("names")
+        guard, rig, about = (str(message.get(key, ""))[:1000] for key in ("guard", "rig", "about"))
         self.owner = replace(
             owner,
             guard=guard,
             rig=rig,
             names=frozenset(str(name) for name in names) if isinstance(names, list) else frozenset(),
             about=about,
-            ending=said.get("ending") is True,
+            ending=message.get("ending") is True,
             believed=owner.believed or (self.own_rig and owner.uid in believed_accounts(rig)),
         )
         self.over = self.what == "who" or not guard
@@ -452,37 +452,37 @@ class _Talk:
         self.line, self.data, self.again = None, b"", timing.now() + SLICE
 
 
-def _asked(addresses: Sequence[str] | None, what: str, rig: str | Path | None) -> dict[Owner, Answer | None]:
+def _asked(addresses: Sequence[str] | None, what: str, rig: str | Path | None) -> dict[Owner, LandingAnswer | None]:
     """Who is at these addresses, or at all, each once, with its answer to `land`; all are asked at the same time."""
     until, accounts, own_rig = timing.now() + WHO_WITHIN, believed_accounts(rig), addresses is None
     where = _all_addresses() if addresses is None else addresses
     talks = [_Talk(address, what, accounts, own_rig, until) for address in where]
-    left = talks
-    while left:
-        lines = {talk.line: talk for talk in left if talk.line is not None}
-        for talk in [talk for talk in left if talk.line is None and timing.now() >= talk.again][: MOST_OPEN - len(lines)]:
+    open_talks = talks
+    while open_talks:
+        lines = {talk.line: talk for talk in open_talks if talk.line is not None}
+        for talk in [talk for talk in open_talks if talk.line is None and timing.now() >= talk.again][: MOST_OPEN - len(lines)]:
             talk.connect()
             if talk.line is not None:
                 lines[talk.line] = talk
         if lines:
             for line in timing.readable(list(lines), SLICE):
                 lines[line].read()
-        elif not all(talk.over for talk in left):
+        elif not all(talk.over for talk in open_talks):
             timing.sleep(SLICE)
-        for talk in left:
+        for talk in open_talks:
             if talk.over or timing.now() > talk.until:
                 talk.over = True
                 talk.hang_up()
-        left = [talk for talk in left if not talk.over]
+        open_talks = [talk for talk in open_talks if not talk.over]
     return _each_once(talks)
 
 
-def _each_once(talks: Sequence[_Talk]) -> dict[Owner, Answer | None]:
+def _each_once(talks: Sequence[_Talk]) -> dict[Owner, LandingAnswer | None]:
     """One owner for all its names, with what it answered at any; where it could not be asked at one, that one counts no more."""
     met = [(talk, talk.owner) for talk in talks if talk.owner is not None]
     answered = [(talk, owner) for talk, owner in met if talk.answer is not None or (talk.what == "who" and owner.guard)]
     theirs = {address for _, owner in answered if owner.believed for address in _addresses(owner.names)}
-    found: dict[object, tuple[Owner, Answer | None]] = {}
+    found: dict[object, tuple[Owner, LandingAnswer | None]] = {}
     for talk, owner in [*answered, *((talk, owner) for talk, owner in met if talk.address not in theirs)]:
         found.setdefault((owner.uid, owner.guard or owner.pid or talk.address), (owner, talk.answer))
     return dict(found.values())
@@ -537,15 +537,26 @@ def _connect(line: socket.socket, address: str) -> None:
         os.close(file)
 
 
-def _free(path: str) -> bool:
-    """Whether no program listens at this file, as far as this user may know."""
+def listener(path: str, within: float = 0.0) -> int | None:
+    """Process that listens at a socket of the file system, asked for `within` host seconds at most; None where none does. Raises
+    OSError where that cannot be told, as for a file that this user may not use."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
-        line.setblocking(False)
+        line.settimeout(within)
         try:
             _connect(line, path)
         except OSError as e:
-            return e.errno in NOBODY_THERE | CLOSED
-        return False
+            if e.errno in NOBODY_THERE:
+                return None
+            raise
+        return peer(line)[0]
+
+
+def _free(path: str) -> bool:
+    """Whether no program listens at this file, as far as this user may know."""
+    try:
+        return listener(path) is None
+    except OSError as e:
+        return e.errno in CLOSED
 
 
 def _bind_file(listening: socket.socket, path: str) -> Callable[[], None]:
@@ -578,7 +589,7 @@ def _as_line(message: dict[str, Any]) -> bytes:
     return json.dumps(message).encode() + b"\n"
 
 
-def _peer(connection: socket.socket) -> tuple[int, int]:
+def peer(connection: socket.socket) -> tuple[int, int]:
     """Process and account at the other end, from the kernel."""
     pid, uid, _ = struct.unpack("3i", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
     return pid, uid

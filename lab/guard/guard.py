@@ -22,18 +22,17 @@ from drivers.errors import InstrumentError, Unreachable, WrongDevice
 from drivers.interfaces import Identity
 from timing import RigClock
 
-from ..files.adapters import Adapters
+from ..files.checked import Adapters
 from ..files.rig_file import RigFile
 from .door import TAKE_WITHIN, Door
 from .hosted import under_guard
 from .instruments import ACTUATORS, COMMANDS, ENERGISING, POLLED, PollRate, owned_names
-from .landing import Instruments, Landing
+from .landing import Landing, LandingDrivers
 from .last_used import forget, remember
 from .latch import Latch, RigLocked
-from .limit_monitor import LimitMonitor
+from .limit_monitor import DriverSettings, LimitMonitor
 from .messages import Event, RigLanded
 from .report import SafeReport, SafeStep
-from .settings import Settings
 from .under_force import UnderForce
 
 CLIPPED = 1e3
@@ -93,9 +92,9 @@ class Guard:
             self.under_force = UnderForce(arm, self.rig.limits, self._begin_motion, self._say_waiting, self.land)
             self.own.drivers["arm"] = self.under_force
         own = self.own
-        self.settings = Settings(own.drivers)
+        self.settings = DriverSettings(own.drivers)
         self.adapters = Adapters(rig)
-        instruments = Instruments(own.drivers, own.opened, self.open, own.busy.__contains__, own.lost)
+        instruments = LandingDrivers(own.drivers, own.opened, self.open, own.busy.__contains__, own.lost)
         self.landing = Landing(self.rig.safe, instruments, self.rig.clock.speed, self._confirmed_late)
         self.running = True
         """It polls its instruments."""

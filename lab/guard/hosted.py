@@ -1,31 +1,40 @@
-"""A driver in a process of its own, under the guard: what its library does there, up to a crash, hurts nobody else.
+"""A driver in a process of its own: what its library does there, up to a crash, hurts nobody else.
 
-The guard asks through a socket, one call at a time, each bounded; a host that does not come back is killed. The host
+The guard asks a driver through a socket, one call at a time, each bounded; a host that does not come back is killed. The host
 hears a ping between the calls: when the guard dies or stands still it stops its instrument and, if the guard is gone,
-ends. Run by `python -m lab.guard.hosted FD`.
+ends. A stream (an arm's state) sends its samples back through the pipe, and they go on to the sink; `latest` judges their age
+here, where they are used. Run by `python -m lab.guard.hosted FD`.
 """
 
 from __future__ import annotations
 
 import contextlib
+import queue
+import threading
 from collections.abc import Callable
+from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import Any
 
 import timing
-from drivers.errors import InstrumentError, NoReply, NotReady, Unreachable
+from drivers.configs import ArmConfig, InstrumentConfig
+from drivers.errors import BadReply, InstrumentError, NoReply, NotReady, StaleReading, Unreachable
+from drivers.interfaces import ArmSample, Identity, Sink
 from timing import RigClock
 
 from ..files.all_drivers import drivers
-from .child import Child, begin_child, end_child, how_it_ended, start_served
+from .child import Child, begin_child, end_child, how_it_ended, start_child
 from .instruments import make
 
 PING_PERIOD = 0.1
 SILENT_AFTER = 0.6
 """Host seconds without a word from the guard after which the instrument is stopped."""
 CALL_WITHIN, OPEN_WITHIN = 5.0, 20.0
-"""Host seconds; longer than the longest of the driver's own time-outs. Connecting to a sound arm takes two or three."""
+"""Host seconds; longer than the longest of the driver's own time-outs. Connecting to a sound arm takes two or three, and a busy
+computer may take ten to start a process; the library that reads an arm's state waits without end."""
 OPEN_ATTEMPTS = 2
+LONGEST_BATCH = 50
+"""Samples of a stream in one message."""
 STOP_WITHIN = 1.5
 """Host seconds for a stop; after that the host is killed and the instrument's own watchdog stops it."""
 
@@ -33,11 +42,10 @@ STOP_WITHIN = 1.5
 class Hosted:
     """The guard's end; has the methods of its driver."""
 
-    def __init__(self, name: str, driver: str, config: Any, clock: RigClock) -> None:
+    def __init__(self, name: str, config: InstrumentConfig, clock: RigClock) -> None:
         self.name = name
-        own = config.model_dump_json()
-        self._setup = (name, driver, own, clock.speed, clock.start)
-        self._outside = make(name, driver, drivers()[driver].config.model_validate_json(own), clock)
+        self._setup = _setup(name, config, clock)
+        self._outside = _driver(self._setup)
         """Never opened: it looks at the instrument from outside, without the library that may crash."""
         self._lock = timing.Lock()
         self._sending = timing.Lock()
@@ -90,7 +98,7 @@ class Hosted:
         with self._lock:
             if self._process is not None and self._process.poll() is None:
                 return
-            self._process, line = start_served("lab.guard.hosted", self._setup)
+            self._process, line = _started(self._setup)
             self._line, self._lost = line, ""
             timing.Thread(target=self._ping, args=(line,), name=f"ping-{self.name}", daemon=True).start()
 
@@ -166,22 +174,145 @@ class Hosted:
 def under_guard(name: str, config: Any, clock: RigClock) -> Any:
     """The driver of one instrument, not yet opened; in a process of its own where its library may crash or hang."""
     if drivers()[config.driver].own_process:
-        return Hosted(name, config.driver, config, clock)
+        return Hosted(name, config, clock)
     return make(name, config.driver, config, clock)
 
 
+class HostedArmState:
+    """ArmState, by way of a process of its own."""
+
+    def __init__(self, name: str, config: ArmConfig, clock: RigClock, sink: Sink[ArmSample]) -> None:
+        self.name, self.config = name, config
+        self.lost = 0
+        self._clock, self._sink = clock, sink
+        self._process: Child | None = None
+        self._line: Connection | None = None
+        self._receiver: threading.Thread | None = None
+        self._opened: queue.Queue[Identity | InstrumentError] = timing.Queue()
+        self._newest: tuple[float, ArmSample] | None = None
+        self._doubt: InstrumentError | None = None
+        """What is wrong with the newest sample."""
+        self._error: InstrumentError | None = None
+        """Why the stream has ended."""
+
+    def open(self) -> Identity:
+        """Start the process and the stream. Raises what UR5State.open raises."""
+        self.close()
+        self._process, self._line = _started(_setup(self.name, self.config, self._clock), stream=True)
+        self._opened = timing.Queue()
+        self._newest = self._doubt = self._error = None
+        self.lost = 0
+        self._receiver = timing.Thread(
+            target=self._receive, args=(self._line, self._process, self._opened), name=self.name, daemon=True
+        )
+        self._receiver.start()
+        try:
+            outcome = self._opened.get(timeout=OPEN_WITHIN)
+        except queue.Empty:
+            outcome = Unreachable(
+                self.name,
+                f"no state of the arm within {OPEN_WITHIN:g} s; " + timing.busy_or("check the network to its controller"),
+            )
+        if isinstance(outcome, InstrumentError):
+            self.close()
+            raise outcome
+        return outcome
+
+    def close(self) -> None:
+        """End the stream and its process."""
+        line, self._line = self._line, None
+        process, self._process = self._process, None
+        receiver, self._receiver = self._receiver, None
+        if line is not None:
+            with contextlib.suppress(OSError):
+                line.send("close")
+        if process is not None:
+            end_child(process, CALL_WITHIN)
+        if receiver is not None:
+            receiver.join(CALL_WITHIN)  # the process has ended, and with it the line: nobody reads what is closed now
+        if line is not None:
+            line.close()
+
+    def latest(self) -> ArmSample:
+        """The newest sample. Raises NotReady before `open`, StaleReading when it is older than `max_age` or the stream has ended,
+        BadReply when it cannot be true."""
+        newest = self._newest
+        if self._line is None or newest is None:
+            raise NotReady(self.name, "not open; call open() first")
+        if self._error is not None:
+            raise self._error
+        age = timing.now() - newest[0]
+        if age > self.config.max_age:
+            raise StaleReading(
+                self.name,
+                f"newest state is {age:.2f} s old, limit {self.config.max_age:g} s; "
+                + timing.busy_or("check the cable to the arm's controller, and the controller"),
+            )
+        if self._doubt is not None:
+            raise self._doubt
+        return newest[1]
+
+    def _receive(self, line: Connection, process: Child, opened: queue.Queue[Identity | InstrumentError]) -> None:
+        with contextlib.suppress(EOFError, OSError):
+            while True:
+                message = timing.receive(line)
+                if isinstance(message, (Identity, InstrumentError)):
+                    opened.put(message)
+                    continue
+                self.lost, arrived, samples, doubt = message
+                for sample in samples:
+                    self._sink(sample)
+                self._newest, self._doubt = (arrived, samples[-1]), doubt
+        if self._line is not line:
+            return  # closed by us
+        self._error = StaleReading(
+            self.name,
+            f"the process that reads the state ended with {how_it_ended(process)}: the stream was damaged or the "
+            "controller disconnected; check the network to the arm, then open it again",
+        )
+        opened.put(self._error)
+
+
 # ------------------------------------------------------------------ the process
+Setup = tuple[str, str, str, float, float]
+"""The first message to a host: name, driver, table of rig.yaml as JSON, and the clock's speed and start."""
+
+
+def _setup(name: str, config: InstrumentConfig, clock: RigClock) -> Setup:
+    return name, config.driver, config.model_dump_json(), clock.speed, clock.start
+
+
+def _driver(setup: Setup, sink: Sink[ArmSample] | None = None) -> Any:
+    """The driver that a host makes, not yet opened; with a sink the stream of an arm's state, whose samples go there."""
+    name, driver, table, *clock = setup
+    kind = drivers()[driver]
+    config = kind.config.model_validate_json(table)
+    if sink is None:
+        return make(name, driver, config, RigClock(*clock))
+    assert kind.make_state is not None
+    return kind.make_state(name, config, RigClock(*clock), sink)
+
+
+def _started(setup: Setup, stream: bool = False) -> tuple[Child, Connection]:
+    """A host of a driver, or of the stream of an arm's state, and the line to it."""
+    ours, theirs = Pipe()
+    process = start_child("lab.guard.hosted", (theirs.fileno(),))
+    theirs.close()
+    ours.send((setup, stream))
+    return process, ours
+
+
 def serve(given: list[int]) -> int:
-    """Serve a guard on the file descriptor that it gave, until it ends."""
+    """Serve on the file descriptor that was given until the other end is closed."""
     with Connection(given[0]) as line:
-        _serve(line)
+        setup, stream = timing.receive(line)
+        (_send if stream else _serve)(line, setup)
     return 0
 
 
-def _serve(line: Connection) -> None:
+def _serve(line: Connection, setup: Setup) -> None:
     """Answer calls until the line is closed; stop the arm when it is silent for SILENT_AFTER host seconds, and at the end."""
-    name, driver_name, config, speed, start = timing.receive(line)
-    driver = make(name, driver_name, drivers()[driver_name].config.model_validate_json(config), RigClock(speed, start))
+    driver = _driver(setup)
     stopped = True
     with contextlib.suppress(EOFError, OSError):
         while True:
@@ -195,7 +326,7 @@ def _serve(line: Connection) -> None:
             if method == "ping":
                 continue
             stopped = stopped and method != "move_to"
-            line.send(_answer(driver, name, method, args))
+            line.send(_answer(driver, setup[0], method, args))
     with contextlib.suppress(Exception):
         driver.stop()
     driver.close()
@@ -208,6 +339,38 @@ def _answer(driver: Any, name: str, method: str, args: tuple[Any, ...]) -> tuple
         return False, e
     except Exception as e:  # noqa: BLE001 - what a library raises is handed to the guard as this instrument's failure
         return False, Unreachable(name, f"{method} failed: {type(e).__name__}: {e}; see the log on the instrument")
+
+
+def _send(line: Connection, setup: Setup) -> None:
+    """Send what a stream brings until the line is closed or something comes through it."""
+    samples: queue.Queue[ArmSample] = timing.Queue()
+    driver = _driver(setup, samples.put)
+    try:
+        line.send(driver.open())
+    except InstrumentError as e:
+        line.send(e)
+        return
+    with contextlib.suppress(EOFError, OSError):
+        while not timing.readable([line], 0.0):
+            batch: list[Any] = []
+            with contextlib.suppress(queue.Empty):
+                batch.append(samples.get(timeout=0.05))
+                while len(batch) < LONGEST_BATCH:
+                    batch.append(samples.get_nowait())
+            if batch:
+                line.send((driver.lost, timing.now(), batch, _doubt(driver)))
+    driver.close()
+
+
+def _doubt(driver: Any) -> InstrumentError | None:
+    """What the driver has against the numbers of its newest sample; its age is judged where it is used."""
+    try:
+        driver.latest()
+    except BadReply as e:
+        return e
+    except InstrumentError:
+        pass
+    return None
 
 
 if __name__ == "__main__":

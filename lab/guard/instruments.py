@@ -15,11 +15,11 @@ from typing import Any
 from urllib.parse import urlsplit
 
 import timing
-from drivers.configs import HOSTS, PORTS
+from drivers.configs import PORTS
 from timing import Clock
 
 from ..files.all_drivers import drivers
-from ..files.rig_file import RigFile, present, table_of
+from ..files.rig_file import RigFile, addresses, present
 from .door import names_of_path
 
 COMMANDS: dict[str, tuple[str, ...]] = {
@@ -81,14 +81,12 @@ def exclusive(rig: RigFile) -> dict[str, frozenset[str]]:
     """What only one program may use, by instrument: serial lines, and the computers of actuators. Cameras and the lab's own
     sensors on a network may be shared. What a text leads to counts, and the text as well, since what it leads to may be out of
     reach for now."""
-    found = {}
-    for name in present(rig.instruments):
-        config = table_of(rig.instruments, name)
-        lines = [line for key in PORTS for v in _texts(getattr(config, key, None)) for line in _line_identities(v)]
-        hosts = (
-            [h for key in HOSTS for v in _texts(getattr(config, key, None)) for h in _addresses(v)] if name in ACTUATORS else []
-        )
-        found[name] = frozenset({f"line:{line}" for line in lines} | {f"host:{h}" for h in hosts})
+    found: dict[str, frozenset[str]] = dict.fromkeys(present(rig.instruments), frozenset())
+    for name, key, text in addresses(rig.instruments):
+        if key in PORTS:
+            found[name] |= {f"line:{line}" for line in _line_identities(text)}
+        elif name in ACTUATORS:
+            found[name] |= {f"host:{host}" for host in _hosts(text)}
     return found
 
 
@@ -98,7 +96,7 @@ def _line_identities(port: str) -> set[str]:
     if "://" in port:
         try:
             url = urlsplit(port)
-            return {f"{address}:{url.port}" for address in _addresses(url.hostname or "")}
+            return {f"{address}:{url.port}" for address in _hosts(url.hostname or "")}
         except ValueError:
             return {port}
     identities = {os.path.abspath(port), os.path.realpath(port)}
@@ -110,22 +108,22 @@ def _line_identities(port: str) -> set[str]:
 
 
 @functools.lru_cache
-def _addresses(host: str) -> frozenset[str]:
+def _hosts(host: str) -> frozenset[str]:
     """A computer by its numeric addresses, and its name. A name server that is silent holds nothing up for long."""
     host = host.strip().rstrip(".").lower()
-    found: list[str] = []
+    texts: list[str] = []
 
     def resolve() -> None:
         with contextlib.suppress(OSError, UnicodeError):
-            found.extend(str(answer[4][0]) for answer in socket.getaddrinfo(host, None, type=socket.SOCK_STREAM))
+            texts.extend(str(answer[4][0]) for answer in socket.getaddrinfo(host, None, type=socket.SOCK_STREAM))
 
     with contextlib.suppress(OSError, UnicodeError):
-        found += [str(answer[4][0]) for answer in socket.getaddrinfo(host, None, 0, socket.SOCK_STREAM, 0, socket.AI_NUMERICHOST)]
-    if not found and host:
+        texts += [str(answer[4][0]) for answer in socket.getaddrinfo(host, None, 0, socket.SOCK_STREAM, 0, socket.AI_NUMERICHOST)]
+    if not texts and host:
         asking = timing.Thread(target=resolve, name="resolve")
         asking.start()
         asking.join(RESOLVE_WITHIN)
-    return frozenset({host, *(_plain_address(text) for text in found.copy())})
+    return frozenset({host, *(_plain_address(text) for text in texts.copy())})
 
 
 def _plain_address(text: str) -> str:
@@ -141,9 +139,3 @@ def owned_names(rig: RigFile) -> frozenset[str]:
     """All names of a rig's guard, see `door`."""
     path = names_of_path(rig.path) if rig.path is not None else frozenset()
     return path.union(*exclusive(rig).values())
-
-
-def _texts(value: object) -> tuple[str, ...]:
-    """TMCL has a `host` that is a number on its bus: no address."""
-    values = value if isinstance(value, tuple) else (value,)
-    return tuple(v for v in values if isinstance(v, str) and v)

@@ -38,7 +38,7 @@ LOST = (Unreachable, NotReady, NoReply)
 
 
 @dataclass(frozen=True)
-class Instruments:
+class LandingDrivers:
     """The drivers of one rig, as a landing uses them."""
 
     drivers: Mapping[str, Any]
@@ -75,7 +75,7 @@ class Landing:
     def __init__(
         self,
         policy: Safe,
-        instruments: Instruments,
+        instruments: LandingDrivers,
         speed: float,
         late: Callable[[SafeStep, float], None] = lambda step, seconds: None,
     ) -> None:

@@ -29,7 +29,7 @@ class RigLocked(RuntimeError):
 
 
 @dataclass(frozen=True)
-class Entry:
+class LatchEntry:
     """Why a rig is locked."""
 
     since: str
@@ -47,7 +47,7 @@ class Latch:
         self.path = rig.with_suffix(".latch")
         self.journal = rig.with_suffix(".guard.log")
 
-    def read(self) -> Entry | None:
+    def read(self) -> LatchEntry | None:
         """The entry that locks the rig; None when it is free. A file that cannot be understood locks too."""
         try:
             with open(opened(self.path, os.O_RDONLY), encoding="utf-8") as file:
@@ -55,12 +55,12 @@ class Latch:
         except FileNotFoundError:
             return None
         except (OSError, UnicodeDecodeError) as e:
-            return Entry("an unknown time", f"{self.path} cannot be read ({getattr(e, 'strerror', None) or e})")
+            return LatchEntry("an unknown time", f"{self.path} cannot be read ({getattr(e, 'strerror', None) or e})")
         try:
             data: Any = read_json(text)
-            return Entry(str(data["since"]), str(data["why"]))
+            return LatchEntry(str(data["since"]), str(data["why"]))
         except (ValueError, KeyError, TypeError):
-            return Entry("an unknown time", f"{self.path} is damaged")
+            return LatchEntry("an unknown time", f"{self.path} is damaged")
 
     def demand_free(self) -> None:
         """Raises RigLocked when a person has to see to the rig first."""

@@ -1,6 +1,8 @@
 """Checks commands and readings against the rig's limits: set-points are clipped, readings outside the limits reported.
 
 A finding calls for "land" (the guard lands the rig at once) or "pause" (the experiment pauses and can go on).
+The instruments' settings are read again when a trial begins (the regulators are vented before each, so what is energised first
+after that begins one), and when a pressure jumps by a ratio of units of measure.
 """
 
 from __future__ import annotations
@@ -54,10 +56,10 @@ class PressureEnvelope:
         if math.isnan(self._t):  # what was told before is not known: it may still be on its way from where it is
             self._low, self._high = min(setpoint, measured), max(setpoint, measured)
         else:
-            left = math.exp(-max(0.0, t - self._t) / self._tau)
+            decay = math.exp(-max(0.0, t - self._t) / self._tau)
             lowest, highest = min(self._setpoint, self._lowest), max(self._setpoint, self._highest)
-            self._low = min(setpoint, lowest + min(0.0, self._low - lowest) * left)
-            self._high = max(setpoint, highest + max(0.0, self._high - highest) * left)
+            self._low = min(setpoint, lowest + min(0.0, self._low - lowest) * decay)
+            self._high = max(setpoint, highest + max(0.0, self._high - highest) * decay)
         self._t, self._setpoint = t, setpoint
         self._lowest, self._highest = math.inf, -math.inf
         if abs(measured - setpoint) <= self._error:
@@ -82,7 +84,7 @@ class NotHeld(DeviceFault):
 
 
 @dataclass(frozen=True)
-class Finding:
+class LimitFinding:
     """What is wrong and what it calls for."""
 
     act: Literal["land", "pause"]
@@ -128,7 +130,7 @@ class LimitMonitor:
         share = min(1.0, self._limits.max_total_pressure / total) if total > 0 else 1.0
         return tuple(p * share for p in pressures)
 
-    def check(self, name: str, sample: Any) -> Finding | None:
+    def check(self, name: str, sample: Any) -> LimitFinding | None:
         """The first thing that is wrong with a reading."""
         if isinstance(sample, PressureSample):
             return self._pressure(name, sample)
@@ -150,7 +152,7 @@ class LimitMonitor:
                 )
         return None
 
-    def _pressure(self, name: str, sample: PressureSample) -> Finding | None:
+    def _pressure(self, name: str, sample: PressureSample) -> LimitFinding | None:
         pressure = self._rig.instruments.pressure
         if pressure is None:
             return None
@@ -160,8 +162,7 @@ class LimitMonitor:
                 return _landing(name, f"channel {channel} measures {p} Pa; check the regulator's sensor")
             if p > highest:
                 return _landing(
-                    name,
-                    f"channel {channel} measures {p / 1e3:.1f} kPa, limit {highest / 1e3:.1f} kPa; check the regulator",
+                    name, f"channel {channel} measures {p / 1e3:.1f} kPa, limit {highest / 1e3:.1f} kPa; check the regulator"
                 )
         total = sum(p * n for p, n in zip(sample.measured, self._sizes, strict=True))
         most = self._limits.max_total_pressure + self._limits.pressure_error * sum(self._sizes)
@@ -173,17 +174,17 @@ class LimitMonitor:
             )
         return self._setpoint_lost(name, sample) or self._holds(name, sample)
 
-    def _setpoint_lost(self, name: str, sample: PressureSample) -> Finding | None:
+    def _setpoint_lost(self, name: str, sample: PressureSample) -> LimitFinding | None:
         """Land if a regulator holds another set-point than it confirmed: it has restarted, or something else commands it too.
         While none are confirmed (a command is under way) nothing is lost."""
-        known = self.setpoints_confirmed or sample.setpoint
+        last_confirmed = self.setpoints_confirmed or sample.setpoint
         differing = [
             (channel, confirmed, held)
-            for channel, (confirmed, held) in enumerate(zip(known, sample.setpoint, strict=True), 1)
+            for channel, (confirmed, held) in enumerate(zip(last_confirmed, sample.setpoint, strict=True), 1)
             # Pa; regulators round the set-points that they hold
             if abs(confirmed - held) > 2e3
         ]
-        twice = [found for found in differing if found[0] in self._differed]  # a single reading of a channel may be wrong
+        twice = [state for state in differing if state[0] in self._differed]  # a single reading of a channel may be wrong
         self._differed = {channel for channel, _, _ in differing}
         if not twice:
             return None
@@ -194,7 +195,7 @@ class LimitMonitor:
             "restarted (power failure?) or something else set it (front panel, second program); check its supply",
         )
 
-    def _holds(self, name: str, sample: PressureSample) -> Finding | None:
+    def _holds(self, name: str, sample: PressureSample) -> LimitFinding | None:
         """Whether each channel follows its own set-point, whatever the others do."""
         channels = enumerate(zip(self._envelopes, sample.setpoint, sample.measured, strict=True), 1)
         deviating = [(p, asked, i) for i, (envelope, asked, p) in channels if envelope.update(sample.t, asked, p)]
@@ -206,9 +207,62 @@ class LimitMonitor:
             f"{self._limits.pressure_error_time:g} s"
         )
         if p < asked:
-            return Finding("pause", NotHeld(name, f"{text}; check for low supply pressure, a leak or a burst chamber"))
+            return LimitFinding("pause", NotHeld(name, f"{text}; check for low supply pressure, a leak or a burst chamber"))
         return _landing(name, f"{text}; the regulator does not vent: shut off its supply")
 
 
-def _landing(name: str, text: str) -> Finding:
-    return Finding("land", DeviceFault(name, text))
+def _landing(name: str, text: str) -> LimitFinding:
+    return LimitFinding("land", DeviceFault(name, text))
+
+
+PA = (1.0, 98.0665, 100.0, 133.322, 249.089, 1e3, 3386.39, 6894.757, 98_066.5, 1e5, 101_325.0, 1e6)
+"""Pa in the units of measure that panels offer: Pa, cmH2O, mbar, torr, inH2O, kPa, inHg, psi, kg/cm2, bar, atm, MPa."""
+# smaller ratios (bar to atm) are no danger, and a pressure that is ramped passes through them
+RATIOS = tuple(sorted(a / b for a in PA for b in PA if a / b > 1.5))
+
+
+def jumps(before: PressureSample, now: PressureSample) -> int:
+    """The first channel (from 1) whose pressure jumped by a ratio of units of measure; 0 for none."""
+    for channel, pair in enumerate(zip(before.measured, now.measured, strict=True), 1):
+        low, high = sorted(map(abs, pair))
+        # Pa; below, noise would jump by any ratio. 5 %: noise, and what the pressure did between two readings
+        if high > 3e3 and any(abs(high - ratio * low) <= 0.05 * high for ratio in RATIOS):
+            return channel
+    return 0
+
+
+class DriverSettings:
+    """Which drivers have settings that can change, and which of them are due to be read again."""
+
+    def __init__(self, drivers: dict[str, Any]) -> None:
+        self._drivers = drivers
+        self._due = set(drivers)
+        self._before: PressureSample | None = None
+        self._jumped: set[str] = set()
+        """Those of whose pressures one has jumped, until they are confirmed."""
+
+    def vented(self) -> None:
+        """The regulators are being vented: what is energised next begins a trial."""
+        self._due = set(self._drivers)
+
+    def confirm(self, name: str, trial: bool) -> None:
+        """Have a driver read its settings, if that is due and it can. Raises InstrumentError, and is then due again.
+
+        `trial`: a trial begins with what is commanded next. Without it only a jump is looked into: a vent passes through ratios
+        of units too, and what was read then says nothing of the panel when the next trial begins.
+        """
+        if name in self._jumped or (trial and name in self._due):
+            if (confirm := getattr(self._drivers[name], "confirm_settings", None)) is not None:
+                confirm()
+            self._jumped.discard(name)
+            if trial:
+                self._due.discard(name)
+
+    def may_have_changed(self, name: str, sample: Any) -> bool:
+        """True when a pressure has jumped by a ratio of units of measure since the reading before, until it is confirmed."""
+        if not isinstance(sample, PressureSample):
+            return False
+        before, self._before = self._before, sample
+        if before is not None and len(before.measured) == len(sample.measured) and jumps(before, sample):
+            self._jumped.add(name)
+        return name in self._jumped

@@ -1,24 +1,33 @@
-"""Landing without the guard that owned the rig: this process becomes its guard, opens every actuator and lands it.
+"""Landing without the guard that owned the rig: a process becomes its guard, opens every actuator and lands it.
 
 Used when the guard was lost, and by `lab safe`. There is no time to start a process: the drivers are here already. An arm that
 does not let itself be opened, because its own safety system holds it or it is without power, is at rest by what its controller
 shows. Where another guard owns the rig by now, that one is asked to land it.
+
+What is not confirmed after a guard was lost is landed on by a process of its own, `python -m lab.guard.new_guard`, which goes on
+after the program that asked for it has ended; what to land comes as JSON at its input.
 """
 
 from __future__ import annotations
 
 import contextlib
+import json
+import os
+import subprocess
+import sys
 from collections.abc import Sequence
+from pathlib import Path
 
+from recordings.json_text import read_json
 from timing import RigClock
 
 from ..files.rig_file import RigFile
 from . import door
-from .guard import REACH_WITHIN, Guard
+from .child import Child, begin_child, start_child
+from .guard import LIVES_ON, REACH_WITHIN, Guard
 from .instruments import owned_names
 from .latch import RigLocked
 from .report import SafeReport, SafeStep
-from .rescue import go_on_landing
 
 
 def make_safe_with_new_guard(file: RigFile, clock: RigClock, names: Sequence[str], why: str, unlock: bool) -> SafeReport:
@@ -33,9 +42,9 @@ def make_safe_with_new_guard(file: RigFile, clock: RigClock, names: Sequence[str
     except door.CannotBeAsked as e:
         held = str(e)
     except RigLocked as e:
-        found = door.land(owned_names(file), file.path)
-        if found.names:
-            return found.report
+        landed = door.land(owned_names(file), file.path)
+        if landed.names:
+            return landed.report
         held = str(e)
     try:
         report = guard.make_safe(why, file.safe.keep_vacuum, names, REACH_WITHIN)
@@ -55,3 +64,44 @@ def make_safe_after_loss(file: RigFile, clock: RigClock, names: Sequence[str]) -
     if left := [s.instrument for s in report.steps if not s.confirmed and s.instrument in names]:
         go_on_landing(file, left, why)
     return report
+
+
+RESCUING: list[Child] = []
+"""Processes that this program has started for it."""
+
+
+def go_on_landing(rig: RigFile, names: Sequence[str], why: str) -> None:
+    """Start a process that opens these instruments again and again, and lands them, for `LIVES_ON` host seconds at most.
+
+    It unlocks the rig when everything is confirmed, unless it was locked anew meanwhile.
+    """
+    nowhere = subprocess.DEVNULL
+    process = start_child("lab.guard.new_guard", stdin=subprocess.PIPE, stdout=nowhere, stderr=nowhere)
+    RESCUING.append(process)
+    assert process.stdin is not None
+    with process.stdin as asked:
+        asked.write(json.dumps([rig.model_dump_json(), str(rig.path or ""), list(names), why]).encode())
+
+
+def main() -> int:
+    """Land one rig; unlock it when everything is confirmed, unless it was locked anew meanwhile. Returns the exit code: 1 where
+    another guard owns the rig by now."""
+    text, path, names, why = read_json(sys.stdin.buffer.read())
+    rig = RigFile.model_validate_json(text).read_from(Path(path) if path else None)
+    guard = Guard(rig, RigClock(rig.clock.speed), despite_latch=True, about=why)
+    locked = guard.latch.read() if guard.latch is not None else None
+    guard.ending = True  # as `owners` report it: it commands nothing, and is gone when it has landed the rig
+    try:
+        guard.take_over()
+    except RigLocked:
+        return 1  # that guard lands it
+    report = guard.make_safe(why, rig.safe.keep_vacuum, names, LIVES_ON)
+    if report.confirmed and guard.latch is not None and guard.latch.read() == locked:
+        guard.unlock()
+    guard.close()
+    return 0
+
+
+if __name__ == "__main__":
+    begin_child()
+    os._exit(main())  # threads may be stuck in a driver that does not come back

@@ -21,11 +21,10 @@ from timing import RigClock
 
 from ..files.rig_file import RigFile
 from .child import begin_child
-from .force_limit import overload
 from .guard import LIVES_ON, Guard
 from .latch import RigLocked
 from .messages import Event, RigLanded, Start
-from .pulse import BEAT, FRESH, SIGNAL, Awake, Listener
+from .pulse import BEAT, FRESH, SIGNAL, Awake, Listener, overload
 
 LOOK = 0.05
 """Longest host seconds between two looks at the pulse."""
@@ -113,13 +112,10 @@ class ProgramWatch(timing.Thread):
             if guard.under_force is not None:
                 guard.under_force.sampled(value)
         elif text := overload(kind, value, guard.rig):
-            self._overloaded(text)
+            if guard.energised:
+                guard.land(f"force: {text}", DeviceFault("force", f"{text}; free what the tool pushes on, then run again"))
         elif kind == BEAT and guard.energised and value > guard.rig.safe.hang:
             guard.land(f"the experiment has made no progress for {value:.1f} s (safe.hang)")
-
-    def _overloaded(self, text: str) -> None:
-        if self._guard.energised:
-            self._guard.land(f"force: {text}", DeviceFault("force", f"{text}; free what the tool pushes on, then run again"))
 
 
 def _serve(guard: Guard, commands: Connection) -> None:
@@ -140,8 +136,8 @@ def _serve(guard: Guard, commands: Connection) -> None:
             try:
                 ok, answer = True, guard.do(name, method, args)
             except Exception as e:  # noqa: BLE001 - every failure is handed to the caller, typed where the type can travel
-                known = isinstance(e, (InstrumentError, RigLanded, RigLocked))
-                ok, answer = False, e if known else RuntimeError(f"{type(e).__name__}: {e}")
+                typed = isinstance(e, (InstrumentError, RigLanded, RigLocked))
+                ok, answer = False, e if typed else RuntimeError(f"{type(e).__name__}: {e}")
             commands.send((number, ok, answer))
     guard.landed = guard.landed or "the program ended"
     _live_on(guard)
@@ -168,14 +164,14 @@ def main(commands: Connection, pulse: Listener, reports: Connection) -> int:
         return 1
     rig = RigFile.model_validate_json(start.rig).read_from(Path(start.path) if start.path else None)
     clock = RigClock(rig.clock.speed, start.clock_start)
-    told = Reports(reports)
-    guard = Guard(rig, clock, start.despite_latch, told, start.about)
+    outbox = Reports(reports)
+    guard = Guard(rig, clock, start.despite_latch, outbox, start.about)
     try:
         guard.take_over()
     except RigLocked as e:
         with contextlib.suppress(OSError):
             commands.send((0, False, e))
-        told.close()
+        outbox.close()
         pulse.close()  # else its watch closes it
         return 1
     with contextlib.suppress(OSError):  # a program that has ended meanwhile is met by the watch
@@ -183,7 +179,7 @@ def main(commands: Connection, pulse: Listener, reports: Connection) -> int:
     guard.start()
     ProgramWatch(guard, pulse).start()
     _serve(guard, commands)
-    told.close()
+    outbox.close()
     return 0
 
 

@@ -1,4 +1,5 @@
-"""The verb `lab investigate`: what a person reads while it goes on, and what is kept."""
+"""`lab investigate`: the rig as the place where its experiments are done, by the protocols of `lab run` under the same guard;
+what a person reads while it goes on; and the page: how certain it became, what was done, how each prediction came out."""
 
 from __future__ import annotations
 
@@ -6,27 +7,37 @@ import argparse
 import json
 import os
 import shlex
-from collections.abc import Sequence
+import tempfile
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
-from diagnosis.answer.result import Diagnosis, Ranked
+import matplotlib.pyplot as plt
+import numpy as np
+import yaml
+
+from diagnosis.answer.result import Proposal
+from diagnosis.answer.sentences import hypothesis_name
 from diagnosis.diagnose import Options
 from diagnosis.errors import DiagnosisError
 from diagnosis.inference.executor import Executor
-from diagnosis.investigate import Foretold, Investigation, Round, investigate
+from diagnosis.inference.posterior import UNKNOWN
+from diagnosis.investigate import Foretold, Investigation, Judged, NotDone, Round, investigate
 from drivers.errors import InstrumentError
 from model.errors import ModelError
 from protocols.errors import ProtocolError, Stopped
 from recordings.errors import RecordingError
 from recordings.own_files import replaced
 
-from ..console import Screen, err, out
-from ..files.config import ConfigError
-from ..files.inputs import read_case, same_robot
+from ..console import Screen, note, out, warn
+from ..files.config import ConfigError, Source
+from ..files.inputs import Case, read_case, same_robot
 from ..files.own_effects import catalogue
-from ..files.rig_file import load_rig
+from ..files.rig_file import RigFile, load_rig
 from ..files.units import UnitError, to_si
-from ..live.beside import page_where
+from ..live.beside import Page, page_where
 from ..options import (
     ANY_SIZE,
     JSON,
@@ -42,9 +53,233 @@ from ..options import (
     rig,
     settings,
 )
-from ..pages import diagnosis_report, investigation_page
+from ..pages import diagnosis_report
+from ..pages.diagnosis_report import hypothesis, names
+from ..pages.figures import GREY, STYLE, colours, save
+from ..pages.report import Report, Section
 from ..processes import for_case
-from .laboratory import RigLaboratory, Wanted
+from ..rig.assembly import Rig
+from ..rig.operator import RememberingOperator
+from ..verbs.run import Job, Outcome, connect, execute, job
+
+
+def write_page(story: Investigation, path: Path, source: str, answer: str) -> Path:
+    """Write one offline page; `answer` is the name of the page of the last diagnosis beside it."""
+    report = Report(
+        "An investigation", f"{time.strftime('%Y-%m-%d %H:%M')}, {source}", _lead(story), ids=names(story.answer).keys()
+    )
+    with tempfile.TemporaryDirectory() as place:
+        section = report.section("How certain it became")
+        if len(story.rounds) > 1:
+            section.figure(
+                _drawn(story, Path(place) / "rounds.svg"),
+                "Probability of each hypothesis after each diagnosis, over the minutes spent on experiments",
+            )
+        section.table(("after", "minutes", "most probable", "p", "bits gained"), _rounds(story))
+        for number, r in enumerate(story.rounds, 1):
+            if r.foretold is not None:
+                _experiment(report.section(f"Experiment {number}: {r.foretold.proposal.do}"), r)
+        if story.rounds[-1].refused:
+            section = report.section("What was not done")
+            section.table(("experiment", "why"), [[id, why] for id, why in story.rounds[-1].refused.items()])
+        report.section("The answer in full").text(
+            f"{story.answer.statement} All of it, with figures: {answer}, in the same folder."
+        )
+        return report.write(path)
+
+
+def _lead(story: Investigation) -> str:
+    experiments = sum(r.foretold is not None for r in story.rounds)
+    number = {0: "no experiment", 1: "one experiment"}.get(experiments, f"{experiments} experiments")
+    before, after = story.rounds[0].diagnosis.attribute, story.answer.attribute
+    was = _plain(before.ranking[0].effects, story) if before.ranking else "nothing"
+    said = f"After {number} and {story.rounds[-1].minutes:g} min"
+    if after.verdict == "unknown":
+        head = f"{said} the cause lies outside the catalogue with probability {after.probability:.2f}."
+    else:
+        head = f"{said}: {_plain(after.effects, story)} with probability {after.probability:.2f}"
+        outside = next((r.probability for r in after.ranking if r.effects == UNKNOWN), 0.0)
+        head += f"; outside the catalogue with {outside:.2f}." if outside > after.probability else "."
+    first = f" Before: {was}, {before.ranking[0].probability:.2f}." if experiments and before.ranking else ""
+    reason = "the answer is settled" if story.ended == "settled" else story.ended
+    return f"{head}{first} It ended because {reason}."
+
+
+def _plain(effects: Sequence[str], story: Investigation) -> str:
+    return hypothesis_name(effects, names(story.answer), ids=False)
+
+
+def _rounds(story: Investigation) -> list[list[str]]:
+    out, after, gained = [], "the campaign", ""
+    for r in story.rounds:
+        a = r.diagnosis.attribute
+        first = a.ranking[0]
+        out.append([after, f"{r.minutes:g}", hypothesis(first.effects, story.answer), f"{first.probability:.2f}", gained])
+        if r.foretold is not None:
+            after, gained = r.foretold.proposal.do, f"{r.bits:.2f}"
+    return out
+
+
+def _experiment(section: Section, r: Round) -> None:
+    assert r.foretold is not None
+    p = r.foretold.proposal
+    section.text(
+        f"{p.expected_bits:.2f} bits were expected from it and {r.bits:.2f} gained, for about {p.cost_min:g} min. "
+        "The predictions were written down before it ran."
+    )
+    if not r.judged:
+        return
+    if r.unforeseen:
+        section.text(
+            "None of the hypotheses foretold what was read: something is at work here that none of them has, "
+            "or the robot is not what it was."
+        )
+    section.table(("hypothesis", "probability before", "missed by, mm rms", "p of so far off", "bits against the best"),
+                  [_judged(j, r) for j in r.judged])  # fmt: skip
+
+
+def _judged(j: Judged, r: Round) -> list[str]:
+    before = next((x.probability for x in r.diagnosis.attribute.ranking if x.effects == j.effects), 0.0)
+    chance = f"{j.p_value:.2g}{' (failed)' if j.failed else ''}"
+    return [hypothesis(j.effects, r.diagnosis), f"{before:.2f}", f"{j.rms_mm:.2f}", chance, f"{j.bits + 0.0:.1f}"]
+
+
+def _drawn(story: Investigation, path: Path) -> Path:
+    """Lines of probability over minutes; the experiments stand above."""
+    probability = [{x.effects: x.probability for x in r.diagnosis.attribute.ranking} for r in story.rounds]
+    highest = {h: max(p.get(h, 0.0) for p in probability) for h in {h for p in probability for h in p}}
+    shown = sorted((h for h in highest if highest[h] > 0.01), key=lambda h: -highest[h])[:6]
+    minutes = [r.minutes for r in story.rounds]
+    with plt.rc_context(STYLE):
+        figure, axis = plt.subplots(figsize=(5.2, 3.4 + 0.2 * len(shown)), layout="constrained")
+        for h, colour, mark in zip(shown, colours(len(shown)), "os^Dv*", strict=False):
+            y = [p.get(h, 0.0) for p in probability]
+            axis.plot(minutes, y, marker=mark, color=colour, label=_plain(h, story))
+        for r, minutes_after in zip(story.rounds, minutes[1:], strict=False):
+            if r.foretold is not None:
+                middle = (r.minutes + minutes_after) / 2
+                axis.annotate(r.foretold.proposal.id, (middle, 1.03), ha="center", fontsize=8, annotation_clip=False)
+                axis.axvspan(r.minutes, minutes_after, color=GREY, alpha=0.12, lw=0)
+        axis.axhline(0.95, color="0.4", lw=0.8, ls="--")
+        axis.set_ylim(0, 1)
+        axis.set_yticks(np.linspace(0, 1, 6))
+        axis.set_xlabel("minutes of experiments")
+        axis.set_ylabel("probability")
+        axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), fontsize=8)
+        return save(figure, path)
+
+
+FORETOLD, PROTOCOL = "foretold.json", "protocol.yaml"
+NEEDED = {"markers": "markers on the body, named in rig.yaml under instruments.mocap.markers"}
+"""What an experiment takes beyond instruments, by its id."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a person asked for."""
+
+    inputs: tuple[Path, ...]
+    rig: Path
+    folder: Path
+    minutes: float
+    """Of all experiments."""
+    experiments: int
+    robot: Path | None = None
+    effects: Path | None = None
+    hands: bool = True
+    without: tuple[str, ...] = ()
+    """Experiments that are not to be done, by id."""
+    settings: tuple[str, ...] = ()
+    """KEY=VALUE, for every experiment."""
+    labels: Mapping[str, str] = field(default_factory=dict)
+    workers: int | None = None
+    watched: bool = False
+    """On a page in the browser."""
+
+
+class RigLaboratory:
+    """Does experiments on a rig and keeps everything in a folder, one below it for each."""
+
+    def __init__(self, wanted: Wanted, rig: RigFile, told: Callable[[Foretold], None]) -> None:
+        self._wanted, self._rig, self._told = wanted, rig, told
+        self._inputs = list(wanted.inputs)
+        self._prepared = RememberingOperator()
+        self._jobs: dict[str, Job | str] = {}
+        self.begun = ""
+        """Id of the experiment that was begun last."""
+        self.lost = 0
+        """Samples."""
+        self.safe = True
+        self.page: Page | None = None
+        """Where the experiments are seen."""
+
+    @property
+    def inputs(self) -> tuple[Path, ...]:
+        """The campaign as it is by now: what was given, and the recordings made since."""
+        return tuple(self._inputs)
+
+    def refusal(self, proposal: Proposal) -> str:
+        """See Laboratory."""
+        if proposal.id in self._wanted.without:
+            return "not wanted"
+        if proposal.hands_min and not self._wanted.hands:
+            return f"takes {proposal.hands_min:g} min of somebody's hands"
+        if proposal.id not in self._jobs:
+            self._jobs[proposal.id] = self._job(proposal)
+        found = self._jobs[proposal.id]
+        return found if isinstance(found, str) else ""
+
+    def _job(self, proposal: Proposal) -> Job | str:
+        """What is to be run, or why it cannot be."""
+        try:
+            given = Source(proposal.id, dict(proposal.protocol), {})
+            found = job(proposal.id, self._wanted.rig, list(self._wanted.settings), given, rig=self._rig)
+        except (ConfigError, ProtocolError) as e:
+            return str(e).splitlines()[0]
+        if proposal.id in NEEDED and not getattr(found.rig.instruments.mocap, "markers", None):
+            return f"needs {NEEDED[proposal.id]}"
+        return replace(found, labels={"investigation": self._wanted.folder.name, **self._wanted.labels})
+
+    def perform(self, foretold: Foretold) -> Case:
+        """See Laboratory. Raises what ended the run, `Stopped` when a person did."""
+        proposal = foretold.proposal
+        j = self._jobs[proposal.id]
+        if isinstance(j, str):
+            raise NotDone(j)
+        place = self._place(proposal.id)
+        place.mkdir(parents=True)
+        replaced(place / PROTOCOL, yaml.safe_dump(dict(proposal.protocol), sort_keys=False))
+        replaced(place / FORETOLD, json.dumps(asdict(foretold), indent=1) + "\n")
+        self._told(foretold)
+        self.begun = proposal.id
+        result = self._run(j, place)
+        self.lost += sum(result.lost.values())
+        self.safe = result.safe
+        if len(result.table):
+            self._inputs.append(result.file)
+        if result.error is not None:
+            raise result.error
+        if not result.safe:
+            raise Stopped("the safe state is not confirmed; nothing more is done")
+        return read_case(self._inputs, self._wanted.robot)
+
+    def _run(self, j: Job, place: Path) -> Outcome:
+        with ExitStack() as open_:
+            rig = open_.enter_context(Rig(j.rig))
+            rig.operator = self._prepared.over(rig.operator)
+            connect(rig, j.experiment.needs, quiet=True)
+            screen = Screen(j.experiment.name, j.rig.clock.speed)
+            if self.page is not None:
+                self.page.part(f"Investigation {self._wanted.folder.name}. Experiment {place.name}", more=True)
+            result = execute(rig, j, place, screen, page=self.page)
+            warn(rig.notices)
+        return result
+
+    def _place(self, id: str) -> Path:
+        """A folder for the next experiment: those there are numbered."""
+        there = [int(p.name[:2]) for p in self._wanted.folder.glob("[0-9][0-9]-*") if p.is_dir()]
+        return self._wanted.folder / f"{max(there, default=0) + 1:02d}-{id}"
+
 
 STORY, ANSWER, PAGE, ANSWER_PAGE = "investigation.json", "diagnosis.json", "investigation.html", "diagnosis.html"
 
@@ -69,9 +304,7 @@ class _Weighing:
 
 def run(w: Wanted) -> Result:
     """Investigate; code 0 when it came to its end, 3 when samples were lost on the way, 1 when a run failed or was stopped.
-
-    Raises ConfigError, RecordingError, InstrumentError.
-    """
+    Raises ConfigError, RecordingError, InstrumentError."""
     case = read_case(w.inputs, w.robot)
     rig = load_rig(w.rig)
     if not same_robot(rig.body, case.robot):
@@ -80,9 +313,8 @@ def run(w: Wanted) -> Result:
         raise ConfigError(f"{w.folder}: holds an investigation already; give another folder with --out")
     w.folder.mkdir(parents=True, exist_ok=True)
     weighed, left_out = catalogue(case.robot, w.effects)
-    for why in left_out:
-        err.print(f"note: not considered: {why}")
-    at = RigLaboratory(w, rig, _foretold)
+    note(f"not considered: {why}" for why in left_out)
+    site = RigLaboratory(w, rig, _foretold)
     rounds: list[Round] = []
     weighing = _Weighing()
     say = Screen("").say
@@ -93,38 +325,40 @@ def run(w: Wanted) -> Result:
         _show(r)
 
     ended: BaseException | None = None
-    found: Investigation | None = None
+    investigation: Investigation | None = None
     cores = w.workers if w.workers is not None else len(os.sched_getaffinity(0))
     try:
-        with for_case(cores) as beside, page_where(w.watched, say) as at.page:
-            if at.page is not None:
-                say(f"watch it at {at.page.address}")
-            there = beside(len(case.table))
-            fits = Executor(progress=weighing.step, remote_map=None if there is None else there.in_order)
-            found = investigate(case, at, Options(catalogue=weighed, executor=fits), w.minutes, w.experiments, diagnosed)
+        with for_case(cores) as beside, page_where(w.watched, say) as site.page:
+            if site.page is not None:
+                say(f"watch it at {site.page.address}")
+            workers = beside(len(case.table))
+            fits = Executor(progress=weighing.step, remote_map=None if workers is None else workers.in_order)
+            investigation = investigate(
+                case, site, Options(catalogue=weighed, executor=fits), w.minutes, w.experiments, diagnosed
+            )
     except (DiagnosisError, ModelError) as e:
         raise ConfigError(str(e)) from e
     except (ProtocolError, InstrumentError, RecordingError, KeyboardInterrupt) as e:
         ended = e
     finally:
         weighing.stop()
-    if found is None:
+    if investigation is None:
         if not rounds:
             raise ended or Stopped("stopped by the operator")
-        found = Investigation(tuple(rounds), f"broken off: {ended or 'by the operator'}")
-    _keep(w, found, at.inputs)
+        investigation = Investigation(tuple(rounds), f"broken off: {ended or 'by the operator'}")
+    _keep(w, investigation, site.inputs)
     stopped = isinstance(ended, (Stopped, KeyboardInterrupt))
-    unreadable = at.begun if isinstance(ended, (ProtocolError, RecordingError)) and not stopped else ""
-    story = found
+    unreadable = site.begun if isinstance(ended, (ProtocolError, RecordingError)) and not stopped else ""
+    story = investigation
 
     def show() -> None:
         out.print(story.answer.statement)
         out.print(f"{story.ended}; all of it: {w.folder / PAGE}", soft_wrap=True)
         if ended is not None:
-            out.print(f"go on with: {_again(w, at.inputs, unreadable)}", soft_wrap=True)
+            out.print(f"go on with: {_again(w, site.inputs, unreadable)}", soft_wrap=True)
 
-    data = {**found.to_dict(), "folder": str(w.folder), "inputs": [str(p) for p in at.inputs], "lost": at.lost}
-    return Result(data, show, 1 if ended is not None or not at.safe else 3 if at.lost else 0, None if stopped else ended)
+    data = {**investigation.to_dict(), "folder": str(w.folder), "inputs": [str(p) for p in site.inputs], "lost": site.lost}
+    return Result(data, show, 1 if ended is not None or not site.safe else 3 if site.lost else 0, None if stopped else ended)
 
 
 def _again(w: Wanted, inputs: Sequence[Path], unreadable: str = "") -> str:
@@ -143,19 +377,15 @@ def _keep(w: Wanted, found: Investigation, inputs: Sequence[Path]) -> None:
     replaced(w.folder / ANSWER, found.answer.to_json() + "\n")
     case = read_case(inputs, w.robot)
     diagnosis_report.write(found.answer, case, inputs, w.folder / ANSWER_PAGE)
-    investigation_page.write(found, w.folder / PAGE, str(w.folder), ANSWER_PAGE)
+    write_page(found, w.folder / PAGE, str(w.folder), ANSWER_PAGE)
 
 
 def _named(effects: Sequence[str]) -> str:
     return " + ".join(effects) or "none"
 
 
-def _leading(d: Diagnosis) -> list[Ranked]:
-    return list(d.attribute.ranking[:4])
-
-
 def _show(r: Round) -> None:
-    leading = ", ".join(f"{_named(x.effects)} {x.probability:.2f}" for x in _leading(r.diagnosis))
+    leading = ", ".join(f"{_named(x.effects)} {x.probability:.2f}" for x in r.diagnosis.attribute.ranking[:4])
     out.print(f"After {r.minutes:g} min of experiments: {leading}", soft_wrap=True)
 
 
@@ -181,7 +411,7 @@ def _minutes(text: str) -> float:
 
 def _investigate(a: argparse.Namespace) -> Result:
     menu = not a.no_hands, tuple(a.without), tuple(a.set)
-    labels = tuple(given_labels(a))
+    labels = given_labels(a)
     wanted = Wanted(tuple(a.inputs), a.rig, a.out, a.budget, a.experiments, a.robot, a.effects, *menu, labels, a.workers, a.watch)
     return run(wanted)
 
@@ -201,11 +431,7 @@ VERBS = (
             settings("change a parameter of every experiment (repeatable)"),
             option("--no-hands", action="store_true", help="nothing to mount, turn or hang on"),
             option(
-                "--out",
-                type=Path,
-                default=Path("investigation"),
-                metavar="FOLDER",
-                help="folder for recordings, answer and page",
+                "--out", type=Path, default=Path("investigation"), metavar="FOLDER", help="folder for recordings, answer and page"
             ),
             ROBOT,
             WORKERS,

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.table import Table as Sheet
 
 from diagnosis.data.case import Case, states
@@ -31,9 +31,7 @@ from ..files.inputs import read_case
 from ..files.own_effects import catalogue
 from ..files.rig_file import load_rig
 from ..options import ANY_SIZE, JSON, OWN_EFFECTS, Result, Verb, option, rig, settings
-from ..verbs.run import protocol_plan, robot_facts
-
-Columns = dict[str, NDArray[np.generic]]
+from ..verbs.run import planned_columns, protocol_plan, robot_facts
 
 READ = ("x", "y", "z", "qw", "qx", "qy", "qz")
 """What motion capture tells of the tip."""
@@ -41,7 +39,7 @@ CLUTTERS = {"clean": (0.0,), "cluttered": (0.05, 0.1, 0.2)}
 
 
 @dataclass(frozen=True)
-class Asked:
+class PowerQuestion:
     """Whose power is asked for: a protocol or a campaign for a rig or a robot, or a campaign that was measured."""
 
     protocol: str | None
@@ -52,26 +50,24 @@ class Asked:
     robot: Path | None
 
 
-def run(asked: Asked, each: int, seed: int, more: bool, effects: Path | None) -> Result:
-    """What can be told apart, by drawing `each` worlds of every cause; `more`: also what each further experiment brings.
-
-    Raises ConfigError.
-    """
+def run(asked: PowerQuestion, each: int, seed: int, more: bool, effects: Path | None) -> Result:
+    """What can be told apart, by drawing `each` worlds of every cause; `more`: also what each further experiment brings. Raises
+    ConfigError."""
     if not 2 <= each <= 10_000:
         raise ConfigError(f"--worlds {each}: must be 2 to 10000 of each cause")
-    robot, table = _planned(asked)
+    robot, case_of = _planned(asked)
     weighed, left_out = catalogue(robot, effects)
     weighed = {id: spec for id, spec in weighed.items() if possible(robot, spec)}
     note(f"not considered: {why}" for why in left_out)
     try:
         with Screen("drawing worlds") as screen:
-            case = foreseen(robot, table, seed) if table is not None else _measured(asked)
+            case = case_of(seed)
             whole = 3 if more else 2
             design = of_case(case, weighed)
-            found: dict[str, Power] = {}
+            powers: dict[str, Power] = {}
             for k, (name, clutter) in enumerate(CLUTTERS.items()):
                 screen.say(f"{name}: {each} worlds of each of {len(weighed)} causes, part {k + 1} of {whole}")
-                found[name] = power(design, tuple(weighed), each, seed, clutter)
+                powers[name] = power(design, tuple(weighed), each, seed, clutter)
                 screen.progress((k + 1) / whole, 1.0)
             brings: tuple[Addition, ...] = ()
             if more and not states(case)[0].pushed.all():
@@ -79,7 +75,7 @@ def run(asked: Asked, each: int, seed: int, more: bool, effects: Path | None) ->
                 brings = additions(case, weighed, seed=seed, progress=lambda s: screen.progress((2 + s) / whole, 1.0))
     except (DiagnosisError, ModelError) as e:
         raise ConfigError(str(e)) from e
-    return Result(_dict(found, brings, design), partial(_show, _plan(case), found, brings))
+    return Result(_dict(powers, brings, design), partial(_show, _plan(case), powers, brings))
 
 
 def _plan(case: Case) -> str:
@@ -92,18 +88,19 @@ def _plan(case: Case) -> str:
     return f"plan: {states} in {trials}, {words.kind} up to {words.number(highest)} {words.unit}{open_end}"
 
 
-def _planned(a: Asked) -> tuple[Robot, Columns | None]:
-    """The robot, and the columns that will be read; none where a case was measured."""
+def _planned(a: PowerQuestion) -> tuple[Robot, Callable[[int], Case]]:
+    """The robot, and by a seed the case that was measured, or that the plan will give."""
     given = [n for n, v in (("protocol", a.protocol), ("campaign", a.campaign), ("case", a.case or None)) if v is not None]
     if len(given) != 1:
         raise ConfigError("give one of --protocol, --campaign and --case")
     if a.case:
-        return read_case(a.case, a.robot).robot, None
+        case = read_case(a.case, a.robot)
+        return case.robot, lambda seed: Case(case.robot, case.table)
     if a.campaign is not None:
         if a.rig is None:
             raise ConfigError("--campaign: give the rig too, --rig RIG")
         c = campaign_of(a.campaign, a.rig, 1)
-        return c.robot, planned_table(c, READ)
+        return c.robot, partial(foreseen, c.robot, planned_table(c, READ))
     assert a.protocol is not None
     rig = None if a.rig is None else load_rig(a.rig)
     if a.robot is not None:
@@ -112,41 +109,28 @@ def _planned(a: Asked) -> tuple[Robot, Columns | None]:
         robot = rig.body
     else:
         raise ConfigError("--protocol: give the rig, --rig RIG, or the robot alone, --robot ROBOT")
-    known = robot_facts(robot, rig)
-    _, parameters, plan = protocol_plan(a.protocol, list(a.settings), known)
-    rows = planned_rows(plan, parameters, known.chambers)
-    names = [n for n in rows[0] if n not in ("step", "vacuum") or (n == "vacuum" and robot.spine is not None)]
-    told: Columns = {n: np.array([row[n] for row in rows]) for n in names}
-    return robot, told | {n: np.full(len(rows), float(n == "qw")) for n in READ}
+    facts = robot_facts(robot, rig)
+    _, parameters, plan = protocol_plan(a.protocol, list(a.settings), facts)
+    rows = planned_rows(plan, parameters, facts.chambers)
+    return robot, partial(foreseen, robot, planned_columns(rows, robot, READ))
 
 
-def _measured(a: Asked) -> Case:
-    case = read_case(a.case, a.robot)
-    return Case(case.robot, case.table)
-
-
-def _dict(found: dict[str, Power], brings: tuple[Addition, ...], design: Planned) -> dict[str, Any]:
+def _dict(powers: dict[str, Power], brings: tuple[Addition, ...], design: Planned) -> dict[str, Any]:
     added = [
-        {
-            "id": a.experiment.id,
-            "do": a.experiment.do,
-            "cost_min": a.experiment.minutes,
-            "right": a.right,
-            "gained": a.gained,
-        }
+        {"id": a.experiment.id, "do": a.experiment.do, "cost_min": a.experiment.minutes, "right": a.right, "gained": a.gained}
         for a in brings
     ]
     return {
         "schema": "power/1",
         "noise_floor_mm": max(part.floor for part in design.where) * 1e3,
-        **{name: {**p.to_dict(), "right_other_laws": p.right * OTHER_LAWS[name]} for name, p in found.items()},
+        **{name: {**p.to_dict(), "right_other_laws": p.right * OTHER_LAWS[name]} for name, p in powers.items()},
         "additions": added,
     }
 
 
-def _show(plan: str, found: dict[str, Power], brings: tuple[Addition, ...]) -> None:
+def _show(plan: str, powers: dict[str, Power], brings: tuple[Addition, ...]) -> None:
     out.print(plan, soft_wrap=True)
-    clean, cluttered = found["clean"], found["cluttered"]
+    clean, cluttered = powers["clean"], powers["cluttered"]
     sheet = Sheet(title="How often the cause would be named, by its size (thirds of 0.5 to 1.5 plausible scales)",
                   title_justify="left")  # fmt: skip
     sheet.add_column("cause", no_wrap=True)
@@ -158,8 +142,8 @@ def _show(plan: str, found: dict[str, Power], brings: tuple[Addition, ...]) -> N
         other = beside[e.effect]
         shares = [share for share in other.right.values() if share is not None]
         if other.taken_for:
-            taken = ", ".join(f"{name} ({share:.2f})" for name, share in other.taken_for[:2])
-            mistaken.append(f"  {e.effect}: {taken}")
+            mistaken_for = ", ".join(f"{name} ({share:.2f})" for name, share in other.taken_for[:2])
+            mistaken.append(f"  {e.effect}: {mistaken_for}")
         sizes = ["" if share is None else f"{share:.2f}" for share in e.right.values()]
         sheet.add_row(e.effect, f"{e.carries:.1f}", *sizes, f"{np.mean(shares):.2f}")
     out.print(sheet)
@@ -167,7 +151,7 @@ def _show(plan: str, found: dict[str, Power], brings: tuple[Addition, ...]) -> N
         out.print("taken for, among other effects (share of its worlds):")
     for line in mistaken:
         out.print(line, soft_wrap=True)
-    for name, p in found.items():
+    for name, p in powers.items():
         low, high = p.right95
         out.print(
             f"{name}: {p.right:.2f} of {p.worlds} worlds named right (95 %: {low:.2f} to {high:.2f}); of robots with "
@@ -179,13 +163,13 @@ def _show(plan: str, found: dict[str, Power], brings: tuple[Addition, ...]) -> N
     if clean.unseen:
         out.print(f"never seen in these states: {', '.join(clean.unseen)}", soft_wrap=True)
     for a in brings[:3]:
-        said = f"{a.gained:+.2f} of worlds named right, for {a.experiment.minutes:g} min"
-        out.print(f"to add: {a.experiment.do}: {said}", soft_wrap=True)
+        gain = f"{a.gained:+.2f} of worlds named right, for {a.experiment.minutes:g} min"
+        out.print(f"to add: {a.experiment.do}: {gain}", soft_wrap=True)
     out.print("linear about the robot as described; pairs of causes and causes outside the catalogue are not drawn")
 
 
 def _power(a: argparse.Namespace) -> Result:
-    asked = Asked(a.protocol, tuple(a.set), a.campaign, tuple(a.case), a.rig, a.robot)
+    asked = PowerQuestion(a.protocol, tuple(a.set), a.campaign, tuple(a.case), a.rig, a.robot)
     return run(asked, a.worlds, a.seed, not a.no_additions, a.effects)
 
 

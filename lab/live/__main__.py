@@ -16,12 +16,12 @@ import threading
 from pathlib import Path
 
 from .beside import opened_in_browser
-from .show import Part, Place, Show
+from .show import PageAddress, Show, ShownRecording
 
 
 def main(number: str, browser: str) -> None:
     """Serve until standard input ends."""
-    at = Place(socket.socket(fileno=int(number)), sys.stdin.readline().strip())
+    where = PageAddress(socket.socket(fileno=int(number)), sys.stdin.readline().strip())
     os.set_blocking(sys.stdout.fileno(), False)
 
     def ask(kind: str, text: str) -> bool:
@@ -35,14 +35,14 @@ def main(number: str, browser: str) -> None:
 
     def listen() -> None:
         for line in sys.stdin:
-            told = json.loads(line)
-            show.follow(Part(Path(told["file"]), told["part"], told["more"]))
+            order = json.loads(line)
+            show.follow(ShownRecording(Path(order["file"]), order["part"], order["more"]))
         show.over()
 
-    show = Show(at, steer=ask)
+    show = Show(where, steer=ask)
     threading.Thread(target=listen, name="live-until", daemon=True).start()
     if browser == "open":
-        opened_in_browser(at.address)
+        opened_in_browser(where.address)
     show.run(stay=False)
 
 

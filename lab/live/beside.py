@@ -36,16 +36,16 @@ class Page:
     """
 
     def __init__(self, bind: str = LOOPBACK, port: int = 0, browser: bool = False) -> None:
-        at = place(bind, port)
-        self.address = at.address
+        where = place(bind, port)
+        self.address = where.address
         self._part: tuple[str, bool] = ("", False)
         self._shown = 0
         self._ask: Ask = lambda kind, by, text: None
-        with at.listening:
+        with where.listening:
             pipe = subprocess.PIPE
             process = start_child(
                 "lab.live",
-                (at.listening.fileno(),),
+                (where.listening.fileno(),),
                 "open" if browser else "quiet",
                 place=BEHIND,
                 stdin=pipe,
@@ -55,7 +55,7 @@ class Page:
         assert process.stdin is not None and process.stdout is not None
         self._pipe = process.stdin
         os.set_blocking(self._pipe.fileno(), False)  # the run waits for no page
-        self._write(at.token)
+        self._write(where.token)
         threading.Thread(target=self._listen, args=(process.stdout,), name="live-requests", daemon=True).start()
 
     def part(self, text: str, more: bool) -> None:

@@ -41,43 +41,43 @@ def answers(lines: Iterator[str]) -> Iterator[dict[str, Any]]:
     """The answer to each line."""
     robot = check(parse_yaml(json.loads(next(lines))["robot"], "robot.yaml"), Robot)
     catalogue = stated_by(robot)
-    at = Predictor(robot, catalogue, cores=1)
-    at(np.zeros(len(robot.actuators.azimuths_deg)), intervals=True)  # the first of each kind compiles
-    known = states_uncertainty(robot)
-    yield {"ready": True, "intervals": known}
+    predictor = Predictor(robot, catalogue, cores=1)
+    predictor(np.zeros(len(robot.actuators.azimuths_deg)), intervals=True)  # the first of each kind compiles
+    with_intervals = states_uncertainty(robot)
+    yield {"ready": True, "intervals": with_intervals}
     for line in lines:
         asked = json.loads(line)
         try:
             if "rows" in asked:
                 table = Table.of(TrialRow.from_json(text) for text in asked["rows"])
-                yield {"gaps": gaps(Case(robot, table), known)}
+                yield {"gaps": gaps(Case(robot, table), with_intervals)}
             else:
                 now = asked["now"]
                 spine = max(0.0, now["spine"])
-                found = at(now["pressures"], spine, now["mass"], now["roll"], intervals=True)
-                yield _place(found, 0, known)
+                prediction = predictor(now["pressures"], spine, now["mass"], now["roll"], intervals=True)
+                yield _place(prediction, 0, with_intervals)
         except UNANSWERED as e:
             yield {"error": f"{type(e).__name__}: {e}"}
 
 
-def gaps(case: Case, known: bool) -> list[dict[str, Any] | None]:
+def gaps(case: Case, with_intervals: bool) -> list[dict[str, Any] | None]:
     """Of each row of a case the expected tip, its interval, and measured minus expected (m); None for a row without a tip.
 
-    `known`: robot.yaml states an uncertainty, so that there is an interval.
+    `with_intervals`: robot.yaml states an uncertainty, so that there is an interval.
     """
     if not case.table.with_tip.any():
         return [None] * len(case.table)
-    found = expected(case, stated_by(case.robot), intervals=True)
+    comparison = expected(case, stated_by(case.robot), intervals=True)
     out: list[dict[str, Any] | None] = [None] * len(case.table)
-    for k, row in enumerate(found.row.tolist()):
-        gap = (found.table.tip[k] - found.prediction.tip[k]).tolist()
-        out[row] = {**_place(found.prediction, k, known), "gap": gap}
+    for k, row in enumerate(comparison.row.tolist()):
+        gap = (comparison.table.tip[k] - comparison.prediction.tip[k]).tolist()
+        out[row] = {**_place(comparison.prediction, k, with_intervals), "gap": gap}
     return out
 
 
-def _place(found: Prediction, k: int, known: bool) -> dict[str, Any]:
-    low, high = (end[k].tolist() for end in found.interval()) if known else (None, None)
-    return {"tip": found.tip[k].tolist(), "low": low, "high": high}
+def _place(prediction: Prediction, k: int, with_interval: bool) -> dict[str, Any]:
+    low, high = (end[k].tolist() for end in prediction.interval()) if with_interval else (None, None)
+    return {"tip": prediction.tip[k].tolist(), "low": low, "high": high}
 
 
 def main() -> None:

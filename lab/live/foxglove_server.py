@@ -111,7 +111,7 @@ class Foxglove:
             for number, log_time, payload in piece.messages:
                 self._channels[number].log(payload, log_time=log_time)
 
-    def expected(self, log_time: int, found: dict[str, Any]) -> None:
+    def expected(self, log_time: int, answer: dict[str, Any]) -> None:
         """Where the tip should be at a log time (ns): `tip`, and where known `low` and `high` (m, base frame); nothing
         without `tip`."""
         from foxglove import messages as m
@@ -119,9 +119,9 @@ class Foxglove:
         def place(x: float, y: float, z: float) -> m.Pose:
             return m.Pose(position=m.Vector3(x=x, y=y, z=z), orientation=m.Quaternion(x=0, y=0, z=0, w=1))
 
-        tip, low, high = found.get("tip"), found.get("low"), found.get("high")
+        tip, low, high = answer.get("tip"), answer.get("low"), answer.get("high")
         entities: list[m.SceneEntity] = []
-        at = m.Timestamp(sec=log_time // 10**9, nsec=log_time % 10**9)
+        stamp = m.Timestamp(sec=log_time // 10**9, nsec=log_time % 10**9)
         if tip is not None and None not in tip:
             size = m.Vector3(x=SPHERE, y=SPHERE, z=SPHERE)
             sphere = m.SpherePrimitive(pose=place(*tip), size=size, color=m.Color(r=0.84, g=0.37, b=0.0, a=1.0))
@@ -131,8 +131,8 @@ class Foxglove:
                 x, y, z = (b - a for a, b in zip(low, high, strict=True))
                 color = m.Color(r=0.84, g=0.37, b=0.0, a=0.25)
                 cubes.append(m.CubePrimitive(pose=place(*middle), size=m.Vector3(x=x, y=y, z=z), color=color))
-            entities.append(m.SceneEntity(timestamp=at, frame_id=BASE_FRAME, id="expected tip", spheres=[sphere], cubes=cubes))
-        gone = [] if entities else [m.SceneEntityDeletion(timestamp=at, type=m.SceneEntityDeletionType.All)]
+            entities.append(m.SceneEntity(timestamp=stamp, frame_id=BASE_FRAME, id="expected tip", spheres=[sphere], cubes=cubes))
+        gone = [] if entities else [m.SceneEntityDeletion(timestamp=stamp, type=m.SceneEntityDeletionType.All)]
         self._expected.log(m.SceneUpdate(entities=entities, deletions=gone), log_time=log_time)
 
     def __enter__(self) -> Foxglove:

@@ -1,4 +1,5 @@
-"""What the page shows: kept up to date from the pieces of a recording, and handed out whole or by what is new.
+"""What the page shows: what a recording says of itself before its first sample (robot, limits, plan), then its state, kept up to
+date from the pieces of the recording, and handed out whole or by what is new.
 
 Every number is one of the file, unchanged. Of each stream the newest sample of a piece (a tenth of a second) is shown; of the
 force the piece's largest too, so that no peak is missed.
@@ -8,20 +9,154 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from recordings.events import UNCONFIRMED, LogLine, Request, StateEvent, TrialEvent
+from model.robot import Robot
+from recordings.campaign.labels import MOST, RECORD
+from recordings.events import UNCONFIRMED, Request, StateEvent
+from recordings.file.contents import Contents
 from recordings.file.counts import counted
 from recordings.file.tail import Piece
+from recordings.json_text import read_json
 from recordings.trials import TrialRow
 
 from ..console import seconds_left
-from .about import About, shown
+from ..files.config import ConfigError, check, parse_yaml
+from ..files.rig_file import RigFile
+from ..plain import plain
+from ..rig.limits import within_robot
+
+PLAN = "plan.json"
+"""The attachment that holds the steps of the plan."""
+LONGEST = 300
+"""Characters of a name that are shown."""
+
+
+@dataclass(frozen=True)
+class About:
+    """Of one recording; what it does not tell is None or empty. SI units."""
+
+    file: str
+    protocol: str = ""
+    rig: str = ""
+    robot: str = ""
+    labels: tuple[str, ...] = ()
+    """What the person said of it: name and text."""
+    speed: float = 1.0
+    """Of the rig's clock: rig seconds in a second."""
+    start_wall_ns: int = 0
+    length: float | None = None
+    """Of the robot, m."""
+    channels: tuple[tuple[int, ...], ...] = ()
+    """Chambers on each channel of the regulators, counted from 1."""
+    limits: Mapping[str, float] = field(default_factory=dict)
+    steps: tuple[tuple[str, float], ...] = ()
+    """Of the plan: what is done, s."""
+    missing: tuple[str, ...] = ()
+    """Why something is not told."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {name: _plain_values(value) for name, value in vars(self).items() if name != "start_wall_ns"}
+
+
+def _plain_values(value: Any) -> Any:
+    """Texts as they may be shown, tuples as lists."""
+    if isinstance(value, str):
+        return shown(value)
+    return [_plain_values(item) for item in value] if isinstance(value, tuple) else value
+
+
+def shown(text: str) -> str:
+    """A text from outside as it may be shown: no control characters, not longer than anybody reads."""
+    text = plain(text)
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]} ..."
+
+
+def about(path: Path, contents: Contents) -> About:
+    """What the attachments and the metadata tell; never raises for what stands in them."""
+    missing: list[str] = []
+    rig, robot, limits = _rig(contents, missing)
+    start = contents.metadata.get("recording", {}).get("start_wall_ns", "")
+    return About(
+        file=path.name,
+        protocol=_protocol(contents, missing),
+        rig="" if rig is None else rig.name,
+        robot="" if robot is None else robot.name,
+        labels=tuple(f"{name} {text}" for name, text in contents.metadata.get(RECORD, {}).items())[:MOST],
+        speed=1.0 if rig is None else rig.clock.speed,
+        start_wall_ns=int(start) if start.isascii() and start.isdigit() and len(start) < 20 else 0,
+        channels=() if rig is None or rig.instruments.pressure is None else rig.instruments.pressure.chambers,
+        length=None if robot is None else robot.length,
+        limits=limits,
+        steps=_steps(contents, missing),
+        missing=tuple(missing),
+    )
+
+
+def robot_text(contents: Contents) -> str | None:
+    """The attached robot.yaml; None where there is none."""
+    return _text(contents, "robot.yaml")
+
+
+def _text(contents: Contents, name: str) -> str | None:
+    data = contents.attachments.get(name)
+    return None if data is None else data.decode("utf-8", "backslashreplace")
+
+
+def _rig(contents: Contents, missing: list[str]) -> tuple[RigFile | None, Robot | None, dict[str, float]]:
+    rig, robot = None, None
+    try:
+        robot = check(parse_yaml(robot_text(contents) or "", "robot.yaml"), Robot)
+    except ConfigError as e:
+        missing.append(f"no model and no prediction: {e}")
+    try:
+        rig = check(parse_yaml(_text(contents, "rig.yaml") or "", "rig.yaml"), RigFile)
+    except ConfigError as e:
+        missing.append(f"no limits: {e}")
+        return None, robot, {}
+    if robot is not None:
+        rig = within_robot(rig, robot)
+    instruments = rig.instruments
+    limits = {
+        "force": rig.limits.max_force, "moment": rig.limits.max_moment, "vacuum": rig.limits.max_vacuum,
+        "total_pressure": rig.limits.max_total_pressure, "hidden": rig.limits.max_hidden,
+    }  # fmt: skip
+    if instruments.pressure is not None:
+        limits["pressure"] = instruments.pressure.max_pressure
+    if instruments.spine is not None:
+        limits["spine"] = instruments.spine.max_length
+    return rig, robot, limits
+
+
+def _protocol(contents: Contents, missing: list[str]) -> str:
+    try:
+        table = parse_yaml(_text(contents, "protocol.yaml") or "", "protocol.yaml").data
+    except ConfigError as e:
+        missing.append(str(e))
+        return ""
+    return str(table.get("protocol", "")) if isinstance(table, dict) else ""
+
+
+def _steps(contents: Contents, missing: list[str]) -> tuple[tuple[str, float], ...]:
+    """The plan, when it is one."""
+    data = contents.attachments.get(PLAN)
+    if data is None:
+        missing.append("no plan: the recording was made by an older version")
+        return ()
+    try:
+        steps = tuple((str(step["label"]), float(step["seconds"])) for step in read_json(data)["steps"][:10_000])
+    except (ValueError, KeyError, TypeError) as e:
+        missing.append(f"no plan: {PLAN} cannot be understood ({e!r:.80})")
+        return ()
+    return steps if all(math.isfinite(seconds) for _, seconds in steps) else ()
+
 
 LINES, LISTED = 200, 2000
 """Lines of the log and finished states that a page is given."""
@@ -32,7 +167,7 @@ Numbers = dict[str, Any]
 
 
 @dataclass
-class Stream:
+class StreamCount:
     """One stream so far."""
 
     count: int = 0
@@ -76,7 +211,7 @@ class Picture:
         self.state: StateEvent | None = None
         self.rows: list[TrialRow] = []
         self._again: list[bool] = []
-        """Of each row, whether it is of a state that was read before."""
+        """Of each row, whether it is of a state that was read before, which has a line of its own again."""
         self.newest: Numbers = {}
         """By stream, the newest sample that is shown."""
         self.progress: Numbers | None = None
@@ -84,7 +219,7 @@ class Picture:
         """Why the recording is not read any further."""
         self._unsafe = False
         """The safe state was not confirmed at the end."""
-        self._streams: dict[str, Stream] = {}
+        self._streams: dict[str, StreamCount] = {}
         self._points: deque[Numbers] = deque(maxlen=600)
         self._log: deque[Numbers] = deque(maxlen=LINES)
         self._gaps: list[Numbers | None] = []
@@ -105,11 +240,14 @@ class Picture:
         first_row = len(self.rows)
         for piece in pieces:
             points.append(self._point(piece))
-            lines += [self._line(line) for line in piece.events["/log"]]
+            for line in piece.events["/log"]:
+                t = (line.log_time - self.about.start_wall_ns) / 1e9
+                lines.append({"t": t, "level": line.level, "text": shown(line.text)})
             lines += [self._asked_of(request) for request in piece.events["/request"]]
             for state in piece.events["/state"]:
                 self.state = state
-            self._rows(piece.events["/trial"])
+            self.rows += [trial.row for trial in piece.events["/trial"]]
+            self._again += [trial.repeats > 0 for trial in piece.events["/trial"]]
             for message in piece.events["/progress"]:
                 self._progress(message)
         self._points.extend(points)
@@ -218,7 +356,7 @@ class Picture:
         for topic, samples in piece.samples.items():
             t = float(samples["t"][-1])
             self.t = max(self.t, t)
-            self._streams.setdefault(topic, Stream()).take(t, piece.numbers[topic])
+            self._streams.setdefault(topic, StreamCount()).take(t, piece.numbers[topic])
         if self.first is None and piece.samples:
             self.first = self.t
         new = {name: show(piece.samples[topic]) for topic, (name, show) in SHOWN.items() if topic in piece.samples}
@@ -230,10 +368,6 @@ class Picture:
         self.newest = {**self.newest, **new}
         return {"t": self.t, **new}
 
-    def _line(self, line: LogLine) -> Numbers:
-        t = (line.log_time - self.about.start_wall_ns) / 1e9
-        return {"t": t, "level": line.level, "text": shown(line.text)}
-
     def _asked_of(self, request: Request) -> Numbers:
         """A request as a line among the events; a pause is known from when it is asked for until it is over."""
         if request.kind == "pause":
@@ -244,11 +378,6 @@ class Picture:
             return {"t": request.t, "level": "note", "text": shown(f"{request.text} ({request.by})")}
         done = "done" if request.done else f"asked for ({request.by})"
         return {"t": request.t, "level": "asked", "text": shown(f"{request.kind}: {done}")}
-
-    def _rows(self, trials: list[TrialEvent]) -> None:
-        """A state that is read again has a line of its own."""
-        self.rows += [trial.row for trial in trials]
-        self._again += [trial.repeats > 0 for trial in trials]
 
     def _listed(self, first: int) -> list[Numbers]:
         return [_listed(row, again) for row, again in zip(self.rows[first:], self._again[first:], strict=True)]
@@ -296,38 +425,22 @@ def _listed(row: TrialRow, again: bool) -> Numbers:
 Samples = NDArray[np.void]
 
 
-def _pressure(s: Samples) -> Numbers:
-    return {"t": float(s["t"][-1]), "setpoint": s["setpoint"][-1].tolist(), "measured": s["measured"][-1].tolist()}
-
-
-def _spine(s: Samples) -> Numbers:
-    return {"t": float(s["t"][-1]), "length": float(s["length"][-1]), "goal": float(s["goal"][-1])}
-
-
-def _valve(s: Samples) -> Numbers:
-    return {"t": float(s["t"][-1]), "on": bool(s["on"][-1])}
-
-
-def _vacuum(s: Samples) -> Numbers:
-    return {"t": float(s["t"][-1]), "absolute": float(s["absolute"][-1])}
-
-
 def _force(s: Samples) -> Numbers:
+    """The newest force and moment, and the largest force of the piece."""
     net = s["raw"] - s["zero"]
-    force = np.sqrt((net[:, :3] ** 2).sum(axis=1))
-    moment = np.sqrt((net[:, 3:] ** 2).sum(axis=1))
-    return {
-        "t": float(s["t"][-1]), "force": float(force[-1]), "peak": float(force.max()), "moment": float(moment[-1]),
-        "components": net[-1].tolist(),
-    }  # fmt: skip
+    force, moment = (np.sqrt((half**2).sum(axis=1)) for half in (net[:, :3], net[:, 3:]))
+    newest = {"force": float(force[-1]), "peak": float(force.max()), "moment": float(moment[-1]), "components": net[-1].tolist()}
+    return {"t": float(s["t"][-1]), **newest}
 
 
-def _tip(s: Samples) -> Numbers:
-    return {"t": float(s["t"][-1]), "position": s["position"][-1].tolist(), "valid": bool(s["valid"][-1])}
+def _newest(*fields: str) -> Callable[[Samples], Numbers]:
+    """The newest sample's stamp and these of its fields."""
+    return lambda s: {name: s[name][-1].tolist() for name in ("t", *fields)}
 
 
 SHOWN = {
-    "/pressure": ("pressure", _pressure), "/spine": ("spine", _spine), "/valve": ("valve", _valve),
-    "/vacuum": ("vacuum", _vacuum), "/force": ("force", _force), "/tip": ("tip", _tip),
+    "/pressure": ("pressure", _newest("setpoint", "measured")), "/spine": ("spine", _newest("length", "goal")),
+    "/valve": ("valve", _newest("on")), "/vacuum": ("vacuum", _newest("absolute")), "/force": ("force", _force),
+    "/tip": ("tip", _newest("position", "valid")),
 }  # fmt: skip
 """What is shown of a stream: its name on the page, and its numbers."""

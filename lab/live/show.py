@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
 import math
 import secrets
 import socket
+import subprocess
 import threading
 import time
 from collections import deque
@@ -18,11 +20,55 @@ from typing import Any
 from recordings.errors import RecordingError
 from recordings.file.tail import Piece, Tail
 
-from .about import About, about, robot_text, shown
-from .asking import Model, NoModel
+from ..guard.child import Child, start_child
+from ..priority import BEHIND
 from .foxglove_server import Foxglove
-from .picture import Picture
+from .picture import About, Picture, about, robot_text, shown
 from .viewers import LARGEST_HEAD, Steer, Viewers
+
+
+class NoModel(RuntimeError):
+    """There is no model of this robot, or it has ended; the text says why."""
+
+
+class ModelProcess:
+    """Asks the process beside that knows the model (`expected`), one question at a time."""
+
+    def __init__(self, robot: str) -> None:
+        self._robot = robot
+        self._process: Child | None = None
+
+    async def start(self) -> bool:
+        """Start it; returns whether it gives intervals once its kernels are there. Raises `NoModel`."""
+        pipe = subprocess.PIPE
+        self._process = start_child("lab.live.expected", place=BEHIND, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL)
+        answer = await self.ask({"robot": self._robot})
+        if "error" in answer:
+            raise NoModel(str(answer["error"]))
+        return bool(answer["intervals"])
+
+    async def ask(self, question: dict[str, Any]) -> dict[str, Any]:
+        """One answer; raises `NoModel` when the process has ended."""
+        return await asyncio.to_thread(self._ask, question)
+
+    def _ask(self, question: dict[str, Any]) -> dict[str, Any]:
+        process = self._process
+        assert process is not None and process.stdin is not None and process.stdout is not None
+        try:
+            process.stdin.write(json.dumps(question).encode() + b"\n")
+            process.stdin.flush()
+            answer: dict[str, Any] = json.loads(process.stdout.readline())
+        except (OSError, ValueError) as e:
+            raise NoModel(f"the model's process has ended ({e})") from e
+        return answer
+
+    def stop(self) -> None:
+        """End it; may be called twice and before start."""
+        process, self._process = self._process, None
+        if process is not None:
+            process.kill()
+            process.communicate()
+
 
 AT_ONCE = 256
 """Pieces that are read in one go while the beginning of a long run is caught up with."""
@@ -66,7 +112,7 @@ ASK = 0.2
 
 
 @dataclass(frozen=True)
-class Place:
+class PageAddress:
     """Where a page is served, and the secret in its address."""
 
     listening: socket.socket
@@ -80,7 +126,7 @@ class Place:
         return f"http://{name}:{port}/{self.token}/"
 
 
-def place(bind: str = LOOPBACK, port: int = 0) -> Place:
+def place(bind: str = LOOPBACK, port: int = 0) -> PageAddress:
     """Listen at an address of this computer; raises OSError when that cannot be."""
     family = socket.AF_INET6 if ":" in bind else socket.AF_INET
     listening = socket.socket(family, socket.SOCK_STREAM)
@@ -91,11 +137,11 @@ def place(bind: str = LOOPBACK, port: int = 0) -> Place:
     except BaseException:
         listening.close()
         raise
-    return Place(listening, secrets.token_urlsafe(16))
+    return PageAddress(listening, secrets.token_urlsafe(16))
 
 
 @dataclass(frozen=True)
-class Part:
+class ShownRecording:
     """A recording that is shown."""
 
     path: Path
@@ -112,8 +158,8 @@ class Show:
 
     def __init__(
         self,
-        at: Place,
-        part: Part | None = None,
+        at: PageAddress,
+        part: ShownRecording | None = None,
         speed: float | None = None,
         model: bool = True,
         steer: Steer | None = None,
@@ -122,7 +168,7 @@ class Show:
         self._at, self._speed = at, speed
         self._parts = deque([] if part is None else [part])
         """What is to be shown."""
-        self._part: Part | None = None
+        self._part: ShownRecording | None = None
         self.count = 0
         """How many were shown, with the present one."""
         self._over = threading.Event()
@@ -133,7 +179,7 @@ class Show:
         self._viewers = Viewers(at.token, self._whole, steer)
         self._clock: Callable[[], float] = self._newest
 
-    def follow(self, part: Part) -> None:
+    def follow(self, part: ShownRecording) -> None:
         """Show this recording once the present one has ended; from any thread."""
         self._parts.append(part)
 
@@ -162,7 +208,7 @@ class Show:
             finally:
                 await self._viewers.end()
 
-    async def _next(self) -> Part | None:
+    async def _next(self) -> ShownRecording | None:
         """What is to be shown next; None when all is over."""
         while not self._parts and not self._over.is_set():
             await asyncio.sleep(0.05)
@@ -187,7 +233,7 @@ class Show:
                 self._foxglove.anew()
                 if self._speed is not None:
                     await self._wanted(self._foxglove, tail.path)
-            async for pieces in self._pieces(tail):
+            async for pieces in following(tail, self._leaves) if self._speed is None else played(tail, self._speed):
                 if not pieces:
                     continue
                 if self._picture is None:  # by the first chunk all attachments are there
@@ -228,9 +274,6 @@ class Show:
             foxglove.offer(beginning.contents)
         while not foxglove.wanted and not self._over.is_set():
             await asyncio.sleep(0.05)
-
-    def _pieces(self, tail: Tail) -> AsyncIterator[list[Piece]]:
-        return following(tail, self._leaves) if self._speed is None else played(tail, self._speed)
 
     def _about(self, tail: Tail) -> About:
         found = about(tail.path, tail.contents)
@@ -284,7 +327,7 @@ class Show:
         if robot is None:
             self._tell(picture.model_says("none", "no robot.yaml in the recording"))
             return
-        model = Model(robot)
+        model = ModelProcess(robot)
         try:
             self._tell(picture.model_says("starting"))
             intervals = await model.start()
@@ -296,19 +339,19 @@ class Show:
                 last_round = picture.ended
                 if len(picture.rows) > asked and ((began := time.monotonic()) >= due or last_round):
                     asked = len(picture.rows)
-                    found = await model.ask({"rows": [row.to_json() for row in picture.rows]})
+                    answer = await model.ask({"rows": [row.to_json() for row in picture.rows]})
                     # the model rests four times as long as it has worked
                     due = time.monotonic() + 4.0 * (time.monotonic() - began)
-                    self._tell(picture.gaps(found["gaps"]) if "gaps" in found else picture.model_says("ready", found["error"]))
+                    self._tell(picture.gaps(answer["gaps"]) if "gaps" in answer else picture.model_says("ready", answer["error"]))
                 question = picture.question()
                 if question is not None and question[1]["t"] != last:
                     last = question[1]["t"]
-                    found = await model.ask(question[0])
-                    self._tell(picture.expected_now({**question[1], **found}))
+                    answer = await model.ask(question[0])
+                    self._tell(picture.expected_now({**question[1], **answer}))
                     if self._foxglove is not None:
-                        self._foxglove.expected(picture.about.start_wall_ns + round(last * 1e9), found)
+                        self._foxglove.expected(picture.about.start_wall_ns + round(last * 1e9), answer)
                 await asyncio.sleep(ASK)
         except NoModel as e:
             self._tell(picture.model_says("none", str(e)))
         finally:
-            await model.stop()
+            model.stop()

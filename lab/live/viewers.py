@@ -50,7 +50,7 @@ PAGE = {"": ("page.html", "text/html"), "page.css": ("page.css", "text/css"), "p
 EVENTS, ASK = "events", "ask"
 
 
-class Refused(Exception):
+class RefusedRequest(Exception):
     """A request that gets nothing but this status."""
 
     def __init__(self, status: HTTPStatus) -> None:
@@ -58,107 +58,87 @@ class Refused(Exception):
         self.status = status
 
 
-@dataclass(frozen=True)
-class Body:
-    """An answer."""
-
-    kind: str
-    data: bytes
-
-
-def page_files() -> dict[str, Body]:
-    """The page, from the package, by the name that is asked for."""
+def page_files() -> dict[str, tuple[str, bytes]]:
+    """Kind and data of the page's files, from the package, by the name that is asked for."""
     folder = files(__package__) / "page"
-    return {name: Body(f"{kind}; charset=utf-8", (folder / file).read_bytes()) for name, (file, kind) in PAGE.items()}
+    return {name: (kind, (folder / file).read_bytes()) for name, (file, kind) in PAGE.items()}
 
 
 @dataclass(frozen=True)
-class Asked:
+class PageRequest:
     """A request: the name behind the token, and what is posted there."""
 
     name: str
     posted: dict[str, Any] | None = None
 
 
-async def asked(reader: asyncio.StreamReader, token: str, posting: bool = False) -> Asked:
-    """What a request asks for; `posting`: something may be posted. Raises `Refused`."""
+async def asked(reader: asyncio.StreamReader, token: str, posting: bool = False) -> PageRequest:
+    """What a request asks for; `posting`: something may be posted. Raises `RefusedRequest`."""
     try:
         head = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), HEAD_WITHIN)
     except asyncio.LimitOverrunError:
-        raise Refused(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE) from None
+        raise RefusedRequest(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE) from None
     except (TimeoutError, asyncio.IncompleteReadError, OSError):
-        raise Refused(HTTPStatus.REQUEST_TIMEOUT) from None
+        raise RefusedRequest(HTTPStatus.REQUEST_TIMEOUT) from None
     if len(head) > LARGEST_HEAD:
-        raise Refused(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE)
+        raise RefusedRequest(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE)
     request = _REQUEST.fullmatch(head)
     if request is None:
         other = _METHOD.match(head) and not head.startswith((b"GET ", b"POST "))
-        raise Refused(HTTPStatus.METHOD_NOT_ALLOWED if other else HTTPStatus.BAD_REQUEST)
+        raise RefusedRequest(HTTPStatus.METHOD_NOT_ALLOWED if other else HTTPStatus.BAD_REQUEST)
     if request[1] == b"POST" and not posting:
-        raise Refused(HTTPStatus.METHOD_NOT_ALLOWED)
+        raise RefusedRequest(HTTPStatus.METHOD_NOT_ALLOWED)
     given, slash, name = request[2].decode("ascii")[1:].partition("/")
     if not hmac.compare_digest(given, token):
-        raise Refused(HTTPStatus.FORBIDDEN)
+        raise RefusedRequest(HTTPStatus.FORBIDDEN)
     if request[1] == b"POST":
         if name != ASK:
-            raise Refused(HTTPStatus.METHOD_NOT_ALLOWED)
-        return Asked(name, await _posted(reader, request[3]))
+            raise RefusedRequest(HTTPStatus.METHOD_NOT_ALLOWED)
+        return PageRequest(name, await _posted(reader, request[3]))
     if not slash or (name not in PAGE and name != EVENTS):
-        raise Refused(HTTPStatus.NOT_FOUND)
-    return Asked(name)
+        raise RefusedRequest(HTTPStatus.NOT_FOUND)
+    return PageRequest(name)
 
 
 async def _posted(reader: asyncio.StreamReader, head: bytes) -> dict[str, Any]:
-    """The JSON object of a request with this head; raises `Refused` for one that the page itself did not send."""
+    """The JSON object of a request with this head; raises `RefusedRequest` for one that the page itself did not send."""
     lines = [line.partition(b":") for line in head.split(b"\r\n")[:-1]]
-    said = {name.lower(): value.strip() for name, _, value in lines}
-    if len(said) < len(lines):
-        raise Refused(HTTPStatus.BAD_REQUEST)
-    own = said.get(b"host", b"") and said.get(b"origin") == b"http://" + said[b"host"]
-    if not own or said.get(b"sec-fetch-site", b"same-origin") != b"same-origin":
-        raise Refused(HTTPStatus.FORBIDDEN)
-    if said.get(b"content-type", b"").partition(b";")[0].strip().lower() != b"application/json":
-        raise Refused(HTTPStatus.UNSUPPORTED_MEDIA_TYPE)
-    length = said.get(b"content-length", b"")
+    headers = {name.lower(): value.strip() for name, _, value in lines}
+    if len(headers) < len(lines):
+        raise RefusedRequest(HTTPStatus.BAD_REQUEST)
+    same_origin = headers.get(b"host", b"") and headers.get(b"origin") == b"http://" + headers[b"host"]
+    if not same_origin or headers.get(b"sec-fetch-site", b"same-origin") != b"same-origin":
+        raise RefusedRequest(HTTPStatus.FORBIDDEN)
+    if headers.get(b"content-type", b"").partition(b";")[0].strip().lower() != b"application/json":
+        raise RefusedRequest(HTTPStatus.UNSUPPORTED_MEDIA_TYPE)
+    length = headers.get(b"content-length", b"")
     if not (length.isascii() and length.isdigit() and len(length) < 10):
-        raise Refused(HTTPStatus.LENGTH_REQUIRED)
+        raise RefusedRequest(HTTPStatus.LENGTH_REQUIRED)
     if int(length) > 4096:
-        raise Refused(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
+        raise RefusedRequest(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
     try:
-        found = read_json(await asyncio.wait_for(reader.readexactly(int(length)), HEAD_WITHIN))
+        posted = read_json(await asyncio.wait_for(reader.readexactly(int(length)), HEAD_WITHIN))
     except (TimeoutError, asyncio.IncompleteReadError, OSError):
-        raise Refused(HTTPStatus.REQUEST_TIMEOUT) from None
+        raise RefusedRequest(HTTPStatus.REQUEST_TIMEOUT) from None
     except ValueError:
-        raise Refused(HTTPStatus.BAD_REQUEST) from None
-    if not isinstance(found, dict) or not all(isinstance(value, str) for value in found.values()):
-        raise Refused(HTTPStatus.BAD_REQUEST)
-    return found
+        raise RefusedRequest(HTTPStatus.BAD_REQUEST) from None
+    if not isinstance(posted, dict) or not all(isinstance(value, str) for value in posted.values()):
+        raise RefusedRequest(HTTPStatus.BAD_REQUEST)
+    return posted
 
 
-def answer(body: Body) -> bytes:
-    """A whole answer with its head."""
-    return _head(HTTPStatus.OK, {"Content-Type": body.kind, "Content-Length": str(len(body.data))}) + body.data
+def response(status: HTTPStatus, kind: str = "", data: bytes | None = b"") -> bytes:
+    """A whole answer; without `data`, the head of one that goes on."""
+    further = {"Content-Type": f"{kind}; charset=utf-8"} if kind else {}
+    if kind and data is not None:
+        further["Content-Length"] = str(len(data))
+    lines = [f"HTTP/1.1 {status.value} {status.phrase}", *(f"{k}: {v}" for k, v in (HEADERS | further).items())]
+    return "\r\n".join(lines).encode("ascii") + b"\r\n\r\n" + (data or b"")
 
 
 def refusal(status: HTTPStatus) -> bytes:
     """One short line."""
-    data = f"{status.value} {status.phrase}\n".encode()
-    return _head(status, {"Content-Type": "text/plain; charset=utf-8", "Content-Length": str(len(data))}) + data
-
-
-def taken() -> bytes:
-    """What was posted is on its way."""
-    return _head(HTTPStatus.NO_CONTENT, {})
-
-
-def event_stream() -> bytes:
-    """The head of a stream of events; the browser asks again after a second when it breaks."""
-    return _head(HTTPStatus.OK, {"Content-Type": "text/event-stream; charset=utf-8"}) + b"retry: 1000\n\n"
-
-
-def _head(status: HTTPStatus, further: dict[str, str]) -> bytes:
-    lines = [f"HTTP/1.1 {status.value} {status.phrase}", *(f"{k}: {v}" for k, v in (HEADERS | further).items())]
-    return "\r\n".join(lines).encode("ascii") + b"\r\n\r\n"
+    return response(status, "text/plain", f"{status.value} {status.phrase}\n".encode())
 
 
 MOST_CONNECTIONS, MOST_VIEWERS = 128, 32
@@ -227,42 +207,43 @@ class Viewers:
             request = await asked(reader, self._token, self._steer is not None)
             if request.posted is not None:
                 self._ask(request.posted)
-                writer.write(taken())
+                writer.write(response(HTTPStatus.NO_CONTENT))
                 await asyncio.wait_for(writer.drain(), STUCK)
                 return
-        except Refused as e:
+        except RefusedRequest as e:
             writer.write(refusal(e.status))
             await asyncio.wait_for(_linger(reader, writer), LINGER)
             return
         if request.name == EVENTS:
             await self._stream(writer)
             return
-        writer.write(answer(self._files[request.name]))
+        writer.write(response(HTTPStatus.OK, *self._files[request.name]))
         await asyncio.wait_for(writer.drain(), STUCK)
 
     def _ask(self, posted: dict[str, Any]) -> None:
-        """Hand a request on; raises `Refused`."""
+        """Hand a request on; raises `RefusedRequest`."""
         assert self._steer is not None
         now = time.monotonic()
         self._allowed = min(BURST, self._allowed + RATE * (now - self._counted))
         self._counted = now
         if self._allowed < 1:
-            raise Refused(HTTPStatus.TOO_MANY_REQUESTS)
+            raise RefusedRequest(HTTPStatus.TOO_MANY_REQUESTS)
         self._allowed -= 1
         try:
             kind = posted["kind"]
             text = checked(kind, posted.get("text", ""))
         except (KeyError, BadRequest):
-            raise Refused(HTTPStatus.BAD_REQUEST) from None
+            raise RefusedRequest(HTTPStatus.BAD_REQUEST) from None
         if not self._steer(kind, text):
-            raise Refused(HTTPStatus.SERVICE_UNAVAILABLE)
+            raise RefusedRequest(HTTPStatus.SERVICE_UNAVAILABLE)
 
     async def _stream(self, writer: asyncio.StreamWriter) -> None:
         if self.count >= MOST_VIEWERS:
             writer.write(refusal(HTTPStatus.SERVICE_UNAVAILABLE))
             return
         queue: asyncio.Queue[bytes | None] = asyncio.Queue(100)  # ten seconds of updates
-        writer.write(event_stream() + event("whole", self._whole()))
+        # the browser asks again after a second when it breaks
+        writer.write(response(HTTPStatus.OK, "text/event-stream", None) + b"retry: 1000\n\n" + event("whole", self._whole()))
         self._queues.add(queue)
         try:
             while queue in self._queues or not queue.empty():

@@ -1,4 +1,4 @@
-"""Figures of a diagnosis: waterfall, gap map, loops, posterior, confounding."""
+"""Figures of a diagnosis: waterfall, gap map, loops, posterior, confounding; sizes, shapes and stiffness trials."""
 
 from __future__ import annotations
 
@@ -14,9 +14,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from diagnosis.answer.headline import for_people
 from diagnosis.answer.result import Diagnosis, Waterfall
 from diagnosis.answer.sentences import hypothesis_name, plain_name
 from diagnosis.data.levels import levels
+from model.actuators import Words
 
 from .figures import CALIBRATED, GIVEN, STYLE, colours, save
 
@@ -57,11 +59,7 @@ def waterfall(w: Waterfall, names: Sequence[str], length: float, folder: Path) -
             ends = [step.left_mm + step.low95_mm, step.left_mm + step.high95_mm]
             steps.plot(ends, [row, row], "-", color="k", lw=1.4)
             steps.text(
-                max(step.left_mm + step.mm, step.left_mm, *ends),
-                row,
-                f"  {round(step.mm, 2) + 0.0:.2f}",
-                va="center",
-                fontsize=8,
+                max(step.left_mm + step.mm, step.left_mm, *ends), row, f"  {round(step.mm, 2) + 0.0:.2f}", va="center", fontsize=8
             )
             steps.plot([step.left_mm] * 2, [row, row + 1], ":", color="0.5", lw=0.8)
         steps.set_yticks(range(len(names) - 1), [fill(name, 22) for name in names[1:]], fontsize=8)
@@ -203,11 +201,7 @@ def unseen_tips(d: Diagnosis, name: str, folder: Path) -> list[Path]:
     one with the cause (`name`) miss the tip there, in any direction.
     """
     s = _states(d)
-    models = (
-        ("given", ":", GIVEN, "k"),
-        ("calibrated_unseen", "--", CALIBRATED, GREY),
-        ("explained_unseen", "-", name, BLUE),
-    )
+    models = (("given", ":", GIVEN, "k"), ("calibrated_unseen", "--", CALIBRATED, GREY), ("explained_unseen", "-", name, BLUE))
     spines = np.ptp(s["spine_length"]) > 0.01
     made = []
     for k, g in enumerate(groups(d)):
@@ -310,13 +304,7 @@ def _mapped(
 
 
 def _curve(
-    axis: Axes,
-    pressure: Array,
-    pascal: float,
-    gap: Array,
-    colour: tuple[float, ...] | str,
-    style: str,
-    label: str | None = None,
+    axis: Axes, pressure: Array, pascal: float, gap: Array, colour: tuple[float, ...] | str, style: str, label: str | None = None
 ) -> None:
     if not pressure.size:
         return
@@ -331,3 +319,150 @@ def _curve(
         ms=4,
         label=label,
     )
+
+
+FACTOR = "times"
+"""Unit in which a person reads a logarithm."""
+
+
+def sizes(found: Sequence[Mapping[str, Any]], folder: Path, words: Words) -> list[Path]:
+    """Density of each parameter of the named effects, cut at its physical bounds: over the possible range, and close up."""
+    return [path for k, size in enumerate(found) for path in _panels(size, folder, k, words)]
+
+
+def _panels(size: Mapping[str, Any], folder: Path, number: int, words: Words) -> list[Path]:
+    size, unit = _for_people(size, words)
+    mean, sd = size["mean"], max(size["sd"], 1e-300)
+    ends = [x for x in (size["low"], size["high"], 0.0, size["median"]) if x is not None]
+    pad = 0.04 * (max(ends) - min(ends))
+    near = min(mean - 4 * sd, size["low90"]), max(mean + 4 * sd, size["high90"])
+    shown = np.exp if unit == FACTOR else lambda x: x
+    parts = [
+        (f"{size['name']}{unit and ', '}{unit}", min(ends) - pad, max(ends) + pad),
+        (f"90 %: {shown(size['low90']):.3g} .. {shown(size['high90']):.3g}", *near),
+    ]
+    made = []
+    for name, (title, left, right) in zip(("wide", "close"), parts, strict=True):
+        with plt.rc_context(STYLE):
+            figure, axis = plt.subplots(figsize=(3.8, 1.75), layout="constrained")
+            _density(axis, size, left, right)
+            axis.set_title(title, loc="left", fontsize=9)
+            axis.xaxis.set_major_formatter(lambda x, _: f"{shown(x):.3g}")
+            made.append(save(figure, folder / f"size-{number}-{name}.svg"))
+    return made
+
+
+def _for_people(size: Mapping[str, Any], words: Words) -> tuple[dict[str, Any], str]:
+    """The numbers in the unit in which a person reads them; logarithms stay, with the unit of the factor."""
+    number, unit = for_people(1.0, size["unit"], words)
+    factor = 1.0 if unit == FACTOR else number
+    return {key: factor * value if isinstance(value, float) else value for key, value in size.items()}, unit
+
+
+def _density(axis: Axes, size: Mapping[str, Any], left: float, right: float) -> None:
+    """Between two values; the impossible part is dotted, the 90 % interval shaded, zero black, bounds red."""
+    mean, sd = size["mean"], max(size["sd"], 1e-300)
+    low, high = (b if b is not None else sign * np.inf for b, sign in ((size["low"], -1), (size["high"], 1)))
+    x = np.unique(np.concatenate([np.linspace(left, right, 500), np.clip(mean + sd * np.linspace(-5, 5, 300), left, right)]))
+    possible = (x >= low) & (x <= high)
+    top = -0.5 * ((float(np.clip(mean, low, high)) - mean) / sd) ** 2
+    y = np.exp(np.minimum(-0.5 * ((x - mean) / sd) ** 2 - top, 0.3))
+    axis.plot(x, np.where(possible, np.nan, y), ":", color=GREY, lw=1)
+    axis.plot(x, np.where(possible, y, np.nan), color=BLUE)
+    shown = possible & (x >= size["low90"]) & (x <= size["high90"])
+    axis.fill_between(x, 0, np.where(shown, y, 0.0), where=shown, color=BLUE, alpha=0.2, lw=0)
+    axis.axvline(0.0, color="0.3", lw=0.8)
+    axis.axvline(size["median"], color=BLUE, lw=0.8, ls="--")
+    for bound in (low, high):
+        if np.isfinite(bound):
+            axis.axvline(bound, color=RED, lw=1.6)
+    axis.set_xlim(left, right)
+    axis.set_ylim(0, 1.25)
+    axis.set_yticks([])
+
+
+MODELS = {"calibrated": (GREY, "--", "s"), "explained": (BLUE, "-", "D")}
+State = Mapping[str, Any]
+
+
+def shapes(states: Sequence[State], name: str, folder: Path, words: Words) -> list[Path]:
+    """A panel for each state: x and y over z in mm with equal scales, the tip hanging down, and the tip close up below.
+
+    `name` of the model with the cause.
+    """
+    return [_panel(state, name, folder / f"shape-{k}.svg", words) for k, state in enumerate(states)]
+
+
+def _panel(state: State, name: str, path: Path, words: Words) -> Path:
+    names = dict(zip(MODELS, (CALIBRATED, name), strict=True))
+    tips = np.vstack([_mm(state["measured_tip"]), *(_mm(state[model]["tip"]) for model in MODELS)])
+    middle = tips.mean(axis=0)
+    # no close-up is smaller than 4 mm
+    half = max(2.0, 1.25 * float(np.nanmax(np.abs(tips - middle))))
+    with plt.rc_context(STYLE | {"font.size": 8}):
+        figure, axes = plt.subplots(2, 2, figsize=(4.0, 5.4), layout="constrained", height_ratios=(3, 2))
+        for k, (whole, close) in enumerate(axes.T):
+            for axis in (whole, close):
+                _draw(axis, state, k, names)
+                axis.set_xlabel(f"{'xy'[k]}, mm")
+                axis.set_ylabel("z, mm")
+            whole.set_aspect("equal", adjustable="datalim")
+            whole.invert_yaxis()
+            close.set(xlim=(middle[k] - half, middle[k] + half), ylim=(middle[2] + half, middle[2] - half), aspect="equal")
+            close.set_title(f"tip, {2 * half:.0f} mm wide", fontsize=8)
+        figure.suptitle(state_name(state, words), fontsize=9)
+        handles, labels = axes[0, 0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=2, fontsize=8)
+        return save(figure, path)
+
+
+def state_name(state: State, words: Words) -> str:
+    """Which state it is, for people."""
+    parts = [f"spine {100 * state['spine_length']:.0f} cm"] if state["spine_length"] else []
+    if state.get("chambers"):
+        parts.append(words.group(state["chambers"]))
+    parts += [f"{words.number(state['pressure'])} {words.unit}", state["branch"]]
+    return f"{', '.join(parts)}\ntrial {state['trial']}, step {state['step']}"
+
+
+def _draw(axis: Axes, state: State, k: int, names: Mapping[str, str]) -> None:
+    """Coordinate k over z: backbones, their tips, and what was measured."""
+    for model, (colour, line, mark) in MODELS.items():
+        curve, tip = _mm(state[model]["backbone"]), _mm(state[model]["tip"])
+        axis.plot(curve[:, k], curve[:, 2], line, color=colour, lw=1.4, label=names[model])
+        axis.plot(tip[k], tip[2], mark, color=colour, ms=4)
+    tip = _mm(state["measured_tip"])
+    axis.plot(tip[k], tip[2], "o", color=RED, ms=6, mfc="none", mew=1.4, label="measured tip")
+    if state["measured_markers"]:
+        markers = _mm(state["measured_markers"])
+        axis.plot(markers[:, k], markers[:, 2], "^", color=RED, ms=4, mfc="none", label="measured markers")
+
+
+def _mm(metres: object) -> Array:
+    return 1e3 * np.array(metres, float)
+
+
+def pushes(found: Mapping[str, Any], name: str, path: Path) -> Path:
+    """`found` is the diagnosis' detail of stiffness trials: deflection read, and missed by the model, a line a trial.
+
+    `name` of the model with the cause.
+    """
+    models = (("calibrated", CALIBRATED), ("explained", name))
+    trial, deflection = np.array(found["trial"]), np.array(found["deflection"])
+    names = [f"{one} {100 * length:.3g} cm" for one, length in zip(found["specimen"], found["spine_length"], strict=True)]
+    specimens = list(dict.fromkeys(names))
+    with plt.rc_context(STYLE):
+        figure, axes = plt.subplots(2, 1, figsize=(4.8, 5.6), layout="constrained", sharex=True, sharey=True)
+        for axis, (key, title) in zip(axes, models, strict=True):
+            missed = 1e3 * (np.array(found["force"]) - np.array(found[key])) / np.array(found["stiffness"])
+            axis.axhspan(-found["floor_mm"], found["floor_mm"], color="0.9")
+            for name, colour in zip(specimens, colours(len(specimens)), strict=False):
+                for t in np.unique(trial[[n == name for n in names]]):
+                    own = trial == t
+                    axis.plot(1e3 * deflection[own], missed[own], "-o", ms=2.5, lw=0.9, color=colour)
+                axis.plot([], [], color=colour, label=name)
+            axis.set_title(title, loc="left")
+            axis.set_ylabel("measured minus model,\nmm of deflection")
+        axes[1].set_xlabel("deflection, mm")
+        figure.legend(*axes[1].get_legend_handles_labels(), loc="outside lower center", fontsize=8, ncols=3)
+        return save(figure, path)

@@ -35,15 +35,10 @@ from ..files.inputs import Case
 from ..next_step import FIRST, command, nothing_next
 from ..version import version_text
 from . import diagnosis_figures as draw
-from .diagnosis_attribution import sizes as draw_sizes
-from .diagnosis_shapes import shapes as draw_shapes
-from .diagnosis_shapes import state_name
-from .figures import CALIBRATED, GIVEN, NEAREST, WITH_CAUSE, apart
-from .pushes_figure import pushes as draw_pushes
-from .report import Command, Report, Section
-from .sensors_figure import numbers as sensor_numbers
-from .sensors_figure import quantities
-from .sensors_figure import sensors as draw_sensors
+from .figures import CALIBRATED, GIVEN, NEAREST, WITH_CAUSE, apart, quantities
+from .figures import numbers as sensor_numbers
+from .figures import sensors as draw_sensors
+from .report import CommandCell, Report, Section
 
 FURTHEST, OUTLIER, SURPRISE = "furthest_from_prior", "outlier_trial", "outlier_surprise"
 MISFIT_LABELS = {
@@ -307,7 +302,7 @@ def _pushed(s: Section, d: Diagnosis, folder: Path) -> None:
     found = d.detail["stiffness"]
     floor = "noise floor" if found["floor_from_repeats"] else "noise floor as assumed: nothing was repeated"
     s.figure(
-        draw_pushes(found, explained(d), folder / "pushes.svg"),
+        draw.pushes(found, explained(d), folder / "pushes.svg"),
         f"Force error over the specimen's stiffness, as a deflection, in-sample; grey: {floor}",
     )
     mm = found["waterfall_mm"]
@@ -390,7 +385,7 @@ def _words(key: str) -> str:
 def _sizes(s: Section, d: Diagnosis, folder: Path) -> None:
     sizes = d.detail["sizes"]
     s.figure(
-        draw_sizes([{**x, "name": plain_name(x["name"], names(d))} for x in sizes], folder, d.words),
+        draw.sizes([{**x, "name": plain_name(x["name"], names(d))} for x in sizes], folder, d.words),
         "Size of what is named, in-sample: posterior of the problem linearised at the fit, cut at the physical bounds (red); "
         "dashed: its median; 90 % shaded. First the physically possible range, then close up",
     )
@@ -421,13 +416,13 @@ def _shapes(s: Section, d: Diagnosis, folder: Path) -> None:
         s.text(f"{why} in the measured states, so there is no shape to show.")
         return
     s.figure(
-        draw_shapes(states, explained(d), folder, d.words),
+        draw.shapes(states, explained(d), folder, d.words),
         f"States with the largest calibrated error, one for each group of {d.words.actuators}{_lengths(d, ' and ')}, in-sample"
         + "; mm, base frame",
     )
     rows = [
         [
-            state_name(x, d.words).replace("\n", ", "),
+            draw.state_name(x, d.words).replace("\n", ", "),
             _point(x["measured_tip"]),
             _miss(x, "calibrated"),
             _miss(x, "explained"),
@@ -490,7 +485,7 @@ def _next(s: Section, d: Diagnosis, protocols: Path | None) -> None:
         s.text(f"lab diagnose writes these {'protocols' if by_rig else 'states'} to files with the option --protocols next.")
     rows = [
         [p.do, f"{p.cost_min:.0f}", *(["; ".join(_pair(x, d) for x in p.separates[:3])] if separating else []),
-         Command(command(p, protocols)) if by_rig else to_apply(p.protocol, d.words)]
+         CommandCell(command(p, protocols)) if by_rig else to_apply(p.protocol, d.words)]
         for p in shown
     ]  # fmt: skip
     s.table(

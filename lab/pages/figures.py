@@ -1,8 +1,9 @@
-"""Figures of measured data: tip curves, force over deflection, moduli; legible in grey and by the colour-blind."""
+"""Figures of measured and predicted data, legible in grey and by the colour-blind."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,18 +11,25 @@ import matplotlib
 
 from model.actuators import Chambers, Words
 from recordings.own_files import replacing
+from recordings.trials import Table
+
+from ..files.units import unit_text
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from model.estimate import Estimate
-    from recordings.trials import Table
+    from model.prediction import Prediction
+    from model.prediction.inverse import Reached
 
     from ..comparison import Comparison
+
+Array = NDArray[np.float64]
 
 STYLE: dict[Any, Any] = {
     "font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.alpha": 0.25,
@@ -91,12 +99,12 @@ def tip_curves(c: Comparison, words: Words = Chambers.words) -> list[Panel]:
     pressure = c.condition.pressure.max(axis=1) / words.pascal
 
     def panel(axis: Axes, k: int, name: str) -> None:
-        for (length, own), colour in zip(lengths, colours(len(lengths)), strict=True):
-            order = np.argsort(pressure[own])
-            axis.plot(pressure[own][order], c.predicted[own][order, k] * 1e3, color=colour, lw=1.2)
+        for (length, selected), colour in zip(lengths, colours(len(lengths)), strict=True):
+            order = np.argsort(pressure[selected])
+            axis.plot(pressure[selected][order], c.predicted[selected][order, k] * 1e3, color=colour, lw=1.2)
             axis.plot([], [], color=colour, label=f"spine {length * 100:.0f} cm")
             for branch, mark in (("load", "^"), ("unload", "v")):
-                rows = own & (c.branch == branch)
+                rows = selected & (c.branch == branch)
                 face = "none" if branch == "unload" else colour
                 axis.plot(pressure[rows], c.measured[rows, k] * 1e3, mark, ms=4, color=colour, mfc=face)
         axis.plot([], [], "k-", lw=1.2, label="model")
@@ -106,80 +114,107 @@ def tip_curves(c: Comparison, words: Words = Chambers.words) -> list[Panel]:
         axis.set_ylabel(name)
         legend_below(axis)
 
+    return [lambda axis: panel(axis, 0, "tip x, mm (bending)"), lambda axis: panel(axis, 2, "tip z, mm (along the hanging rod)")]
+
+
+def tips(pressure: Array, spine_length: Array, prediction: Prediction, path: Path, words: Words) -> Path:
+    """x, y and z of the tip over the highest pressure (n,) Pa, a colour for each spine length (n,) m."""
+    low, high = prediction.interval()
+    lengths = np.unique(np.round(spine_length, 4))
+    with plt.rc_context(STYLE):
+        figure, axes = plt.subplots(1, 3, figsize=(11, 3.6), layout="constrained")
+        for length, colour in zip(lengths, colours(len(lengths)), strict=True):
+            selected = np.flatnonzero(np.round(spine_length, 4) == length)
+            pressures = pressure[selected] / words.pascal
+            for k, axis in enumerate(axes):
+                middle, half = 1e3 * prediction.tip[selected, k], 1e3 * (high - low)[selected, k] / 2
+                axis.errorbar(pressures, middle, half, fmt="o", ms=2.5, lw=0.9, capsize=2, color=colour)
+            if len(lengths) <= 12:
+                axes[0].plot([], [], "o", ms=3, color=colour, label=f"{100 * length:.3g} cm")
+        for k, axis in enumerate(axes):
+            axis.set_xlabel(f"highest {words.axis}")
+            axis.set_ylabel(f"tip {'xyz'[k]}, mm")
+        axes[0].set_title("bars: 95 % interval of a reading", loc="left")
+        axes[0].legend(title="spine", fontsize=8, ncols=2)
+        return save(figure, path)
+
+
+def targets(wanted: Array, reached: Reached, path: Path) -> Path:
+    """Targets (m, 3) m and the tips that are expected, seen along y and along z; free coordinates are those of the tip."""
+    tip = reached.prediction.tip
+    place = np.where(np.isfinite(wanted), wanted, tip)
+    low, high = reached.prediction.interval(model_only=True)
+    with plt.rc_context(STYLE):
+        figure, axes = plt.subplots(1, 2, figsize=(9, 4), layout="constrained")
+        for axis, (i, j) in zip(axes, ((0, 2), (0, 1)), strict=True):
+            axis.errorbar(
+                1e3 * tip[:, i], 1e3 * tip[:, j], 1e3 * (high - low)[:, j] / 2, 1e3 * (high - low)[:, i] / 2,
+                fmt=".", ms=3, lw=0.8, color="0.25", label="expected tip, 95 % interval",
+            )  # fmt: skip
+            for selected, mark, label in ((reached.reached, "o", "target"), (~reached.reached, "x", "target out of reach")):
+                axis.plot(1e3 * place[selected, i], 1e3 * place[selected, j], mark, ms=7, mfc="none", color="black", label=label)
+            axis.plot(1e3 * np.stack([place[:, i], tip[:, i]]), 1e3 * np.stack([place[:, j], tip[:, j]]), ":", color="0.5")
+            axis.set_aspect("equal", "datalim")
+            axis.set_xlabel(f"{'xyz'[i]}, mm")
+            axis.set_ylabel(f"{'xyz'[j]}, mm")
+        axes[0].legend(fontsize=8)
+        return save(figure, path)
+
+
+PREFIX = "sensor_"
+"""Of the columns of sensors of the lab's own."""
+
+
+def quantities(table: Table) -> tuple[str, ...]:
+    """The columns of sensors of the lab's own."""
+    return tuple(name for name in table.columns if name.startswith(PREFIX))
+
+
+def label(table: Table, column: str) -> str:
+    """Sensor, quantity and unit."""
+    return column.removeprefix(PREFIX) + unit_text(table.sensor_units.get(column, ""), ", ")
+
+
+def sensors(table: Table, words: Words) -> list[Panel]:
+    """Each quantity over the states in their order and over their pressure, a colour a spine length; bars: one standard
+    deviation of the samples averaged."""
     return [
-        lambda axis: panel(axis, 0, "tip x, mm (bending)"),
-        lambda axis: panel(axis, 2, "tip z, mm (along the hanging rod)"),
+        partial(_panel, table=table, column=column, over=over, pascal=words.pascal)
+        # the table of numbers has all
+        for column in quantities(table)[:20]
+        for over in ("state", f"highest {words.axis}")
     ]
 
 
-def stiffness_curves(table: Table, measured: Mapping[float, Estimate], reference: Mapping[float, float]) -> list[Panel]:
-    """Force over deflection of each trial, and the modulus it gives over the spine's length next to a reference."""
-
-    def pushes(axis: Axes) -> None:
-        read = table.take(np.isfinite(table.get("force")) & np.isfinite(table.get("deflection")))
-        trials = np.unique(read.trial)
-        for trial, colour in zip(trials, colours(len(trials)), strict=True):
-            own = read.take(read.trial == trial)
-            label = f"{own.spine_length[0] * 100:.0f} cm"
-            axis.plot(1e3 * own["deflection"], own["force"], "o-", ms=3, lw=1, color=colour, label=label)
-        axis.set_xlabel("deflection after contact, mm")
-        axis.set_ylabel("force, N")
+def _panel(axis: Axes, table: Table, column: str, over: str, pascal: float) -> None:
+    lengths = np.unique(table.spine_length).tolist()
+    value, spread = table[column], table.get(f"sd_{column}", 0.0)
+    places = np.arange(1, len(table) + 1) if over == "state" else table.pressures.max(axis=1) / pascal
+    for length, colour in zip(lengths, colours(len(lengths)), strict=True):
+        selected = (table.spine_length == length) & np.isfinite(value)
+        shown: dict[str, Any] = {
+            "fmt": "o",
+            "ms": 3.5,
+            "lw": 0.8,
+            "capsize": 2,
+            "color": colour,
+            "label": f"{100 * length:.0f} cm",
+        }
+        axis.errorbar(places[selected], value[selected], spread[selected], **shown)
+    axis.set_ylabel(label(table, column))
+    axis.set_xlabel(over)
+    if over == "state":
+        axis.xaxis.set_major_locator(MaxNLocator(integer=True))
+    if len(lengths) > 1:
         legend_below(axis, "spine")
 
-    return [pushes, _moduli(measured, reference)]
 
-
-def _moduli(measured: Mapping[float, Estimate], reference: Mapping[float, float]) -> Panel:
-    """Apparent modulus of the spine over its length, with 95 % intervals."""
-    value = np.array([e.value for e in measured.values()]) / 1e6
-    half = np.array([(e.interval[1] - e.interval[0]) / 2 for e in measured.values()]) / 1e6
-
-    def panel(axis: Axes) -> None:
-        known = [100 * k for k in reference], [v / 1e6 for v in reference.values()]
-        axis.plot(*known, "k--", lw=1, label="paper, Table II")
-        axis.errorbar(np.array(list(measured)) * 100, value, half, fmt="o", ms=4, capsize=3, color=BLUE, label="measured, 95 %")
-        axis.set_xlabel("spine length, cm")
-        axis.set_ylabel("Young's modulus, MPa")
-        legend_below(axis)
-
-    return panel
-
-
-def story(
-    measured: Mapping[float, Estimate], reference: Mapping[float, float], before: Comparison, after: Comparison
-) -> list[Panel]:
-    """A day in the lab: stiffness, the tip's way in the bending plane, and the error before and after."""
-    moduli = _moduli(measured, reference)
-
-    def stiffness(axis: Axes) -> None:
-        moduli(axis)
-        axis.set_title("the arm pushes: stiffness of the spine")
-
-    def bending(axis: Axes) -> None:
-        lengths = list(after.condition.by_spine_length())
-        pressure = after.condition.pressure.max(axis=1) / 1e3
-        for (length, own), colour in zip(lengths, colours(len(lengths)), strict=True):
-            tip, name = -after.measured[own, 0] * 1e3, f"{length * 100:.0f} cm"
-            axis.plot(pressure[own], tip, "o", ms=3.5, color=colour, label=name)
-            order = np.argsort(pressure[own])
-            for c, line in ((after, "-"), (before, ":")):
-                axis.plot(pressure[own][order], -c.predicted[own][order, 0] * 1e3, line, lw=1, color=colour)
-        axis.set_xlabel("pressure, kPa")
-        axis.set_ylabel("tip deflection, mm")
-        axis.set_title("chambers inflate: tip and model (dotted: paper's)")
-        legend_below(axis, "spine")
-
-    def errors(axis: Axes) -> None:
-        at = np.arange(len(before.table.rows))
-        for offset, c, shade, name in (
-            (-0.2, before, GREY, "paper's parameters"),
-            (0.2, after, BLUE, "area factor by length"),
-        ):
-            axis.bar(at + offset, [1e3 * r.rmse for r in c.table.rows], 0.38, color=shade, label=name)
-        axis.set_xticks(at, [f"{r.spine_length * 100:.0f}" for r in before.table.rows])
-        axis.set_xlabel("spine length, cm")
-        axis.set_ylabel("tip error, mm rms")
-        axis.set_title("model against measurement")
-        legend_below(axis)
-
-    return [stiffness, bending, errors]
+def numbers(table: Table) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Head and rows of a table: each quantity's range over the states."""
+    rows = []
+    for column in quantities(table):
+        value, spread = (c[np.isfinite(c)] for c in (table[column], table.get(f"sd_{column}")))
+        noise = f"{np.sqrt(np.mean(spread**2)):.3g}" if len(spread) else ""
+        rows.append((label(table, column), str(len(value)), *(f"{v:.6g}" for v in (value.min(), value.mean(), value.max())),
+                     noise))  # fmt: skip
+    return ("sensor and quantity", "states", "least", "mean", "greatest", "sd in a state"), rows

@@ -50,8 +50,7 @@ def draw(made: Imported, robot: Robot, path: Path) -> None:
     planes.colorbar(dots, ax=panels.tolist(), label=f"highest {words.axis}")
     named = f"{len(shown)} of {len(groups)} groups" if len(shown) < len(groups) else "each group"
     planes.suptitle(
-        f"Tip from the side, and along z for {named} of {words.actuators}; arrow: where they bend it",
-        fontsize="medium",
+        f"Tip from the side, and along z for {named} of {words.actuators}; arrow: where they bend it", fontsize="medium"
     )
     save(figure, path)
 
@@ -120,12 +119,7 @@ def _top(own: Table, group: Sequence[int], states: Table, robot: Robot, ax: Axes
     # pressures whose push across the axis is weaker have no direction
     weak = 0.1 * float(own.pressures.sum(axis=1).max())
     for push in (p / abs(p) for p in pushed.values() if abs(p) > weak):
-        ax.annotate(
-            "",
-            (0.9 * size * push.real, 0.9 * size * push.imag),
-            (0, 0),
-            arrowprops={"arrowstyle": "->", "color": "0.6"},
-        )
+        ax.annotate("", (0.9 * size * push.real, 0.9 * size * push.imag), (0, 0), arrowprops={"arrowstyle": "->", "color": "0.6"})
     ax.scatter(x, y, c=own.pressures.max(axis=1) / pascal, s=14, cmap="viridis", vmin=highest.min(), vmax=highest.max())
     ax.set_title(" + ".join(f"p{c}" for c in group), fontsize="small")
     ax.set(xlabel="x, mm", ylabel="y, mm", xlim=(-size, size), ylim=(-size, size))

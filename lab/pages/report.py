@@ -56,13 +56,12 @@ NUMBER = re.compile(r"|none|[-+]?\d\S*( \.\. ([-+]?\d\S*|unbounded))?( \S+)?")
 BEGINS = re.compile(r"\(?[-+]?\d|$")
 _TERM = {word.lower(): term for term in TERMS for word in term.words}
 _ANY = re.compile(
-    rf"(?<![\w./\"-])({'|'.join(map(re.escape, sorted(_TERM, key=len, reverse=True)))})(s?)(?![\w/\"-]|\.\w)",
-    re.IGNORECASE,
+    rf"(?<![\w./\"-])({'|'.join(map(re.escape, sorted(_TERM, key=len, reverse=True)))})(s?)(?![\w/\"-]|\.\w)", re.IGNORECASE
 )
 _IDENTIFIER = re.compile(r"\[(\w+)(\.\w+)?\]")
 
 
-class Command(str):
+class CommandCell(str):
     """A cell with what to type."""
 
 
@@ -81,7 +80,7 @@ class Marks:
 
     def __call__(self, text: str) -> Markup:
         """The markup of a text."""
-        if isinstance(text, Command):
+        if isinstance(text, CommandCell):
             return Markup("<code>{}</code>").format(plain(text))
         text = plain(text)
         made, end = Markup(""), 0

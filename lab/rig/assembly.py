@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Self
 
 import timing
@@ -23,20 +25,19 @@ from recordings.messages import MessageType, sensor
 from ..files.all_drivers import drivers, found_drivers
 from ..files.rig_file import SENSORS, RigFile, present, table_of
 from ..guard.door import demand_free
-from ..guard.force_limit import ForceLimit
 from ..guard.guard import LIVES_ON
+from ..guard.hosted import HostedArmState
 from ..guard.instruments import ACTUATORS, owned_names
 from ..guard.messages import Event
 from ..guard.new_guard import make_safe_after_loss
+from ..guard.pulse import ForceLimit
 from ..guard.report import SafeReport
 from . import actuators as act
 from . import operator as op
-from .hosted_stream import HostedArmState
 from .interrupts import Shielded
 from .limits import bodies, wiring, within_robot
 from .real_time import clock_of, demand_fakes, demand_running
-from .recovery import PatientOperator, Recovery
-from .watch import Vital, Watch, WatchedClock
+from .watch import PatientOperator, RigRecovery, Vital, Watch, WatchedClock
 
 TOPICS = {
     "pressure": "/pressure", "spine": "/spine", "valve": "/valve", "gauge": "/vacuum", "force": "/force", "mocap": "/tip",
@@ -153,6 +154,14 @@ class Rig:
         return failures
 
     # -- samples
+    def recorder(self, file: Path, **about: Any) -> Recorder:
+        """A recording of this rig that begins now; `about`: the other arguments of `Recorder`."""
+        begun = self.clock.now()
+        return Recorder(
+            file, start_wall_ns=time.time_ns() - round(begun * 1e9), start=begun, chambers=self.chambers.count,
+            markers=len(getattr(self.file.instruments.mocap, "markers", ()) or ()), sensors=tuple(self.sensors.values()), **about,
+        )  # fmt: skip
+
     def record_to(self, recorder: Recorder | None) -> None:
         """From now on every sample goes to this recording (None: to none)."""
         topics = (*TOPICS.values(), *(message.topic for message in self.sensors.values()))
@@ -233,7 +242,7 @@ class Rig:
             narrator.say(text)
             recorder.log("warning", text, self.clock.now())
 
-        recovery = Recovery(self.actuators, self.watch, operator, self.file.limits, say)
+        recovery = RigRecovery(self.actuators, self.watch, operator, self.file.limits, say)
 
         def rest() -> None:
             with steering.rest():
@@ -316,3 +325,8 @@ def _warn(recorder: Recorder | None, text: str) -> None:
     if recorder is not None:
         with contextlib.suppress(RecordingError):
             recorder.log("warning", text)
+
+
+def newly_lost(before: int, now: int) -> int:
+    """Samples lost since a driver had counted `before` of them: one that was opened again counts from zero."""
+    return now - before if now >= before else now

@@ -171,9 +171,9 @@ class Keys:
 
     def _run(self) -> None:
         while True:
-            own = [self._fd] if self._before is not None and self._foreground else []
+            terminal = [self._fd] if self._before is not None and self._foreground else []
             try:
-                ready = timing.readable([self._woken, *own], LOOK)
+                ready = timing.readable([self._woken, *terminal], LOOK)
             except OSError:
                 return
             if self._woken in ready:

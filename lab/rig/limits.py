@@ -22,21 +22,58 @@ SLACK = 1 + 1e-9
 """A value at its limit is within it, however it was rounded."""
 
 
+ACTIVE = ("pressure", "spine length", "deflection")
+"""A plan that asks for none of these moves neither robot nor specimen."""
+PUSHED = "a deflection of {mm:.2g} mm, for which the specimen should need "
+SUBJECTS = {"total pressure": "a total over the chambers of ", "vacuum": "a vacuum of ", "expected force": PUSHED,
+            "expected moment": PUSHED}  # fmt: skip
+"""What a value is, where its unit does not say it."""
+RAISE = "reduce it, or raise the limit if the rig allows"
+PUSH_LESS = "push less far (deflection_ratio), or raise the limit if specimen, sensor and arm allow"
+REMEDIES = {
+    "max_pressure": "reduce it: the robot withstands no more",
+    "limits.max_total_pressure": "inflate fewer chambers or to less, or raise the limit if the robot allows",
+    "limits.max_force": PUSH_LESS, "limits.max_moment": PUSH_LESS, "max_force": PUSH_LESS,
+}  # fmt: skip
+"""What else to do about a value beyond a limit than to `RAISE` it, by the limit's key."""
+
+
+@dataclass(frozen=True)
+class Margin:
+    """The largest value of one kind in a plan, and the lowest limit that holds for it; in `unit`, SI."""
+
+    name: str
+    value: float
+    unit: str
+    limit: float | None = None
+    """None: nothing limits it."""
+
+    def __str__(self) -> str:
+        """The line that a person reads."""
+        value = f"{self.name} {shown(self.value, self.unit)}"
+        return value if self.limit is None else f"{value} of {shown(self.limit, self.unit)} allowed: ok"
+
+
+@dataclass(frozen=True)
+class Demand(Margin):
+    """A value that one step asks for, and one limit of it."""
+
+    key: str = ""
+    """Of the limit in its file."""
+    file: Path | str = ""
+
+
 @dataclass(frozen=True)
 class Excess:
     """Something asked for that cannot be kept."""
 
-    value: float
-    unit: str
+    text: str
+    """What is required, in words."""
     limit: str
-    """Name, value and place of the limit."""
+    """Name, value and place of the limit, with above or outside."""
     over: float
     """How far beyond: the worst of several is told."""
     remedy: str
-    subject: str = ""
-    """What the value is, where the unit does not say it."""
-    outside: bool = False
-    """The limit is a range."""
 
 
 def within_robot(rig: RigFile, robot: Robot) -> RigFile:
@@ -70,10 +107,10 @@ def wiring(rig: RigFile, robot: Robot) -> ChamberMap:
 
 def problems(plan: Plan, rig: RigFile, path: Path, robot: Robot) -> list[str]:
     """One line for each limit that the plan does not keep, with its worst step."""
-    found: dict[str, list[tuple[int, Excess]]] = {}
+    excesses: dict[str, list[tuple[int, Excess]]] = {}
     for number, step in enumerate(plan.steps, 1):
         for excess in _excesses(step.ask, rig, path, robot):
-            found.setdefault(excess.limit, []).append((number, excess))
+            excesses.setdefault(excess.limit, []).append((number, excess))
     lines = []
     if rig.instruments.pressure is not None and robot.max_pressure is None:
         lines.append(
@@ -82,79 +119,83 @@ def problems(plan: Plan, rig: RigFile, path: Path, robot: Robot) -> list[str]:
         )
     if rig.stand is None and any(step.ask.probe for step in plan.steps):
         lines.append(f"{path}: stand: is missing; {plan.protocol} needs to know where the specimen is clamped")
-    for several in found.values():
+    for several in excesses.values():
         number, worst = max(several, key=lambda pair: pair[1].over)
-        where = "outside" if worst.outside else "above"
         further = len(several) - 1
         others = f" (and {further} further step{'s' if further > 1 else ''})" if further else ""
         lines.append(
-            f"{plan.protocol}, step {number} ({plan.steps[number - 1].label}): requires {worst.subject}"
-            f"{shown(worst.value, worst.unit)}, {where} {worst.limit}; {worst.remedy}{others}"
+            f"{plan.protocol}, step {number} ({plan.steps[number - 1].label}): requires {worst.text}, {worst.limit}; "
+            f"{worst.remedy}{others}"
         )
     return lines
 
 
-def _excesses(ask: Ask, rig: RigFile, path: Path, robot: Robot) -> Iterator[Excess]:
-    if ask.pressures:
-        yield from _pressures(ask.pressures, rig, path, robot)
-    instruments = rig.instruments
-    for value, instrument, key, unit in (
-        (ask.pressure_rate, instruments.pressure, "pressure.max_rate", "Pa/s"),
-        (ask.spine_length, instruments.spine, "spine.max_length", "m"),
-        (ask.spine_speed, instruments.spine, "spine.max_speed", "m/s"),
-        (ask.arm_speed, instruments.arm, "arm.max_speed", "m/s"),
-        (ask.arm_acceleration, instruments.arm, "arm.max_acceleration", "m/s^2"),
+def margins(plan: Plan, rig: RigFile, robot: Robot) -> list[Margin]:
+    """Return the largest value of each kind that the steps of an accepted plan ask for, with its limit."""
+    demands: dict[str, list[Demand]] = {}
+    for step in plan.steps:
+        for demand in _demands(step.ask, rig, "", robot):
+            demands.setdefault(demand.name, []).append(demand)
+    largest = {name: max(demand.value for demand in of) for name, of in demands.items()}
+    limits = {name: min((d.limit for d in of if d.limit is not None), default=None) for name, of in demands.items()}
+    return [Margin(name, value, demands[name][0].unit, limits[name]) for name, value in largest.items() if value > 0]
+
+
+def _demands(ask: Ask, rig: RigFile, path: Path | str, robot: Robot) -> Iterator[Demand]:
+    """What a step asks for, 0 where it asks for nothing, in the order in which it is listed: once for each limit."""
+    push, highest = ask.push, max(ask.pressures, default=None)
+    force = None if push is None else expected_force(robot, push)
+    yield Demand("pressure", highest or 0.0, "Pa", robot.max_pressure, "max_pressure", rig.robot)
+    for name, value, unit, key in (
+        ("pressure", highest, "Pa", "instruments.pressure.max_pressure"),
+        ("total pressure", sum(max(0.0, p) for p in ask.pressures), "Pa", "limits.max_total_pressure"),
+        ("pressure rate", ask.pressure_rate, "Pa/s", "instruments.pressure.max_rate"),
+        ("spine length", ask.spine_length, "m", "instruments.spine.max_length"),
+        ("spine speed", None if robot.spine is None else ask.spine_speed, "m/s", "instruments.spine.max_speed"),
+        ("vacuum", ask.vacuum, "Pa", "limits.max_vacuum"),
+        ("deflection", None if push is None else push.deflection, "m", ""),
+        ("expected force", force, "N", "limits.max_force"),
+        ("expected moment", None if push is None or force is None else force * push.length, "N m", "limits.max_moment"),
+        ("arm speed", ask.arm_speed, "m/s", "instruments.arm.max_speed"),
+        ("arm acceleration", ask.arm_acceleration, "m/s^2", "instruments.arm.max_acceleration"),
+        ("tip mass", None if ask.setup is None else ask.setup.tip_mass, "kg", ""),
     ):
-        most = getattr(instrument, key.partition(".")[2], None)
-        if value is not None and most is not None:
-            yield from _above(value, unit, f"instruments.{key}", most, path)
+        yield Demand(name, value or 0.0, unit, _limit(rig, key), key, path)
+    if push is not None:
+        yield Demand("expected force", force or 0.0, "N", push.max_force, "max_force", "the protocol")
+
+
+def _limit(rig: RigFile, key: str) -> float | None:
+    """The number at a dotted key of rig.yaml; None where there is none."""
+    found: object = rig if key else None
+    for name in key.split("."):
+        found = getattr(found, name, None)
+    return found if isinstance(found, float) else None
+
+
+def _excesses(ask: Ask, rig: RigFile, path: Path, robot: Robot) -> Iterator[Excess]:
+    """What of a step is beyond a limit, or outside of what the rig can do."""
+    for d in _demands(ask, rig, path, robot):
+        if d.limit is not None and d.value > d.limit * SLACK:
+            subject = SUBJECTS.get(d.name, "").format(mm=0.0 if ask.push is None else ask.push.deflection * 1e3)
+            limit = f"above {d.key} = {shown(d.limit, d.unit)} of {d.file}"
+            yield Excess(f"{subject}{shown(d.value, d.unit)}", limit, d.value / d.limit, REMEDIES.get(d.key, RAISE))
+    if ask.pressures and rig.instruments.pressure is not None:
+        try:
+            wiring(rig, robot).setpoints(dict(enumerate(ask.pressures, 1)))
+        except ValueError as e:
+            channels = f"outside what instruments.pressure.chambers of {path} can deliver"
+            yield Excess(shown(max(ask.pressures), "Pa"), channels, 1.0, str(e))
     if robot.spine is None and ask.spine_length:
         remedy = "write spine_lengths: [0], or describe the spine there"
-        yield Excess(ask.spine_length, "m", f"what {rig.robot} allows: it has no spine", math.inf, remedy, "a spine of ")
-    if ask.vacuum is not None:
-        yield from _above(ask.vacuum, "Pa", "limits.max_vacuum", rig.limits.max_vacuum, path, "a vacuum of ")
-    if rig.stand is not None and instruments.arm is not None:
-        yield from _probe(ask.probe, rig.stand, instruments.arm.workspace_min, instruments.arm.workspace_max, path)
-    if ask.push is not None:
-        yield from _push(ask.push, rig, path, robot)
-
-
-RAISE = "reduce it, or raise the limit if the rig allows"
-
-
-def _above(
-    value: float, unit: str, key: str, most: float, path: Path | str, subject: str = "", remedy: str = RAISE
-) -> Iterator[Excess]:
-    if value > most * SLACK:
-        yield Excess(value, unit, f"{key} = {shown(most, unit)} of {path}", value / most, remedy, subject)
-
-
-def _pressures(pressures: Sequence[float], rig: RigFile, path: Path, robot: Robot) -> Iterator[Excess]:
-    highest = max(pressures)
-    if robot.max_pressure is not None:
-        remedy = "reduce it: the robot withstands no more"
-        yield from _above(highest, "Pa", "max_pressure", robot.max_pressure, rig.robot, remedy=remedy)
-    regulators = rig.instruments.pressure
-    if regulators is None:
-        return
-    yield from _above(highest, "Pa", "instruments.pressure.max_pressure", regulators.max_pressure, path)
-    total = sum(max(0.0, p) for p in pressures)
-    remedy = "inflate fewer chambers or to less, or raise the limit if the robot allows"
-    limit = "limits.max_total_pressure"
-    yield from _above(total, "Pa", limit, rig.limits.max_total_pressure, path, "a total over the chambers of ", remedy)
-    try:
-        wiring(rig, robot).setpoints(dict(enumerate(pressures, 1)))
-    except ValueError as e:
-        channels = f"what instruments.pressure.chambers of {path} can deliver"
-        yield Excess(highest, "Pa", channels, 1.0, str(e), outside=True)
+        limit = f"above what {rig.robot} allows: it has no spine"
+        yield Excess(f"a spine of {shown(ask.spine_length, 'm')}", limit, math.inf, remedy)
+    if rig.stand is not None and (arm := rig.instruments.arm) is not None:
+        yield from _probe(ask.probe, rig.stand, arm.workspace_min, arm.workspace_max, path)
 
 
 def _probe(
-    places: Sequence[tuple[float, float | None]],
-    stand: Stand,
-    low: Sequence[float],
-    high: Sequence[float],
-    path: Path,
+    places: Sequence[tuple[float, float | None]], stand: Stand, low: Sequence[float], high: Sequence[float], path: Path
 ) -> Iterator[Excess]:
     """Each place against the arm's box; between two places inside of it the way is inside too."""
     for along, depth in places:
@@ -164,21 +205,9 @@ def _probe(
             over = max(low[i] - x, x - high[i])
             if over > 1e-9:
                 free = f"{shown(low[i], 'm')} to {shown(high[i], 'm')}"
-                box = f"the workspace of instruments.arm, {axis} = {free} of {path}"
+                box = f"outside the workspace of instruments.arm, {axis} = {free} of {path}"
                 remedy = "correct stand, or widen workspace_min and workspace_max if there is room"
-                yield Excess(round(x, 4), "m", box, over, remedy, f"the probe at {axis} = ", outside=True)
-
-
-def _push(push: Push, rig: RigFile, path: Path, robot: Robot) -> Iterator[Excess]:
-    force = expected_force(robot, push)
-    if force is None:
-        return
-    remedy = "push less far (deflection_ratio), or raise the limit if specimen, sensor and arm allow"
-    subject = f"a deflection of {push.deflection * 1e3:.2g} mm, for which the specimen should need "
-    yield from _above(force, "N", "limits.max_force", rig.limits.max_force, path, subject, remedy)
-    yield from _above(force, "N", "max_force", push.max_force, "the protocol", subject, remedy)
-    moment = force * push.length
-    yield from _above(moment, "N m", "limits.max_moment", rig.limits.max_moment, path, subject, remedy)
+                yield Excess(f"the probe at {axis} = {shown(round(x, 4), 'm')}", box, over, remedy)
 
 
 def bodies(rig: RigFile, robot: Robot) -> Bodies:
@@ -218,83 +247,3 @@ def expected_force(robot: Robot, push: Push) -> float | None:
     rest = (push.length - reach) ** 3
     give = (push.length**3 - rest) / (3 * inner) + rest / (3 * outer)
     return push.deflection / give
-
-
-@dataclass(frozen=True)
-class Margin:
-    """The largest value of one kind in a plan, and the lowest limit that holds for it; in `unit`, SI."""
-
-    name: str
-    value: float
-    unit: str
-    limit: float | None
-    """None: nothing limits it."""
-
-    def __str__(self) -> str:
-        """The line that a person reads."""
-        value = f"{self.name} {shown(self.value, self.unit)}"
-        return value if self.limit is None else f"{value} of {shown(self.limit, self.unit)} allowed: ok"
-
-
-UNITS = {
-    "pressure": "Pa",
-    "total pressure": "Pa",
-    "pressure rate": "Pa/s",
-    "spine length": "m",
-    "spine speed": "m/s",
-    "vacuum": "Pa",
-    "deflection": "m",
-    "expected force": "N",
-    "arm speed": "m/s",
-    "arm acceleration": "m/s^2",
-    "tip mass": "kg",
-}
-"""What steps can ask for, in the order in which it is listed, with the SI unit."""
-ACTIVE = ("pressure", "spine length", "deflection")
-"""A plan that asks for none of these moves neither robot nor specimen."""
-
-
-def margins(plan: Plan, rig: RigFile, robot: Robot) -> list[Margin]:
-    """Return the largest value of each kind that the steps of an accepted plan ask for, with its limit."""
-    asked = [_asked(step.ask, robot) for step in plan.steps]
-    largest = {name: max((of[name] or 0.0 for of in asked), default=0.0) for name in UNITS}
-    limits = _limits(within_robot(rig, robot))
-    return [Margin(name, value, UNITS[name], limits.get(name)) for name, value in largest.items() if value > 0]
-
-
-def _asked(ask: Ask, robot: Robot) -> dict[str, float | None]:
-    """What a step asks for, by the names of `UNITS`."""
-    return {
-        "pressure": max(ask.pressures, default=None),
-        "total pressure": sum(max(0.0, p) for p in ask.pressures),
-        "pressure rate": ask.pressure_rate,
-        "spine length": ask.spine_length,
-        "spine speed": ask.spine_speed if robot.spine is not None else None,
-        "vacuum": ask.vacuum,
-        "deflection": None if ask.push is None else ask.push.deflection,
-        "expected force": None if ask.push is None else expected_force(robot, ask.push),
-        "arm speed": ask.arm_speed,
-        "arm acceleration": ask.arm_acceleration,
-        "tip mass": None if ask.setup is None else ask.setup.tip_mass,
-    }
-
-
-def _limits(rig: RigFile) -> dict[str, float]:
-    """The limit of each thing, where rig.yaml or robot.yaml states one; SI units."""
-    found = {
-        "total pressure": rig.limits.max_total_pressure,
-        "vacuum": rig.limits.max_vacuum,
-        "expected force": rig.limits.max_force,
-    }
-    for name, instrument, key in (
-        ("pressure", rig.instruments.pressure, "max_pressure"),
-        ("pressure rate", rig.instruments.pressure, "max_rate"),
-        ("spine length", rig.instruments.spine, "max_length"),
-        ("spine speed", rig.instruments.spine, "max_speed"),
-        ("arm speed", rig.instruments.arm, "max_speed"),
-        ("arm acceleration", rig.instruments.arm, "max_acceleration"),
-    ):
-        most = getattr(instrument, key, None)
-        if most is not None:
-            found[name] = most
-    return found

@@ -22,10 +22,10 @@ from protocols.bench import Bench
 from protocols.errors import ProtocolError, Stopped
 from protocols.parameters import Jam, SpineMotion
 
+from ..files.checked import Moved
 from ..files.rig_file import RigFile
 from ..guard.messages import RigLanded
 from .actuators import ActuatorsLost
-from .checked import Moved
 
 Array = NDArray[np.float64]
 
@@ -176,17 +176,17 @@ def _channel(bench: Bench, rig: RigFile, per_pascal: tuple[Array, ...], channel:
         if displacement is not None and rest is not None:
             _compare(_tip(bench) - rest, displacement * pressure, pressure, least=None)
     _inflate(bench, channel, STEP, before)
-    seen = "its own reading agrees, the other channels do not change"
+    observed = "its own reading agrees, the other channels do not change"
     if displacement is None or rest is None:
-        seen += "; without cameras, or without a model of these chambers, range and hoses are not checked"
+        observed += "; without cameras, or without a model of these chambers, range and hoses are not checked"
     elif math.hypot(*displacement[:2]) * STEP < LEAST_VISIBLE:
-        seen += "; the tip should not move sideways, so range and hoses are not checked"
+        observed += "; the tip should not move sideways, so range and hoses are not checked"
     else:
         moved = _tip(bench) - rest
         _compare(moved, displacement * STEP, STEP, LEAST_RATIO)
-        seen += f", and the tip moved {math.hypot(*moved[:2]) * 1e3:.1f} mm in the right direction"
+        observed += f", and the tip moved {math.hypot(*moved[:2]) * 1e3:.1f} mm in the right direction"
     vent(bench)
-    return seen
+    return observed
 
 
 def _inflate(bench: Bench, channel: int, pressure: float, before: Array) -> None:

@@ -6,12 +6,10 @@ else may enter, and the kernel says who is at the other end.
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import socket
 import stat
-import struct
 import sys
 from dataclasses import asdict
 from pathlib import Path
@@ -24,6 +22,7 @@ from recordings.json_text import read_json
 
 from ..console import questions
 from ..files.rig_file import UNIX
+from ..guard.door import peer
 
 MOUNTS = {
     "robot": "hang the robot in its frame, spine inside",
@@ -127,28 +126,11 @@ class Program:
 
     def _check_peer(self, connection: socket.socket) -> None:
         """Raises ProtocolError when another user listens at the socket."""
-        user = _peer(connection)[1]
+        user = peer(connection)[1]
         if user != os.getuid():
             raise ProtocolError(
                 f"{self._where}: user {user} listens there, not you ({os.getuid()}); start the program as yourself"
             )
-
-
-def process_of(spec: str) -> int | None:
-    """Return the process that listens at the operator of a rig.yaml; None where none does."""
-    if not spec.startswith(UNIX):
-        return None
-    with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
-        connection.settimeout(1.0)
-        connection.connect(spec.removeprefix(UNIX))
-        return _peer(connection)[0]
-    return None
-
-
-def _peer(connection: socket.socket) -> tuple[int, int]:
-    """Return process and user at the other end."""
-    process, user, _ = struct.unpack("3i", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
-    return process, user
 
 
 def operator(spec: str) -> Operator:
@@ -156,7 +138,7 @@ def operator(spec: str) -> Operator:
     return Console() if spec == "console" else Program(Path(spec.removeprefix(UNIX)))
 
 
-class Prepared:
+class RememberingOperator:
     """An operator who is not asked again for what stands already. What stands when the program starts is not known."""
 
     def __init__(self) -> None:
@@ -165,7 +147,7 @@ class Prepared:
         self.asked = 0
         """How often somebody was asked to prepare."""
 
-    def over(self, operator: Operator) -> Prepared:
+    def over(self, operator: Operator) -> RememberingOperator:
         """From now on this operator is asked."""
         self._operator = operator
         return self

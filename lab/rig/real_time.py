@@ -12,11 +12,12 @@ import socket
 import stat
 from collections.abc import Iterator
 
-from drivers.configs import HOSTS, PORTS
+from drivers.configs import PORTS
 from timing import RigClock
 
 from ..files.config import ConfigError
-from ..files.rig_file import UNIX, ClockConfig, Instruments, RigFile, present, table_of
+from ..files.rig_file import UNIX, ClockConfig, Instruments, RigFile, addresses
+from ..guard.door import listener
 
 FOLDER = "/softlab-"
 """In the paths that `lab fakes` writes: the operator's socket, the serial lines."""
@@ -46,8 +47,8 @@ def demand_fakes(rig: RigFile, only: str | None = None) -> None:
 
 def demand_running(rig: RigFile) -> None:
     """Raises FakesEnded when the fakes that wrote a rig.yaml have ended and it reaches nothing but them."""
-    theirs = (FOLDER in address if key in PORTS else _fake_host(address) for _, key, address in _addresses(rig.instruments))
-    if rig.operator.startswith(UNIX) and FOLDER in rig.operator and _ended(rig.operator) and all(theirs):
+    theirs = (FOLDER in address if key in PORTS else _fake_host(address) for _, key, address in addresses(rig.instruments))
+    if rig.operator.startswith(UNIX) and FOLDER in rig.operator and process_of(rig.operator) is None and all(theirs):
         raise FakesEnded(
             f"{rig.path}: the fakes that wrote this file have ended: no process answers at operator = {rig.operator}; "
             f"start them again: lab fakes --rig {rig.path}, with the options that you gave before"
@@ -67,22 +68,17 @@ def at_real_speed(rig: RigFile) -> tuple[RigFile, str]:
     return rig, ""
 
 
-def _ended(spec: str) -> bool:
-    """Return whether nothing listens at the operator of a rig.yaml any more; one that may not be asked has not ended."""
+def process_of(spec: str) -> int | None:
+    """Process that listens at the operator of a rig.yaml, 0 where it may not be asked; None where none does."""
     try:
-        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
-            connection.settimeout(1.0)
-            connection.connect(spec.removeprefix(UNIX))
-    except (FileNotFoundError, NotADirectoryError, ConnectionRefusedError):
-        return True
+        return listener(spec.removeprefix(UNIX), within=1.0) if spec.startswith(UNIX) else None
     except OSError:
-        return False
-    return False
+        return 0
 
 
 def _real(instruments: Instruments) -> Iterator[tuple[str, str]]:
     """(instrument, what is real about it). A port that is not there is left to opening, which looks again."""
-    for name, key, address in _addresses(instruments):
+    for name, key, address in addresses(instruments):
         if not (_fake_line(address) if key in PORTS else _fake_host(address)):
             kind = "not the pseudo-terminal of a fake" if key in PORTS else "not a loopback address"
             yield (
@@ -92,17 +88,6 @@ def _real(instruments: Instruments) -> Iterator[tuple[str, str]]:
                     "real time; write speed: 1"
                 ),
             )
-
-
-def _addresses(instruments: Instruments) -> Iterator[tuple[str, str, str]]:
-    """(instrument, key, address) of all ports and hosts."""
-    for name in present(instruments):
-        config = table_of(instruments, name)
-        for key in (*PORTS, *HOSTS):
-            value = getattr(config, key, None)
-            for address in value if isinstance(value, tuple) else (value,):
-                if isinstance(address, str) and address:  # TMCL has a `host` that is a number on its bus
-                    yield name, key, address
 
 
 def _fake_line(path: str) -> bool:

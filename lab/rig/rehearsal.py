@@ -105,7 +105,7 @@ class AsPlanned(Trials):
         return row
 
 
-class Clock:
+class DeskClock:
     """Rig time that jumps where somebody waits; raises TimeoutError after `longest` s."""
 
     def __init__(self, longest: float) -> None:
@@ -122,10 +122,10 @@ class Clock:
             raise TimeoutError(f"run has not ended after {self._longest / 3600:.3g} h of rig time; does it wait for ever?")
 
 
-class Readings(Buffers):
+class DeskStreams(Buffers):
     """The streams of instruments, made when somebody reads them: each goes on with what it showed last."""
 
-    def __init__(self, messages: dict[str, MessageType], clock: Clock) -> None:
+    def __init__(self, messages: dict[str, MessageType], clock: DeskClock) -> None:
         super().__init__(messages)
         self._clock = clock
         self._shown: dict[str, tuple[list[float], list[NDArray[np.void]]]] = {}
@@ -165,9 +165,9 @@ class Desk:
     def __init__(self, rig: RigFile, plan: Plan, markers: int, sensors: Sequence[MessageType]) -> None:
         self.rig, self.sensors = rig, sensors
         # a rehearsal that takes ten times as long as planned, an hour at least, is given up
-        self.clock = Clock(max(10.0 * plan.seconds, 3600.0))
+        self.clock = DeskClock(max(10.0 * plan.seconds, 3600.0))
         self.chambers: ChamberMap = wiring(rig, rig.body)
-        self.readings = Readings(streams(self.chambers.count, markers, sensors), self.clock)
+        self.readings = DeskStreams(streams(self.chambers.count, markers, sensors), self.clock)
         # Pa below ambient, where neither plan nor set-up names a vacuum
         self.supply = max((step.ask.vacuum or 0.0 for step in plan.steps), default=0.0) or 80e3
         self.highest = 0.0
@@ -176,15 +176,15 @@ class Desk:
         channels = (0.0,) * len(self.chambers.channels)
         arcs = self.places.arcs[1:] or tuple(rig.body.length * (i + 1) / (markers + 1) for i in range(markers))
         hanging = tuple((0.0, 0.0, arc) for arc in arcs)
-        self.pressure = Regulators(self, "pressure", PressureSample(0.0, channels, channels))
-        self.spine = Unit(self, "spine", SpineSample(0.0, 0.0, 0.0, 0.0, False, False))
-        self.valve = Valve(self, "valve", ValveSample(0.0, False))
-        self.gauge = Instrument(self, "gauge", GaugeSample(0.0, AMBIENT))
-        self.force = Force(self, "force", WrenchSample(0.0, ZERO, ZERO))
-        self.arm_state = Instrument(self, "arm_state", ArmSample(0.0, 0.0, ZERO, ZERO, ZERO, 0, True))
-        self.arm = Arm(self, "arm", None)
+        self.pressure = DeskRegulators(self, "pressure", PressureSample(0.0, channels, channels))
+        self.spine = DeskLengthUnit(self, "spine", SpineSample(0.0, 0.0, 0.0, 0.0, False, False))
+        self.valve = DeskValve(self, "valve", ValveSample(0.0, False))
+        self.gauge = DeskInstrument(self, "gauge", GaugeSample(0.0, AMBIENT))
+        self.force = DeskForce(self, "force", WrenchSample(0.0, ZERO, ZERO))
+        self.arm_state = DeskInstrument(self, "arm_state", ArmSample(0.0, 0.0, ZERO, ZERO, ZERO, 0, True))
+        self.arm = DeskArm(self, "arm", None)
         tip: Vector3 = (0.0, 0.0, rig.body.length)
-        self.mocap = Instrument(self, "mocap", BodySample(0.0, 0.0, 0, tip, (1.0, 0.0, 0.0, 0.0), 0.0, True, hanging))
+        self.mocap = DeskInstrument(self, "mocap", BodySample(0.0, 0.0, 0, tip, (1.0, 0.0, 0.0, 0.0), 0.0, True, hanging))
 
     def bench(self, recorder: Recorder, needs: Sequence[str]) -> Bench:
         """What a protocol with these needs gets on the rig: the regulators in any case."""
@@ -218,7 +218,7 @@ def _fail(error: InstrumentError, _: bool) -> None:
     raise error
 
 
-class Instrument:
+class DeskInstrument:
     """One that answers at once, with its last sample."""
 
     lost = 0
@@ -250,7 +250,7 @@ class Instrument:
     latest = read
 
 
-class Regulators(Instrument):
+class DeskRegulators(DeskInstrument):
     """See PressureRegulators."""
 
     def set(self, pressures: Sequence[float]) -> tuple[float, ...]:
@@ -265,7 +265,7 @@ class Regulators(Instrument):
         self.set([0.0] * self.channels)
 
 
-class Unit(Instrument):
+class DeskLengthUnit(DeskInstrument):
     """See LengthUnit."""
 
     def home(self) -> None:
@@ -283,7 +283,7 @@ class Unit(Instrument):
         """Nothing moves."""
 
 
-class Valve(Instrument):
+class DeskValve(DeskInstrument):
     """See JammingValve."""
 
     def set(self, on: bool) -> bool:
@@ -293,7 +293,7 @@ class Valve(Instrument):
         return on
 
 
-class Arm(Instrument):
+class DeskArm(DeskInstrument):
     """See Arm of the interfaces."""
 
     def move_to(self, pose: Sequence[float], speed: float, acceleration: float) -> None:
@@ -319,7 +319,7 @@ class Arm(Instrument):
         """Nothing moves."""
 
 
-class Force(Instrument):
+class DeskForce(DeskInstrument):
     """See ForceSensor."""
 
     def zero(self, samples: int) -> Vector6:

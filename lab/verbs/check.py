@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import tempfile
-import time
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -18,21 +17,18 @@ from drivers.interfaces import Identity
 from model.robot import Robot
 from protocols.bench import Setup
 from protocols.errors import ProtocolError, Stopped
-from recordings.file.writer import Recorder
 from recordings.states.demands import too_far
 
-from ..console import Screen, err, out, questions, styled
-from ..files.adapters import adapters_now, place
+from ..console import Screen, err, out, questions, styled, warn
+from ..files.checked import Moved, adapters_now, keep, place
 from ..files.config import ConfigError, unit_of
 from ..files.rig_file import RigFile, load_rig, table_of
 from ..files.units import shown
 from ..guard.latch import Latch
 from ..options import JSON, Result, Verb, option, rig
-from ..rig.assembly import Rig
-from ..rig.checked import Moved, keep
+from ..rig.assembly import Rig, newly_lost
 from ..rig.interrupts import Interrupts
 from ..rig.limits import bodies
-from ..rig.losses import newly_lost
 
 LOOK = 0.05
 """Host seconds between two looks at what has come."""
@@ -65,8 +61,7 @@ def check(rig_path: Path, seconds: float, move: bool = False, yes: bool = False)
             moved = _moved(rig, robot)
             keep(rig_path, file, moved, adapters_now(file, rig.identities))
     lost = sum(r.get("lost", 0) for r in rows)
-    for text in rig.notices:
-        err.print(f"warning: {text}")
+    warn(rig.notices)
 
     def show() -> None:
         out.print(_table(rig.file.name, rows, span))
@@ -111,23 +106,13 @@ def _moved(rig: Rig, robot: Robot) -> list[Moved]:
 
     seen: list[Moved] = []
     screen = Screen("check", rig.clock.speed)
-    markers = len(getattr(rig.file.instruments.mocap, "markers", ()) or ())
 
     def tell(result: Moved) -> None:
         seen.append(result)
         out.print(f"  {result.what}: {'ok' if result.ok else 'FAILED'}: {result.text}")
 
     with tempfile.TemporaryDirectory() as folder, Interrupts(screen.say, rig.actuators.pulse) as interrupts:
-        now = rig.clock.now()
-        start = time.time_ns() - round(now * 1e9)
-        recorder = Recorder(
-            Path(folder) / "moves.mcap",
-            start_wall_ns=start,
-            chambers=rig.chambers.count,
-            markers=markers,
-            sensors=tuple(rig.sensors.values()),
-            start=now,
-        )
+        recorder = rig.recorder(Path(folder) / "moves.mcap")
         rig.stop_now = lambda: interrupts.now
         bench = rig.bench(recorder, screen, interrupts.stopping, list(rig.identities))
         rig.record_to(recorder)
@@ -171,12 +156,7 @@ def _listen(rig: Rig, before: dict[str, int], seconds: float) -> float:
 
 
 def _row(
-    rig: Rig,
-    name: str,
-    result: Identity | InstrumentError,
-    before: dict[str, int],
-    lost_before: dict[str, int],
-    span: float,
+    rig: Rig, name: str, result: Identity | InstrumentError, before: dict[str, int], lost_before: dict[str, int], span: float
 ) -> dict[str, Any]:
     if isinstance(result, InstrumentError):
         return {"instrument": name, "ok": False, "problem": result.message}

@@ -19,8 +19,7 @@ from ..files.output_folder import demand_free, whole
 from ..files.own_effects import stated_by
 from ..files.robot_file import paper_robot
 from ..options import ANY_SIZE, INPUTS, JSON, REPLACE, ROBOT, Result, Verb, option
-from ..pages.figures import in_a_row, tip_curves
-from ..pages.sensors_figure import quantities, sensors
+from ..pages.figures import in_a_row, quantities, sensors, tip_curves
 
 OWN = ("compare.png", "sensors.png")
 """What is written, and replaced when the command is repeated."""
@@ -73,8 +72,8 @@ def sheet(table: ErrorTable, robot: Robot) -> Sheet:
     worst = {"X": table.worst_percent_x, "Y": table.worst_percent_z} if paper else {
         axis: 100 * max(getattr(r, f"mean_abs_{axis}") for r in table.rows) / table.length for axis in "xyz"
     }  # fmt: skip
-    told = ", ".join(f"{percent:.2f} % in {axis}" for axis, percent in worst.items())
-    t.caption = f"largest mean error in % of the length: {told}; rms {table.rmse * 1e3:.2f} mm"
+    percentages = ", ".join(f"{percent:.2f} % in {axis}" for axis, percent in worst.items())
+    t.caption = f"largest mean error in % of the length: {percentages}; rms {table.rmse * 1e3:.2f} mm"
     return t
 
 

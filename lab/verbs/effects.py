@@ -1,13 +1,24 @@
-"""`lab effects`: the catalogue of effects with the signature of each, so that a person knows what to look for."""
+"""`lab effects`: the catalogue of effects with the signature of each, so that a person knows what to look for.
+
+A signature is how far an effect of plausible size moves the tip over pressure and spine length, up and down, against the model
+without it; effects of stiffness trials are shown as force over deflection. What calibration would hide is told beside it: the
+share of the signature that one common factor on the chamber area could take over.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
 from rich.table import Table
 
-from model.effects import Parameter
+from model.effects import CATALOGUE, EffectSpec, ForwardModel, Parameter, design_from_columns
+from model.effects.scales import scales
 from model.effects.spec import STAGES
 from model.robot import Robot, load_robot
 
@@ -18,35 +29,202 @@ from ..files.output_folder import demand_free, whole
 from ..files.own_effects import catalogue
 from ..files.robot_file import paper_robot
 from ..options import JSON, OWN_EFFECTS, REPLACE, Result, Verb, option
-from ..signatures import Signature, signatures
+from ..pages.figures import STYLE, colours, plt, save
+
+Array = NDArray[np.float64]
+Columns = dict[str, NDArray[np.generic]]
 
 OWN = ("signatures.png",)
 """What is written, and replaced when the command is repeated."""
+LEVELS = np.linspace(0.0, 1.0, 11)
+"""Shares of the largest pressure, up and down again."""
+RATE, HOLD = 25e3, 2.0
+"""Pa/s and s of the ramps in between."""
+DEFLECTIONS = np.linspace(0.0, 0.02, 9)
+"""Of the specimen's length."""
+
+
+@dataclass(frozen=True)
+class Signature:
+    """What one effect at its plausible size does to what is read."""
+
+    effect: EffectSpec
+    how: str
+    """How the states were read: settled, while ramping, stiffness, or none: this robot shows it in no kind of experiment."""
+    spine_length: Array
+    """(l,) m."""
+    x: Array
+    """(l, k) Pa of the group, or m of deflection, in the order of time."""
+    change: Array
+    """(l, k, 3) m, base frame; for stiffness rows (l, k, 1) N."""
+    axis: int
+    """The component that moves most."""
+    hidden: float
+    """Share (0..1) of the squared change that one factor on the chamber area could take over."""
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the change, m or N."""
+        return float(np.sqrt((self.change**2).sum(axis=-1).mean())) if self.change.size else 0.0
+
+    @property
+    def unit(self) -> str:
+        """mm or N."""
+        return "N" if self.how == "stiffness" else "mm"
+
+    @property
+    def shown(self) -> Array:
+        """(l, k) the component that moves most, in `unit`."""
+        return self.change[..., self.axis] * (1.0 if self.how == "stiffness" else 1e3)
+
+
+def signatures(robot: Robot, effects: Mapping[str, EffectSpec] = CATALOGUE) -> list[Signature]:
+    """The signature of every effect, on the first kind of experiment that shows it."""
+    spines = robot.length * np.array([0.0, 0.375, 0.75]) if robot.spine is not None else np.zeros(1)
+    sized = scales(robot)
+    tried = [(how, _columns(robot, spines, how)) for how in ("settled", "while ramping", "stiffness")]
+    models = [
+        (how, columns, ForwardModel(robot, design_from_columns(robot, columns), "per_length", effects, sized=sized))
+        for how, columns in tried
+        if how != "stiffness" or robot.spine is not None
+    ]
+    return [_signature(spec.of(sized), models) for spec in effects.values()]
+
+
+def _signature(spec: EffectSpec, models: list[tuple[str, Columns, ForwardModel]]) -> Signature:
+    sizes = [min(p.scale, p.high) if p.role == "size" else p.starts[0] for p in spec.parameters]
+    for how, columns, forward in models:  # noqa: B007 (used after the loop)
+        theta = np.zeros(len(forward.parameters))
+        still = forward.predict(theta)
+        theta[forward.index(spec.id)] = sizes
+        change = forward.predict(theta) - still
+        # m or N: less is no signature
+        if np.nanmax(np.abs(change)) > 1e-5:
+            break
+    else:
+        none = np.zeros((0, 0))
+        return Signature(spec, "none", np.zeros(0), none, none[..., None], 0, 0.0)
+    wide = 1 if how == "stiffness" else 3
+    rows = change.reshape(-1, wide)
+    x = columns["deflection"] if how == "stiffness" else columns["p1"]
+    spine = np.asarray(columns["spine_length"], float)
+    lengths = len(np.unique(spine))
+    axis = int(np.nanargmax(np.nansum(rows**2, axis=0)))
+    return Signature(
+        spec,
+        how,
+        np.unique(spine),
+        np.asarray(x, float).reshape(lengths, -1),
+        rows.reshape(lengths, -1, wide),
+        axis,
+        _hidden(forward, change) if wide == 3 else 0.0,
+    )
+
+
+def _hidden(forward: ForwardModel, change: Array) -> float:
+    _, slope = forward.linearise(np.zeros(len(forward.parameters)))
+    # A common factor on all areas moves the tips by the sum of what those of the single lengths do.
+    area = slope[:, forward.index("area")].sum(axis=1)
+    ok = np.isfinite(change) & np.isfinite(area)
+    total = float(change[ok] @ change[ok]) * float(area[ok] @ area[ok])
+    return float(change[ok] @ area[ok]) ** 2 / total if total > 0 else 0.0
+
+
+def _columns(robot: Robot, spines: Array, how: str) -> Columns:
+    """A campaign with chamber 1 and its neighbours; for stiffness trials, the bare spine at three lengths."""
+    if how == "stiffness":
+        spines = robot.length * np.array([0.25, 0.5, 0.75])
+        n = DEFLECTIONS.size
+        spine = np.repeat(spines, n)
+        return {
+            "trial": np.repeat(np.arange(3), n),
+            "protocol": np.full(3 * n, "stiffness"),
+            "specimen": np.full(3 * n, "spine"),
+            "spine_length": spine,
+            "deflection": np.tile(DEFLECTIONS, 3) * spine,
+            "force": np.zeros(3 * n),
+        }
+    pressure = scales(robot).pressure * np.concatenate([LEVELS, LEVELS[-2::-1]])
+    branch = np.repeat(["load", "unload"], [LEVELS.size, LEVELS.size - 1])
+    hold = HOLD if how == "settled" else 0.0
+    time = np.cumsum(np.abs(np.diff(pressure, prepend=0.0)) / RATE + hold)
+    n, count = pressure.size, len(spines)
+    chambers = len(robot.actuators.azimuths_deg)
+    group = {0, 1, chambers - 1} if chambers >= 6 else {0}
+    pressures = {f"p{c + 1}": np.tile(pressure if c in group else 0 * pressure, count) for c in range(chambers)}
+    return {
+        "trial": np.repeat(np.arange(count), n),
+        "branch": np.tile(branch, count),
+        "t": np.tile(time, count),
+        "rate": np.full(n * count, RATE),
+        "hold": np.full(n * count, hold),
+        "spine_length": np.repeat(spines, n),
+        **pressures,
+        "x": np.zeros(n * count),
+        "y": np.zeros(n * count),
+        "z": np.zeros(n * count),
+    }
+
+
+PANELS = 5
+"""In a row of the figure."""
+
+
+def draw(effect_signatures: list[Signature], path: Path) -> Path:
+    """Draw all signatures into one picture, but those of effects that move nothing."""
+    effect_signatures = [s for s in effect_signatures if s.how != "none"]
+    rows = -(-len(effect_signatures) // PANELS)
+    with plt.rc_context({**STYLE, "font.size": 7.5, "axes.titlesize": 8.5}):
+        figure, axes = plt.subplots(rows, PANELS, figsize=(13, 2.1 * rows + 0.4), layout="constrained", squeeze=False)
+        for axis, signature in zip(axes.flat, effect_signatures, strict=False):
+            _panel(axis, signature)
+        for axis in axes.flat[len(effect_signatures) :]:
+            axis.set_axis_off()
+        longest = max(effect_signatures, key=lambda s: (s.how != "stiffness", len(s.spine_length)))
+        figure.legend(handles=_legend(longest), loc="outside upper left", ncols=8)
+        return save(figure, path)
+
+
+def _panel(axis: Axes, s: Signature) -> None:
+    stiffness = s.how == "stiffness"
+    for x, y, colour in zip(s.x, s.shown, colours(len(s.x)), strict=True):
+        top = int(np.argmax(x))
+        scaled = x * 1e3 if stiffness else x / 1e3
+        axis.plot(scaled[: top + 1], y[: top + 1], color=colour, lw=1.2)
+        axis.plot(scaled[top:], y[top:], color=colour, lw=1.0, ls=(0, (3, 2)))
+    axis.axhline(0.0, color="0.6", lw=0.6, zorder=0)
+    title = s.effect.id if s.how == "settled" else f"{s.effect.id} ({s.how})"
+    axis.set_title(title, loc="left")
+    axis.set_xlabel("deflection, mm" if stiffness else "pressure, kPa", labelpad=1)
+    axis.set_ylabel("force, N" if stiffness else f"tip {'xyz'[s.axis]}, mm", labelpad=1)
+
+
+def _legend(s: Signature) -> list[Line2D]:
+    lengths = zip(s.spine_length, colours(len(s.spine_length)), strict=True)
+    found = [Line2D([], [], color=colour, label=f"{length * 100:g} cm spine") for length, colour in lengths]
+    found.append(Line2D([], [], color="0.3", label="load"))
+    return [*found, Line2D([], [], color="0.3", ls=(0, (3, 2)), label="unload")]
 
 
 def run(out: Path, robot: Robot | None = None, more: Path | None = None, replace: bool = False) -> Result:
-    """The catalogue; draws signatures.png into `out`; `more` is a file with effects of one's own.
-
-    Raises ConfigError, `BadEffect` when that file declares effects wrongly.
-    """
+    """The catalogue; draws signatures.png into `out`; `more` is a file with effects of one's own. Raises ConfigError, `BadEffect`
+    when that file declares effects wrongly."""
     demand_free(out, OWN, replace)
     shown = robot if robot is not None else load_robot(paper_robot())
     effects, left_out = catalogue(shown, more)
     note(left_out)
-    found = signatures(shown.plain, effects)
-    from ..pages.effects_figure import draw
-
+    effect_signatures = signatures(shown.plain, effects)
     with whole(out, OWN, replace) as place:
-        figure = out / draw(found, place / "signatures.png").name
+        figure = out / draw(effect_signatures, place / "signatures.png").name
 
     def show() -> None:
-        screen.print(_table(found, shown.name))
+        screen.print(_table(effect_signatures, shown.name))
         screen.print(f"signatures drawn in {figure}")
 
-    return Result({"schema": "effects/1", "figure": str(figure), "effects": [_as_dict(s) for s in found]}, show)
+    return Result({"schema": "effects/1", "figure": str(figure), "effects": [_as_dict(s) for s in effect_signatures]}, show)
 
 
-def _table(found: list[Signature], robot: str) -> Table:
+def _table(effect_signatures: list[Signature], robot: str) -> Table:
     table = Table(title=f"Effects at their plausible size: how far each moves the tip of {robot}", title_justify="left")
     table.add_column("effect", no_wrap=True)
     table.add_column("plausible size")
@@ -54,7 +232,7 @@ def _table(found: list[Signature], robot: str) -> Table:
     table.add_column("hidden*", justify="right", no_wrap=True)
     table.add_column("best seen in")
     for stage in STAGES:
-        for i, s in enumerate([s for s in found if s.effect.stage == stage]):
+        for i, s in enumerate([s for s in effect_signatures if s.effect.stage == stage]):
             if i == 0:
                 table.add_section()
                 table.add_row(styled(stage, "bold"))

@@ -1,32 +1,159 @@
-"""`lab export`: recordings and cases in the forms that other programs read."""
+"""`lab export`: recordings and cases in the forms that other programs read.
+
+An RO-Crate (https://w3id.org/ro/crate/1.1) is a folder that others understand without this software: beside copies of its files
+stands `ro-crate-metadata.json`: what each file is, its columns with their units, the robot, the instruments, who recorded it
+when, with which version of which software, and what the diagnosis says.
+"""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
+import hashlib
+import json
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import yaml
 
 from diagnosis.answer.result import Diagnosis
 from diagnosis.errors import DiagnosisError
 from model.robot import Robot
 from recordings.campaign.export import StreamFormat, export_case, export_streams, write_mat
+from recordings.campaign.info import Info
 from recordings.campaign.info import info as summary
+from recordings.campaign.labels import RECORD
 from recordings.campaign.replay import tables
 from recordings.file.reader import Recording
-from recordings.own_files import copied
+from recordings.own_files import copied, replaced
 from recordings.table_file import read_csv, write_csv
-from recordings.trials import Table
+from recordings.trials import Table, unit_of
 
 from ..console import note, out
 from ..files.arviz_file import write_inference
 from ..files.config import ConfigError, load
-from ..files.crate import write_crate
 from ..files.inputs import marked_notes, same_body, without_torn
+from ..files.output_folder import CRATE as METADATA
 from ..files.output_folder import names_apart, whole
 from ..options import ANY_SIZE, JSON, REPLACE, OneOf, Result, Verb, inputs, option
+from ..version import NAME, installed, source
 
 DIAGNOSIS = "diagnosis.json"
+CONTEXT, PROFILE = "https://w3id.org/ro/crate/1.1/context", "https://w3id.org/ro/crate/1.1"
+FORMATS = {
+    ".mcap": "application/octet-stream", ".csv": "text/csv", ".yaml": "application/yaml", ".json": "application/json",
+    ".html": "text/html", ".svg": "image/svg+xml", ".png": "image/png", ".mat": "application/x-matlab-data",
+    ".pdf": "application/pdf",
+}  # fmt: skip
+WHAT = {
+    "robot.yaml": "the robot: geometry, material, chambers, spine; SI units",
+    "trials.csv": "table of trials: one row for each state that was read; SI units",
+    "diagnosis.json": "diagnosis of the gap between measurement and model",
+    "diagnosis.html": "the same as a page",
+    "rig.yaml": "instruments and limits of the rig",
+    "map.yaml": "what the columns of the imported files were",
+}
+UNIT_CODES = {"1": "C62", "m": "MTR", "Pa": "PAL", "s": "SEC", "kg": "KGM", "N": "NEW", "deg": "DD"}
+"""UN/CEFACT, as schema.org asks for."""
+NO_LICENSE = "not stated: choose a licence before you publish"
+
+
+def write_crate(
+    folder: Path, files: Sequence[Path], table: Table, recordings: Mapping[str, Info], name: str, license: str | None
+) -> Path:
+    """Copy files into a folder and describe them; `recordings` by file name. Returns the metadata file."""
+    folder.mkdir(parents=True, exist_ok=True)
+    graph: list[dict[str, Any]] = []
+    for path in files:
+        copied(path, folder / path.name)
+        graph.append(_file(folder / path.name, recordings.get(path.name)))
+    columns = [
+        {"@id": f"#column-{name}", "@type": "PropertyValue", "name": name, "unitText": (unit := unit_of(name))}
+        | ({"unitCode": UNIT_CODES[unit]} if unit in UNIT_CODES else {})
+        for name in table.columns
+    ]
+    for file in graph:
+        if file["@id"] == "trials.csv":
+            file["variableMeasured"] = _ids(columns)
+    robot = _robot(folder / "robot.yaml")
+    actions = _actions({str(f["@id"]) for f in graph}, recordings)
+    root = {
+        "@id": "./", "@type": "Dataset", "name": name, "license": license or NO_LICENSE,
+        "description": f"{len(table)} states in {len(set(table.trial.tolist()))} trials of a soft continuum robot"
+        + (f", {len(recordings)} recordings" if recordings else ""),
+        "datePublished": datetime.now(UTC).date().isoformat(), "hasPart": _ids(graph), "about": _ids(robot[:1]),
+        "mentions": _ids([a for a in actions if a["@type"] == "CreateAction"]),
+    }  # fmt: skip
+    about = {"@id": METADATA, "@type": "CreativeWork", "about": {"@id": "./"}, "conformsTo": {"@id": PROFILE}}
+    whole = {"@context": CONTEXT, "@graph": [about, root, *graph, *columns, *robot, *actions]}
+    replaced(folder / METADATA, json.dumps(whole, indent=1) + "\n")
+    return folder / METADATA
+
+
+def _ids(things: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """References to things that are described elsewhere in the crate."""
+    return [{"@id": thing["@id"]} for thing in things]
+
+
+def _file(path: Path, recorded: Info | None) -> dict[str, Any]:
+    about: dict[str, Any] = {
+        "@id": path.name, "@type": "File", "name": path.name,
+        "encodingFormat": FORMATS.get(path.suffix.lower(), "application/octet-stream"), "contentSize": str(path.stat().st_size),
+        "sha256": hashlib.sha256(path.read_bytes()).hexdigest(), "description": WHAT.get(path.name, path.suffix[1:]),
+    }  # fmt: skip
+    if recorded is not None:
+        streams = ", ".join(f"{topic} {s.timing.count}" for topic, s in recorded.streams.items())
+        text = f"MCAP recording: {recorded.duration:.0f} s, {recorded.rows} states; samples by stream: {streams}"
+        about |= {"description": text, "dateCreated": recorded.start}
+    if path.name == DIAGNOSIS:
+        about["abstract"] = str(json.loads(path.read_text(encoding="utf-8")).get("statement", ""))
+    return about
+
+
+def _robot(path: Path) -> list[dict[str, Any]]:
+    """The robot and its plain numbers."""
+    if not path.is_file():
+        return []
+    data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    numbers = [
+        {"@id": f"#robot-{key}", "@type": "PropertyValue", "name": key, "value": value}
+        for key, value in data.items()
+        if isinstance(value, int | float | str) and key != "name"
+    ]
+    about = {"@id": "#robot", "@type": "Thing", "name": str(data.get("name", "robot")), "description": WHAT["robot.yaml"]}
+    return [about | {"additionalProperty": _ids(numbers), "subjectOf": {"@id": "robot.yaml"}}, *numbers]
+
+
+def _actions(files: Collection[str], recordings: Mapping[str, Info]) -> list[dict[str, Any]]:
+    """The software, the instruments, and which file was made by what."""
+    commit = source()["commit"]
+    software = {"@id": "#software", "@type": "SoftwareApplication", "name": NAME, "softwareVersion": installed()}
+    things: list[dict[str, Any]] = [software | ({"identifier": commit} if commit else {})]
+    for name, recorded in recordings.items():
+        instruments = [
+            {"@id": f"#{name}-{role}", "@type": "Thing", "name": role, "description": identity}
+            for role, identity in recorded.metadata.get("instruments", {}).items()
+        ]
+        versions = ", ".join(f"{k} {v}" for k, v in recorded.metadata.get("versions", {}).items())
+        action: dict[str, Any] = {
+            "@id": f"#recorded-{name}", "@type": "CreateAction", "name": "recorded", "startTime": recorded.start,
+            "instrument": _ids(instruments), "result": {"@id": name}, "description": versions,
+        }  # fmt: skip
+        people = []
+        if operator := recorded.metadata.get(RECORD, {}).get("operator"):
+            people = [{"@id": f"#operator-{quote(operator)}", "@type": "Person", "name": operator}]
+            action["agent"] = _ids(people)[0]
+        things += [*instruments, *(person for person in people if person not in things), action]
+    if derived := [{"@id": n} for n in ("trials.csv", DIAGNOSIS, "diagnosis.html") if n in files]:
+        read = [{"@id": n} for n in (*recordings, "robot.yaml") if n in files]
+        things.append({"@id": "#analysed", "@type": "CreateAction", "name": "analysed", "instrument": {"@id": "#software"},
+                       "object": read, "result": derived})  # fmt: skip
+    return things
+
+
 IN_A_CASE = ("map.yaml", "states.png", DIAGNOSIS, "diagnosis.html", "rig.yaml", "predicted.csv")
 """Files of a case folder that go into a crate beside the robot and the table."""
 
@@ -69,12 +196,13 @@ def _export(inputs: Sequence[Path], folder: Path, forms: Forms, name: str) -> tu
     for place in cases:
         if forms.streams != "mat":
             raise ConfigError(f"{place}: is a case folder, which has no streams; use --mat, --crate or --arviz")
-        written.append(write_mat({"trials": _columns(read_csv(place / "trials.csv"))}, folder / f"{names[place]}.mat"))
+        table = read_csv(place / "trials.csv")
+        written.append(write_mat({"trials": {name: table[name] for name in table.columns}}, folder / f"{names[place]}.mat"))
     recordings = [path for path in inputs if not path.is_dir()]
     for path in recordings:
         apart = len(recordings) > 1 and forms.streams != "mat"
-        own = folder / names[path] if apart else folder
-        written += export_streams(Recording.open(path), own, forms.streams, names[path])
+        target = folder / names[path] if apart else folder
+        written += export_streams(Recording.open(path), target, forms.streams, names[path])
     return written, None
 
 
@@ -82,23 +210,19 @@ def _arviz(names: Mapping[Path, str], folder: Path) -> list[Path]:
     """One NetCDF file for each case that was diagnosed."""
     written: list[Path] = []
     for place, name in names.items():
-        found = place / DIAGNOSIS
-        if not found.is_file():
+        answer_file = place / DIAGNOSIS
+        if not answer_file.is_file():
             raise ConfigError(
-                f"{place}: is no case folder with a {DIAGNOSIS}; first: lab diagnose {place} --json {found}"
+                f"{place}: is no case folder with a {DIAGNOSIS}; first: lab diagnose {place} --json {answer_file}"
                 if place.is_dir()
                 else f"{place}: --arviz takes case folders that were diagnosed; first: lab export --case, lab diagnose"
             )
         try:
-            answer = Diagnosis.from_json(found.read_text(encoding="utf-8"))
+            answer = Diagnosis.from_json(answer_file.read_text(encoding="utf-8"))
         except (DiagnosisError, UnicodeDecodeError) as e:
-            raise ConfigError(f"{found}: {e}") from e
+            raise ConfigError(f"{answer_file}: {e}") from e
         written.append(write_inference(folder / f"{name}.nc", answer, load(place / "robot.yaml", Robot)))
     return written
-
-
-def _columns(table: Table) -> dict[str, object]:
-    return {name: table[name] for name in table.columns}
 
 
 def _joined_case(recordings: Sequence[Recording], folder: Path) -> Table:
@@ -134,8 +258,8 @@ def _crate(inputs: Sequence[Path], folder: Path, forms: Forms, name: str) -> tup
         raise ConfigError(f"{twice}: another file of this name is in the crate; rename one")
     infos = {file: summary(path) for file, path in recordings.items()}
     name = cases[0].resolve().name if cases and not forms.name else name
-    made = write_crate(folder, every, table, infos, name, forms.license)
-    return [made, *(folder / p.name for p in every)], table
+    metadata = write_crate(folder, every, table, infos, name, forms.license)
+    return [metadata, *(folder / p.name for p in every)], table
 
 
 def _written(files: Sequence[Path], table: Table | None = None, advice: Sequence[str] = ()) -> Result:

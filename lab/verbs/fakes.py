@@ -20,7 +20,7 @@ from recordings.messages import NAME
 from recordings.numbers import number, whole_number
 from recordings.own_files import copied
 from sim_fakes.alicat import UNITS
-from sim_fakes.instrument import Fake, Regulators, faults
+from sim_fakes.instrument import Fake, FakeRegulators, faults
 from sim_fakes.registry import GROUP, OWN, of_role
 from sim_fakes.rig import FakeRig
 from sim_fakes.virtual_robot import RobotTruth, list_effects
@@ -28,12 +28,12 @@ from sim_fakes.virtual_robot import RobotTruth, list_effects
 from ..console import err, note, out
 from ..files.all_drivers import drivers, found_drivers
 from ..files.config import ConfigError, in_units, load, parse_yaml
-from ..files.packages import Found, Unusable, installed
+from ..files.packages import Registered, Unusable, installed
 from ..files.rig_file import RigFile
 from ..files.robot_file import paper_robot
 from ..files.units import to_si, unit_text
 from ..options import Option, Result, Verb, option
-from ..rig.operator import process_of
+from ..rig.real_time import process_of
 
 PATIENT: dict[str, Any] = {
     "instruments": {
@@ -94,11 +94,11 @@ def _demand_free(rig: Path | None) -> None:
     if rig is None:
         return
     try:
-        found: Any = parse_yaml(rig.read_text(encoding="utf-8"), str(rig)).data
-        spec = found["operator"]
+        table: Any = parse_yaml(rig.read_text(encoding="utf-8"), str(rig)).data
+        spec = table["operator"]
     except (OSError, UnicodeDecodeError, ConfigError, LookupError, TypeError):
         return
-    if (process := process_of(str(spec))) is not None:
+    if process := process_of(str(spec)):
         raise ConfigError(
             f"{rig}: the fakes of process {process} serve it; stop them (kill {process}, or Ctrl-C in their terminal), or "
             "give another file with --rig"
@@ -106,7 +106,7 @@ def _demand_free(rig: Path | None) -> None:
 
 
 @functools.cache
-def found_fakes() -> Found[Fake]:
+def found_fakes() -> Registered[Fake]:
     """All fakes by the name of their driver: the project's own and those of installed packages."""
     return installed(GROUP, OWN, _fake)
 
@@ -120,15 +120,15 @@ def _fake(name: str, thing: object) -> dict[str, Fake]:
 
 def _asked(option: str, role: str, driver: str) -> str:
     """The driver that an option names, when it can be played under this key of rig.yaml; raises ConfigError."""
-    for what, found in (("fake", found_fakes()), ("driver", found_drivers())):
-        if driver in found.broken and driver not in OWN:  # ours are played where their libraries are not installed too
-            raise ConfigError(f"{option}: its {what} cannot be used: {found.broken[driver]}")
-        if driver in found.doubts:
-            note([found.doubts[driver]])
-    known = of_role(role, found_fakes().usable)
-    if driver not in known:
+    for what, offers in (("fake", found_fakes()), ("driver", found_drivers())):
+        if driver in offers.broken and driver not in OWN:  # ours are played where their libraries are not installed too
+            raise ConfigError(f"{option}: its {what} cannot be used: {offers.broken[driver]}")
+        if driver in offers.doubts:
+            note([offers.doubts[driver]])
+    playable = of_role(role, found_fakes().usable)
+    if driver not in playable:
         raise ConfigError(
-            f"{option}: must be one of {', '.join(known)}" if known else f"{option}: no fake for {role} is installed"
+            f"{option}: must be one of {', '.join(playable)}" if playable else f"{option}: no fake for {role} is installed"
         )
     if driver in OWN:
         return driver
@@ -164,8 +164,8 @@ def _rig(a: argparse.Namespace) -> FakeRig:
         _asked(f"--{name} {driver}", role, driver)
     sensors = {}
     for setting in a.sensor:
-        name, found, driver = setting.partition("=")
-        if not found or not NAME.fullmatch(name):
+        name, equals, driver = setting.partition("=")
+        if not equals or not NAME.fullmatch(name):
             raise ConfigError(f"--sensor {setting}: must be NAME=DRIVER; small letters, digits and _ in the name")
         sensors[name] = _asked(f"--sensor {setting}", "sensor", driver)
     robot = None if a.robot is None else load(a.robot, Robot)
@@ -185,15 +185,12 @@ def _rig(a: argparse.Namespace) -> FakeRig:
 
 def played(robot: Robot) -> RobotTruth:
     """The virtual robot that has the geometry and the material of a robot.yaml; an area factor by length is taken at 0."""
-    factor, given = (
-        robot.area_factor,
-        ("bending_stiffness", "axial_stiffness", "torsional_stiffness", "mass_per_length"),
-    )
+    factor, given = (robot.area_factor, ("bending_stiffness", "axial_stiffness", "torsional_stiffness", "mass_per_length"))
     unlike = [name for name in (*given, "sections", "tendons") if getattr(robot, name)]
     if robot.chambers is None or robot.chambers.ends or unlike:
         what = ", ".join(unlike) or "chambers.ends"
         raise ConfigError(f"{robot.name}: cannot be simulated: the fakes know no {what}")
-    known: dict[str, Any] = {
+    values: dict[str, Any] = {
         "length": robot.length,
         "outer_radius": robot.outer_radius,
         "inner_radius": robot.inner_radius,
@@ -208,16 +205,16 @@ def played(robot: Robot) -> RobotTruth:
         "area_factor": factor[min(factor)] if isinstance(factor, Mapping) else factor,
     }
     if robot.spine is not None:
-        known |= {"spine_radius": robot.spine.radius}
+        values |= {"spine_radius": robot.spine.radius}
         if len(robot.spine.modulus) > 1:
-            known |= {"spine_modulus": dict(robot.spine.modulus)}
+            values |= {"spine_modulus": dict(robot.spine.modulus)}
     try:
-        return RobotTruth(**known)
+        return RobotTruth(**values)
     except ValidationError as e:
         raise ConfigError(f"{robot.name}: cannot be simulated: {e.errors()[0]['msg']}") from e
 
 
-def regulators(a: argparse.Namespace) -> Regulators:
+def regulators(a: argparse.Namespace) -> FakeRegulators:
     """The fake regulators that the options ask for; raises ConfigError."""
     try:
         full_scale = to_si(a.full_scale, "Pa") if a.full_scale else None
@@ -229,7 +226,7 @@ def regulators(a: argparse.Namespace) -> Regulators:
     if a.unit not in UNITS:
         raise ConfigError(f"--unit {a.unit}: must be one of {', '.join(UNITS)}")
     pair = None if swapped is None else (swapped[0], swapped[1])
-    return Regulators(a.regulators, full_scale, a.firmware, a.unit, pair)
+    return FakeRegulators(a.regulators, full_scale, a.firmware, a.unit, pair)
 
 
 def write_rig(rig: FakeRig, path: Path, changes: Mapping[str, Any] | None = None, robot: Path | None = None) -> None:
@@ -256,18 +253,18 @@ def effect_names() -> list[str]:
 
 def effects(settings: list[str]) -> dict[str, float]:
     """ID[=SIZE] -> {id: size}; without a size the effect's plausible one. Raises ConfigError."""
-    known = {e.id: e for e in list_effects()}
+    catalogue = {e.id: e for e in list_effects()}
     chosen: dict[str, float] = {}
     for setting in settings:
         name, _, size = setting.partition("=")
-        if name not in known:
-            raise ConfigError(f"--effect {name}: unknown; one of {', '.join(known)}")
+        if name not in catalogue:
+            raise ConfigError(f"--effect {name}: unknown; one of {', '.join(catalogue)}")
         try:
-            chosen[name] = number(size) if size else known[name].scale
+            chosen[name] = number(size) if size else catalogue[name].scale
         except ValueError:
             chosen[name] = math.nan
         if not math.isfinite(chosen[name]):
-            raise ConfigError(f"--effect {setting}: {size!r} is not a finite number in {known[name].unit}")
+            raise ConfigError(f"--effect {setting}: {size!r} is not a finite number in {catalogue[name].unit}")
     return chosen
 
 
@@ -296,10 +293,7 @@ VERBS = (
             _driver("mocap", "natnet", "the motion capture"),
             option("--sensor", action="append", default=[], metavar="NAME=DRIVER", help="an additional sensor (repeatable)"),
             option(
-                "--channels",
-                choices=("3", "9"),
-                default="3",
-                help="three groups of three chambers, or nine separate chambers",
+                "--channels", choices=("3", "9"), default="3", help="three groups of three chambers, or nine separate chambers"
             ),
             option(
                 "--robot",

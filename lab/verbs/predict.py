@@ -7,7 +7,7 @@ import csv
 import io
 import re
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -32,7 +32,7 @@ from ..files.config import ConfigError, demand_writable, load
 from ..files.number_table import Columns, read_numbers
 from ..files.own_effects import stated_by
 from ..options import JSON, OWN_EFFECTS, OneOf, Result, Verb, option, settings
-from .run import protocol_plan, robot_facts
+from .run import planned_columns, protocol_plan, robot_facts
 
 Array = NDArray[np.float64]
 
@@ -51,55 +51,67 @@ PICTURES = (".svg", ".png", ".pdf")
 
 
 @dataclass(frozen=True)
-class Outputs:
+class PredictionFiles:
     """Where a prediction goes besides the screen."""
 
     csv: Path | None = None
     figure: Path | None = None
 
-
-@dataclass(frozen=True)
-class Wanted:
-    """What is wanted of an inverse prediction besides the targets."""
-
-    spine_length: float | None = None
-    """m; free where None."""
-    groups: tuple[tuple[int, ...], ...] | None = None
-    """Chambers that share a regulator."""
-    max_pressure: float | None = None
+    def demand_writable(self) -> None:
+        """Raise ConfigError for a place that cannot be written, before minutes are spent."""
+        demand_writable(self.csv, self.figure)
+        if self.figure is not None and self.figure.suffix not in PICTURES:
+            raise ConfigError(f"--figure {self.figure}: must end in {', '.join(PICTURES)}")
 
 
-def predict(robot: Robot, states: Columns, outputs: Outputs, effects: Path | None = None) -> Result:
+def predict(robot: Robot, states: Columns, outputs: PredictionFiles, effects: Path | None = None) -> Result:
     """Predict states, those of a trial in their order. Raises ConfigError, ModelError."""
-    _writable(outputs)
+    outputs.demand_writable()
     catalogue = stated_by(robot, effects)
     _demand_columns(robot, states)
     with Screen("predicting"):
-        found = _with_known_intervals(robot, _predicted(robot, states, catalogue))
-    bent = states["protocol"] != "stiffness" if "protocol" in states else np.ones(len(found.tip), bool)
+        prediction = _with_known_intervals(robot, _predicted(robot, states, catalogue))
+    bent = states["protocol"] != "stiffness" if "protocol" in states else np.ones(len(prediction.tip), bool)
     kept = {name: column[bent] for name, column in states.items() if name != "protocol"}
-    rows = prediction_rows(kept, found)
     _beyond(robot, kept)
+    unsolved = int((~prediction.converged).sum())
+    missing = f"{unsolved} of {len(prediction.tip)} states have no trusted equilibrium: no tip is given" if unsolved else ""
+
+    def draw(path: Path) -> None:
+        from ..pages.figures import tips
+
+        highest = _pressures(robot, kept).max(axis=1)
+        tips(highest, np.asarray(kept["spine_length"], float), prediction, path, robot.actuators.words)
+
+    return _result(
+        robot, outputs, "states", prediction_rows(kept, prediction), lambda: _sheet(robot, kept, prediction), draw, missing
+    )
+
+
+def _result(
+    robot: Robot, outputs: PredictionFiles, kind: str, rows: list[dict[str, Any]], sheet: Callable[[], Sheet],
+    draw: Callable[[Path], None], missing: str,
+) -> Result:  # fmt: skip
+    """Write what is wanted, and tell; `missing`: what there is no answer for."""
     if outputs.csv is not None:
         _write_csv(rows, outputs.csv)
     if outputs.figure is not None:
-        from ..pages.prediction_figure import tips
-
-        tips(
-            _pressures(robot, kept).max(axis=1),
-            np.asarray(kept["spine_length"], float),
-            found,
-            outputs.figure.resolve(),
-            robot.actuators.words,
-        )
+        draw(outputs.figure.resolve())
+    written = [str(p) for p in (outputs.csv, outputs.figure) if p is not None]
+    interval = _interval(robot) if states_uncertainty(robot) else None
 
     def show() -> None:
-        out.print(_sheet(robot, kept, found))
-        _tell(robot, outputs, len(rows))
-        if unsolved := int((~found.converged).sum()):
-            out.print(f"{unsolved} of {len(rows)} states have no trusted equilibrium: no tip is given")
+        out.print(sheet())
+        if len(rows) > SHOWN:
+            out.print(f"{len(rows) - SHOWN} more rows; --out FILE.csv writes all")
+        out.print(NO_INTERVAL if interval is None else f"± {interval}")
+        for path in written:
+            out.print(f"written: {path}")
+        if missing:
+            out.print(missing)
 
-    return Result({**_head(robot, outputs), "states": rows}, show)
+    about = {"schema": "prediction/1", "robot": robot.name, "effects": list(robot.effects), "interval": interval}
+    return Result({**about, "files": written, kind: rows}, show)
 
 
 def _predicted(robot: Robot, states: Columns, catalogue: Mapping[str, EffectSpec]) -> Prediction:
@@ -115,41 +127,45 @@ def _predicted(robot: Robot, states: Columns, catalogue: Mapping[str, EffectSpec
     return predict_campaign(robot, {"trial": number, **states}, catalogue, intervals=True)
 
 
-def invert(robot: Robot, targets_path: Path, wanted: Wanted, outputs: Outputs, effects: Path | None = None) -> Result:
-    """Pressures and spine lengths for wanted tips. Raises ConfigError, ModelError."""
-    _writable(outputs)
+def invert(
+    robot: Robot,
+    targets_path: Path,
+    outputs: PredictionFiles,
+    effects: Path | None = None,
+    spine_length: float | None = None,
+    groups: tuple[tuple[int, ...], ...] | None = None,
+    max_pressure: float | None = None,
+) -> Result:
+    """Pressures and spine lengths for wanted tips; `spine_length` in m, free where None; `groups`: chambers that share a
+    regulator. Raises ConfigError, ModelError."""
+    outputs.demand_writable()
     table = read_numbers(targets_path, ("x", "y", "z", "wx", "wy", "wz"), "", "x, y, z (m)")
     place, weight = _coordinates(targets_path, table)
     _demand_metres(targets_path, place, robot)
-    fixed = None if wanted.spine_length is None else (wanted.spine_length, wanted.spine_length)
+    fixed = None if spine_length is None else (spine_length, spine_length)
     try:
-        limits = limits_of(robot, wanted.groups, wanted.max_pressure, fixed)
+        limits = limits_of(robot, groups, max_pressure, fixed)
         with Screen(f"searching {robot.actuators.words.pressures}") as screen:
-            at = Predictor(robot, stated_by(robot, effects))
-            found = inverse(at, place, limits, weight, lambda share: screen.progress(share, 1.0))
-        found = replace(found, prediction=_with_known_intervals(robot, found.prediction))
+            predictor = Predictor(robot, stated_by(robot, effects))
+            reached = inverse(predictor, place, limits, weight, lambda share: screen.progress(share, 1.0))
+        reached = replace(reached, prediction=_with_known_intervals(robot, reached.prediction))
     except ModelError as e:
         raise ConfigError(f"{targets_path}: {e}") from e
-    rows = inverse_rows(place, found)
-    if outputs.csv is not None:
-        _write_csv(rows, outputs.csv)
-    if outputs.figure is not None:
-        from ..pages.prediction_figure import targets
+    missed, missing = np.flatnonzero(~reached.reached), ""
+    if missed.size:
+        nearest = ", ".join(f"{i + 1} ({MM * reached.miss[i]:.1f} mm)" for i in missed[:10].tolist())
+        missing = (
+            f"{missed.size} of {len(place)} targets cannot be reached within the limits; distance of the nearest point that "
+            f"can: {nearest}{' ..' if missed.size > 10 else ''}"
+        )
 
-        targets(place, found, outputs.figure.resolve())
+    def draw(path: Path) -> None:
+        from ..pages.figures import targets
 
-    def show() -> None:
-        out.print(_inverse_sheet(place, found, robot))
-        _tell(robot, outputs, len(rows))
-        missed = np.flatnonzero(~found.reached)
-        if missed.size:
-            nearest = ", ".join(f"{i + 1} ({MM * found.miss[i]:.1f} mm)" for i in missed[:10].tolist())
-            out.print(
-                f"{missed.size} of {len(rows)} targets cannot be reached within the limits; distance of the nearest point that "
-                f"can: {nearest}{' ..' if missed.size > 10 else ''}"
-            )
+        targets(place, reached, path)
 
-    return Result({**_head(robot, outputs), "targets": rows}, show)
+    rows = inverse_rows(place, reached)
+    return _result(robot, outputs, "targets", rows, lambda: _inverse_sheet(place, reached, robot), draw, missing)
 
 
 def table_states(path: Path, words: Words) -> Columns:
@@ -157,19 +173,19 @@ def table_states(path: Path, words: Words) -> Columns:
 
     p1 .. are in Pa, `p1 [kPa]` or of tendons `p1 [N]` in that unit.
     """
-    own = f"p1 [{words.unit}]"
-    found = read_numbers(path, ASKED, rf"p[0-9]+( ?\[{words.unit}\])?", f"p1 .. (Pa) or {own} .., and spine_length (m)")
-    for name in [name for name in found if "[" in name]:
+    example = f"p1 [{words.unit}]"
+    columns = read_numbers(path, ASKED, rf"p[0-9]+( ?\[{words.unit}\])?", f"p1 .. (Pa) or {example} .., and spine_length (m)")
+    for name in [name for name in columns if "[" in name]:
         bare = name.partition("[")[0].strip()
-        if bare in found:
+        if bare in columns:
             raise ConfigError(f"{path}: the columns {bare} and {name} name one {words.actuator}: leave one out")
-        found[bare] = np.asarray(found.pop(name), float) * words.pascal
-    for name, column in found.items():
+        columns[bare] = np.asarray(columns.pop(name), float) * words.pascal
+    for name, column in columns.items():
         if column.dtype == np.float64 and np.isnan(column).all():
             raise ConfigError(f"{path}: the column {name} is empty, leave it out")
-    n = len(next(iter(found.values())))
-    found.setdefault("spine_length", np.zeros(n))
-    highest = {name: float(np.nanmax(np.abs(column))) for name, column in found.items() if re.fullmatch(r"p\d+", name)}
+    n = len(next(iter(columns.values())))
+    columns.setdefault("spine_length", np.zeros(n))
+    highest = {name: float(np.nanmax(np.abs(column))) for name, column in columns.items() if re.fullmatch(r"p\d+", name)}
     # such a table is in kPa or bar
     if highest and 0 < max(highest.values()) < 1e3:
         name = max(highest, key=lambda n: highest[n])
@@ -178,7 +194,7 @@ def table_states(path: Path, words: Words) -> Columns:
             f"unit; write Pa ({highest[name]:g} {words.unit} is {words.pascal * highest[name]:g}), or name the column "
             f"'{name} [{words.unit}]'"
         )
-    return found
+    return columns
 
 
 def _demand_metres(path: Path, place: Array, robot: Robot) -> None:
@@ -191,13 +207,13 @@ def _demand_metres(path: Path, place: Array, robot: Robot) -> None:
         )
 
 
-def _with_known_intervals(robot: Robot, found: Prediction) -> Prediction:
+def _with_known_intervals(robot: Robot, prediction: Prediction) -> Prediction:
     """The same without an interval where robot.yaml states no uncertainty."""
     if states_uncertainty(robot):
-        return found
-    sd: dict[str, Any] = {n: getattr(found, n) for n in ("model_sd", "sd", "orientation_sd", "shape_sd")}
+        return prediction
+    sd: dict[str, Any] = {n: getattr(prediction, n) for n in ("model_sd", "sd", "orientation_sd", "shape_sd")}
     unknown: dict[str, Any] = {n: None if own is None else np.full(own.shape, np.nan) for n, own in sd.items()}
-    return replace(found, **unknown)
+    return replace(prediction, **unknown)
 
 
 def protocol_states(protocol: str, settings: list[str], robot: Robot) -> Columns:
@@ -207,29 +223,29 @@ def protocol_states(protocol: str, settings: list[str], robot: Robot) -> Columns
     rows = planned_rows(plan, parameters, known.chambers)
     if not any(row[name] for row in rows for name in row if re.fullmatch(r"p\d+", name)):
         raise ConfigError(f"protocol {plan.protocol}: inflates no chamber, so there is no tip to predict")
-    told = [name for name in rows[0] if name not in ("step", "repeat", "protocol") and (name != "vacuum" or robot.spine)]
-    return {name: np.array([row[name] for row in rows]) for name in told}
+    columns = planned_columns(rows, robot)
+    return {name: column for name, column in columns.items() if name not in ("step", "repeat", "protocol")}
 
 
-def prediction_rows(states: Columns, found: Prediction) -> list[dict[str, Any]]:
+def prediction_rows(states: Columns, prediction: Prediction) -> list[dict[str, Any]]:
     """One flat row a state: what was asked, then the reading and the ends of its interval, SI."""
-    assert found.orientation_sd is not None and found.shape_sd is not None
-    columns = {**states, **_with_ends("xyz", found.tip, *found.interval())}
-    columns |= dict(zip(("qw", "qx", "qy", "qz"), found.orientation.T, strict=True))
-    columns |= dict(zip(("sd_rx", "sd_ry", "sd_rz"), found.orientation_sd.T, strict=True))
-    for m in range(found.shape.shape[1]):
-        place, half = found.shape[:, m], NORMAL_95 * found.shape_sd[:, m]
+    assert prediction.orientation_sd is not None and prediction.shape_sd is not None
+    columns = {**states, **_with_ends("xyz", prediction.tip, *prediction.interval())}
+    columns |= dict(zip(("qw", "qx", "qy", "qz"), prediction.orientation.T, strict=True))
+    columns |= dict(zip(("sd_rx", "sd_ry", "sd_rz"), prediction.orientation_sd.T, strict=True))
+    for m in range(prediction.shape.shape[1]):
+        place, half = prediction.shape[:, m], NORMAL_95 * prediction.shape_sd[:, m]
         columns |= _with_ends([f"m{m + 1}{k}" for k in "xyz"], place, place - half, place + half)
     return _rows(columns)
 
 
-def inverse_rows(wanted: Array, found: Reached) -> list[dict[str, Any]]:
+def inverse_rows(wanted: Array, reached: Reached) -> list[dict[str, Any]]:
     """One flat row a target: where it is, whether it can be reached, what to ask, where the tip will be, SI."""
     columns: Columns = {f"target_{k}": wanted[:, i] for i, k in enumerate("xyz")}
-    columns |= {"reached": found.reached, "miss": found.miss}
-    columns |= {f"p{c}": pressure for c, pressure in enumerate(found.pressures.T, 1)}
-    columns["spine_length"] = found.spine_length
-    return _rows(columns | _with_ends("xyz", found.prediction.tip, *found.prediction.interval(model_only=True)))
+    columns |= {"reached": reached.reached, "miss": reached.miss}
+    columns |= {f"p{c}": pressure for c, pressure in enumerate(reached.pressures.T, 1)}
+    columns["spine_length"] = reached.spine_length
+    return _rows(columns | _with_ends("xyz", reached.prediction.tip, *reached.prediction.interval(model_only=True)))
 
 
 def _with_ends(names: Sequence[str], value: Array, low: Array, high: Array) -> Columns:
@@ -281,12 +297,6 @@ def _coordinates(path: Path, table: Columns) -> tuple[Array, Array]:
     return place, np.where(np.isfinite(weight), weight, 1.0)
 
 
-def _writable(outputs: Outputs) -> None:
-    demand_writable(outputs.csv, outputs.figure)
-    if outputs.figure is not None and outputs.figure.suffix not in PICTURES:
-        raise ConfigError(f"--figure {outputs.figure}: must end in {', '.join(PICTURES)}")
-
-
 def _write_csv(rows: Sequence[dict[str, Any]], path: Path) -> None:
     text = io.StringIO()
     writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
@@ -295,54 +305,35 @@ def _write_csv(rows: Sequence[dict[str, Any]], path: Path) -> None:
     path.write_text(text.getvalue(), encoding="utf-8")
 
 
-def _head(robot: Robot, outputs: Outputs) -> dict[str, Any]:
-    return {
-        "schema": "prediction/1",
-        "robot": robot.name,
-        "effects": list(robot.effects),
-        "interval": _interval(robot) if states_uncertainty(robot) else None,
-        "files": [str(p) for p in (outputs.csv, outputs.figure) if p is not None],
-    }
-
-
 def _interval(robot: Robot) -> str:
     """What the interval covers."""
     return robot.actuators.words.fill(INTERVAL, spine=" and spine" if robot.spine is not None else "")
 
 
-def _tell(robot: Robot, outputs: Outputs, rows: int) -> None:
-    if rows > SHOWN:
-        out.print(f"{rows - SHOWN} more rows; --out FILE.csv writes all")
-    out.print(f"± {_interval(robot)}" if states_uncertainty(robot) else NO_INTERVAL)
-    for path in (outputs.csv, outputs.figure):
-        if path is not None:
-            out.print(f"written: {path}")
-
-
-def _sheet(robot: Robot, states: Columns, found: Prediction) -> Sheet:
-    low, high = found.interval()
+def _sheet(robot: Robot, states: Columns, prediction: Prediction) -> Sheet:
+    low, high = prediction.interval()
     pressures, words = _pressures(robot, states), robot.actuators.words
     count = pressures.shape[1]
     # chambers of a robot with more are listed in one column
-    own = count <= 4
-    columns = [f"p{c}" for c in range(1, count + 1)] if own else [f"p ({words.actuators})"]
+    one_by_one = count <= 4
+    columns = [f"p{c}" for c in range(1, count + 1)] if one_by_one else [f"p ({words.actuators})"]
     named = " + ".join(robot.effects) or "no effect"
     t = Sheet(title=f"Expected readings of the tip, p in {words.unit}: {robot.name}, {named}", title_justify="left")
     spine = robot.spine is not None
     for column in (*(("spine",) if spine else ()), *columns, "x, mm", "y, mm", "z, mm"):
         t.add_column(column, justify="right")
-    for i in range(min(len(found.tip), SHOWN)):
+    for i in range(min(len(prediction.tip), SHOWN)):
         t.add_row(
             *([f"{100 * float(states['spine_length'][i]):.1f} cm"] if spine else []),
-            *([words.number(p, 1) for p in pressures[i]] if own else [_inflated(pressures[i], words)]),
-            *_with_half(found.tip[i], low[i], high[i]),
+            *([words.number(p, 1) for p in pressures[i]] if one_by_one else [_inflated(pressures[i], words)]),
+            *_with_half(prediction.tip[i], low[i], high[i]),
         )
     return t
 
 
-def _inverse_sheet(wanted: Array, found: Reached, robot: Robot) -> Sheet:
+def _inverse_sheet(wanted: Array, reached: Reached, robot: Robot) -> Sheet:
     words, spine = robot.actuators.words, robot.spine is not None
-    low, high = found.prediction.interval(model_only=True)
+    low, high = reached.prediction.interval(model_only=True)
     columns = ("target, mm", "there", *(("spine",) if spine else ()), f"{words.unit} ({words.actuators})")
     title = f"{words.pressures.capitalize()} for wanted tips (there: within {MM * REACHED:g} mm)"
     t = Sheet(*columns, "x, mm", "y, mm", "z, mm", title=title, title_justify="left")
@@ -350,10 +341,10 @@ def _inverse_sheet(wanted: Array, found: Reached, robot: Robot) -> Sheet:
         target = " ".join("any" if np.isnan(v) else f"{MM * v:.1f}" for v in wanted[i])
         t.add_row(
             target,
-            "yes" if found.reached[i] else f"{MM * found.miss[i]:.1f} mm off",
-            *([f"{100 * found.spine_length[i]:.1f} cm"] if spine else []),
-            _inflated(found.pressures[i], words),
-            *_with_half(found.prediction.tip[i], low[i], high[i]),
+            "yes" if reached.reached[i] else f"{MM * reached.miss[i]:.1f} mm off",
+            *([f"{100 * reached.spine_length[i]:.1f} cm"] if spine else []),
+            _inflated(reached.pressures[i], words),
+            *_with_half(reached.prediction.tip[i], low[i], high[i]),
         )
     return t
 
@@ -383,9 +374,9 @@ def _groups(text: str) -> tuple[tuple[int, ...], ...]:
 
 
 def _predict_verb(a: argparse.Namespace) -> Result:
-    outputs, robot = Outputs(a.out, a.figure), load(a.robot, Robot)
+    outputs, robot = PredictionFiles(a.out, a.figure), load(a.robot, Robot)
     if a.inverse is not None:
-        return invert(robot, a.inverse, Wanted(a.spine_length, a.groups, a.max_pressure), outputs, a.effects)
+        return invert(robot, a.inverse, outputs, a.effects, a.spine_length, a.groups, a.max_pressure)
     by_table = a.table is not None
     states = table_states(a.table, robot.actuators.words) if by_table else protocol_states(a.protocol, a.set, robot)
     return predict(robot, states, outputs, a.effects)
@@ -401,10 +392,7 @@ GIVEN = OneOf(
             help="the states of a table: p1 .. in Pa ('p1 [kPa]', of tendons 'p1 [N]'), spine_length in m; or a trials.csv",
         ),
         option(
-            "--inverse",
-            type=Path,
-            metavar="TARGETS.csv",
-            help="pressures for wanted tips: x, y, z in m; an empty cell is free",
+            "--inverse", type=Path, metavar="TARGETS.csv", help="pressures for wanted tips: x, y, z in m; an empty cell is free"
         ),
     ),
     required=True,
@@ -417,11 +405,7 @@ VERBS = (
         options=(
             JSON,
             option(
-                "--robot",
-                type=Path,
-                required=True,
-                metavar="ROBOT.yaml",
-                help="robot.yaml, with its effects (lab fit --with)",
+                "--robot", type=Path, required=True, metavar="ROBOT.yaml", help="robot.yaml, with its effects (lab fit --with)"
             ),
             GIVEN,
             settings("with --protocol: change one parameter"),

@@ -1,4 +1,4 @@
-"""`lab info`, `replay`, `verify` and `recover`: what can be done with a recording alone."""
+"""`lab info`, `replay`, `verify`, `recover` and `runs`: what can be done with recordings alone."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import math
 import os
 import sys
 from collections.abc import Sequence
+from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,8 +17,12 @@ from rich.table import Table as Sheet
 
 from recordings.campaign.info import Info
 from recordings.campaign.info import info as summary
+from recordings.campaign.labels import split
 from recordings.campaign.replay import Comparison, replay_states
 from recordings.campaign.replay import compare as hold_against
+from recordings.campaign.shelf import Run
+from recordings.campaign.shelf import runs as recorded
+from recordings.errors import BadMessage
 from recordings.events import Request
 from recordings.file.player import play as played
 from recordings.file.reader import Recording
@@ -27,7 +32,7 @@ from recordings.file.verify import verify as inspect
 from recordings.file.writer import LIBRARY
 from recordings.messages import is_stream
 
-from ..console import note, out
+from ..console import clock, note, out
 from ..files.config import ConfigError, parse_yaml
 from ..files.inputs import attached, without_torn
 from ..files.units import UnitError, to_si, unit_text
@@ -39,13 +44,13 @@ SHOWN = 20
 
 def info(files: Sequence[Path]) -> Result:
     """What recordings hold; 3 when the end of one is missing, parts make no sense, or samples were lost."""
-    found = [(file, summary(file)) for file in files]
+    infos = [(file, summary(file)) for file in files]
 
     def show() -> None:
-        for file, s in found:
+        for file, s in infos:
             _show(file, s)
 
-    return Result(_by_file([(file, s.to_dict()) for file, s in found]), show, 0 if all(s.complete for _, s in found) else 3)
+    return Result(_by_file([(file, s.to_dict()) for file, s in infos]), show, 0 if all(s.complete for _, s in infos) else 3)
 
 
 def _by_file(found: Sequence[tuple[Path, dict[str, Any]]]) -> object:
@@ -60,16 +65,16 @@ def _show(file: Path, s: Info) -> None:
     for column in ("count", "Hz", "nominal", "jitter, ms p50/p99/max", "gaps", "longest, s", "dropped", "lost"):
         t.add_column(column, justify="right", overflow="fold")
     for topic, stream in s.streams.items():
-        at = stream.timing
+        pace = stream.timing
         losses = ["?" if n is None else str(n) for n in (stream.dropped, stream.lost)]
-        if not (at.count or stream.dropped or stream.lost):
+        if not (pace.count or stream.dropped or stream.lost):
             continue
         if not is_stream(topic):
-            t.add_row(topic, str(at.count), *[""] * 5, *losses)
+            t.add_row(topic, str(pace.count), *[""] * 5, *losses)
             continue
-        jitter = "/".join(f"{1e3 * x:.1f}" for x in (at.jitter_p50, at.jitter_p99, at.jitter_max))
+        jitter = "/".join(f"{1e3 * x:.1f}" for x in (pace.jitter_p50, pace.jitter_p99, pace.jitter_max))
         usual = f"{nominal[topic]:.1f}" if topic in nominal else ""
-        t.add_row(topic, str(at.count), f"{at.rate:.1f}", usual, jitter, str(at.gaps), f"{at.longest:.3f}", *losses)
+        t.add_row(topic, str(pace.count), f"{pace.rate:.1f}", usual, jitter, str(pace.gaps), f"{pace.longest:.3f}", *losses)
     out.print(t)
     if speed != 1:
         out.print(
@@ -101,13 +106,12 @@ def _show(file: Path, s: Info) -> None:
             out.print(f"{topic} {name}: {q.least:.6g} .. {q.greatest:.6g}, mean {q.mean:.6g}{unit_text(q.unit)}")
     for topic, stream in s.streams.items():
         if stream.restarts:
-            out.print(
-                f"{topic} restarted {_times(stream.restarts)}: its sample numbers went back; losses at that moment are not known"
-            )
-    for topic, clock in s.clocks.items():
+            times = "once" if stream.restarts == 1 else f"{stream.restarts} times"
+            out.print(f"{topic} restarted {times}: its sample numbers went back; losses at that moment are not known")
+    for topic, line in s.clocks.items():
         out.print(
-            f"clock of {topic}: offset {clock.offset:.6f} s, drift {clock.drift * 1e6:.1f} ppm, delay above the minimum "
-            f"{clock.residual * 1e3:.2f} ms (p99 {clock.residual_p99 * 1e3:.2f} ms)"
+            f"clock of {topic}: offset {line.offset:.6f} s, drift {line.drift * 1e6:.1f} ppm, delay above the minimum "
+            f"{line.residual * 1e3:.2f} ms (p99 {line.residual_p99 * 1e3:.2f} ms)"
         )
 
 
@@ -145,10 +149,6 @@ def said(request: Request) -> str:
     return f"{request.kind} {'done, ' if request.done else ''}asked for by {request.by}"
 
 
-def _times(count: int) -> str:
-    return "once" if count == 1 else f"{count} times"
-
-
 def replayed(file: Path) -> tuple[Comparison, str]:
     """Conclude every state of a recording again; the comparison with the live rows, and a digest of the rows."""
     recording = Recording.open(file)
@@ -172,11 +172,11 @@ def play(file: Path, speed: float) -> Result:
 
 def replay(files: Sequence[Path]) -> Result:
     """Whether the rows concluded from the samples equal those of the live run to the last bit; 1 when not."""
-    found = [(file, *replayed(file)) for file in without_torn(files)]
+    comparisons = [(file, *replayed(file)) for file in without_torn(files)]
 
     def show() -> None:
-        for file, result, digest in found:
-            name = f"{file}: " if len(found) > 1 else ""
+        for file, result, digest in comparisons:
+            name = f"{file}: " if len(comparisons) > 1 else ""
             for line in result.differences[:20]:
                 out.print(f"{name}{line}")
             word = "bit-identical to the live run's" if result.equal else f"{len(result.differences)} differ from the live run's"
@@ -184,9 +184,9 @@ def replay(files: Sequence[Path]) -> Result:
 
     data = _by_file([
         (file, {"live": r.live, "replayed": r.replayed, "equal": r.equal, "sha256": digest, "differences": r.differences})
-        for file, r, digest in found
+        for file, r, digest in comparisons
     ])  # fmt: skip
-    return Result(data, show, 0 if all(result.equal for _, result, _ in found) else 1)
+    return Result(data, show, 0 if all(result.equal for _, result, _ in comparisons) else 1)
 
 
 def _replay_verb(a: argparse.Namespace) -> Result:
@@ -244,6 +244,71 @@ def _show_recovered(r: Recovery) -> None:
 
 FILES = option("files", nargs="+", type=Path, metavar="FILE")
 
+
+def _states(run: Run) -> str:
+    """How many states were read, of those planned or, where that is not known, asked for."""
+    return f"{run.rows} of {run.planned} planned" if run.planned else f"{run.rows} of {run.states}"
+
+
+def continued(listed: Sequence[Run]) -> list[tuple[Run, Run]]:
+    """Return each run that resumed another one, behind that one; `listed` is in the order of time."""
+    last: dict[str, Run] = {}
+    pairs: list[tuple[Run, Run]] = []
+    for run in listed:
+        if run.campaign and run.campaign in last and not run.path.endswith("-recovered.mcap"):
+            pairs.append((last[run.campaign], run))
+        if run.campaign:
+            last[run.campaign] = run
+    return pairs
+
+
+def runs(folder: Path, since: str, protocol: str, spine: float | None, where: Sequence[str] = ()) -> Result:
+    """List them, oldest first; `spine` in m; `where`: KEY=VALUE of labels."""
+    if not folder.is_dir():
+        raise ConfigError(f"{folder}: is not a folder")
+    try:
+        datetime.fromisoformat(since or "2000-01-01")
+    except ValueError:
+        raise ConfigError(f"--since {since}: write a date or time like 2025-03-01 or 2025-03-01T14:00") from None
+    try:
+        said = [split(text) for text in where]
+    except BadMessage as e:
+        raise ConfigError(f"--where {e}") from e
+    found = recorded(folder, since=since, protocol=protocol, spine=spine, where=said)
+    return Result([run.to_dict() for run in found], partial(_show_runs, found))
+
+
+def _show_runs(listed: Sequence[Run]) -> None:
+    columns = ("recording", "start (UTC)", "duration", "protocol", "spine, cm", "states", "outcome", "lost", "notes", "labels")
+    rows = [
+        (run.path, run.start[:19].replace("T", " "), clock(run.duration), run.protocol,
+         ", ".join(f"{100 * length:g}" for length in run.spines), _states(run), run.outcome, str(run.lost), str(run.notes or ""),
+         ", ".join(f"{k}={v}" for k, v in run.labels.items()))
+        for run in listed
+    ]  # fmt: skip
+    sheet = Sheet(*columns)
+    for row in rows:
+        sheet.add_row(*row)
+    if out.measure(sheet, options=out.options.update(max_width=10_000)).maximum <= out.width:
+        out.print(sheet)
+    else:  # the same where a table would be too wide: each recording with two lines below its path
+        for path, start, duration, protocol, spines, states, outcome, lost, notes, labels in rows:
+            spine = f", spine {spines} cm" if spines else ""
+            noted = f", {notes} note{'s' if notes != '1' else ''}" if notes else ""
+            out.print(path, soft_wrap=True, style="bold")
+            read = f"{protocol or 'no protocol'}{spine}, {states} states"
+            out.print(f"  {start} UTC, {duration}, {read}, {outcome}, {lost} lost{noted}", soft_wrap=True)
+            if labels:
+                out.print(f"  {labels}", soft_wrap=True)
+    for before, after in continued(listed):
+        out.print(f"{before.path}: continued in {after.path}", soft_wrap=True)
+    for run in listed:
+        if run.outcome == "unreadable":
+            out.print(f"{run.path}: {run.detail}")
+        elif run.outcome == "abrupt" and not run.detail:
+            out.print(f"{run.path}: the recording was not finished; `lab recover` writes a complete file from what can be read")
+
+
 VERBS = (
     Verb(
         "info",
@@ -284,14 +349,30 @@ VERBS = (
             JSON,
             ANY_SIZE,
             option("file", type=Path),
-            option(
-                "--out",
-                type=Path,
-                metavar="FILE",
-                help="the new file (default: <name>-recovered.mcap beside the old one)",
-            ),
+            option("--out", type=Path, metavar="FILE", help="the new file (default: <name>-recovered.mcap beside the old one)"),
         ),
         examples=("lab recover runs/sweep.mcap", "lab recover runs/sweep.mcap --out saved.mcap"),
         page="docs/howto/resume.md",
+    ),
+    Verb(
+        "runs",
+        lambda a: runs(a.folder, a.since, a.protocol, a.spine, a.where),
+        options=(
+            JSON,
+            ANY_SIZE,
+            option("folder", type=Path),
+            option("--since", default="", metavar="DATE", help="from this date or time on (UTC)"),
+            option("--protocol", default="", help="only runs of this protocol"),
+            option("--spine", type=float, metavar="M", help="only runs that set this spine length, m"),
+            option(
+                "--where",
+                action="append",
+                default=[],
+                metavar="KEY=VALUE",
+                help="only runs with this label: operator, specimen, or a tag (repeatable)",
+            ),
+        ),
+        examples=("lab runs runs", "lab runs runs --since 2026-01-02 --where operator=Ada"),
+        page="docs/howto/campaign.md",
     ),
 )

@@ -14,9 +14,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
+import numpy as np
 import yaml
+from numpy.typing import NDArray
 from rich.padding import Padding
 
 from drivers.errors import InstrumentError
@@ -29,32 +32,33 @@ from protocols.planned import planned_rows, unlike
 from protocols.registry import Experiment
 from protocols.steering import Steering
 from recordings.campaign.info import beyond_plan
-from recordings.campaign.labels import RECORD, labels
+from recordings.campaign.labels import RECORD
 from recordings.campaign.replay import metadata as campaign
-from recordings.errors import BadMessage, RecordingError
+from recordings.errors import RecordingError
 from recordings.events import Request
 from recordings.file.journal import Journal
 from recordings.file.writer import Recorder
-from recordings.trials import Table, counted
+from recordings.trials import INTEGERS, TEXTS, Table, column_order, counted
 
-from ..console import Screen, clock, err, note, out
+from ..console import Screen, clock, err, note, out, warn
 from ..files.all_protocols import file_of, found_protocols, protocol_from_file, protocol_keys
+from ..files.checked import announce, last
 from ..files.config import ConfigError, Lines, Source, check, parse_yaml, read_yaml
 from ..files.inputs import marked_notes, same_body
 from ..files.packages import told_at
 from ..files.resume import Broken, find
 from ..files.rig_file import RigFile, load_rig
-from ..live.about import PLAN
 from ..live.beside import Page, page_where
+from ..live.picture import PLAN
 from ..options import JSON, LABELS, Result, Verb, given_labels, option, rig, settings
-from ..rig.assembly import Rig
-from ..rig.checked import announce, last
+from ..rig.assembly import Rig, newly_lost
 from ..rig.interrupts import Interrupts
 from ..rig.keys import HELP, Keys, Line
 from ..rig.limits import ACTIVE, SLACK, Margin, margins, problems, wiring
-from ..rig.losses import newly_lost
 from ..rig.rehearsal import rehearse
 from ..version import provenance
+
+Columns = dict[str, NDArray[np.generic]]
 
 LONGEST_PLAN = 30 * 86400.0
 """s of rig time; a plan beyond it is a mistake in its parameters, such as a rate that is far too low."""
@@ -85,18 +89,18 @@ def job(
     rig_path: Path,
     settings: list[str],
     source: Source | None = None,
-    own: Experiment | None = None,
+    of_file: Experiment | None = None,
     rig: RigFile | None = None,
 ) -> Job:
     """Read and check everything before anything moves; raises ConfigError with all problems.
 
-    `source`, `rig`: the protocol file and rig.yaml, when they were read already; `own`: the protocol of a Python file.
+    `source`, `rig`: the protocol file and rig.yaml, when they were read already; `of_file`: the protocol of a Python file.
     """
     rig = load_rig(rig_path) if rig is None else rig
     robot = rig.body
-    known = robot_facts(robot, rig)
-    experiment, parameters, plan = protocol_plan(protocol, settings, known, source, own)
-    if not known.spine:
+    facts = robot_facts(robot, rig)
+    experiment, parameters, plan = protocol_plan(protocol, settings, facts, source, of_file)
+    if not facts.spine:
         experiment = replace(experiment, needs=tuple(n for n in experiment.needs if n not in OF_SPINE))
     missing = [n for n in experiment.needs if getattr(rig.instruments, n) is None]
     if missing:
@@ -107,15 +111,15 @@ def job(
 
 
 def protocol_plan(
-    protocol: str, settings: list[str], known: RobotFacts, source: Source | None = None, own: Experiment | None = None
+    protocol: str, settings: list[str], facts: RobotFacts, source: Source | None = None, of_file: Experiment | None = None
 ) -> tuple[Experiment, Parameters, Plan]:
     """A protocol with its parameters and its plan, for a robot of which so much is known; raises ConfigError."""
     source = _with(source or source_of(protocol), settings)
     table = source.table
     name = table.get("protocol", protocol)
-    experiment = _experiment(name, own, source.name)
+    experiment = _experiment(name, of_file, source.name)
     values, lines = _by_new_names({k: v for k, v in table.items() if k != "protocol"}, source, experiment)
-    values = {**_defaults(experiment, known), **values}
+    values = {**_defaults(experiment, facts), **values}
     parameters = check(Source(source.name, values, lines), experiment.parameters)
     plan = _planned(experiment, parameters)
     if not plan.seconds <= LONGEST_PLAN:  # nor is it when it is not a number
@@ -128,13 +132,13 @@ def protocol_plan(
 
 def _by_new_names(values: dict[str, Any], source: Source, experiment: Experiment) -> tuple[dict[str, Any], Lines]:
     """Values and lines with renamed keys under their new names; each is named in a note."""
-    found, lines = dict(values), dict(source.lines)
+    renamed, lines = dict(values), dict(source.lines)
     for old, new in experiment.parameters.renamed.items():
-        if old in found and new not in found:
-            found[new] = found.pop(old)
+        if old in renamed and new not in renamed:
+            renamed[new] = renamed.pop(old)
             lines |= {(new, *loc[1:]): line for loc, line in source.lines.items() if loc[:1] == (old,)}
             note([f"{source.at((old,))}: {old} is called {new} now; write {new}"])
-    return found, lines
+    return renamed, lines
 
 
 OF_SPINE = ("spine", "valve", "gauge")
@@ -148,6 +152,20 @@ def robot_facts(robot: Robot, rig: RigFile | None = None) -> RobotFacts:
     return RobotFacts(len(each), channels, robot.tip_mass, robot.spine is not None)
 
 
+def planned_columns(rows: Sequence[Mapping[str, Any]], robot: Robot, channels: Sequence[str] = ()) -> Columns:
+    """Columns of trials.csv (name -> (n,) values, SI) of planned states; cells that do not apply are NaN or empty.
+
+    `channels`: what will be measured (x, y, z, qw .., m1x .., force), as columns of zeros (qw of ones), for
+    `model.effects.design.design_from_columns`, which takes what is there as observed.
+    """
+    names = {name for row in rows for name in row if name != "vacuum" or robot.spine is not None}
+    columns: Columns = {}
+    for name in sorted(names, key=lambda name: column_order(name) or ()):
+        kind, none = (np.str_, "") if name in TEXTS else (np.int64, None) if name in INTEGERS else (np.float64, np.nan)
+        columns[name] = np.array([row.get(name, none) for row in rows], kind)
+    return columns | {name: np.full(len(rows), float(name == "qw")) for name in channels}
+
+
 def source_of(protocol: str) -> Source:
     """What a protocol file says, or a name alone."""
     if Path(protocol).suffix in (".yaml", ".yml"):
@@ -155,24 +173,24 @@ def source_of(protocol: str) -> Source:
     return Source(protocol, {"protocol": protocol}, {})
 
 
-def _experiment(name: object, own: Experiment | None, where: str) -> Experiment:
-    """The protocol that a file, a run or a person names; `own` comes before those that are installed."""
-    if own is not None:
-        if own.name != name:
-            raise ConfigError(f"{own.source}: defines the protocol {own.name}, but {where} needs {name}")
-        return own
+def _experiment(name: object, of_file: Experiment | None, where: str) -> Experiment:
+    """The protocol that a file, a run or a person names; `of_file` comes before those that are installed."""
+    if of_file is not None:
+        if of_file.name != name:
+            raise ConfigError(f"{of_file.source}: defines the protocol {of_file.name}, but {where} needs {name}")
+        return of_file
     if isinstance(name, str) and name.endswith(".py"):
         return protocol_from_file(Path(name))
-    known = found_protocols()
-    if isinstance(name, str) and name in known.broken:
-        raise ConfigError(f"{where}: protocol = {name}: {known.broken[name]}")
-    if not isinstance(name, str) or name not in known.usable:
+    protocols = found_protocols()
+    if isinstance(name, str) and name in protocols.broken:
+        raise ConfigError(f"{where}: protocol = {name}: {protocols.broken[name]}")
+    if not isinstance(name, str) or name not in protocols.usable:
         raise ConfigError(
-            f"{where}: protocol = {name!r}: must be one of {', '.join(known.usable)}, or a protocol file (.yaml, .py)"
+            f"{where}: protocol = {name!r}: must be one of {', '.join(protocols.usable)}, or a protocol file (.yaml, .py)"
         )
-    if name in known.doubts:
-        note([known.doubts[name]])
-    return known.usable[name]
+    if name in protocols.doubts:
+        note([protocols.doubts[name]])
+    return protocols.usable[name]
 
 
 @contextmanager
@@ -186,31 +204,31 @@ def _by_protocol(file: str | Path | None) -> Iterator[None]:
         raise BadProtocol(told_at(error, file)) from error
 
 
-def _defaults(experiment: Experiment, known: RobotFacts) -> dict[str, Any]:
+def _defaults(experiment: Experiment, facts: RobotFacts) -> dict[str, Any]:
     with _by_protocol(file_of(experiment)):
-        return experiment.parameters.defaults_for(known)
+        return experiment.parameters.defaults_for(facts)
 
 
 def _planned(experiment: Experiment, parameters: Parameters) -> Plan:
     """The plan. That of a file has the file's name, whatever it says: the file may be a copy."""
     file = file_of(experiment)
     with _by_protocol(file):
-        found = experiment.plan(parameters)
-    if not isinstance(found, Plan):
-        raise BadProtocol(f"{experiment.source or experiment.name}: plan returned {found!r:.80}, not a Plan")
+        plan = experiment.plan(parameters)
+    if not isinstance(plan, Plan):
+        raise BadProtocol(f"{experiment.source or experiment.name}: plan returned {plan!r:.80}, not a Plan")
     if experiment.source is not None:
-        return replace(found, protocol=experiment.name)
-    if found.protocol != experiment.name:
-        raise BadProtocol(f"{experiment.name}: plan names {found.protocol!r}; write Plan({experiment.name!r}, ..) in {file}")
-    return found
+        return replace(plan, protocol=experiment.name)
+    if plan.protocol != experiment.name:
+        raise BadProtocol(f"{experiment.name}: plan names {plan.protocol!r}; write Plan({experiment.name!r}, ..) in {file}")
+    return plan
 
 
 def _with(source: Source, settings: list[str]) -> Source:
     """The source with `--set key=value` (dotted keys) put in."""
     data: Any = copy.deepcopy(source.data)
     for setting in settings:
-        key, found, text = setting.partition("=")
-        if not found or not isinstance(data, dict):
+        key, equals, text = setting.partition("=")
+        if not equals or not isinstance(data, dict):
             raise ConfigError(f"--set {setting}: write KEY=VALUE, for example --set repeats=3")
         place = data
         *path, last = key.strip().split(".")
@@ -308,17 +326,17 @@ def keys(protocol: str, rig_path: Path | None) -> Result:
     if rig_path is not None:
         rig = load_rig(rig_path)
         defaults = _defaults(experiment, robot_facts(rig.body, rig))
-    found = protocol_keys(experiment.parameters, defaults)
+    listed = protocol_keys(experiment.parameters, defaults)
 
     def show() -> None:
         out.print(f"Keys of {experiment.name}: unit, default, what is allowed, meaning")
-        for key in found:
+        for key in listed:
             out.print(str(key), soft_wrap=True)
             if key.meaning:
                 out.print(Padding(key.meaning, (0, 0, 0, 4), expand=False))
         out.print("Write numbers with their unit: --set 'average=2 s'. A number without one is in SI units.", soft_wrap=True)
 
-    return Result({"protocol": experiment.name, "keys": [asdict(key) for key in found]}, show)
+    return Result({"protocol": experiment.name, "keys": [asdict(key) for key in listed]}, show)
 
 
 def plan_dict(p: Plan) -> dict[str, Any]:
@@ -351,23 +369,19 @@ def run(
     folder: Path | None,
     resume: Path | None,
     watched: bool = False,
-    said: Sequence[tuple[str, str]] = (),
+    labels: Mapping[str, str] = MappingProxyType({}),
 ) -> Result:
-    """Run a protocol or resume a run. `said`: labels, name and text."""
-    try:
-        own_labels = labels(said)
-    except BadMessage as e:
-        raise ConfigError(str(e)) from e
+    """Run a protocol or resume a run. `labels`: text by name."""
     broken = find(resume) if resume is not None else None
     if broken is None and protocol is None:
         raise ConfigError("give a protocol, or a run with --resume")
-    own = None
+    of_file = None
     if broken is not None and protocol is not None and protocol.endswith(".py"):
-        own = protocol_from_file(Path(protocol))
-    if broken is not None and ((protocol is not None and own is None) or settings or folder is not None):
+        of_file = protocol_from_file(Path(protocol))
+    if broken is not None and ((protocol is not None and of_file is None) or settings or folder is not None):
         raise ConfigError("--resume continues with the protocol, settings and folder of the run: do not give them again")
-    j = job(protocol or "", rig_path, settings) if broken is None else job_again(broken, rig_path, own)
-    j = replace(j, labels={**(broken.labels if broken is not None else {}), **own_labels})
+    j = job(protocol or "", rig_path, settings) if broken is None else job_again(broken, rig_path, of_file)
+    j = replace(j, labels={**(broken.labels if broken is not None else {}), **labels})
     folder = broken.journal.parent if broken is not None else folder or Path(".")
     folder.mkdir(parents=True, exist_ok=True)
     with Rig(j.rig) as rig:
@@ -379,8 +393,7 @@ def run(
             result = execute(rig, j, folder, screen, broken, page)
     lost = result.lost
     again = None if result.outcome == "completed" else resume_command(result.file, rig_path, j.experiment.source)
-    for text in rig.notices:
-        err.print(f"warning: {text}")
+    warn(rig.notices)
     data = {"file": str(result.file), "outcome": result.outcome, "rows": len(result.table), "lost": lost,
             "safe": result.safe, "resume": again}  # fmt: skip
     if isinstance(result.error, NotReached) and j.rig.clock.speed > 1:
@@ -411,20 +424,20 @@ def slower(speed: float) -> float:
     return max(1.0, speed // 4)
 
 
-def resume_command(file: Path, rig_path: Path, own: Path | None = None) -> str:
+def resume_command(file: Path, rig_path: Path, source: Path | None = None) -> str:
     """What to type, as the shell takes it, to go on with a run that ended before its plan did."""
-    words = ["lab", "run", *([str(own)] if own is not None else []), "--resume", str(file), "--rig", str(rig_path)]
+    words = ["lab", "run", *([str(source)] if source is not None else []), "--resume", str(file), "--rig", str(rig_path)]
     return shlex.join(words)
 
 
-def job_again(broken: Broken, rig_path: Path, own: Experiment | None = None, rig: RigFile | None = None) -> Job:
+def job_again(broken: Broken, rig_path: Path, of_file: Experiment | None = None, rig: RigFile | None = None) -> Job:
     """The job of a run that was broken off, on the rig as it is now; ConfigError when the robot is another one.
 
-    `own`: the protocol of a Python file, where it came from one; `rig`: rig.yaml, when it was read already.
+    `of_file`: the protocol of a Python file, where it came from one; `rig`: rig.yaml, when it was read already.
     """
     name = f"{broken.journal}: protocol.yaml"
     source = parse_yaml(broken.protocol, name)
-    j = job(name, rig_path, [], source, own, rig)
+    j = job(name, rig_path, [], source, of_file, rig)
     if not same_body(j.rig.texts["robot.yaml"], broken.robot):
         raise ConfigError(f"{j.rig.robot}: differs from the robot.yaml of the run to resume; start a new run instead")
     return j
@@ -466,29 +479,18 @@ def execute(
     steering = Steering() if steering is None else steering
     started = time.time_ns()
     file = recording_of(folder, j.experiment.name, started)
-    markers = len(getattr(j.rig.instruments.mocap, "markers", ()) or ())
     finished = broken.finished if broken is not None else 0
     journal = Journal.begin(file, j.experiment.name) if broken is None else Journal.reopen(broken.journal)
     if broken is not None:
         journal.recording(file, finished + 1)
-    begun, begun_wall_ns = rig.clock.now(), time.time_ns()
-    recorder = Recorder(
+    recorder = rig.recorder(
         file,
-        start_wall_ns=begun_wall_ns - round(begun * 1e9),
-        attachments={
-            **j.rig.texts,
-            "protocol.yaml": j.protocol_yaml.encode(),
-            PLAN: json.dumps(plan_dict(j.plan)).encode(),
-        }
+        attachments={**j.rig.texts, "protocol.yaml": j.protocol_yaml.encode(), PLAN: json.dumps(plan_dict(j.plan)).encode()}
         | ({"protocol.py": j.experiment.code} if j.experiment.source is not None else {}),
         metadata=provenance(rig.identities)
         | campaign(journal.campaign, journal.path.name, finished + 1)
         | _checked(j)
         | ({RECORD: dict(j.labels)} if j.labels else {}),
-        chambers=rig.chambers.count,
-        markers=markers,
-        sensors=tuple(rig.sensors.values()),
-        start=begun,
         journal=journal,
         rescue=[j.rig_path.absolute().parent],
     )
@@ -511,13 +513,13 @@ def execute(
         _keys(steering, screen) as asked,
     ):
         rig.stop_now = lambda: interrupts.now
-        told: list[str] = []
+        displacements: list[str] = []
 
         def stopping() -> bool:
-            told.extend(new := recorder.displaced[len(told) :])
+            displacements.extend(new := recorder.displaced[len(displacements) :])
             for text in new:
                 screen.say(text)
-            return bool(told) or interrupts.stopping()
+            return bool(displacements) or interrupts.stopping()
 
         bench = rig.bench(recorder, screen, stopping, j.experiment.needs, steering, asked)
         trials = Trials(bench, j.plan, journal, finished)
@@ -528,8 +530,8 @@ def execute(
             j.experiment.run(bench, j.parameters, trials)
         except Stopped as e:
             error, outcome = e, "stopped"
-            if told and not interrupts.stopping():
-                error = Stopped(f"stopped after the present state: {'; '.join(told)}")
+            if displacements and not interrupts.stopping():
+                error = Stopped(f"stopped after the present state: {'; '.join(displacements)}")
         except KeyboardInterrupt:
             error, outcome = Stopped("stopped immediately by the operator"), "stopped"
         except Exception as e:  # noqa: BLE001 - the rig must be left safe and the file finished before anything is raised
@@ -569,10 +571,10 @@ def _of_file(error: Exception, experiment: Experiment) -> Exception:
 
 def _checked(j: Job) -> dict[str, dict[str, str]]:
     """Metadata that tells when the rig was last seen to do what it is told, or why that is not known."""
-    found = last(j.rig_path, j.rig)
-    if isinstance(found, str):
-        return {"check": {"moved": "no", "why": found}}
-    return {"check": {"moved": found.when} | {m.what: m.text for m in found.seen}}
+    check = last(j.rig_path, j.rig)
+    if isinstance(check, str):
+        return {"check": {"moved": "no", "why": check}}
+    return {"check": {"moved": check.when} | {m.what: m.text for m in check.seen}}
 
 
 def _note_lost(recorder: Recorder, topic: str, before: int, now: int) -> None:
@@ -584,9 +586,9 @@ def _note_lost(recorder: Recorder, topic: str, before: int, now: int) -> None:
 
 def _finish(recorder: Recorder, outcome: str, detail: str, safe: bool) -> dict[str, int]:
     """Close the recording; returns the samples lost by topic. A file that cannot be finished has told so by itself."""
-    said = f"{'safe state confirmed' if safe else 'safe state NOT confirmed'}; {outcome} {detail}".strip()
+    text = f"{'safe state confirmed' if safe else 'safe state NOT confirmed'}; {outcome} {detail}".strip()
     with contextlib.suppress(RecordingError):  # `close` tells the same, and must be reached
-        recorder.log("info" if safe else "error", said)
+        recorder.log("info" if safe else "error", text)
     try:
         counts = recorder.close(outcome, detail, safe)
     except RecordingError as e:

@@ -39,11 +39,11 @@ class RigLanding:
 
     def ask(self, names: Iterable[str], rig: Path) -> None:
         """Have the guards that own these names land their rigs; one that stands still is ended, if that is allowed."""
-        found = land(names, rig)
-        self.steps += found.report.steps
-        self.names |= found.names
-        self.locked = self.locked or "; ".join(answer.locked for _, answer in found.answered if answer.locked)
-        self.notes += _ended(found)
+        landed = land(names, rig)
+        self.steps += landed.report.steps
+        self.names |= landed.names
+        self.locked = self.locked or "; ".join(answer.locked for _, answer in landed.answered if answer.locked)
+        self.notes += _ended(landed)
 
     @property
     def report(self) -> SafeReport:
@@ -66,7 +66,9 @@ class RigLanding:
 def safe(rig_path: Path, clear: bool = False) -> Result:
     """Code 0 only when every actuator was read back safe, and the rig is not locked afterwards."""
     result = _landed(rig_path, clear)
-    _warn(result.notes)
+    from ..console import warn
+
+    warn(result.notes)
     return Result(result.told, lambda: _show(rig_path, result), result.code)
 
 
@@ -74,31 +76,31 @@ def safe(rig_path: Path, clear: bool = False) -> Result:
 def safe_all() -> Result:
     """Land every rig of this computer that a guard owns or that was not left safe; 0 only when all are confirmed."""
     live = land()
-    told = {owner.rig: RigLanding(list(answer.report.steps), locked=answer.locked) for owner, answer in live.answered}
+    landings = {owner.rig: RigLanding(list(answer.report.steps), locked=answer.locked) for owner, answer in live.answered}
     notes = _ended(live)
-    from ..console import out
+    from ..console import out, warn
     from ..guard.last_used import forget, remembered
     from ..rig.real_time import FakesEnded
 
     for rig in remembered():
         if rig.path is not None and not names_of_path(rig.path) & live.names_for(rig.path):
             try:
-                told[str(rig.path)] = _landed(rig.path, clear=False)
+                landings[str(rig.path)] = _landed(rig.path, clear=False)
             except FakesEnded as e:
-                _warn([str(e)])
+                warn([str(e)])
                 forget(rig)
-    _warn(notes)
+    warn(notes)
 
     def show() -> None:
-        for path, result in told.items():
+        for path, result in landings.items():
             out.print(f"{path}:")
-            _warn(result.notes)
+            warn(result.notes)
             _show(Path(path), result)
-        if not told:
+        if not landings:
             out.print("No rig of this computer is in use or was left unsafe.")
 
-    code = max([1 if notes else 0, *(result.code for result in told.values())])
-    return Result({"rigs": {path: result.told for path, result in told.items()}}, show, code)
+    code = max([1 if notes else 0, *(result.code for result in landings.values())])
+    return Result({"rigs": {path: result.told for path, result in landings.items()}}, show, code)
 
 
 def _landed(rig_path: Path, clear: bool) -> RigLanding:
@@ -135,19 +137,12 @@ def _landed(rig_path: Path, clear: bool) -> RigLanding:
     return result
 
 
-def _warn(notes: Iterable[str]) -> None:
-    from ..console import err
-
-    for note in notes:
-        err.print(f"warning: {note}")
-
-
 def _show(rig_path: Path, result: RigLanding) -> None:
     from ..console import out, styled
 
     for step in result.steps:
-        found = "safe" if step.confirmed else styled("NOT CONFIRMED", "red")
-        out.print(f"  {step.instrument}:", found, f"({step.text})")
+        state = "safe" if step.confirmed else styled("NOT CONFIRMED", "red")
+        out.print(f"  {step.instrument}:", state, f"({step.text})")
     if not result.report.confirmed:
         out.print("Not confirmed safe: use the vent valve and the emergency stop.", style="red")
     elif not result.locked:
@@ -159,25 +154,25 @@ def _show(rig_path: Path, result: RigLanding) -> None:
         )
 
 
-def _ended(found: Landed) -> list[str]:
+def _ended(landed: Landed) -> list[str]:
     """What is to be said of the guards that were asked; one that stands still is ended, if that is allowed."""
-    said = []
-    for owner in found.silent:
+    texts = []
+    for owner in landed.silent:
         if owner.pid in (0, os.getpid()):
-            said.append(f"{owner}; it does not answer and is no process of this container: end it where it runs")
+            texts.append(f"{owner}; it does not answer and is no process of this container: end it where it runs")
             continue
         with contextlib.suppress(ProcessLookupError):
             try:
                 os.kill(owner.pid, signal.SIGKILL)
-                said.append(f"process {owner.pid} of user {owner.user} owned the rig and did not answer: it was ended")
+                texts.append(f"process {owner.pid} of user {owner.user} owned the rig and did not answer: it was ended")
             except PermissionError:
-                said.append(
+                texts.append(
                     f"process {owner.pid} owns the rig, does not answer, and only user {owner.user} may end it: end it, then "
                     "say `lab safe` again"
                 )
-    for owner in found.doubtful:
-        said.append(f"{owner}. It was asked to land; what is safe is read from the instruments alone")
-    return said
+    for owner in landed.doubtful:
+        texts.append(f"{owner}. It was asked to land; what is safe is read from the instruments alone")
+    return texts
 
 
 def _land_rest(rig_path: Path, latch: Latch, result: RigLanding, clear: bool) -> None:
@@ -190,14 +185,14 @@ def _land_rest(rig_path: Path, latch: Latch, result: RigLanding, clear: bool) ->
     from ..guard.new_guard import make_safe_with_new_guard
     from ..rig.real_time import at_real_speed, demand_running
 
-    found = rig_to_make_safe(rig_path, recall(rig_path))
-    result.notes += found.notes
-    result.ask(owned_names(found.rig) - result.names - names_of_path(rig_path), rig_path)
-    demand_running(found.rig)
-    file, told = at_real_speed(_without(found.rig, result.names))
-    result.notes += [told] if told else []
+    readable = rig_to_make_safe(rig_path, recall(rig_path))
+    result.notes += readable.notes
+    result.ask(owned_names(readable.rig) - result.names - names_of_path(rig_path), rig_path)
+    demand_running(readable.rig)
+    file, slowed = at_real_speed(_without(readable.rig, result.names))
+    result.notes += [slowed] if slowed else []
     names = [n for n in ACTUATORS if getattr(file.instruments, n) is not None]
-    beyond = [SafeStep(n, False, f"{why}; {BY_HAND}") for n, why in found.missing.items() if n in ACTUATORS]
+    beyond = [SafeStep(n, False, f"{why}; {BY_HAND}") for n, why in readable.missing.items() if n in ACTUATORS]
     if names or not result.names:
         unlock = clear and not beyond
         report = make_safe_with_new_guard(file, RigClock(file.clock.speed), names, "lab safe", unlock)
@@ -228,11 +223,7 @@ VERBS = (
             OneOf(
                 (
                     option("--rig", type=Path, metavar="RIG.yaml", help="rig.yaml"),
-                    option(
-                        "--all",
-                        action="store_true",
-                        help="every rig of this computer that is in use or was not left safe",
-                    ),
+                    option("--all", action="store_true", help="every rig of this computer that is in use or was not left safe"),
                 ),
                 required=True,
             ),

@@ -13,12 +13,12 @@ from pathlib import Path
 from recordings.file.tail import Tail, ended
 
 from ..console import out
+from ..files.checked import recording_of
 from ..files.config import ConfigError
 from ..live.beside import opened_in_browser
 from ..live.foxglove_server import LAYOUT, Foxglove
-from ..live.show import LOOPBACK, Part, Place, Show, place
+from ..live.show import LOOPBACK, PageAddress, Show, ShownRecording, place
 from ..options import ANY_SIZE, JSON, Result, Verb, option
-from ..rig.checked import recording_of
 
 LOOK = 0.2
 """Host seconds between two looks at whether another run of the rig has begun."""
@@ -38,25 +38,25 @@ def watch(what: Path, speed: float | None, bind: str, port: int, browser: bool, 
     if what != file and not going_on:
         raise ConfigError(f"{what}: no run is going on; its last recording can be played: lab watch {file}")
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell starts background jobs with SIGINT ignored
-    at = listening(bind, port)
+    page = listening(bind, port)
     with contextlib.ExitStack() as until_known:
-        until_known.enter_context(at.listening)
+        until_known.enter_context(page.listening)
         other = None if foxglove is None else until_known.enter_context(_foxglove(bind, foxglove))
         servers = until_known.pop_all()
 
     def serve() -> None:
         with servers:
             if browser and sys.stdout.isatty():
-                opened_in_browser(at.address)
-            show = Show(at, Part(file, more=what != file), None if going_on else speed or 1.0, foxglove=other)
+                opened_in_browser(page.address)
+            show = Show(page, ShownRecording(file, more=what != file), None if going_on else speed or 1.0, foxglove=other)
             if what != file:
                 threading.Thread(target=_follow, args=(show, what, file), name="watch-rig", daemon=True).start()
             with contextlib.suppress(KeyboardInterrupt):
                 show.run(stay=True)
 
-    found = {"address": at.address, "file": str(file), "live": going_on}
-    found |= {} if other is None else {"foxglove": other.address, "layout": str(LAYOUT)}
-    return Result(found, lambda: _tell(file, going_on, at, other), then=serve)
+    about = {"address": page.address, "file": str(file), "live": going_on}
+    about |= {} if other is None else {"foxglove": other.address, "layout": str(LAYOUT)}
+    return Result(about, lambda: _tell(file, going_on, page, other), then=serve)
 
 
 def _follow(show: Show, rig: Path, file: Path) -> None:
@@ -65,18 +65,18 @@ def _follow(show: Show, rig: Path, file: Path) -> None:
         time.sleep(LOOK)
         with contextlib.suppress(ConfigError):
             if (newest := recording_of(rig).resolve()) != file.resolve():
-                show.follow(Part(newest, more=True))
+                show.follow(ShownRecording(newest, more=True))
                 file = newest
 
 
-def _tell(file: Path, going_on: bool, at: Place, other: Foxglove | None) -> None:
+def _tell(file: Path, going_on: bool, page: PageAddress, other: Foxglove | None) -> None:
     """Where to look."""
-    said = "shows the run that goes on" if going_on else f"plays {file}"
+    shows = "shows the run that goes on" if going_on else f"plays {file}"
     if other is not None:
         when = "" if going_on else "; the recording is played from the first subscription on"
         out.print(f"{other.address} is for Foxglove and Lichtblick (Foxglove WebSocket){when}", soft_wrap=True)
         out.print(f"{LAYOUT} is a layout for both", soft_wrap=True)
-    out.print(f"{at.address} {said}; Ctrl-C ends it", soft_wrap=True)
+    out.print(f"{page.address} {shows}; Ctrl-C ends it", soft_wrap=True)
 
 
 def _foxglove(bind: str, port: int) -> Foxglove:
@@ -89,7 +89,7 @@ def _foxglove(bind: str, port: int) -> Foxglove:
     return Foxglove(bind, port)
 
 
-def listening(bind: str, port: int) -> Place:
+def listening(bind: str, port: int) -> PageAddress:
     """The place at which a page is served; raises ConfigError when there is none such."""
     try:
         ipaddress.ip_address(bind)

@@ -399,12 +399,7 @@ class ForwardModel:
         return q
 
     def _solved(
-        self,
-        theta: Array,
-        moving: bool = False,
-        trial: bool = False,
-        asked: frozenset[int] = frozenset(),
-        whole: bool = False,
+        self, theta: Array, moving: bool = False, trial: bool = False, asked: frozenset[int] = frozenset(), whole: bool = False
     ) -> _At:
         """`moving`: what drives memory is wanted even where nothing remembers. `trial`, `whole`: see `predict`; `asked`: sources
         whose laws are applied even at size zero."""

@@ -19,10 +19,9 @@ from model.condition import States
 from model.effects import layout as at
 from model.effects.compose import RodColumns, silicone_share
 from model.effects.quantities import Quantities
-from model.effects.rotations import CONJUGATE, rotation_vector
 from model.robot import Robot
 from model.rods import columns as col
-from model.rotation import multiply
+from model.rotation import CONJUGATE, multiply, rotation_vector
 
 Array = NDArray[np.float64]
 Order = NDArray[np.int64]

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from model.condition import TIP, States
 from model.effects.design import QUATERNION, TURN, Columns
 from model.effects.readings import Readings
-from model.effects.rotations import CONJUGATE, rotation_vector
 from model.errors import BadCondition
-from model.rotation import multiply, unit
+from model.rotation import CONJUGATE, multiply, rotation_vector, unit
 
 Array = NDArray[np.float64]
 

@@ -7,11 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from model.body import annulus_second_moment
 from model.condition import States
 from model.effects import layout as at
-from model.effects.push import cantilever_force
+from model.effects.compose import with_spine
 from model.effects.quantities import Quantities
-from model.effects.spine import ShearSpine
+from model.effects.spine import ShearSpine, moduli
+from model.rods.beam import bending_compliance, shear_compliance
 from model.rotation import from_vector, multiply, to_base
 
 Array = NDArray[np.float64]
@@ -57,3 +59,72 @@ def readings(q: Quantities, shear: ShearSpine, solved: Array) -> Readings:
         force = force + cantilever_force(q, shear)
     tip, turn = solved[..., :3].copy(), solved[..., at.ORIENTATION : at.ORIENTATION + 4].copy()
     return Readings(q.design, q.robot.length, tip, turn, markers.copy(), force)
+
+
+NO_SPECIMEN, SHORTEST, SOFTEST = 1e9, 1e-3, 1.0
+"""m/N of a spine that is not there; m and Pa at least of one that is, so that none is without stiffness."""
+POINTS, WEIGHTS = (0.5 * (a + b) for a, b in zip(np.polynomial.legendre.leggauss(5), (1.0, 0.0), strict=True))
+"""Of a quadrature over 0..1, exact for the shapes of both parts."""
+
+
+def cantilever_force(q: Quantities, shear: ShearSpine) -> Array:
+    """Force (v, n) N at the end of a cantilever, of v variants of n states, for the deflections that were read; 0 for other rows
+    than those of stiffness trials.
+
+    The bare spine is weightless and has its apparent modulus (eq. 9 of the paper). The body bends and shears like the rod
+    model's, with spine or without, and its own weight holds it: hanging, it looks about 20 % stiffer than eq. 8 says. The
+    weight's share is Rayleigh's, with the shape that the push alone gives: 1/c + integral N (w'/w(L))^2 ds, N the pull along
+    the axis.
+
+    With the compliance c of specimen and arm, F = (d - d0) / c behind the offset d0 of the contact; a deflection below zero
+    pulls, and meets no offset. A soft layer of stiffness k in between gives F = k d / (1 + k c), which is more until it is
+    squeezed flat.
+    """
+    design = q.design
+    of_spine = np.full((1, 1), NO_SPECIMEN)
+    if q.robot.spine is not None:
+        second = annulus_second_moment(q.robot.spine.radius)
+        of_spine = np.maximum(q.spine_length, SHORTEST) ** 3 / (3 * np.maximum(moduli(q, shear).bare, SOFTEST) * second)
+    specimen = np.where(design.body, _body_compliance(q, shear), of_spine) if design.body.any() else of_spine
+    compliance = specimen + q.arm_compliance
+    reached = design.deflection - q.contact_offset
+    pressed = np.maximum(reached, np.minimum(design.deflection, 0.0)) / compliance
+    squeezed = np.maximum(design.deflection, 0.0) * q.contact_layer / (1 + q.contact_layer * compliance)
+    return np.where(design.stiffness, np.maximum(pressed, squeezed), 0.0)
+
+
+def _body_compliance(q: Quantities, shear: ShearSpine) -> Array:
+    """(v, n) m/N of the body, its root's give included."""
+    long, inner = q.length, np.clip(q.spine_length, 0.0, q.length)
+    drawn = q.body.edges / q.robot.length
+    ratio = q.robot.shear_modulus / q.robot.youngs_modulus
+    edges: list[Array] = [np.zeros((1, 1))]
+    stiff, side = [], []
+    # each piece of the body: the part with spine, then the part without
+    for k, (area, second) in enumerate(zip(q.body.area, q.body.second, strict=True)):
+        within, _, across = with_spine(q, shear, area, second)
+        edges += [np.clip(inner, edges[-1], drawn[k + 1] * long), drawn[k + 1] * long]
+        stiff += [within, q.body_modulus * second]
+        side += [across, ratio * q.body_modulus * area]
+    bending = bending_compliance(edges, stiff)
+    held = _pull(q, edges, stiff) / bending**2
+    sheared = shear_compliance(edges, side)
+    out: Array = 1 / (1 / (bending + sheared + q.clamp_root * long**2) + held)
+    return out
+
+
+def _pull(q: Quantities, edges: list[Array], stiff: list[Array]) -> Array:
+    """(v, n) integral of N slope^2 ds for the slope that 1 N at the end gives; N grows from the tip's mass to the base."""
+    down, long = q.robot.gravity[2], q.length
+    line = [q.density * down * area for area in np.repeat(q.body.weight_area, 2)]
+    parts = list(zip(edges[:-1], edges[1:], stiff, line, strict=True))
+    beyond: Array = sum((w * (b - a) for a, b, _, w in parts), np.zeros((1, 1))) + q.design.tip_mass * down
+    total, slope = np.zeros((1, 1)), np.zeros((1, 1))
+    for low, high, bending, weight in parts:
+        for x, share in zip(POINTS, WEIGHTS, strict=True):
+            s = low + x * (high - low)
+            here = slope + (long * (s - low) - (s**2 - low**2) / 2) / bending
+            total = total + share * (high - low) * (beyond - weight * (s - low)) * here**2
+        slope = slope + (long * (high - low) - (high**2 - low**2) / 2) / bending
+        beyond = beyond - weight * (high - low)
+    return np.asarray(total)

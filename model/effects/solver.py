@@ -162,12 +162,7 @@ def _solve_from(
 
 
 def _all_or_none(
-    found: rod.Solution,
-    rods: rod.Rods,
-    steps: Steps,
-    unsolved: NDArray[np.intp],
-    start: Solved,
-    followed: Solved | None,
+    found: rod.Solution, rods: rod.Rods, steps: Steps, unsolved: NDArray[np.intp], start: Solved, followed: Solved | None
 ) -> NDArray[np.intp]:
     """Follow the loads of rods until one has no equilibrium that had one at the start; returns those that are then not solved."""
     # what had none the last time comes first

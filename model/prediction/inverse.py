@@ -174,12 +174,7 @@ class _Search:
             gained, moved = cost[active] - reached, np.abs(goal - u[active]).max(axis=1)
             radius[active] = np.where(better, np.minimum(2 * radius[active], 1.0), 0.3 * np.minimum(radius[active], moved))
             taken = active[better]
-            u[taken], missed[taken], slope[taken], cost[taken] = (
-                goal[better],
-                there[better],
-                along[better],
-                reached[better],
-            )
+            u[taken], missed[taken], slope[taken], cost[taken] = (goal[better], there[better], along[better], reached[better])
             done = better & ((gained < COST_TOLERANCE) | (moved < STEP_TOLERANCE))
             active = active[~done & (radius[active] > LEAST_RADIUS)]
         reached = cost.reshape(m, tries)

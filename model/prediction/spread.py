@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.effects.readings import Readings
-from model.effects.rotations import CONJUGATE, rotation_vector
 from model.robot import Robot
-from model.rotation import multiply
+from model.rotation import CONJUGATE, multiply, rotation_vector
 from model.stated import Noise
 
 Array = NDArray[np.float64]
@@ -30,12 +29,7 @@ TRIAL = ("spine_length.excess", "spine_stiffness.excess")
 
 
 def standard_deviations(
-    robot: Robot,
-    covariance: Array,
-    here: Readings,
-    slopes: Array,
-    absent: Sequence[Readings],
-    unexplained: Array | None = None,
+    robot: Robot, covariance: Array, here: Readings, slopes: Array, absent: Sequence[Readings], unexplained: Array | None = None
 ) -> dict[str, Array]:
     """`model_sd`, `sd`, `orientation_sd` and `shape_sd` of a `Prediction`.
 

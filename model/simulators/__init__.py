@@ -36,10 +36,7 @@ Array = NDArray[np.float64]
 
 GROUP = "softlab.simulators"
 OWN: Mapping[str, tuple[str, str]] = MappingProxyType(
-    {
-        "pyelastica": ("model.simulators.pyelastica", "PyElastica"),
-        "soromox": ("model.simulators.soromox", "SoRoMoX"),
-    }
+    {"pyelastica": ("model.simulators.pyelastica", "PyElastica"), "soromox": ("model.simulators.soromox", "SoRoMoX")}
 )
 """The project's own, by name: module and class. The name is also that of the extra that it needs."""
 

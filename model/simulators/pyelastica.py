@@ -70,12 +70,7 @@ class _System(ea.BaseSystemCollection, ea.Constraints, ea.Forcing, ea.Damping): 
 
 
 def relaxed(
-    rods: Rods,
-    i: int,
-    density: float,
-    elements: int = ELEMENTS,
-    time_step: float = TIME_STEP,
-    at_rest: float = 1e-4,
+    rods: Rods, i: int, density: float, elements: int = ELEMENTS, time_step: float = TIME_STEP, at_rest: float = 1e-4
 ) -> Array:
     """(3,) m, the tip of rod `i` at rest, which is `at_rest` m/s; NaN where it does not rest. Many elements want a short
     `time_step` (s)."""

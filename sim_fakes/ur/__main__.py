@@ -12,8 +12,8 @@ import timing
 
 from ..instrument import loopback
 from ..punctual import punctual
-from .controller import Controller
-from .server import Address, Server
+from .controller import FakeController
+from .server import Address, UrServer
 from .variables import Version
 
 
@@ -61,9 +61,9 @@ def main() -> None:
     if arguments.die_with_parent:
         timing.Thread(target=_end_with_parent, daemon=True).start()
     punctual()
-    controller = Controller(arguments.version, arguments.speed, arguments.seed)
+    controller = FakeController(arguments.version, arguments.speed, arguments.seed)
     start = timing.now() if arguments.clock_start is None else arguments.clock_start
-    server = Server(controller, arguments.host, start, dashboard=not arguments.no_dashboard)
+    server = UrServer(controller, arguments.host, start, dashboard=not arguments.no_dashboard)
     with contextlib.suppress(KeyboardInterrupt):
         asyncio.run(server.run(arguments.backdoor, arguments.pose_to, lambda: print("ready", flush=True)))
 

@@ -22,12 +22,12 @@ from typing import Any
 
 import numpy as np
 
-from .controller import Controller, RobotMode
+from .controller import FakeController, RobotMode
 from .kinematics import Array, pose_matrix
 from .wire import Connection, Hub
 
 
-class BackDoor(Connection):
+class UrBackDoor(Connection):
     """One caller; `subject` is the hub whose robot is changed. Never frozen or dropped, as it has a hub of its own."""
 
     def __init__(self, hub: Hub, subject: Hub) -> None:
@@ -127,7 +127,7 @@ def act(hub: Hub, request: dict[str, Any]) -> None:
             raise ValueError(f"unknown request {other!r}")
 
 
-def _set(controller: Controller, request: dict[str, Any]) -> None:
+def _set(controller: FakeController, request: dict[str, Any]) -> None:
     unknown = set(request) - {"do", "q", "pose", "wrench", "slider", "scaling", "payload", "payload_centre", "tcp"}
     if unknown:
         raise ValueError(f"unknown keys {sorted(unknown)}")

@@ -15,7 +15,7 @@ import numpy as np
 
 from . import variables
 from .kinematics import UR5_CB3, UR5E, Array, forward, pose_vector
-from .motion import Arm, JointOverspeed, ProgramError
+from .motion import ArmMotion, JointOverspeed, ProgramError
 from .script import ControlScript
 
 
@@ -84,7 +84,7 @@ _OFFSET = re.compile(r"global reg_offset_int = # int register offset\n(\d+)")
 
 
 @dataclass
-class Command:
+class ArmCommand:
     """One command the control script took: host-independent time (device stamp, s), name, registers."""
 
     t: float
@@ -93,7 +93,7 @@ class Command:
 
 
 @dataclass
-class Controller:
+class FakeController:
     """State of one controller."""
 
     version: variables.Version = (3, 15, 8, 106339)
@@ -116,7 +116,7 @@ class Controller:
     safety: int = Safety.NORMAL
     robot_mode: int = RobotMode.RUNNING
     runtime: Runtime = Runtime.STOPPED
-    commands: list[Command] = field(default_factory=list)
+    commands: list[ArmCommand] = field(default_factory=list)
     ended: list[str] = field(default_factory=list)
     """Why each program ended, oldest first."""
     stuck: dict[str, float | list[float]] = field(default_factory=dict)
@@ -129,7 +129,7 @@ class Controller:
     def __post_init__(self) -> None:
         self.period = 0.008 if self.version[0] == 3 else 0.002
         self.t = UPTIME
-        self.arm = Arm(UR5_CB3 if self.version[0] == 3 else UR5E)
+        self.arm = ArmMotion(UR5_CB3 if self.version[0] == 3 else UR5E)
         self.outputs = variables.outputs(self.version)
         self.inputs: dict[str, float | list[float]] = {
             name: [0.0] * 6 if kind == variables.VECTOR6D else 0.0 if kind == variables.DOUBLE else 0
@@ -308,7 +308,7 @@ class Controller:
 
     def note_command(self, name: str, values: list[float]) -> None:
         """Keep a command for the log."""
-        self.commands.append(Command(self.t, name, values))
+        self.commands.append(ArmCommand(self.t, name, values))
 
     # -- what the wire needs
     def write(self, name: str, value: float | list[float]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .controller import SAFETY_MODE, Controller, RobotMode, Runtime, Safety
+from .controller import SAFETY_MODE, FakeController, RobotMode, Runtime, Safety
 from .wire import Connection
 
 PORT = 29999
@@ -52,7 +52,7 @@ class DashboardConnection(Connection):
         return True
 
 
-def answer(controller: Controller, request: str) -> str:
+def answer(controller: FakeController, request: str) -> str:
     """What the dashboard says to a request; acts on the controller where the request asks for it."""
     key = request.lower()
     major = controller.version[0]
@@ -74,7 +74,7 @@ def answer(controller: Controller, request: str) -> str:
     return told[key] if key in told else _act(controller, request, key)
 
 
-def _act(controller: Controller, request: str, key: str) -> str:
+def _act(controller: FakeController, request: str, key: str) -> str:
     match key:
         case "stop":
             if controller.runtime == Runtime.STOPPED:

@@ -25,7 +25,7 @@ class JointOverspeed(Exception):
 
 
 @dataclass
-class Arm:
+class ArmMotion:
     """Joint angles (rad), joint speeds (rad/s) and the tool (TCP in the flange frame, 4x4)."""
 
     geometry: Geometry
@@ -111,7 +111,7 @@ class Motion:
 class JointMove(Motion):
     """movej: all joints start and end together; speed (rad/s), acceleration (rad/s^2) of the one that goes farthest."""
 
-    def __init__(self, arm: Arm, goal: Sequence[float] | Array, speed: float, acceleration: float) -> None:
+    def __init__(self, arm: ArmMotion, goal: Sequence[float] | Array, speed: float, acceleration: float) -> None:
         self.arm, self.start = arm, arm.q.copy()
         self.way = np.asarray(goal, float) - self.start
         self.profile = Profile(float(np.max(np.abs(self.way))), speed, acceleration)
@@ -129,7 +129,7 @@ class JointMove(Motion):
 class LinearMove(Motion):
     """movel: the TCP runs straight to a pose, turning evenly; speed m/s, acceleration m/s^2."""
 
-    def __init__(self, arm: Arm, goal: Sequence[float] | Array, speed: float, acceleration: float) -> None:
+    def __init__(self, arm: ArmMotion, goal: Sequence[float] | Array, speed: float, acceleration: float) -> None:
         self.arm, self.start = arm, arm.pose()
         target = pose_matrix(goal)
         self.way = target[:3, 3] - self.start[:3, 3]
@@ -168,10 +168,10 @@ class LinearMove(Motion):
         return True
 
 
-class Stop(Motion):
+class Deceleration(Motion):
     """stopj and stopl: all joint speeds fall evenly to zero within `duration` (s)."""
 
-    def __init__(self, arm: Arm, duration: float) -> None:
+    def __init__(self, arm: ArmMotion, duration: float) -> None:
         self.arm, self.duration, self.t = arm, duration, 0.0
         self.q, self.qd = arm.q.copy(), arm.qd.copy()
 
@@ -185,11 +185,11 @@ class Stop(Motion):
         return True
 
 
-def stop_joints(arm: Arm, deceleration: float) -> Stop:
+def stop_joints(arm: ArmMotion, deceleration: float) -> Deceleration:
     """stopj with a deceleration in rad/s^2."""
-    return Stop(arm, float(np.max(np.abs(arm.qd))) / deceleration)
+    return Deceleration(arm, float(np.max(np.abs(arm.qd))) / deceleration)
 
 
-def stop_linear(arm: Arm, deceleration: float) -> Stop:
+def stop_linear(arm: ArmMotion, deceleration: float) -> Deceleration:
     """stopl with a deceleration of the TCP in m/s^2."""
-    return Stop(arm, float(np.linalg.norm(arm.tcp_speed()[:3])) / deceleration)
+    return Deceleration(arm, float(np.linalg.norm(arm.tcp_speed()[:3])) / deceleration)

@@ -18,7 +18,7 @@ from typing import Any
 import timing
 
 from ..punctual import punctual
-from . import dashboard, rtde, upload
+from . import dashboard, rtde, server
 
 START_TIMEOUT = 20.0
 """s of host time."""
@@ -28,7 +28,7 @@ def free_host(attempts: int = 50) -> str:
     """A loopback address on which all ports of a controller are free."""
     for _ in range(attempts):
         host = f"127.{random.randint(1, 254)}.{random.randint(0, 254)}.{random.randint(2, 254)}"
-        if all(_is_free(host, port) for port in (rtde.PORT, dashboard.PORT, *upload.PORTS)):
+        if all(_is_free(host, port) for port in (rtde.PORT, dashboard.PORT, *server.UPLOAD_PORTS)):
             return host
     raise RuntimeError("no loopback address with free ports 29999 and 30001 to 30004")
 

@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from .kinematics import Array, pose_matrix, pose_vector
-from .motion import Arm, JointMove, LinearMove, Motion, ProgramError, stop_joints, stop_linear
+from .motion import ArmMotion, JointMove, LinearMove, Motion, ProgramError, stop_joints, stop_linear
 
 READY, DONE = 1, 2
 
@@ -24,7 +24,7 @@ SPEED_RANGE = {"joint": (3.14, 40.0), "tool": (3.0, 150.0)}
 class Host(Protocol):
     """What the script needs of the controller it runs on."""
 
-    arm: Arm
+    arm: ArmMotion
 
     def read_int(self, index: int) -> int:
         """Input int register."""

@@ -4,15 +4,38 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import re
 import socket
 import struct
 from collections.abc import Callable
 
 import timing
 
-from . import backdoor, dashboard, rtde, upload
-from .controller import Controller
+from . import backdoor, dashboard, rtde
+from .controller import FakeController
 from .wire import Connection, Hub
+
+UPLOAD_PORTS = (30001, 30002, 30003)
+"""Script upload: text goes in; the state these ports stream is left out, as nobody reads it."""
+_PROGRAM = re.compile(rb"(?m)^def \w+\(\):\n(?:.*\n)*?end\n")
+
+
+class UploadConnection(Connection):
+    """One client that sends programs; a program ends with `end` in the first column."""
+
+    def take(self) -> bool:
+        program = _PROGRAM.search(self.buffer)
+        if program is None:
+            if len(self.buffer) > 1 << 20:
+                self.hub.violation(f"script: {len(self.buffer)} bytes without a program")
+                self.transport.abort()
+            return False
+        if self.buffer[: program.start()].strip():
+            self.hub.violation("script: text outside a program")
+        self.buffer = self.buffer[program.end() :]
+        self.hub.controller.load(program[0].decode("utf-8", "replace"))
+        return True
+
 
 Address = tuple[str, int]
 POSE_DATAGRAM = struct.Struct("<7d")
@@ -21,10 +44,10 @@ LONGEST_BACKLOG = 0.25
 """s; a host that sleeps longer than this has stopped the controller's time."""
 
 
-class Server:
+class UrServer:
     """One controller on one loopback address."""
 
-    def __init__(self, controller: Controller, host: str, clock_start: float, dashboard: bool = True) -> None:
+    def __init__(self, controller: FakeController, host: str, clock_start: float, dashboard: bool = True) -> None:
         """`dashboard` False: that server is switched off; PolyScope X has none."""
         self.controller, self.host = controller, host
         self.dashboard = dashboard and controller.version[0] < 10
@@ -38,11 +61,11 @@ class Server:
         await self._listen(rtde.PORT, lambda: rtde.RtdeConnection(hub))
         if self.dashboard:
             await self._listen(dashboard.PORT, lambda: dashboard.DashboardConnection(hub))
-        for port in upload.PORTS:
-            await self._listen(port, lambda: upload.UploadConnection(hub))
+        for port in UPLOAD_PORTS:
+            await self._listen(port, lambda: UploadConnection(hub))
         own = Hub(self.controller)
         if door is not None:
-            await asyncio.get_running_loop().create_unix_server(lambda: backdoor.BackDoor(own, hub), door)
+            await asyncio.get_running_loop().create_unix_server(lambda: backdoor.UrBackDoor(own, hub), door)
         ready()
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as plant:
             plant.setblocking(False)

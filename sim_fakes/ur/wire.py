@@ -6,13 +6,13 @@ import asyncio
 import random
 import socket
 
-from .controller import Controller
+from .controller import FakeController
 
 
 class Hub:
     """The controller and everybody who is connected to it."""
 
-    def __init__(self, controller: Controller) -> None:
+    def __init__(self, controller: FakeController) -> None:
         self.controller = controller
         self.connections: set[Connection] = set()
         self.frozen = False

@@ -3,14 +3,14 @@
 from .effects import EffectInfo, draw_effect, list_effects
 from .robot import VirtualRobot
 from .rod import NoEquilibrium
-from .schedule import Condition, Reading, walk
+from .schedule import Condition, VirtualReading, walk
 from .truth import RobotTruth
 
 __all__ = [
     "Condition",
     "EffectInfo",
     "NoEquilibrium",
-    "Reading",
+    "VirtualReading",
     "RobotTruth",
     "VirtualRobot",
     "draw_effect",

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .blocks import add_skew, cross_matrix, matrix_cross, rotation, solve_chain, turn
-from .chain import Chain, Loads, relative_rotation, segment_strain
+from .chain import Chain, ChainLoads, relative_rotation, segment_strain
 from .kernels import kernel
-from .material import History, Sections, respond
+from .material import Sections, SliderHistory, respond
 
 Array = NDArray[np.float64]
 
@@ -40,7 +40,9 @@ def contact_force(depth: float, soft_depth: float, soft: float, stiff: float) ->
 
 
 @kernel
-def _balance(chain: Chain, s: Sections, hist: History, loads: Loads, low: Array, diag: Array, up: Array, g: Array) -> None:
+def _balance(
+    chain: Chain, s: Sections, hist: SliderHistory, loads: ChainLoads, low: Array, diag: Array, up: Array, g: Array
+) -> None:
     """Fill the out-of-balance forces g (sign: to be solved for) and Newton's matrix."""
     n = chain.h.shape[0]
     low[:] = 0.0
@@ -84,11 +86,7 @@ def _balance(chain: Chain, s: Sections, hist: History, loads: Loads, low: Array,
         for i in range(3):
             bow[i] = -h * h / 12 * (frame[i, 0] * strain[4] - frame[i, 1] * strain[3])
         cross_matrix(d, p, 0.5, tp)
-        arm = (
-            0.5 * (d[1] * nw[2] - d[2] * nw[1]),
-            0.5 * (d[2] * nw[0] - d[0] * nw[2]),
-            0.5 * (d[0] * nw[1] - d[1] * nw[0]),
-        )
+        arm = (0.5 * (d[1] * nw[2] - d[2] * nw[1]), 0.5 * (d[2] * nw[0] - d[0] * nw[2]), 0.5 * (d[0] * nw[1] - d[1] * nw[0]))
         da = diag[k]
         db = diag[k + 1]
         u = up[k]
@@ -120,7 +118,9 @@ def _balance(chain: Chain, s: Sections, hist: History, loads: Loads, low: Array,
 
 
 @kernel
-def _external(chain: Chain, loads: Loads, diag: Array, up: Array, low: Array, g: Array, frame: Array, f: Array, m: Array) -> None:
+def _external(
+    chain: Chain, loads: ChainLoads, diag: Array, up: Array, low: Array, g: Array, frame: Array, f: Array, m: Array
+) -> None:
     """Add the loads of the nodes and their derivatives; `frame`, `f`, `m` are scratch space."""
     n = chain.h.shape[0]
     for k in range(1, n + 1):
@@ -160,7 +160,7 @@ def _external(chain: Chain, loads: Loads, diag: Array, up: Array, low: Array, g:
 
 
 @kernel
-def equilibrium(chain: Chain, s: Sections, hist: History, loads: Loads) -> int:
+def equilibrium(chain: Chain, s: Sections, hist: SliderHistory, loads: ChainLoads) -> int:
     """Move the chain to equilibrium; returns the iterations used, -1 when it was not found.
 
     The history is read, not changed. On failure the chain is left where the last iteration put it.
@@ -222,7 +222,7 @@ def foresee(chain: Chain, r_before: Array, q_before: Array, ratio: float) -> Non
 
 
 @kernel
-def commit(chain: Chain, s: Sections, hist: History) -> None:
+def commit(chain: Chain, s: Sections, hist: SliderHistory) -> None:
     """Let the history move on to the present shape."""
     mid = np.empty(4)
     frame = np.empty((3, 3))

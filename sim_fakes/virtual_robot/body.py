@@ -13,17 +13,17 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .chain import Loads
+from .chain import ChainLoads
 from .effects import Directions, Laws
 from .material import SLIP_CURVATURES, SLIP_SHARES, SLIP_STRAINS, Sections, approach
-from .rod import Rod, mesh
-from .spine import Spine
+from .rod import ChainRod, mesh
+from .spine import VirtualSpine
 from .truth import RobotTruth
 
 Array = NDArray[np.float64]
 
 
-class Body:
+class VirtualBody:
     """The silicone body as a rod; `hanging` False is the stiffness stand (no tilt, no tether)."""
 
     def __init__(self, truth: RobotTruth, laws: Laws, directions: Directions, hanging: bool) -> None:
@@ -33,14 +33,14 @@ class Body:
         self._hanging = hanging
         self._inertia = math.pi / 4 * (truth.outer_radius**4 - truth.inner_radius**4)
         h, self._cover = mesh(truth.length, truth.segments, 0.0)
-        self.rod = Rod(h)
+        self.rod = ChainRod(h)
 
-    def fit(self, spine: Spine) -> None:
+    def fit(self, spine: VirtualSpine) -> None:
         """Take over the spine's length."""
         h, self._cover = mesh(self._truth.length, self._truth.segments, min(spine.true_length, self._truth.length))
         self.rod.remesh(h)
 
-    def sections(self, spine: Spine, dt: float) -> Sections:
+    def sections(self, spine: VirtualSpine, dt: float) -> Sections:
         """Material during a step of dt seconds."""
         truth, laws, n = self._truth, self._laws, self._truth.segments
         jamming = spine.jamming
@@ -70,7 +70,7 @@ class Body:
             slips=laws.spine_slip > 0.0,
         )
 
-    def _spine_stiffness(self, spine: Spine, volume_share: float) -> Array:
+    def _spine_stiffness(self, spine: VirtualSpine, volume_share: float) -> Array:
         """(6) stiffness of a fully covered segment, laid out as `Sections.stiffness`."""
         truth, b = self._truth, self._laws.area_moment
         e, g = spine.jamming * spine.modulus, spine.jamming * spine.shear_modulus
@@ -78,7 +78,7 @@ class Body:
         inertia = (1 - b) * volume_share * self._inertia + b * math.pi / 4 * truth.spine_radius**4
         return np.array([g * area, g * area, e * area, e * inertia, e * inertia, 2 * e * inertia])
 
-    def loads(self, follower_force: Array, follower_moment: Array, tip_mass: float, contacts: Array) -> Loads:
+    def loads(self, follower_force: Array, follower_moment: Array, tip_mass: float, contacts: Array) -> ChainLoads:
         """Loads now: chamber wrench (N, N m), mass at the tip (kg), contacts of the stand."""
         truth, laws = self._truth, self._laws
         h = self.rod.chain.h
@@ -98,4 +98,4 @@ class Body:
                 spring[0] = abs(laws.tether_load) / 0.3
             a, half = self._directions.tilt, laws.base_tilt / 2
             base = np.array([math.cos(half), -math.sin(a) * math.sin(half), math.cos(a) * math.sin(half), 0.0])
-        return Loads(force, follower_force, follower_moment, spring, contacts, base)
+        return ChainLoads(force, follower_force, follower_moment, spring, contacts, base)

@@ -32,7 +32,7 @@ class Chain(NamedTuple):
     """(n) Segment lengths without load, m."""
 
 
-class Loads(NamedTuple):
+class ChainLoads(NamedTuple):
     """What acts on the nodes."""
 
     force: Array

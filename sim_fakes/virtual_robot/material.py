@@ -42,7 +42,7 @@ class Sections(NamedTuple):
     """False: the sliders are skipped."""
 
 
-class History(NamedTuple):
+class SliderHistory(NamedTuple):
     """What the segments remember between steps."""
 
     strain: Array
@@ -50,9 +50,9 @@ class History(NamedTuple):
     axial_slider: Array
 
 
-def fresh_history(segments: int) -> History:
+def fresh_history(segments: int) -> SliderHistory:
     """Memory of a body that has never been loaded."""
-    return History(
+    return SliderHistory(
         np.zeros((segments, 6)), np.zeros((segments, len(SLIP_CURVATURES), 2)), np.zeros((segments, len(SLIP_STRAINS)))
     )
 
@@ -71,7 +71,7 @@ def approach(dt: float, settling_time: float) -> float:
 
 
 @kernel
-def _friction(s: Sections, hist: History, k: int, strain: Array, stress: Array, t: Array, commit: bool) -> None:
+def _friction(s: Sections, hist: SliderHistory, k: int, strain: Array, stress: Array, t: Array, commit: bool) -> None:
     """Add the sliders' stress and consistent tangent; with `commit` their positions are kept.
 
     Without friction force (spine not jammed, or none here) a slider follows the strain.
@@ -121,7 +121,7 @@ def _friction(s: Sections, hist: History, k: int, strain: Array, stress: Array, 
 
 
 @kernel
-def respond(s: Sections, hist: History, k: int, strain: Array, stress: Array, t: Array, commit: bool) -> None:
+def respond(s: Sections, hist: SliderHistory, k: int, strain: Array, stress: Array, t: Array, commit: bool) -> None:
     """Stress (6) and tangent (7) of segment k: shear, shear, axial, the symmetric bending block xx xy yy, torsion.
 
     With `commit` the history moves on to this strain: call it once, after equilibrium is found.

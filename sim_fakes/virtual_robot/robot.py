@@ -15,16 +15,112 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..plant import AMBIENT, Plant
-from .body import Body
-from .effects import draw_directions, laws
-from .pneumatics import Pneumatics
+from .blocks import rotation
+from .body import VirtualBody
+from .chain import Chain
+from .effects import Laws, draw_directions, laws
+from .kernels import kernel
 from .rod import NoEquilibrium
-from .seen import TipView, look
-from .spine import Spine
-from .stand import NO_CONTACT, BareSpine, Stand
+from .spine import VirtualSpine
+from .stand import NO_CONTACT, BareSpine, VirtualStand
 from .truth import RobotTruth
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TipView:
+    """Tip as tracked: position (3) m, rotation (3, 3), body markers (k, 3) m; robot base frame."""
+
+    position: Array
+    rotation: Array
+    markers: Array
+
+
+def look(chain: Chain, arc_lengths: Array) -> TipView:
+    """The tip now, and markers at rising arc lengths (m)."""
+    turned = np.empty((3, 3))
+    rotation(chain.q[-1], turned)
+    return TipView(chain.r[-1].copy(), turned, centre_line(chain, arc_lengths))
+
+
+@kernel
+def centre_line(chain: Chain, arc_lengths: Array) -> Array:
+    """Points (k, 3) of the centre line at rising arc lengths (m), cubic between nodes; its end beyond the end."""
+    out = np.empty((len(arc_lengths), 3))
+    a = np.empty((3, 3))
+    b = np.empty((3, 3))
+    k = 0
+    start = 0.0
+    for m in range(len(arc_lengths)):
+        while arc_lengths[m] > start + chain.h[k] and k < len(chain.h) - 1:
+            start += chain.h[k]
+            k += 1
+        x = min((arc_lengths[m] - start) / chain.h[k], 1.0)
+        rotation(chain.q[k], a)
+        rotation(chain.q[k + 1], b)
+        chord = 0.0
+        for i in range(3):
+            chord += (chain.r[k + 1, i] - chain.r[k, i]) ** 2
+        chord = np.sqrt(chord)
+        for i in range(3):
+            along = x * (1 - x) ** 2 * a[i, 2] + x * x * (x - 1) * b[i, 2]
+            ends = (1 + 2 * x) * (1 - x) ** 2 * chain.r[k, i] + x * x * (3 - 2 * x) * chain.r[k + 1, i]
+            out[m, i] = ends + chord * along
+    return out
+
+
+class Pneumatics:
+    """The chambers, from the regulators to force and moment at the tip; pressures in Pa gauge, in the order of their numbers.
+
+    chamber pressure   relaxes exponentially towards its regulator (fill_time), never beyond the supply
+    ballooning         A(P) = A (1 + b sign(P) |P / 250 kPa|^1.5)
+    tip                force sum_i A P_i e3, moment sum_i r_i x A P_i e3, turning with the tip (the paper's eq. 4)
+    twist              chamber i lies at azimuth_i + c s (1 + 0.3 s / L); moments act where they change
+    """
+
+    def __init__(self, truth: RobotTruth, laws: Laws) -> None:
+        self._truth = truth
+        self._laws = laws
+        self._azimuths = np.radians(np.array(truth.chamber_azimuths_deg)) + laws.chamber_azimuth
+        self.reset()
+
+    def reset(self) -> None:
+        """All chambers at ambient."""
+        self.pressures = np.zeros(len(self._azimuths))
+
+    def step(self, regulator: Array, dt: float) -> None:
+        """Fill or vent for dt seconds towards what the regulators drive to."""
+        goal = np.clip(regulator, 0.0, self._truth.supply_pressure)
+        self.pressures = goal + (self.pressures - goal) * math.exp(-dt / self._truth.fill_time)
+        # a chamber within a hundredth of a pascal has arrived; otherwise nothing would ever be at rest
+        self.pressures = np.where(np.abs(self.pressures - goal) < 0.01, goal, self.pressures)
+
+    def forces(self) -> Array:
+        """Axial force of each chamber, N."""
+        p, area = self.pressures, np.full(len(self.pressures), self._truth.chamber_area)
+        if self._laws.chamber_ballooning:
+            area = area * (1 + self._laws.chamber_ballooning * np.sign(p) * np.abs(p / 250e3) ** 1.5)
+        return np.asarray(area * p)
+
+    def wrench(self, roll: float, h: Array) -> tuple[Array, Array]:
+        """Follower force at the tip (3) in N and follower moments at the nodes (n+1, 3) in N m, for segments of
+        lengths h and the robot rolled by so much (rad)."""
+        moments = np.zeros((len(h) + 1, 3))
+        forces, azimuths = self.forces(), self._azimuths + roll
+        path = self._truth.chamber_path_radius
+        mx = path * float(np.sum(forces * np.sin(azimuths)))
+        my = -path * float(np.sum(forces * np.cos(azimuths)))
+        if self._laws.chamber_twist == 0.0:
+            moments[-1, :2] = mx, my
+        else:
+            s = np.cumsum(h) - h / 2
+            wound = self._laws.chamber_twist * s * (1 + 0.3 * s / self._truth.length)
+            mid = np.stack([mx * np.cos(wound) - my * np.sin(wound), mx * np.sin(wound) + my * np.cos(wound)], axis=1)
+            moments[1:, :2] = mid
+            moments[1:-1, :2] -= mid[1:]
+        return np.array([0.0, 0.0, float(forces.sum())]), moments
+
 
 MOUNTS = ("robot", "body", "spine")
 INPUT_STEPS = np.array([1e-7, 1e-6, 1e-6, 1e-6, 1e-7, 1e-4])
@@ -56,8 +152,8 @@ class VirtualRobot:
         self.laws = laws(effects)
         self.directions = draw_directions(self.truth, seed)
         self.pneumatics = Pneumatics(self.truth, self.laws)
-        self.spine = Spine(self.truth, self.laws, seed)
-        self.stand = Stand(self.truth, self.laws)
+        self.spine = VirtualSpine(self.truth, self.laws, seed)
+        self.stand = VirtualStand(self.truth, self.laws)
         self._markers = np.array(self.truth.markers, dtype=np.float64)
         self._steps = np.concatenate([np.full(len(self.truth.chamber_azimuths_deg), 1e-4), INPUT_STEPS])
         self.reset()
@@ -79,10 +175,10 @@ class VirtualRobot:
         if hands.mount not in MOUNTS:
             raise ValueError(f"virtual robot: mount {hands.mount!r} is none of {', '.join(MOUNTS)}")
         self.hands = hands
-        self.specimen: Body | BareSpine = (
+        self.specimen: VirtualBody | BareSpine = (
             BareSpine(self.truth, self.laws)
             if hands.mount == "spine"
-            else Body(self.truth, self.laws, self.directions, hanging=hands.mount == "robot")
+            else VirtualBody(self.truth, self.laws, self.directions, hanging=hands.mount == "robot")
         )
         self._pending = 0.0
         self._speed = 0.0
@@ -119,7 +215,7 @@ class VirtualRobot:
         self._contacts = NO_CONTACT
         if hands.probe and hands.mount != "robot" and not (isinstance(body, BareSpine) and not body.present):
             self._contacts = self.stand.contacts(chain, *hands.probe)
-        if isinstance(body, Body):
+        if isinstance(body, VirtualBody):
             force, moment = self.pneumatics.wrench(hands.roll, chain.h)
             loads = body.loads(force, moment, hands.tip_mass, self._contacts)
         else:

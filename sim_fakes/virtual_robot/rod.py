@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .balance import commit, equilibrium, foresee
-from .chain import Chain, Loads, straight
-from .material import History, Sections, fresh_history
+from .chain import Chain, ChainLoads, straight
+from .material import Sections, SliderHistory, fresh_history
 
 Array = NDArray[np.float64]
 
@@ -40,12 +40,12 @@ def mesh(length: float, segments: int, spine: float) -> tuple[Array, Array]:
     return np.diff(nodes), cover
 
 
-class Rod:
+class ChainRod:
     """Chain and history of one specimen."""
 
     def __init__(self, h: Array) -> None:
         self.chain: Chain = straight(h)
-        self.history: History = fresh_history(len(h))
+        self.history: SliderHistory = fresh_history(len(h))
         self._before = (self.chain.r.copy(), self.chain.q.copy())
         self._last_step = math.inf
 
@@ -60,7 +60,7 @@ class Rod:
         self.chain = Chain(np.ascontiguousarray(r), np.ascontiguousarray(q), np.ascontiguousarray(h))
         self._last_step = math.inf
 
-    def relax(self, sections: Sections, loads: Loads, dt: float) -> float:
+    def relax(self, sections: Sections, loads: ChainLoads, dt: float) -> float:
         """Go to the equilibrium at the end of dt seconds; returns the largest motion (m). Raises `NoEquilibrium`."""
         # the last motion foretells this one when the steps are alike; a contact could be lost by it, so not there
         ratio = math.inf if len(loads.contacts) else dt / self._last_step
@@ -77,7 +77,7 @@ class Rod:
         commit(self.chain, sections, self.history)
         return moved
 
-    def _creep_there(self, sections: Sections, loads: Loads) -> None:
+    def _creep_there(self, sections: Sections, loads: ChainLoads) -> None:
         """Reach a far equilibrium in braked steps; the brake is eased as they succeed and tightened when one fails."""
         state = (self.chain.r, self.chain.q, *self.history)
         begin = [a.copy() for a in state]

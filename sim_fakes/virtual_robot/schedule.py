@@ -53,7 +53,7 @@ class Condition:
 
 
 @dataclass(frozen=True)
-class Reading:
+class VirtualReading:
     """What would be measured in one state, before noise; base frame, SI."""
 
     t: float
@@ -70,7 +70,7 @@ class Reading:
     deflection: float
 
 
-def walk(robot: VirtualRobot, conditions: Sequence[Condition]) -> list[Reading]:
+def walk(robot: VirtualRobot, conditions: Sequence[Condition]) -> list[VirtualReading]:
     """Walk a schedule of states in order, with history, and read each one before sensor noise. Raises `NoEquilibrium`,
     and ValueError for a state that has not one pressure a chamber.
     """
@@ -89,7 +89,7 @@ def walk(robot: VirtualRobot, conditions: Sequence[Condition]) -> list[Reading]:
         force = robot.stand.sensed(robot.contact(), max(state.hold, 1e-3)) if state.mount != "robot" else 0.0
         view = robot.view()
         readings.append(
-            Reading(
+            VirtualReading(
                 t=robot.time,
                 spine_length=robot.spine.length,
                 vacuum=robot.spine.vacuum,

@@ -31,7 +31,7 @@ def table_modulus(truth: RobotTruth, length: float) -> float:
     return float(np.interp(length, lengths, values))
 
 
-class Spine:
+class VirtualSpine:
     """State of the spine; lengths in m, vacuum in Pa below ambient."""
 
     def __init__(self, truth: RobotTruth, laws: Laws, seed: int) -> None:

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .balance import contact_force
-from .chain import Chain, Loads
+from .chain import Chain, ChainLoads
 from .effects import Laws
 from .material import Sections, approach, without_friction
-from .rod import Rod
-from .spine import SHEAR_STIFFNESS, Spine
+from .rod import ChainRod
+from .spine import SHEAR_STIFFNESS, VirtualSpine
 from .truth import RobotTruth
 
 Array = NDArray[np.float64]
@@ -38,21 +38,21 @@ class BareSpine:
         self._truth = truth
         self._laws = laws
         self._length = SHORTEST_SPINE
-        self.rod = Rod(np.full(truth.segments, self._length / truth.segments))
+        self.rod = ChainRod(np.full(truth.segments, self._length / truth.segments))
 
     @property
     def present(self) -> bool:
         """True when there is enough spine to push on."""
         return self._length > SHORTEST_SPINE
 
-    def fit(self, spine: Spine) -> None:
+    def fit(self, spine: VirtualSpine) -> None:
         """Take over the spine's true length; a new length starts straight."""
         length = max(spine.true_length, SHORTEST_SPINE)
         if abs(length - self._length) > 1e-9:
             self._length = length
-            self.rod = Rod(np.full(self._truth.segments, length / self._truth.segments))
+            self.rod = ChainRod(np.full(self._truth.segments, length / self._truth.segments))
 
-    def sections(self, spine: Spine, dt: float) -> Sections:
+    def sections(self, spine: VirtualSpine, dt: float) -> Sections:
         """Material during a step of dt seconds."""
         n, radius, area = self._truth.segments, self._truth.spine_radius, self._truth.spine_area
         # an unjammed spine keeps a shape
@@ -64,14 +64,14 @@ class BareSpine:
         stiffness = np.array([shear, shear, e * area, e * inertia, e * inertia, 2 * e * inertia])
         return without_friction(np.tile(stiffness, (n, 1)), approach(dt, self._truth.settling_time))
 
-    def loads(self, contacts: Array) -> Loads:
+    def loads(self, contacts: Array) -> ChainLoads:
         """Nothing but the probe."""
         n = self._truth.segments
         clamp = np.array([1.0, 0.0, 0.0, 0.0])
-        return Loads(np.zeros((n + 1, 3)), np.zeros(3), np.zeros((n + 1, 3)), np.zeros(4), contacts, clamp)
+        return ChainLoads(np.zeros((n + 1, 3)), np.zeros(3), np.zeros((n + 1, 3)), np.zeros(4), contacts, clamp)
 
 
-class Stand:
+class VirtualStand:
     """Contact between probe and specimen, and what the force sensor makes of it."""
 
     def __init__(self, truth: RobotTruth, laws: Laws) -> None:

@@ -14,12 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 TABLE_II = {0.05: 0.318e6, 0.10: 1.323e6, 0.15: 2.032e6, 0.20: 3.069e6, 0.25: 3.763e6, 0.30: 4.389e6}
 """Apparent modulus of the jammed spine (Pa) over its length (m), Table II of the paper."""
 
-HANGING_STAND = (
-    (1.0, 0.0, 0.0, 0.50),
-    (0.0, -1.0, 0.0, 0.0),
-    (0.0, 0.0, -1.0, 0.70),
-    (0.0, 0.0, 0.0, 1.0),
-)
+HANGING_STAND = ((1.0, 0.0, 0.0, 0.50), (0.0, -1.0, 0.0, 0.0), (0.0, 0.0, -1.0, 0.70), (0.0, 0.0, 0.0, 1.0))
 """A specimen clamped 0.7 m above the arm's base, hanging down; its x axis is the arm's x axis."""
 
 

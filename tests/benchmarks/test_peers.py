@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.peers_ways import collocation
+from benchmarks.peers import collocation
 from benchmarks.rod_cases import paper_rods
 from model.rods import FINE, solve
 

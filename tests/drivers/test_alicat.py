@@ -122,18 +122,16 @@ def test_a_dead_unit_keeps_no_other_from_venting_and_is_named_and_closing_is_qui
         fake.faults.extra.clear()
 
 
-def test_a_unit_that_fails_once_is_vented_in_the_second_round(regulators: Alicat, fake: AlicatFake, plant: Plant) -> None:
+@pytest.mark.parametrize(
+    "spoil", [lambda fake: fake.faults.extra.update(miss={"B": 1}), lambda fake: fake.device["C"].hold("HP")]
+)
+def test_a_unit_that_fails_once_or_whose_valve_is_held_is_vented(
+    regulators: Alicat, fake: AlicatFake, plant: Plant, spoil: Callable[[AlicatFake], None]
+) -> None:
     hold(regulators, plant, 20e3)
-    fake.faults.extra["miss"] = {"B": 1}
+    spoil(fake)
     regulators.vent()
-    assert fake.device["B"].setpoint == 0.0
-
-
-def test_venting_lets_a_held_valve_go(regulators: Alicat, fake: AlicatFake, plant: Plant) -> None:
-    hold(regulators, plant, 20e3)
-    fake.device["C"].hold("HP")
-    regulators.vent()
-    assert plant.regulator.tolist() == [0.0] * 9
+    assert setpoints(fake) == [0.0] * 3 and plant.regulator.tolist() == [0.0] * 9
 
 
 def test_a_stop_does_not_wait_for_a_reading_that_waits_for_a_dead_unit(opened: Make, fake: AlicatFake) -> None:
@@ -235,22 +233,6 @@ def test_what_a_breakout_box_puts_behind_a_line_costs_no_retry(opened: Make, fak
         regulators.read()
     regulators.set((100.0,) * 3)
     assert regulators._line.quality.repeats == 0
-
-
-def test_settings_are_read_while_another_thread_polls(regulators: Alicat) -> None:
-    ended = timing.Event()
-
-    def poll() -> None:
-        while not ended.is_set():
-            regulators.read()
-
-    polling = timing.Thread(target=poll, daemon=True)
-    polling.start()
-    for _ in range(5):
-        regulators.confirm_settings()
-    ended.set()
-    polling.join(10.0)
-    assert not polling.is_alive()
 
 
 # -- who answers

@@ -6,7 +6,7 @@ import pytest
 
 import timing
 from drivers.errors import BadReply, InstrumentError, NoReply, Unreachable, WrongDevice
-from lab.driver_contract import HOSES, POLLED, SPEED, Unit, answers, unit, units, until
+from lab.driver_contract import HOSES, POLLED, SPEED, DriverOnFake, answers, unit, units, until
 from lab.verbs.fakes import found_fakes
 from sim_fakes.instrument import Site
 from sim_fakes.pty_fake import Faults, PtyFake
@@ -19,14 +19,14 @@ STRANGERS = {"alicat": "ft300s", "smc_itv": "alicat", "numato": "pfeiffer", "ft3
 """Which other instrument is tried at the port of a driver; numato where none is named."""
 
 
-def read_of(unit: Unit) -> Any:
+def read_of(unit: DriverOnFake) -> Any:
     """The call that gives its newest reading."""
     return unit.driver.latest if unit.role == "force" else unit.driver.read
 
 
 @units(*READ)
 @pytest.mark.parametrize("fault", ["silent", "truncate"])
-def test_half_an_answer_or_none_is_no_reading_and_the_next_whole_one_is(unit: Unit, fault: str) -> None:
+def test_half_an_answer_or_none_is_no_reading_and_the_next_whole_one_is(unit: DriverOnFake, fault: str) -> None:
     quick = unit.hasty()
     quick.open()
     for line in unit.disturbed:
@@ -42,7 +42,7 @@ def test_half_an_answer_or_none_is_no_reading_and_the_next_whole_one_is(unit: Un
 
 
 @units(*READ)
-def test_answers_in_two_pieces_are_put_together(unit: Unit) -> None:
+def test_answers_in_two_pieces_are_put_together(unit: DriverOnFake) -> None:
     unit.driver.open()
     for line in unit.disturbed:
         line.faults.split = True
@@ -50,7 +50,7 @@ def test_answers_in_two_pieces_are_put_together(unit: Unit) -> None:
 
 
 @units(*READ)
-def test_a_line_that_is_lost_is_told_and_closing_is_quiet_about_it(unit: Unit) -> None:
+def test_a_line_that_is_lost_is_told_and_closing_is_quiet_about_it(unit: DriverOnFake) -> None:
     unit.driver.open()
     for part in unit.parts:
         part.stop()
@@ -60,7 +60,7 @@ def test_a_line_that_is_lost_is_told_and_closing_is_quiet_about_it(unit: Unit) -
 
 
 @units(*POLLED)
-def test_an_echoing_adapter_is_harmless_and_named_where_notices_are_taken(unit: Unit) -> None:
+def test_an_echoing_adapter_is_harmless_and_named_where_notices_are_taken(unit: DriverOnFake) -> None:
     if unit.config.driver == "numato":
         pytest.skip("no two-wire line")
     line = unit.disturbed[0]
@@ -75,7 +75,7 @@ def test_an_echoing_adapter_is_harmless_and_named_where_notices_are_taken(unit: 
 
 @units(*READ)
 @pytest.mark.parametrize("delay", [0.008, 0.016, 0.02])
-def test_answers_that_an_adapter_holds_back_are_named_once_with_the_remedy(unit: Unit, delay: float) -> None:
+def test_answers_that_an_adapter_holds_back_are_named_once_with_the_remedy(unit: DriverOnFake, delay: float) -> None:
     driver = unit.another(timeout=1.0)
     for line in unit.disturbed:
         line.byte_time *= SPEED  # the line itself is as slow as in rig.yaml
@@ -94,7 +94,7 @@ def test_answers_that_an_adapter_holds_back_are_named_once_with_the_remedy(unit:
 
 
 @units(*POLLED)
-def test_noise_of_a_line_that_is_turned_round_is_no_part_of_an_answer(unit: Unit) -> None:
+def test_noise_of_a_line_that_is_turned_round_is_no_part_of_an_answer(unit: DriverOnFake) -> None:
     for line in unit.disturbed:
         line.faults.garbage = b"\xff\0"
     unit.driver.open()
@@ -102,7 +102,7 @@ def test_noise_of_a_line_that_is_turned_round_is_no_part_of_an_answer(unit: Unit
 
 
 @units(*POLLED)
-def test_another_instrument_on_the_port_is_told_in_time(unit: Unit) -> None:
+def test_another_instrument_on_the_port_is_told_in_time(unit: DriverOnFake) -> None:
     stranger = found_fakes().usable[STRANGERS.get(unit.config.driver, "numato")]
     (line, *_) = stranger.plug(Site(unit.plant, RigClock(SPEED), 1, HOSES, 500e3))
     assert isinstance(line, PtyFake)

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
@@ -16,14 +17,26 @@ from lab.verbs.fakes import PATIENT, PATIENT_SETTLE
 from recordings.campaign.replay import replay, table_of
 from recordings.file.reader import Recording
 from recordings.table_file import read_csv, write_csv
-from tests.drivers.installed import install
 from tests.lab.commands import run_there
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = (ROOT / "examples/regulator", ROOT / "examples/sensor", ROOT / "tests/drivers/bench_arm")
+PACKAGES = (ROOT / "examples/regulator", ROOT / "examples/sensor", ROOT / "examples/arm")
 VERIFYING = {"dynamixel", "ft300s", "pfeiffer", "tmcl"}
 """Drivers whose instruments send a checksum."""
 THEIRS = ("bench_pr4", "skin_thermometer", "bench_arm", "bench_cameras")
+
+
+def install(folder: Path, package: Path) -> None:
+    """What an installer writes of a package's entry points."""
+    project = tomllib.loads((package / "pyproject.toml").read_text())["project"]
+    about = folder / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n")
+    groups = (
+        f"[{group}]\n" + "".join(f"{name} = {value}\n" for name, value in entries.items())
+        for group, entries in project["entry-points"].items()
+    )
+    (about / "entry_points.txt").write_text("\n".join(groups))
 
 
 @pytest.fixture(scope="session")
@@ -63,29 +76,20 @@ def contract(
 
 
 WRONG = {
-    "range_ageless": (
-        "a_stream_that_falls_silent_is_stale_after_max_age",
-        ("latest() gave Sample(", "needed StaleReading"),
-    ),
+    "range_ageless": ("a_stream_that_falls_silent_is_stale_after_max_age", ("latest() gave Sample(", "needed StaleReading")),
     "range_trusting": ("it_does_not_open_another_device", ("b'MSG0;4711\\r'", "returned Identity(", "WrongDevice")),
     "range_guessing": ("a_stream_hands_over_no_damaged_answer", ("distance=0.0", "count a damaged one in lost")),
     "range_crashing": ("a_stream_hands_over_no_damaged_answer", ("ValueError", "count a damaged one in lost")),
     "range_holding": ("close_leaves_the_port_to_others", ("is open 2 times", "before open() it was 1 times")),
     "range_sharing": ("close_leaves_the_port_to_others", ("is open 2 times", "before open() it was 1 times")),
     "range_host_time": ("samples_have_the_time_of_the_rig_s_clock", ("a sample has t = ", "now() of the clock")),
-    "range_unchecked": (
-        "a_stream_hands_over_no_answer_whose_checksum_is_wrong",
-        ("distance=", "b'D;", "verify the checksum"),
-    ),
+    "range_unchecked": ("a_stream_hands_over_no_answer_whose_checksum_is_wrong", ("distance=", "b'D;", "verify the checksum")),
     "range_uncounted": ("a_stream_hands_over_no_answer_whose_checksum_is_wrong", ("lost stays 0", "in lost")),
     "range_credulous": (
         "it_does_not_open_on_answers_whose_checksum_is_wrong",
         ("returned Identity(", "b'D;", "verify the checksum"),
     ),
-    "gauge_unchecked": (
-        "no_call_returns_on_an_answer_whose_checksum_is_wrong",
-        ("GaugeSample(", "b'P", "verify the checksum"),
-    ),
+    "gauge_unchecked": ("no_call_returns_on_an_answer_whose_checksum_is_wrong", ("GaugeSample(", "b'P", "verify the checksum")),
 }
 """Drivers that are wrong in one respect: the only test that each fails, and what it says."""
 

@@ -141,14 +141,6 @@ def test_an_answer_of_another_length_with_a_right_checksum_is_told_from_a_broken
     assert "cable" not in str(caught.value)
 
 
-def test_a_refusal_tells_the_servos_reason(make: Make) -> None:
-    spine, servo = make()
-    homed(spine)
-    servo.faults.extra["nak"] = 6
-    with pytest.raises(BadReply, match="beyond the limit"):
-        spine.move_to(0.1, 0.02)
-
-
 def test_positions_that_look_like_a_packet_header_are_read_right(make: Make) -> None:
     spine, servo = make()
     spine.open()

@@ -22,8 +22,7 @@ vectors = st.tuples(*[st.floats(-2, 2)] * 3)
 
 
 @pytest.mark.parametrize(
-    ("quaternion", "axis"),
-    [((HALF, HALF, 0, 0), (0, 0, 1)), ((HALF, 0, HALF, 0), (0, 1, 0)), ((HALF, 0, 0, HALF), (-1, 0, 0))],
+    ("quaternion", "axis"), [((HALF, HALF, 0, 0), (0, 0, 1)), ((HALF, 0, HALF, 0), (0, 1, 0)), ((HALF, 0, 0, HALF), (-1, 0, 0))]
 )
 def test_a_quarter_turn_takes_y_where_it_should(
     quaternion: tuple[float, float, float, float], axis: tuple[float, float, float]

@@ -1,4 +1,4 @@
-"""An answer that is late is late, not somebody else's: it belongs to no later question, and is no restart."""
+"""An answer that is late belongs to no later question, and is no restart; a stop has the line before everything else."""
 
 import contextlib
 import random
@@ -11,7 +11,8 @@ import timing
 from drivers.dynamixel.bus import Register, Servo
 from drivers.errors import DeviceFault, InstrumentError, NoReply
 from drivers.numato.driver import Config, NumatoValve
-from drivers.tmcl.bus import Axis
+from drivers.stop_first import StopFirst
+from drivers.tmcl.bus import MotorAxis
 from sim_fakes.dynamixel import DynamixelFake
 from sim_fakes.numato import NumatoFake
 from sim_fakes.tmcl import TmclFake
@@ -84,7 +85,7 @@ def test_a_late_dynamixel_answer_is_never_the_answer_to_a_later_question(bench: 
 
 def test_a_late_tmcl_answer_is_never_the_answer_to_a_later_question(bench: Bench) -> None:
     fake = bench.started(TmclFake(bench.plant, bench.clock))
-    axis = bench.closing(Axis("spine", fake.port, 115200, 1, 2, 0, 0.05))
+    axis = bench.closing(MotorAxis("spine", fake.port, 115200, 1, 2, 0, 0.05))
     axis.open()
     check(fake, axis.get, {4: 51200, 5: 51200, 193: 1, 194: 1000, 195: 100, 212: 0})
 
@@ -116,3 +117,73 @@ def check(fake: Any, ask: Any, truth: dict[Any, int]) -> None:
             continue
         answered += 1
     assert answered > 5
+
+
+LONG = 30.0
+"""Host seconds: longer than any of these tests takes."""
+
+
+def test_an_exchange_under_way_gives_way_to_a_stop() -> None:
+    lock, begun, ended = StopFirst("pressure"), timing.Event(), []
+
+    def exchange() -> None:
+        with lock:
+            begun.set()
+            try:
+                lock.sleep(LONG)
+            except NoReply as e:
+                ended.append(str(e))
+
+    thread = timing.Thread(target=exchange, daemon=True)
+    thread.start()
+    assert begun.wait(LONG)
+    with lock.stopping():
+        assert ended == ["pressure: cancelled by a stop; repeat it when the stop is done"]
+    thread.join(LONG)
+
+
+def test_nobody_gets_in_between_while_a_stop_waits() -> None:
+    lock = StopFirst("pressure")
+    with lock.stopping():
+        other: list[object] = []
+
+        def look() -> None:
+            try:
+                lock.give_way()
+            except NoReply as e:
+                other.append(e)
+
+        thread = timing.Thread(target=look, daemon=True)
+        thread.start()
+        thread.join(LONG)
+        assert len(other) == 1
+
+
+def test_the_stop_itself_is_not_interrupted_not_even_by_a_second_stop() -> None:
+    lock, waiting = StopFirst("pressure"), timing.Event()
+
+    def second() -> None:
+        waiting.set()
+        with lock.stopping():
+            pass
+
+    with lock.stopping():
+        thread = timing.Thread(target=second, daemon=True)
+        thread.start()
+        assert waiting.wait(LONG)
+        lock.sleep(0.05)
+        with lock:
+            lock.give_way()
+    thread.join(LONG)
+    assert not thread.is_alive()
+
+
+def test_after_the_stop_the_line_is_as_before() -> None:
+    lock = StopFirst("pressure")
+    with pytest.raises(ValueError), lock.stopping():
+        raise ValueError
+    with lock:
+        lock.give_way()
+        before = timing.now()
+        lock.sleep(0.03)
+        assert timing.now() - before == pytest.approx(0.03)

@@ -6,17 +6,23 @@ from typing import Any
 
 import pytest
 
-from drivers.errors import DeviceFault, LimitExceeded, NotReady
+from drivers.dynamixel.driver import StallWatch
+from drivers.errors import BadReply, DeviceFault, LimitExceeded, NotReady
 from drivers.interfaces import SpineSample
 from tests.drivers.spines import DRIVERS, Make, arrive, fault_of, homed, make_pair, watch
-from tests.simulated.bench import Bench, of_speed
+from tests.simulated.bench import Bench
 
-pytestmark = of_speed(5.0)  # at a speed at which motions are seen
+pytestmark = pytest.mark.speed(5.0)  # at a speed at which motions are seen
 
 
 @pytest.fixture(params=DRIVERS)
-def make(bench: Bench, request: pytest.FixtureRequest) -> Make:
-    return partial(make_pair, bench, request.param)
+def kind(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.fixture
+def make(bench: Bench, kind: str) -> Make:
+    return partial(make_pair, bench, kind)
 
 
 def fastest(unit: Any) -> float:
@@ -123,6 +129,14 @@ def test_a_unit_that_restarted_has_lost_its_zero(make: Make) -> None:
     assert watch(unit, lambda s: s.homed).length == pytest.approx(0.0, abs=1e-4)
 
 
+def test_a_refusal_tells_the_units_reason(kind: str, make: Make) -> None:
+    unit, fake = make()
+    homed(unit)
+    fake.faults.extra["nak"], says = {"dynamixel": (6, "beyond the limit"), "tmcl": (4, "Invalid Value")}[kind]
+    with pytest.raises(BadReply, match=says):
+        unit.move_to(0.1, 0.02)
+
+
 def test_close_stops_the_motion(bench: Bench, make: Make) -> None:
     unit, _ = make()
     homed(unit)
@@ -137,3 +151,21 @@ def test_close_stops_the_motion(bench: Bench, make: Make) -> None:
 
     assert any(stands() for _ in range(20))
     assert bench.plant.spine_drive < 0.25
+
+
+def fed(readings: list[tuple[float, float, float]]) -> list[bool]:
+    watch = StallWatch(allowed=1.0, window=10, duration=0.5)
+    return [watch.update(t, position, current) for t, position, current in readings]
+
+
+def test_pushing_without_moving_for_the_duration_is_a_stall() -> None:
+    assert fed([(0.0, 0, 0.9), (0.3, 5, -0.9), (0.6, 3, 1.0)]) == [False, False, True]
+
+
+@pytest.mark.parametrize("readings", [
+    [(0.0, 0, 0.9), (0.3, 20, 0.9), (0.6, 40, 0.9), (0.9, 60, 0.9)],
+    [(0.0, 0, 0.9), (0.3, 0, 0.1), (0.6, 0, 0.9), (0.9, 0, 0.9)],
+    [(0.0, 0, 0.9), (5.0, 0, 0.9)],
+], ids=["moving", "not pushing in between", "two late readings only"])  # fmt: skip
+def test_anything_less_is_not(readings: list[tuple[float, float, float]]) -> None:
+    assert not any(fed(readings))

@@ -70,18 +70,38 @@ def test_a_gauge_that_warns_goes_on_measuring_and_says_so_once(opened: Opened, f
     assert "warns with Wrn007 (parameter 303)" in notice and "cable" not in notice
 
 
-def test_an_error_that_the_library_does_not_know_is_a_fault_by_its_code(opened: Opened, fake: PfeifferFake) -> None:
-    fake.faults.extra["error"] = "Err044"
-    with pytest.raises(DeviceFault, match="reports Err044") as caught:
+@pytest.mark.parametrize(
+    ("spoil", "error", "says"),
+    [
+        *(
+            (lambda fake, kind=kind: setattr(fake, "kind", kind), WrongDevice, "gauge type")
+            for kind in ("    B7", "UNKNOWN", "a+b(c")
+        ),
+        (lambda fake: fake.faults.extra.update(error="Err044"), DeviceFault, "reports Err044"),
+    ],
+)
+def test_what_is_answered_at_opening_with_a_right_checksum_is_no_fault_of_the_cable(
+    opened: Opened, fake: PfeifferFake, spoil: Callable[[PfeifferFake], None], error: type[Exception], says: str
+) -> None:
+    spoil(fake)
+    with pytest.raises(error, match=says) as caught:
         opened()
     assert "cable" not in str(caught.value)
 
 
-@pytest.mark.parametrize("kind", ["    B7", "UNKNOWN", "a+b(c"])
-def test_an_answer_with_a_right_checksum_is_no_fault_of_the_cable(opened: Opened, fake: PfeifferFake, kind: str) -> None:
-    fake.kind = kind
-    with pytest.raises(WrongDevice, match="gauge type") as caught:
-        opened()
+@pytest.mark.parametrize(
+    ("fault", "says"),
+    [
+        ({"wrong_address": True}, "its pressure, but address 2 answered"),
+        *(({"refuse": word}, word) for word in ("NO_DEF", "_RANGE", "_LOGIC")),
+    ],
+)
+def test_a_refusal_or_another_address_is_a_bad_reply(
+    gauge: PfeifferGauge, fake: PfeifferFake, fault: dict[str, object], says: str
+) -> None:
+    fake.faults.extra.update(fault)
+    with pytest.raises(BadReply, match=says) as caught:
+        gauge.read()
     assert "cable" not in str(caught.value)
 
 
@@ -90,23 +110,8 @@ def test_a_refusal_is_no_fault_of_the_line(opened: Opened, fake: PfeifferFake) -
     fake.correction = None
     gauge = opened()
     for _ in range(15 * HEALTH_EVERY):
-        gauge.read()
+        assert gauge.read().absolute == pytest.approx(AMBIENT, rel=0.05)
     assert gauge.take_notices() == []
-
-
-def test_an_answer_from_another_address_is_not_taken(gauge: PfeifferGauge, fake: PfeifferFake) -> None:
-    fake.faults.extra["wrong_address"] = True
-    with pytest.raises(BadReply, match="its pressure, but address 2 answered") as caught:
-        gauge.read()
-    assert "cable" not in str(caught.value)
-
-
-@pytest.mark.parametrize("word", ["NO_DEF", "_RANGE", "_LOGIC"])
-def test_a_refusal_is_a_bad_reply(gauge: PfeifferGauge, fake: PfeifferFake, word: str) -> None:
-    fake.faults.extra["refuse"] = word
-    with pytest.raises(BadReply, match=word) as caught:
-        gauge.read()
-    assert "cable" not in str(caught.value)
 
 
 def test_an_answer_that_came_too_late_is_not_taken_for_another_question(opened: Opened, fake: PfeifferFake, plant: Plant) -> None:
@@ -136,9 +141,3 @@ def test_a_correction_factor_that_stays_is_refused_by_name(opened: Opened, fake:
     fake.faults.extra["keeps_correction"] = True
     with pytest.raises(WrongDevice, match=r"correction factor \(parameter 742\).*4\.2.*must be 1"):
         opened()
-
-
-def test_a_gauge_without_a_correction_factor_is_as_good(opened: Opened, fake: PfeifferFake) -> None:
-    fake.correction = None
-    gauge = opened()
-    assert gauge.read().absolute == pytest.approx(AMBIENT, rel=0.05)

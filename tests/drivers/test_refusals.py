@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from drivers.configs import known_port
 from drivers.errors import LimitExceeded, Unreachable, WrongDevice
 from drivers.serial_line import SerialLine, SerialPort
-from lab.driver_contract import Unit, answers, unit
+from lab.driver_contract import DriverOnFake, answers, unit
 from lab.files.all_drivers import drivers
 
 __all__ = ["unit"]
@@ -119,7 +119,7 @@ def test_a_line_behind_a_terminal_server_is_asked_as_any_other() -> None:
     ],
     indirect=["unit"],
 )
-def test_what_is_not_there(unit: Unit, changes: dict[str, Any], error: type[Exception], message: str) -> None:
+def test_what_is_not_there(unit: DriverOnFake, changes: dict[str, Any], error: type[Exception], message: str) -> None:
     with pytest.raises(error, match=message):
         unit.another(**changes).open()
 
@@ -133,7 +133,7 @@ def test_what_is_not_there(unit: Unit, changes: dict[str, Any], error: type[Exce
     ],
     indirect=["unit"],
 )
-def test_another_model(unit: Unit, is_: dict[str, Any], message: str) -> None:
+def test_another_model(unit: DriverOnFake, is_: dict[str, Any], message: str) -> None:
     (line,) = unit.disturbed
     for name, value in is_.items():
         holder, _, attribute = name.rpartition(".")

@@ -15,12 +15,12 @@ from typing import Any
 import pytest
 
 import timing
-from drivers import serial_line, usb_adapter
+from drivers import line_quality, serial_line
 from drivers.dynamixel.bus import Servo
 from drivers.errors import BadReply, NoReply, NotReady, Unreachable
+from drivers.line_quality import adapter
 from drivers.serial_line import SerialLine, SerialPort
-from drivers.tmcl.bus import Axis
-from drivers.usb_adapter import adapter
+from drivers.tmcl.bus import MotorAxis
 from tests.sim_fakes.plugged import Plugged
 
 
@@ -201,7 +201,7 @@ class Timers:
     """A computer whose ports have USB adapters with a latency timer, as Linux describes and serves them."""
 
     def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(usb_adapter, "TTYS", folder)
+        monkeypatch.setattr(line_quality, "TTYS", folder)
         self.folder, self._flags, self._ioctl = folder, 0, fcntl.ioctl
         monkeypatch.setattr(fcntl, "ioctl", self._served)
 
@@ -234,7 +234,7 @@ def test_each_serial_port_is_opened_at_low_latency_where_its_driver_has_that(end
     port = os.ttyname(end.slave)
     ports: dict[str, Callable[[], SerialPort]] = {
         "line": lambda: SerialLine("gauge", port, 19200, 0.1),
-        "tmcl": lambda: Axis("spine", port, 115200, 1, 2, 0, 0.1),
+        "tmcl": lambda: MotorAxis("spine", port, 115200, 1, 2, 0, 0.1),
         "dynamixel": lambda: Servo("spine", port, 57600, 1, 0.1),
     }
     opened = ports[kind]()

@@ -11,8 +11,8 @@ import timing
 from drivers.errors import DeviceFault, LimitExceeded, NotReady
 from drivers.ur5.driver import UR5, Config
 from drivers.ur5.motion import Deadline, distance_between, turn_between
-from drivers.ur5.state import Config as StateConfig
 from drivers.ur5.state import UR5State
+from drivers.ur5.wire import UrController
 from tests.simulated.bench import wait_until
 from timing import RigClock
 
@@ -39,7 +39,7 @@ def arm(rig: Rig) -> Iterator[UR5]:
 @pytest.fixture(scope="module")
 def watcher(rig: Rig) -> Iterator[UR5State]:
     """A second pair of eyes on the arm."""
-    state = UR5State("watcher", StateConfig(host=rig.host, max_age=5.0), rig.clock, discard)
+    state = UR5State(UrController("watcher", rig.host, 1.0), rig.clock, discard, max_age=5.0)
     state.open()
     yield state
     state.close()

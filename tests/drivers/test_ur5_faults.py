@@ -17,8 +17,8 @@ import timing
 from drivers.errors import DeviceFault, InstrumentError, NoReply, NotReady, Unreachable, WrongDevice
 from drivers.ur5.control import ControlThread
 from drivers.ur5.driver import UR5, Config
-from drivers.ur5.state import Config as StateConfig
 from drivers.ur5.state import UR5State
+from drivers.ur5.wire import UrController
 from sim_fakes.ur.process import free_host
 from tests.simulated.bench import wait_until
 from timing import RigClock
@@ -118,7 +118,7 @@ def test_what_a_program_that_has_just_ended_still_holds_is_waited_for(rig: Rig) 
 
 
 def open_state(host: str) -> None:
-    UR5State("arm state", StateConfig(host=host, timeout=0.3), RigClock(), discard).open()
+    UR5State(UrController("arm state", host, 0.3), RigClock(), discard).open()
 
 
 def open_arm(host: str) -> None:

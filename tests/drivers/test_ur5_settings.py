@@ -13,9 +13,9 @@ from drivers.errors import DeviceFault, NotReady, Unreachable, WrongDevice
 from drivers.ur5.driver import UR5, Config
 from drivers.ur5.motion import top_speed
 from drivers.ur5.safety import stop_text
-from drivers.ur5.state import Config as StateConfig
 from drivers.ur5.state import UR5State
-from sim_fakes.ur import upload
+from drivers.ur5.wire import UrController
+from sim_fakes.ur import server
 from tests.simulated.bench import wait_until
 from tests.simulated.clock import SimulatedClock
 from timing import RigClock
@@ -44,7 +44,9 @@ def a_ur5e(rig: Rig, **changes: Any) -> AbstractContextManager[UR5]:
     return an_arm(rig, **{"model": "UR5e", "timeout": 10.0} | changes)
 
 
-def test_what_nobody_changed_is_confirmed_again_and_again(rig: Rig) -> None:
+@pytest.mark.parametrize("mode", ["NORMAL", "REDUCED"])
+def test_what_nobody_changed_is_confirmed_again_and_again(rig: Rig, mode: str) -> None:
+    rig.process.backdoor("safety", name=mode)
     with a_ur5e(rig) as arm:
         arm.confirm_settings()
         arm.confirm_settings()
@@ -201,12 +203,6 @@ def test_every_bit_that_is_no_running_mode_has_a_name_and_a_remedy() -> None:
     assert "three-position" in stop_text(1 << 10, 13) and "three-position" in stop_text(1, 13)
 
 
-def test_reduced_mode_moves(rig: Rig) -> None:
-    rig.process.backdoor("safety", name="REDUCED")
-    with a_ur5e(rig) as arm:
-        arm.confirm_settings()
-
-
 @pytest.mark.parametrize(
     ("version", "error", "message"),
     [
@@ -221,7 +217,7 @@ def test_an_arm_without_a_dashboard_server_is_told_from_one_that_is_off(
         with pytest.raises(error, match=message):
             UR5("arm", Config(host=bare.host), RigClock()).open()
         with pytest.raises(error, match=message):
-            UR5State("arm state", StateConfig(host=bare.host), RigClock(), discard).open()
+            UR5State(UrController("arm state", bare.host, 1.0), RigClock(), discard).open()
 
 
 def test_an_arm_too_old_to_tell_its_payload_is_opened() -> None:
@@ -264,7 +260,7 @@ def test_what_a_controller_says_in_place_of_data_is_passed_on(rig: Rig) -> None:
 
 
 def test_a_service_that_is_switched_off_at_the_pendant_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(upload, "PORTS", (30001, 30002))
+    monkeypatch.setattr(server, "UPLOAD_PORTS", (30001, 30002))
     found = "nothing listens at .*:30003 .*enabled at the pendant"
     with a_rig(version=E_SERIES) as bare, pytest.raises(Unreachable, match=found), a_ur5e(bare):
         pass

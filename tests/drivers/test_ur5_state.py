@@ -10,7 +10,8 @@ import timing
 from drivers.errors import BadReply, NotReady, StaleReading
 from drivers.interfaces import ArmSample
 from drivers.ur5.driver import DRIVER
-from drivers.ur5.state import Config, CycleCounter, UR5State, check_plausible
+from drivers.ur5.state import CycleCounter, UR5State, check_plausible
+from drivers.ur5.wire import UrController
 from tests.simulated.bench import wait_until
 from timing import RigClock
 
@@ -26,7 +27,7 @@ class Stream:
 
     def __init__(self, rig: Rig) -> None:
         self.samples: list[ArmSample] = []
-        self.driver = UR5State("arm state", Config(host=rig.host), rig.clock, self.samples.append)
+        self.driver = UR5State(UrController("arm state", rig.host, 1.0), rig.clock, self.samples.append)
         self.identity = self.driver.open()
 
 

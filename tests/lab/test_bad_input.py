@@ -20,7 +20,7 @@ from lab.files.robot_file import paper_robot
 from lab.guard import door, last_used
 from lab.guard.latch import Latch
 from lab.rig import real_time
-from lab.rig.losses import newly_lost
+from lab.rig.assembly import newly_lost
 from recordings.table_file import read_csv
 
 Change = Callable[[dict[str, Any]], None]
@@ -177,9 +177,10 @@ def test_fakes_whose_back_door_is_closed_to_this_user_have_not_ended(tmp_path: P
         raise PermissionError(errno.EACCES, "Permission denied")
 
     spec = f"unix:{tmp_path}/operator.sock"
-    assert real_time._ended(spec)
+    assert real_time.process_of(spec) is None
+    (tmp_path / "operator.sock").touch()
     monkeypatch.setattr(real_time.socket.socket, "connect", forbidden)
-    assert not real_time._ended(spec)
+    assert real_time.process_of(spec) == 0
 
 
 def unplugged(rig: dict[str, Any]) -> None:
@@ -319,10 +320,10 @@ def test_losses_of_a_driver_that_was_opened_again_count_from_then_on() -> None:
 
 
 def test_a_demo_replaces_no_folder_but_that_of_a_demo(tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
-    def begun(*_: object) -> None:
+    def begun(**_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("lab.verbs.demo._on_the_rig", begun)
+    monkeypatch.setattr("lab.verbs.demo.FakeRig", begun)
     mine, theirs = tmp_path / "mine", tmp_path / "theirs"
     mine.mkdir()
     (mine / "rig.yaml").write_text("name: mine\n")

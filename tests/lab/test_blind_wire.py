@@ -11,7 +11,7 @@ from recordings.campaign.replay import table_of
 from recordings.file.reader import Recording
 from recordings.trials import Table
 from sim_fakes.rig import FakeRig
-from sim_fakes.virtual_robot import Condition, Reading, RobotTruth, VirtualRobot, walk
+from sim_fakes.virtual_robot import Condition, RobotTruth, VirtualReading, VirtualRobot, walk
 from tests.simulated.clock import SimulatedClock
 
 TRUTH = RobotTruth(youngs_modulus=0.52e6, area_factor=1.55, scatter_length=1e-3, scatter_stiffness=0.02)
@@ -44,7 +44,7 @@ def wired(shared_clock: SimulatedClock, tmp_path_factory: pytest.TempPathFactory
     return table_of(Recording.open(outcome.file))
 
 
-def driven(effects: dict[str, float], seed: int) -> list[Reading]:
+def driven(effects: dict[str, float], seed: int) -> list[VirtualReading]:
     """Readings of the robot without wires; the ramp goes on to its end before it turns."""
     levels = [*STATES[:4], (150e3, None), *STATES[4:]]
     states = [

@@ -11,13 +11,13 @@ import pytest
 import yaml
 from commands import Cli
 
-from lab.campaign.design import Campaign, campaign_of, changes, fewest_changes, ordered
-from lab.campaign.journal import Done, Journal, read
+from lab.campaign.design import CampaignDesign, campaign_of, changes, fewest_changes, ordered
+from lab.campaign.journal import CampaignJournal, CampaignProgress, read
 from lab.campaign.planned import planned_table
 from lab.campaign.session import Stops
 from lab.files.campaign_file import Stop
 from lab.files.config import ConfigError
-from lab.rig.operator import Prepared
+from lab.rig.operator import RememberingOperator
 from model.effects.design import design_from_columns
 from protocols.bench import Setup
 from protocols.cycles import Cycles
@@ -36,7 +36,7 @@ SMALL: dict[str, Any] = {
 }  # fmt: skip
 
 
-def campaign(folder: Path, **changes: Any) -> Campaign:
+def campaign(folder: Path, **changes: Any) -> CampaignDesign:
     return campaign_of(written(folder, **changes), RIG, 99)
 
 
@@ -254,7 +254,7 @@ def row(x: float) -> Table:
 
 
 def test_each_stop_rule_says_why(tmp_path: Path) -> None:
-    plan, done = campaign(tmp_path).runs[0].job.plan, Done("c", "d", {})
+    plan, done = campaign(tmp_path).runs[0].job.plan, CampaignProgress("c", "d", {})
     assert Stops(Stop(), 9).before(plan, done) == Stops(Stop(), 9).after(done) == ""
     done.seconds, done.lost = 100.0, 7
     long = Stops(Stop(max_duration=100.0 + plan.seconds - 1.0), 9)
@@ -296,7 +296,7 @@ class Person:
 
 def test_a_person_is_asked_when_the_set_up_changes_and_not_before_every_run() -> None:
     person, light, heavy = Person(), Setup("robot", 0.05, 0.0, 80e3), Setup("robot", 0.1, 0.0, 80e3)
-    hands = Prepared().over(person)
+    hands = RememberingOperator().over(person)
     for setup in (light, light, heavy, heavy, light):
         hands.prepare(setup)
     assert person.prepared == [light, heavy, light] and hands.asked == 3
@@ -309,22 +309,22 @@ def test_a_person_is_asked_when_the_set_up_changes_and_not_before_every_run() ->
 
 
 def test_a_journal_tells_what_is_done_although_its_last_line_is_torn(tmp_path: Path) -> None:
-    with Journal.begin(tmp_path, "c", "d", {"specimen": "S"}) as journal:
+    with CampaignJournal.begin(tmp_path, "c", "d", {"specimen": "S"}) as journal:
         with pytest.raises(ConfigError, match="going on in another process"):
-            Journal.reopen(tmp_path)
+            CampaignJournal.reopen(tmp_path)
         journal.began(1)
         journal.ended(1, "completed", 10.0, 5, 2, True)
         journal.began(2)
         journal.ended(2, "failed", 3.0, 1, 0, False)
         journal.began(2)
     with pytest.raises(ConfigError, match="holds a campaign already"):
-        Journal.begin(tmp_path, "c", "d", {})
+        CampaignJournal.begin(tmp_path, "c", "d", {})
     with (tmp_path / "campaign.journal").open("a") as file:
         file.write('{"run": 2, "outco')
     done = read(tmp_path / "campaign.journal")
     assert done.completed == {1} and done.begun == {1: 1, 2: 2} and done.seconds == 13.0
     assert (done.rows, done.lost, done.labels) == (5, 2, {"specimen": "S"}) and done.inflated > 0
-    with Journal.reopen(tmp_path) as journal:
+    with CampaignJournal.reopen(tmp_path) as journal:
         journal.ended(2, "completed", 10.0, 5, 0, True)
     assert read(tmp_path / "campaign.journal").completed == {1, 2}
 

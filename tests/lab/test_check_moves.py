@@ -12,14 +12,13 @@ import yaml
 from commands import SOUND, Cli
 from virtual_lab import settings
 
-from drivers.usb_adapter import adapter
-from lab.files.adapters import place
+from drivers.line_quality import adapter
+from lab.files.checked import Moved, keep, last, place
 from lab.files.rig_file import load_rig
-from lab.rig.checked import Moved, keep, last
 from lab.verbs.fakes import write_rig
 from recordings.file.reader import Recording
 from sim_fakes.alicat import AlicatFake
-from sim_fakes.instrument import Regulators
+from sim_fakes.instrument import FakeRegulators
 from sim_fakes.rig import FakeRig
 from sim_fakes.smc_itv import STEPS, SmcItvFake
 from tests.sim_fakes.plugged import Plugged
@@ -43,7 +42,7 @@ def start(simulated: SimulatedClock, tmp_path: Path) -> Iterator[Start]:
     """Fakes with such regulators, and a rig.yaml that tells of them what is given."""
     with ExitStack() as running:
 
-        def start(regulators: Regulators, **written: Any) -> tuple[FakeRig, Path]:
+        def start(regulators: FakeRegulators, **written: Any) -> tuple[FakeRig, Path]:
             fakes = running.enter_context(FakeRig(speed=SPEED, seed=4, regulators=regulators))
             rig = tmp_path / "rig.yaml"
             write_rig(fakes, rig)
@@ -83,7 +82,7 @@ def highest(fakes: FakeRig) -> float:
 def test_a_sound_rig_passes_and_is_remembered_as_long_as_its_file_stays(
     start: Start, cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    fakes, rig = start(Regulators())
+    fakes, rig = start(FakeRegulators())
     Plugged(monkeypatch, [line.port for line in fakes.lines.values()])
     spine, gauge = (yaml.safe_load(rig.read_text())["instruments"][name]["port"] for name in ("spine", "gauge"))
     keep(rig, load_rig(rig), [Moved("valve", True, "on and off")], {spine: adapter(gauge)})  # a check before adapters changed
@@ -109,7 +108,7 @@ def test_a_sound_rig_passes_and_is_remembered_as_long_as_its_file_stays(
 @pytest.mark.long
 @pytest.mark.parametrize("full_scale", [100e3, 500e3, 900e3])
 def test_an_itv_of_the_range_in_rig_yaml_passes(start: Start, cli: Cli, full_scale: float) -> None:
-    fakes, rig = start(Regulators("smc_itv", full_scale=full_scale))
+    fakes, rig = start(FakeRegulators("smc_itv", full_scale=full_scale))
     code, seen = checked(rig, cli)
     assert code in (0, 3) and all(m.ok for m in seen.values()), told(seen)
 
@@ -124,7 +123,7 @@ LONG, MORE, LESS = pytest.mark.long, "more than it reads; correct full_scale", "
 def test_an_itv_of_another_range_is_caught_before_5_kpa_are_passed(
     start: Start, cli: Cli, true: float, stated: float, gives: str
 ) -> None:
-    fakes, rig = start(Regulators("smc_itv", full_scale=true), full_scale=stated, max_pressure=100e3)
+    fakes, rig = start(FakeRegulators("smc_itv", full_scale=true), full_scale=stated, max_pressure=100e3)
     code, seen = checked(rig, cli)
     assert code == 1 and any(f"delivers {gives}" in m.text for m in seen.values()), told(seen)
     assert highest(fakes) <= 5e3 * 1.1 and not place(rig).exists()
@@ -132,7 +131,7 @@ def test_an_itv_of_another_range_is_caught_before_5_kpa_are_passed(
 
 @pytest.mark.long
 def test_an_old_alicat_in_psi_passes_with_its_unit_and_is_caught_without(start: Start, cli: Cli) -> None:
-    old = Regulators(firmware="5v12.0-R22", unit="psi", full_scale=413.7e3)
+    old = FakeRegulators(firmware="5v12.0-R22", unit="psi", full_scale=413.7e3)
     fakes, rig = start(old)
     code, seen = checked(rig, cli)
     assert code in (0, 3) and all(m.ok for m in seen.values()), told(seen)
@@ -146,7 +145,7 @@ def test_an_old_alicat_in_psi_passes_with_its_unit_and_is_caught_without(start: 
 
 @pytest.mark.parametrize("driver", ["alicat", pytest.param("smc_itv", marks=pytest.mark.long)])
 def test_exchanged_hoses_are_caught_by_the_way_the_tip_goes(start: Start, cli: Cli, driver: str) -> None:
-    _, rig = start(Regulators(driver, swapped=(2, 3)))
+    _, rig = start(FakeRegulators(driver, swapped=(2, 3)))
     code, seen = checked(rig, cli)
     channels = [m for name, m in seen.items() if name.startswith("pressure channel")]
     assert code == 1 and [m.ok for m in channels] == [True, False], told(seen)
@@ -158,7 +157,7 @@ def test_exchanged_hoses_are_caught_by_the_way_the_tip_goes(start: Start, cli: C
 def test_adapters_that_come_back_with_exchanged_names_are_refused_until_the_rig_is_checked_again(
     start: Start, cli: Cli, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    fakes, rig = start(Regulators("smc_itv"))
+    fakes, rig = start(FakeRegulators("smc_itv"))
     instruments = yaml.safe_load(rig.read_text())["instruments"]
     first, second, *_ = instruments["pressure"]["ports"]
     plugged = Plugged(monkeypatch, [line.port for line in fakes.lines.values()])
@@ -182,7 +181,7 @@ def test_adapters_that_come_back_with_exchanged_names_are_refused_until_the_rig_
 
 
 def test_nothing_moves_where_nobody_can_be_asked(start: Start, cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
-    fakes, rig = start(Regulators())
+    fakes, rig = start(FakeRegulators())
     monkeypatch.setattr("sys.stdin.isatty", lambda: False)
     assert "--yes" in cli("check", "--move", "--rig", rig, code=2).err
     assert not any(line.requests for line in fakes.lines.values())

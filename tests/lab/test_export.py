@@ -14,7 +14,7 @@ from commands import Cli
 from diagnosed_case import Answered
 from scipy.io import loadmat
 
-from lab.files.crate import write_crate
+from lab.verbs.export import write_crate
 from recordings.campaign.info import info
 from recordings.table_file import read_csv
 from recordings.trials import Table

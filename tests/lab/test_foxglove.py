@@ -33,7 +33,7 @@ from lab.files.own_effects import stated_by
 from lab.files.robot_file import paper_robot
 from lab.live import foxglove_server
 from lab.live.foxglove_server import EXPECTED, LAYOUT, Foxglove
-from lab.live.show import LOOPBACK, Part, Show, place
+from lab.live.show import LOOPBACK, Show, ShownRecording, place
 from model.prediction import Predictor
 from model.robot import Robot
 from recordings.file.tail import Piece, Tail
@@ -165,7 +165,7 @@ def shown(path: Path, speed: float | None = None, model: bool = False) -> Iterat
     with (
         at.listening,
         Foxglove(LOOPBACK, 0) as foxglove,
-        running(Show(at, Part(path), speed, model=model, foxglove=foxglove), stay=True),
+        running(Show(at, ShownRecording(path), speed, model=model, foxglove=foxglove), stay=True),
     ):
         yield foxglove.address
 

@@ -22,7 +22,7 @@ from diagnosis.judgement import CERTAIN
 from lab.files.all_protocols import found_protocols
 from lab.files.inputs import Case, read_case
 from lab.files.robot_file import paper_robot
-from lab.pages import investigation_page
+from lab.investigation.command import write_page
 from lab.verbs.diagnose import write_protocols
 from lab.verbs.run import Outcome, protocol_plan
 from model.robot import load_robot
@@ -73,7 +73,7 @@ def test_an_experiment_is_foretold_done_and_added(virtual_lab: VirtualLab, tmp_p
     doubted = replace(answer.attribute, effects=("base_tilt",), verdict="effect", probability=0.39,
                       ranking=(Ranked(("unknown",), 0.47, 0.0, None, {}), named))  # fmt: skip
     story = Investigation((Round(replace(answer, attribute=doubted), 3.0),), "done")
-    page = investigation_page.write(story, tmp_path / "page.html", "why", "diagnosis.html").read_text()
+    page = write_page(story, tmp_path / "page.html", "why", "diagnosis.html").read_text()
     assert "tilt of the base with probability 0.39; outside the catalogue with 0.47." in page
     assert "holds an investigation already" in cli("investigate", file, "--rig", virtual_lab.rig, "--out", place, code=2).err
 
@@ -84,7 +84,7 @@ def test_a_run_that_fails_leaves_what_is_known_and_the_line_to_go_on_with(
     def fails(rig: object, job: object, place: Path, *more: object, **named: object) -> Outcome:
         return Outcome(place / "none.mcap", "failed", Table(), {}, True, NotReached("1 usable samples"))
 
-    monkeypatch.setattr("lab.investigation.laboratory.execute", fails)
+    monkeypatch.setattr("lab.investigation.command.execute", fails)
     file, why = little(tmp_path / "case"), tmp_path / "why"
     words = ["investigate", file, "--rig", virtual_lab.rig, "--out", why, "--no-hands", "--watch", *LONGER]
     _, out, err = cli(*words, code=1)

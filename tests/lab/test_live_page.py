@@ -15,9 +15,8 @@ import timing
 from lab.console import seconds_left
 from lab.files.robot_file import paper_robot
 from lab.live import show as shown
-from lab.live.about import PLAN, About, about
-from lab.live.picture import SAME_MOMENT, Picture
-from lab.live.show import Part, Show, following, place
+from lab.live.picture import PLAN, SAME_MOMENT, About, Picture, about
+from lab.live.show import Show, ShownRecording, following, place
 from lab.live.viewers import event
 from recordings.file.contents import Contents
 from recordings.file.tail import Tail
@@ -232,7 +231,7 @@ def test_a_late_answer_of_the_model_comes_with_the_tip_that_it_is_about(tmp_path
         for k in range(1, 101):
             moment(recorder, 0.1 * k, 1e3 * k)
     at = place()
-    show = Show(at, Part(recorder.path), 20.0)
+    show = Show(at, ShownRecording(recorder.path), 20.0)
     newest = 0.0
 
     def gone_on() -> bool:
@@ -286,7 +285,7 @@ def test_the_page_of_a_run_that_ends_waits_for_what_the_model_says_of_its_last_s
     monkeypatch.setattr(Answers, "until", staticmethod(over.is_set), raising=False)
     at = place()
     recorder = Recorder(tmp_path / "run.mcap", start_wall_ns=10**18, attachments={"robot.yaml": b"name: r"})
-    show = Show(at, Part(recorder.path))
+    show = Show(at, ShownRecording(recorder.path))
     with at.listening, running(show, stay=False):
         stream = events(at.address)
         known = next(stream)[1]

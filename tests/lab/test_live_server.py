@@ -14,7 +14,7 @@ import pytest
 
 import timing
 from lab.live import viewers
-from lab.live.show import Place, place
+from lab.live.show import PageAddress, place
 from lab.live.viewers import Viewers
 
 HELLO = {"hello": "<script>alert(1)</script>"}
@@ -25,7 +25,7 @@ ANSWER_WITHIN = 30.0
 class Door:
     """A server in a thread of its own."""
 
-    at: Place
+    at: PageAddress
     hall: Viewers
     loop: asyncio.AbstractEventLoop
 

@@ -39,6 +39,24 @@ FAKE = """
 from sim_fakes.instrument import Fake
 FAKE = Fake("{role}", lambda site: [], lambda site, parts: dict())
 """
+BROKEN = {
+    "lacking": ("raise ImportError('no serial for you')", "cannot be loaded: ImportError: no serial for you"),
+    "number": ("DRIVER = 3", "is of type int, not drivers.registry.Driver"),
+    "misspelt": (
+        "from drivers.registry import Driver\nDRIVER = Driver('presure', dict, dict)",
+        "role 'presure' must be one of arm",
+    ),
+    "made_of_numbers": (
+        "from drivers.registry import Driver\nDRIVER = Driver('pressure', dict, 1)",
+        "config must be a subclass of drivers.configs.RegulatorsConfig; make must be callable",
+    ),
+    "unreachable": (
+        "from drivers.registry import Driver\nfrom drivers.configs import SensorConfig\n"
+        "DRIVER = Driver('sensor', SensorConfig, print, quantities={'T': 'K'})",
+        "config must have one of port, ports, host, server, local, the address of the instrument; quantity 'T': 'K' must be",
+    ),
+}
+"""Drivers that are none: what their module says, and what is said of it."""
 Install = Callable[..., None]
 
 
@@ -148,12 +166,34 @@ def test_a_fake_that_its_own_driver_would_refuse_is_told_before_it_is_started(in
     )
 
 
+def rig_with(path: Path, driver: str) -> Path:
+    """A rig at which nobody answers, whose regulators have this driver."""
+    text = Path(RIG).read_text().replace("../paper", str(ROOT / "examples/paper")).replace("192.168.0.", "127.0.0.")
+    path.write_text(text.replace("driver: alicat", f"driver: {driver}"))
+    return path
+
+
+def test_a_driver_that_is_none_is_named_where_it_is_used_and_hinders_nobody_elsewhere(
+    install: Install, cli: Cli, tmp_path: Path
+) -> None:
+    for name, (module, _) in BROKEN.items():
+        install(name, module, drivers={name: ":DRIVER"})
+    cli("plan", "bending", "--rig", rig_with(tmp_path / "rig.yaml", "alicat"))
+    for name, (_, words) in BROKEN.items():
+        err = cli("plan", "bending", "--rig", rig_with(tmp_path / "rig.yaml", name), code=2).err
+        assert f"instruments.pressure.driver = {name}: package {name} 1.0: entry point {name}" in err and words in err
+        assert not any(f"package {other} 1" in err for other in BROKEN if other != name)
+    landed = cli("safe", "--rig", rig_with(tmp_path / "rig.yaml", "lacking"), "--json", code=1).json
+    steps = {step["instrument"]: step["text"] for step in landed["steps"]}
+    assert set(steps) == {"arm", "pressure", "spine", "valve"}
+    assert BROKEN["lacking"][1] in steps["pressure"] and BROKEN["lacking"][1] not in steps["valve"]
+
+
 def test_a_driver_that_takes_a_name_of_ours_is_told_by_the_check(install: Install, cli: Cli, tmp_path: Path) -> None:
     install("greedy", DRIVER, drivers={"pfeiffer": ":DRIVER"})
-    rig = tmp_path / "rig.yaml"
-    text = Path(RIG).read_text().replace("../paper", str(ROOT / "examples/paper"))
-    head, gauge = text[: text.index("instruments:")], "instruments: {gauge: {driver: pfeiffer, port: /dev/nobody}}\n"
-    rig.write_text(head + gauge)
+    rig = rig_with(tmp_path / "rig.yaml", "alicat")
+    text = rig.read_text()
+    rig.write_text(text[: text.index("instruments:")] + "instruments: {gauge: {driver: pfeiffer, port: /dev/nobody}}\n")
     (warning,) = cli("check", "--rig", rig, "--seconds", "0", "--json", code=1).json["warnings"]
     assert warning.startswith("gauge: package greedy 1.0: entry point pfeiffer = greedy:DRIVER of softlab.drivers")
 

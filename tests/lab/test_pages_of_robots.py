@@ -23,8 +23,7 @@ from lab.console import out
 from lab.files.config import load
 from lab.files.inputs import read_case
 from lab.pages.diagnosis_figures import groups
-from lab.pages.figures import apart, in_a_row
-from lab.pages.sensors_figure import numbers, quantities, sensors
+from lab.pages.figures import apart, in_a_row, numbers, quantities, sensors
 from lab.verbs.diagnose import ranked
 from model.actuators import Chambers
 from model.effects import CATALOGUE, ForwardModel, design_from_columns

@@ -16,8 +16,8 @@ from terminal import Terminal
 from virtual_lab import VirtualLab, go_on, journal_says, lab, meanwhile, press_ctrl_c, recorded, settings
 
 import timing
+from lab.files.checked import recording_of
 from lab.files.inputs import read_case
-from lab.rig.checked import recording_of
 from lab.verbs import run as run_verb
 from lab.verbs.fakes import PATIENT_SETTLE
 from recordings.campaign.labels import labels_of

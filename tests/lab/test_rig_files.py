@@ -12,15 +12,15 @@ from commands import Cli
 from diagnosed_case import campaign, folder
 from pydantic import BaseModel, ConfigDict, Field
 
+from lab.files.checked import digest
 from lab.files.config import ConfigError, check, load, parse_yaml
 from lab.files.rig_file import RigFile
 from lab.files.robot_file import paper_robot, robot_yaml
 from lab.files.units import KINDS, UnitError, to_si, written
-from lab.rig.checked import digest
 from lab.verbs.fakes import PATIENT, rig_yaml
 from model.plain_yaml import MOST_PROBLEMS
 from model.robot import Robot, robot_from_dict
-from sim_fakes.instrument import Regulators
+from sim_fakes.instrument import FakeRegulators
 from sim_fakes.rig import FakeRig
 
 
@@ -141,7 +141,7 @@ def merged(table: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
 @pytest.mark.parametrize(
     "how",
     [
-        {"regulators": Regulators("alicat", 206.8e3, unit="psi"), "speed": 20.0},
+        {"regulators": FakeRegulators("alicat", 206.8e3, unit="psi"), "speed": 20.0},
         {"regulators": "smc_itv", "spine": "tmcl", "channels": 9},
         {"spine": ""},
     ],

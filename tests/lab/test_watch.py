@@ -23,9 +23,9 @@ from virtual_lab import VirtualLab, recorded, settings
 from benchmarks.browser import BROWSERS, Browser, installed
 from benchmarks.faults.night import write_campaign
 from lab.comparison import expected
+from lab.files.checked import announce
 from lab.files.inputs import read_case
 from lab.files.own_effects import stated_by
-from lab.rig.checked import announce
 from lab.verbs.fakes import PATIENT_SETTLE
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder

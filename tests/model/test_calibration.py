@@ -5,8 +5,14 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from model.calibration import fit_area_factor, fit_area_factor_by_length, fit_body_modulus, fit_spine_modulus
-from model.cantilever import fit_stiffness, youngs_modulus
+from model.calibration import (
+    fit_area_factor,
+    fit_area_factor_by_length,
+    fit_body_modulus,
+    fit_spine_modulus,
+    fit_stiffness,
+    youngs_modulus,
+)
 from model.condition import States, conditions
 from model.errors import BadCondition, NotIdentified
 from model.robot import Robot

@@ -141,22 +141,6 @@ def test_every_option_of_foxglove(tmp_path: Path, compression: str | None) -> No
         assert {topic: s.timing.count for topic, s in info(path).streams.items()} == {"/a": 20, "/b": 20}, off
 
 
-def test_bags_that_rosbags_writes(tmp_path: Path) -> None:
-    pytest.importorskip("rosbags")
-    from rosbags.rosbag2 import StoragePlugin
-    from rosbags.rosbag2 import Writer as BagWriter
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    kind = store.types["std_msgs/msg/Float64"]
-    with BagWriter(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        connection = writer.add_connection("/x", kind.__msgtype__, typestore=store)
-        for k in range(20):
-            writer.write(connection, k, store.serialize_cdr(kind(data=float(k)), kind.__msgtype__))
-    (path,) = (tmp_path / "bag").glob("*.mcap")
-    assert verify(path).problems == () and info(path).streams["/x"].timing.count == 20
-
-
 # ------------------------------------------------------------------ damage
 MESSAGES = [message(k) for k in range(10)]
 

@@ -1,7 +1,7 @@
 """Other people's software reads the recordings: counts, order, sums, attachments, metadata, and fields by name.
 
 The reader in JavaScript needs node and the packages @mcap/core, @mcap/support and protobufjs; say where they are with
-SOFTLAB_NODE_MODULES=<folder>/node_modules. Another viewer's importer is checked where its command `rerun` is found.
+SOFTLAB_NODE_MODULES=<folder>/node_modules.
 """
 
 import hashlib
@@ -113,20 +113,3 @@ def test_every_channel_is_described_as_viewers_need_it(path: Path) -> None:
         for part in FileDescriptorSet.FromString(schema.data).file:
             pool.Add(part)  # type: ignore[no-untyped-call]  # raises for a file whose imports are not there before it
         assert pool.FindMessageTypeByName(schema.name).fields_by_name, channel.topic  # type: ignore[no-untyped-call]
-
-
-def test_another_viewer_imports_messages_as_fields_not_bytes(path: Path, tmp_path: Path) -> None:
-    rerun = shutil.which("rerun")
-    if rerun is None:
-        pytest.skip("the command rerun (rerun-sdk) is not installed")
-
-    def run(*arguments: object) -> str:
-        done = subprocess.run([rerun, *map(str, arguments)], capture_output=True, text=True, timeout=600, check=True)
-        return done.stdout
-
-    run("mcap", "check", path)
-    run("mcap", "convert", path, "-o", tmp_path / "run.rrd")
-    shown = run("rrd", "print", "-vvv", tmp_path / "run.rrd")
-    numbers = "List(non-null Float64)"
-    assert f'Struct("t": Float64, "setpoint": {numbers}, "measured": {numbers})' in shown
-    assert "component: lab.Tip:message" in shown

@@ -1,7 +1,6 @@
 """Reading: the fast way equals the library's way, also for files of other writers, and every kind of bad file is told apart."""
 
 import os
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,8 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from mcap.records import Chunk
-from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, IndexType
 from mcap_protobuf.decoder import DecoderFactory
 from synthetic_run import STREAMS, Run, recorded, rewritten
@@ -136,13 +133,3 @@ def test_gaps_in_a_stream_are_counted(tmp_path: Path) -> None:
                 recorder.push("/vacuum", k * 0.01, absolute=1.0)
     timing = info(tmp_path / "a.mcap").streams["/vacuum"].timing
     assert (timing.gaps, timing.missing) == (2, 5) and timing.longest == pytest.approx(0.04)
-
-
-def test_what_the_library_can_stream_is_chunks_of_a_fraction_of_a_second(tmp_path: Path) -> None:
-    with Recorder(tmp_path / "a.mcap", start_wall_ns=0) as recorder:
-        for k in range(8):
-            recorder.push("/vacuum", k * 0.1, absolute=1.0)
-            time.sleep(0.1)
-    with open(tmp_path / "a.mcap", "rb") as file:
-        chunks = [r for r in StreamReader(file, emit_chunks=True).records if isinstance(r, Chunk)]
-    assert len(chunks) >= 4

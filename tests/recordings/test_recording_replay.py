@@ -13,18 +13,15 @@ from hypothesis import strategies as st
 from synthetic_run import TARGETS, Message, Run
 from synthetic_run import state as plain_state
 
-from recordings.campaign.export import export_case, export_streams
 from recordings.campaign.replay import compare, replay, table_of
 from recordings.errors import BadMessage, NotSettled
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
 from recordings.messages import streams
-from recordings.states.averaging import from_rotation_vector, mean_quaternion, turned_back
+from recordings.states.averaging import from_rotation_vector, mean_quaternion
 from recordings.states.buffer import Buffers
 from recordings.states.concluding import conclude
 from recordings.states.rules import Crossing, Probe, Settled, State, Window
-from recordings.table_file import read_csv
-from recordings.trials import TrialRow
 
 REST = Settled(band=1500.0, still=0.8, still_distance=0.8e-3, smooth=8, average=0.5, min_samples=4, timeout=20.0)
 PROBE = Probe(direction=(0.0, 0.0, -1.0), origin=(0.4, 0.1, 0.31))
@@ -226,11 +223,6 @@ def test_force_and_deflection_are_taken_along_the_push() -> None:
     assert row.tip is None and row.specimen == "body"
 
 
-def test_too_few_samples_in_a_fixed_window_are_told() -> None:
-    with pytest.raises(NotSettled, match="usable samples of /pressure"):
-        conclude(filled(Run().messages()), state(Window(delay=1.0, average=0.2, min_samples=8)))
-
-
 @pytest.mark.parametrize("value", [math.nan, math.inf, 1e300, -1e20])
 @pytest.mark.parametrize(("topic", "field"), [("/arm", 2), ("/force", 0), ("/pressure", 1)])
 @pytest.mark.parametrize("every", [False, True])
@@ -244,13 +236,6 @@ def test_a_sample_that_cannot_be_is_told_and_not_averaged_away(topic: str, field
         sent.append((name, t, tuple(spoilt)))
     with pytest.raises(NotSettled, match=f"{topic}: .*not a number{'' if every else ' in 1 of'}"):
         conclude(filled(iter(sent)), PUSH)
-
-
-def test_states_survive_as_text_exactly() -> None:
-    for asked in STATES.values():
-        assert State.from_json(asked.to_json()) == asked
-    with pytest.raises(BadMessage, match="not a state"):
-        State.from_json('{"trial": 1}')
 
 
 def test_a_state_that_cannot_be_right_is_refused(tmp_path: Path) -> None:
@@ -276,26 +261,3 @@ def test_the_mean_rotation_is_the_eigenvector_of_the_largest_eigenvalue(items: l
     values, vectors = np.linalg.eigh(np.einsum("ni,nj->ij", quaternions, quaternions))
     mean = np.array(mean_quaternion(quaternions))
     assert abs(mean @ vectors[:, -1]) == pytest.approx(1.0, abs=1e-12) and mean[0] >= 0
-
-
-def test_turning_back_undoes_a_rotation() -> None:
-    quarter = from_rotation_vector((0.0, 0.0, math.pi / 2))
-    assert turned_back(quarter, (0.0, 1.0, 0.0)) == pytest.approx((1.0, 0.0, 0.0))
-
-
-def test_a_case_folder_and_tables_of_samples_come_out(tmp_path: Path) -> None:
-    with Recorder(tmp_path / "a.mcap", start_wall_ns=0, markers=2, attachments={"robot.yaml": b"name: r\n"}) as recorder:
-        for topic, t, values in Run().messages():
-            recorder.push(topic, t, values)
-        asked = STATES["settled"]
-        row = conclude(recorder.buffers, asked)
-        assert isinstance(row, TrialRow)
-        recorder.trial(12.0, recorder.state(3.0, asked), row)
-    recording = Recording.open(tmp_path / "a.mcap")
-    folder = export_case(recording, tmp_path / "case")
-    assert (folder / "robot.yaml").read_bytes() == b"name: r\n"
-    assert [r.to_json() for r in read_csv(folder / "trials.csv")] == [row.to_json()]
-    files = export_streams(recording, tmp_path / "csv")
-    tip = (tmp_path / "csv" / "tip.csv").read_text().splitlines()
-    assert {"trials.csv", "columns.csv"} < {f.name for f in files} and len(files) == 8
-    assert tip[0].startswith("t,device_time,frame,position_1") and len(tip) == 1 + 1199

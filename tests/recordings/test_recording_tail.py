@@ -9,7 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
-from synthetic_run import OLD, concluded
+from synthetic_run import concluded
 
 from recordings.errors import Damaged, Oversized
 from recordings.file.reader import Recording
@@ -88,14 +88,6 @@ def test_however_the_bytes_come_the_pieces_are_the_same(path: Path, cuts: list[i
         assert tail.contents.finished
     recording = Recording.open(path)
     assert all(same(samples(pieces, topic), recording.stream(topic)) for topic in ("/tip", "/force"))
-
-
-def test_an_older_recording_is_followed_too() -> None:
-    recording = Recording.open(OLD)
-    with Tail(OLD) as tail:
-        pieces = followed(tail)
-    assert same(samples(pieces, "/tip"), recording.stream("/tip"))
-    assert len([t for p in pieces for t in p.events["/trial"]]) == len(recording.trials) > 0
 
 
 def test_lengths_that_a_file_claims_are_not_believed(path: Path, tmp_path: Path) -> None:

@@ -25,7 +25,8 @@ from drivers.pfeiffer import driver as pfeiffer
 from drivers.smc_itv import driver as smc_itv
 from drivers.tmcl import driver as tmcl
 from drivers.ur5 import driver as ur5
-from drivers.ur5 import state as ur5_state
+from drivers.ur5.state import UR5State
+from drivers.ur5.wire import UrController
 from sim_fakes.alicat import AlicatFake
 from sim_fakes.dynamixel import DynamixelFake
 from sim_fakes.ft300s import Ft300sFake
@@ -197,7 +198,7 @@ MACHINES = {
     "ur5": machine("arm", lambda f: ur5.UR5("it", ur5.Config(host=f.host), RigClock(SPEED)), arm, arm_marks),
     "ur5 state": machine(
         "stream",
-        lambda f: ur5_state.UR5State("it", ur5_state.Config(host=f.host, max_age=1.0), RigClock(SPEED), nobody),
+        lambda f: UR5State(UrController("it", f.host, 1.0), RigClock(SPEED), nobody, max_age=1.0),
         arm,
         arm_marks,
     ),

@@ -9,7 +9,7 @@ from house import House, until
 
 from drivers.errors import InstrumentError, NoReply, WrongDevice
 from drivers.interfaces import PressureSample
-from lab.guard.settings import Settings
+from lab.guard.limit_monitor import DriverSettings
 from lab.rig.assembly import Rig
 from sim_fakes.alicat import AlicatFake
 
@@ -99,7 +99,7 @@ def reading(*measured: float) -> PressureSample:
 
 def test_settings_are_read_once_a_trial() -> None:
     driver = Driver()
-    settings = Settings({"pressure": driver, "spine": object()})
+    settings = DriverSettings({"pressure": driver, "spine": object()})
     for asked in (1, 2):
         settings.confirm("pressure", trial=True)
         settings.confirm("pressure", trial=True)
@@ -110,7 +110,7 @@ def test_settings_are_read_once_a_trial() -> None:
 
 def test_a_jump_while_venting_does_not_stand_for_the_next_trial() -> None:
     driver = Driver()
-    settings = Settings({"pressure": driver})
+    settings = DriverSettings({"pressure": driver})
     settings.confirm("pressure", trial=True)
     settings.vented()
     assert not settings.may_have_changed("pressure", reading(60e3))
@@ -126,7 +126,7 @@ def test_a_jump_while_venting_does_not_stand_for_the_next_trial() -> None:
 @pytest.mark.parametrize("pressure", [20e3, 150e3])
 def test_a_jump_by_a_ratio_of_units_has_them_read_until_that_succeeds(ratio: float, pressure: float) -> None:
     driver = Driver(NoReply("pressure", "silent"))
-    settings = Settings({"pressure": driver})
+    settings = DriverSettings({"pressure": driver})
     assert not settings.may_have_changed("pressure", reading(0.0, pressure))
     assert settings.may_have_changed("pressure", reading(0.0, pressure * ratio * 1.01))
     with pytest.raises(NoReply):
@@ -139,6 +139,6 @@ def test_a_jump_by_a_ratio_of_units_has_them_read_until_that_succeeds(ratio: flo
 
 @pytest.mark.parametrize("readings", [((100.0,), (650.0,)), ((20e3,), (22e3,)), ((0.0,), (0.0,)), ((float("nan"),), (1e3,))])
 def test_noise_and_ramps_are_no_jump(readings: Any) -> None:
-    settings = Settings({"pressure": Driver()})
+    settings = DriverSettings({"pressure": Driver()})
     found: Callable[[PressureSample], bool] = lambda sample: settings.may_have_changed("pressure", sample)  # noqa: E731
     assert not any(found(reading(*values)) for values in readings)

@@ -9,8 +9,7 @@ import pytest
 from drivers.ft300s import driver as ft300s
 from drivers.interfaces import Vector6, WrenchSample
 from lab.files.rig_file import RigFile
-from lab.guard.force_limit import AGREE, ForceLimit, overload
-from lab.guard.pulse import BEAT, FORCE, FORCE_RANGE, FRESH, MOMENT, MOMENT_RANGE, Listener, Pulse
+from lab.guard.pulse import AGREE, BEAT, FORCE, FORCE_RANGE, FRESH, MOMENT, MOMENT_RANGE, ForceLimit, Listener, Pulse, overload
 
 RIG = RigFile.model_validate(
     {"name": "desk", "robot": Path("robot.yaml"), "instruments": {"force": {"driver": "ft300s", "port": "/dev/null"}}}

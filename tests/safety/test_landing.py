@@ -15,7 +15,7 @@ from lab.files.rig_file import Safe, load_rig
 from lab.guard import hosted, landing
 from lab.guard.hosted import under_guard
 from lab.guard.instruments import ACTUATORS
-from lab.guard.landing import Instruments, Landing, SafeReport
+from lab.guard.landing import Landing, LandingDrivers, SafeReport
 from timing import RigClock
 
 LANDINGS: list[Landing] = []
@@ -31,7 +31,7 @@ def no_attempts_left() -> Iterator[None]:
 
 def landing_of(drivers: dict[str, Any], policy: Safe, speed: float, busy: Any = lambda name: False) -> Landing:
     """A landing of drivers that are open."""
-    LANDINGS.append(Landing(policy, Instruments(drivers, list(drivers), lambda name: drivers[name].open(), busy), speed))
+    LANDINGS.append(Landing(policy, LandingDrivers(drivers, list(drivers), lambda name: drivers[name].open(), busy), speed))
     return LANDINGS[-1]
 
 
@@ -187,7 +187,7 @@ def test_nobody_waits_for_an_instrument_that_does_not_let_itself_be_opened() -> 
             assert freed.wait(60.0)
         opened.append(name)
 
-    instruments = Instruments({"arm": Arm(), "pressure": Regulators(), "gauge": object()}, opened, open_one)
+    instruments = LandingDrivers({"arm": Arm(), "pressure": Regulators(), "gauge": object()}, opened, open_one)
     reports: list[SafeReport] = []
     landing_ = Landing(Safe(), instruments, 20.0)
     thread = timing.Thread(target=lambda: reports.append(landing_.make_safe(ACTUATORS[:2], False, 60.0)), daemon=True)
@@ -251,7 +251,7 @@ def test_an_instrument_that_is_confirmed_after_the_report_is_told(monkeypatch: p
         valve.open()
         lost.discard(name)
 
-    instruments = Instruments({"valve": valve}, ["valve"], reopen, lost=lost)
+    instruments = LandingDrivers({"valve": valve}, ["valve"], reopen, lost=lost)
     going = Landing(Safe(within=0.1), instruments, 20.0, lambda step, seconds: late.append(step))
     report = going.make_safe(["valve"], keep_vacuum=False)
     assert not report.confirmed and going.going == ("valve",) and not late

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from drivers.errors import DeviceFault
 from drivers.interfaces import GaugeSample, PressureSample, SpineSample
 from lab.files.rig_file import RigFile
-from lab.guard.limit_monitor import Finding, LimitMonitor, NotHeld
+from lab.guard.limit_monitor import LimitFinding, LimitMonitor, NotHeld
 
 RIG = RigFile.model_validate(
     {
@@ -32,7 +32,7 @@ def pressure(t: float, asked: float, measured: float) -> PressureSample:
     return PressureSample(t, (asked, 0.0, 0.0), (measured, 0.0, 0.0))
 
 
-def steady(asked: float, measured: float, seconds: float) -> Finding | None:
+def steady(asked: float, measured: float, seconds: float) -> LimitFinding | None:
     """The last finding of a steady set-point."""
     monitor, found = LimitMonitor(RIG), None
     for i in range(round(seconds / 0.5) + 1):

@@ -20,7 +20,7 @@ import timing
 from lab.cli import main
 from lab.files.rig_file import load_rig
 from lab.guard import door, last_used
-from lab.guard.door import Answer, Door, Owner, demand_free, land, names_of_path, owners
+from lab.guard.door import Door, LandingAnswer, Owner, demand_free, land, names_of_path, owners
 from lab.guard.guard import Guard
 from lab.guard.instruments import exclusive, owned_names
 from lab.guard.last_used import forget, recall
@@ -63,7 +63,7 @@ def test_an_owner_says_who_it_is_and_lands_when_asked() -> None:
     (owner,) = owners(["b", "c"])
     assert (owner.rig, owner.about, owner.pid) == ("/lab/rig.yaml", "lab run bending", os.getpid())
     assert owner.names == {"a", "b"} and owners() == [owner]
-    assert land(["a"]).answers == {owner: Answer(REPORT, "the arm moves")}
+    assert land(["a"]).answers == {owner: LandingAnswer(REPORT, "the arm moves")}
     assert len(lander.asked) == 1 and f"process {os.getpid()}" in lander.asked[0]
     opened.close()
     assert owners(["a", "b"]) == [] and owners() == []
@@ -152,7 +152,9 @@ def test_all_who_ask_while_it_lands_get_the_answer_of_one_landing() -> None:
     lander.hand_over = lambda by: (lander.asked.append(by), going.wait(), REPORT)[-1]  # type: ignore[method-assign]
     opened.open()
     timing.Thread(target=lambda: until(lambda: len(opened._landing or []) == 40) and going.set()).start()
-    assert [answer for _, answer in land([f"{number}" for number in range(40)]).answered] == [Answer(REPORT, "the arm moves")]
+    assert [answer for _, answer in land([f"{number}" for number in range(40)]).answered] == [
+        LandingAnswer(REPORT, "the arm moves")
+    ]
     assert len(lander.asked) == 1
     opened.close()
 
@@ -189,7 +191,7 @@ def test_a_guard_out_of_reach_of_its_names_is_asked_next_to_rig_yaml(tmp_path: P
     first.open()
     elsewhere(monkeypatch)
     assert stat.S_IMODE((folder / "rig.yaml.sock").stat().st_mode) == 0o600
-    assert [answer for _, answer in land(names_of_path(rig), rig).answered] == [Answer(REPORT, "the arm moves")]
+    assert [answer for _, answer in land(names_of_path(rig), rig).answered] == [LandingAnswer(REPORT, "the arm moves")]
     with pytest.raises(RigLocked, match="in use: lab run bending"):
         second.open(within=3600)
     first.close()

@@ -1,4 +1,4 @@
-"""The common faults of a fake on a pty, seen by a plain serial port."""
+"""The common faults of a fake on a pty, seen by a plain serial port, and silence as the watchdog of a device counts it."""
 
 import os
 from collections.abc import Iterator
@@ -8,6 +8,7 @@ import serial
 
 import timing
 from sim_fakes.pty_fake import PtyFake
+from sim_fakes.punctual import LATE, Silence
 from timing import RigClock
 
 
@@ -112,3 +113,17 @@ def test_a_port_that_is_plugged_in_again_has_the_same_path_and_another_pty_that_
     finally:
         for line in (pulled, *others):
             line.stop()
+
+
+def test_silence_is_counted_while_the_fake_is_awake(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 100.0
+    monkeypatch.setattr("timing.now", lambda: now)
+    silence = Silence()
+    for _ in range(20):
+        now += 0.02
+        silence.now()
+    assert silence.now() == pytest.approx(0.4)
+    now += 5.0  # the computer was busy: what came meanwhile waits to be read
+    assert silence.now() == pytest.approx(0.4 + LATE)
+    silence.heard()
+    assert silence.now() == 0.0

@@ -71,8 +71,7 @@ def test_relative_motions_and_rotations(wire: Wire) -> None:
 
 
 @pytest.mark.parametrize(
-    ("number", "good", "bad"),
-    [(6, 200, 256), (7, 20, 256), (12, 1, 2), (13, 1, 2), (153, 9, 14), (154, 2, 14), (204, 1, 9)],
+    ("number", "good", "bad"), [(6, 200, 256), (7, 20, 256), (12, 1, 2), (13, 1, 2), (153, 9, 14), (154, 2, 14), (204, 1, 9)]
 )
 def test_its_parameters_are_held_in_their_range(wire: Wire, number: int, good: int, bad: int) -> None:
     assert wire.ask(SAP, number, bad) == (4, bad)

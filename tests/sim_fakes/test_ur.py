@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from sim_fakes.ur import kinematics as k
-from sim_fakes.ur.controller import Controller, Runtime
+from sim_fakes.ur.controller import FakeController, Runtime
 from sim_fakes.ur.dashboard import answer
-from sim_fakes.ur.motion import START_JOINTS, Arm, JointMove, LinearMove, Motion, Profile, stop_linear
+from sim_fakes.ur.motion import START_JOINTS, ArmMotion, JointMove, LinearMove, Motion, Profile, stop_linear
 
 PROGRAM = "def rtde_control():\n  global reg_offset_int = # int register offset\n0\nend\n"
 MOVEL, STOPL, WATCHDOG = 3, 33, 35
@@ -22,15 +22,15 @@ def run(motion: Motion, dt: float = 0.008) -> float:
     return t
 
 
-def playing(speed: float = 1.0) -> Controller:
+def playing(speed: float = 1.0) -> FakeController:
     """A controller that runs the control script."""
-    controller = Controller(speed=speed)
+    controller = FakeController(speed=speed)
     controller.load(PROGRAM)
     assert controller.runtime == Runtime.PLAYING
     return controller
 
 
-def command(controller: Controller, code: int, doubles: list[float], flag: int = 1) -> None:
+def command(controller: FakeController, code: int, doubles: list[float], flag: int = 1) -> None:
     """What a client does: registers, code, wait for done, clear."""
     for i, value in enumerate(doubles):
         controller.write(f"input_double_register_{i}", value)
@@ -90,7 +90,7 @@ def test_a_profile_covers_its_distance_with_its_speed_and_acceleration() -> None
 
 
 def test_a_linear_move_stays_on_the_straight_line() -> None:
-    arm = Arm(k.UR5_CB3)
+    arm = ArmMotion(k.UR5_CB3)
     start = arm.pose_vector()
     goal = start + [-0.1, 0.08, -0.12, 0, 0, 0]
     motion = LinearMove(arm, goal, 0.1, 0.5)
@@ -103,7 +103,7 @@ def test_a_linear_move_stays_on_the_straight_line() -> None:
 
 
 def test_a_joint_move_takes_the_time_of_the_joint_with_the_longest_way() -> None:
-    arm = Arm(k.UR5_CB3)
+    arm = ArmMotion(k.UR5_CB3)
     goal = np.array(START_JOINTS) + [0.5, 0.1, 0, 0, 0, -0.2]
     assert run(JointMove(arm, goal, 1.0, 2.0)) == pytest.approx(0.5 / 1.0 + 1.0 / 2.0, abs=0.02)
     assert arm.q == pytest.approx(goal)
@@ -111,7 +111,7 @@ def test_a_joint_move_takes_the_time_of_the_joint_with_the_longest_way() -> None
 
 @pytest.mark.parametrize("dt", [0.002, 0.16], ids=["fine", "sped up"])
 def test_a_linear_stop_needs_half_the_speed_squared_over_the_deceleration(dt: float) -> None:
-    arm = Arm(k.UR5_CB3)
+    arm = ArmMotion(k.UR5_CB3)
     motion = LinearMove(arm, arm.pose_vector() + [0, 0, -0.2, 0, 0, 0], 0.1, 1.0)
     while np.linalg.norm(arm.tcp_speed()[:3]) < 0.0999:
         motion.step(0.002)
@@ -181,7 +181,7 @@ def test_no_program_starts_during_a_protective_stop() -> None:
     assert controller.runtime == Runtime.PLAYING
 
 
-def after(controller: Controller, seconds: float) -> None:
+def after(controller: FakeController, seconds: float) -> None:
     for _ in range(math.ceil(seconds / controller.period)):
         controller.advance()
 
@@ -221,4 +221,4 @@ def test_power_and_brakes_take_seconds() -> None:
     ],
 )
 def test_the_dashboard_answers_what_it_documents(request_: str, told: str) -> None:
-    assert answer(Controller(version=(5, 11, 0, 1)), request_).startswith(told)
+    assert answer(FakeController(version=(5, 11, 0, 1)), request_).startswith(told)

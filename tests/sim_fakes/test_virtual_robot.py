@@ -7,21 +7,11 @@ import numpy as np
 import pytest
 
 from sim_fakes.plant import AMBIENT, Plant
-from sim_fakes.virtual_robot import Condition, Reading, RobotTruth, VirtualRobot, walk
+from sim_fakes.virtual_robot import Condition, RobotTruth, VirtualReading, VirtualRobot, walk
 from sim_fakes.virtual_robot.kernels import forget_stale_cache
+from tests.model.rods.cases import PRESSURES, REFERENCE
 
-CONVERGED_TIPS_MM = {
-    0.00: """-23.265687 403.896067 -59.174490 402.057387 -108.384877 392.375035
-             -169.873106 368.680966 -239.509465 322.875895""",
-    0.10: """-20.627443 403.591562 -51.821151 402.484340 -94.187001 395.386688
-             -147.155722 377.809735 -208.079651 343.984436""",
-    0.20: """-13.519996 402.698634 -32.954293 403.015653 -58.705616 400.997735
-             -90.861718 395.098990 -128.995021 383.356816""",
-    0.30: """-7.948362 401.803812 -18.746965 402.537608 -32.568804 402.598711
-             -49.539904 401.597467 -69.713213 399.040631""",
-}
-"""Tip x, z at 50, 100 .. 250 kPa over spine length (m) of the continuous rod, converged by two other methods."""
-REFERENCE = RobotTruth(area_factor=1.5, spine_modulus={0.05: 0.318e6, 0.30: 4.389e6})
+PUBLISHED = RobotTruth(area_factor=1.5, spine_modulus={0.05: 0.318e6, 0.30: 4.389e6})
 
 
 def bend(pressure: float) -> tuple[float, ...]:
@@ -29,7 +19,7 @@ def bend(pressure: float) -> tuple[float, ...]:
     return tuple(pressure if i in (8, 0, 1) else 0.0 for i in range(9))
 
 
-def settled(robot: VirtualRobot, *states: Condition) -> list[Reading]:
+def settled(robot: VirtualRobot, *states: Condition) -> list[VirtualReading]:
     return walk(robot, states)
 
 
@@ -39,10 +29,9 @@ def run(robot: VirtualRobot, plant: Plant, duration: float, dt: float = 0.02) ->
 
 
 def test_tip_agrees_with_the_converged_continuous_rod_at_all_twenty_points() -> None:
-    states = [Condition(length, bend(50e3 * (i + 1))) for length in CONVERGED_TIPS_MM for i in range(5)]
-    tips = np.array([r.position for r in walk(VirtualRobot(REFERENCE), states)]) * 1e3
-    expected = np.array([float(x) for row in CONVERGED_TIPS_MM.values() for x in row.split()]).reshape(20, 2)
-    assert np.abs(tips[:, [0, 2]] - expected).max() < 0.04
+    states = [Condition(length, bend(p)) for length in REFERENCE for p in PRESSURES]
+    tips = np.array([r.position for r in walk(VirtualRobot(PUBLISHED), states)]) * 1e3
+    assert np.abs(tips[:, [0, 2]] - np.concatenate(list(REFERENCE.values()))).max() < 0.04
     assert np.abs(tips[:, 1]).max() < 1e-6
 
 

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from sim_fakes.virtual_robot import Condition, Reading, RobotTruth, VirtualRobot, draw_effect, list_effects, walk
+from sim_fakes.virtual_robot import Condition, RobotTruth, VirtualReading, VirtualRobot, draw_effect, list_effects, walk
 
 ALONG_X = RobotTruth(canonical_directions=True)
 SCALES = {info.id: info.scale for info in list_effects()}
@@ -25,7 +25,7 @@ def there_and_back(length: float = 0.2, hold: float = 5.0, rate: float = 20e3) -
     return rising + rising[-2::-1]
 
 
-def tips(readings: list[Reading]) -> np.ndarray:
+def tips(readings: list[VirtualReading]) -> np.ndarray:
     return np.array([r.position for r in readings]) * 1e3
 
 
@@ -34,7 +34,7 @@ def change(states: list[Condition], truth: RobotTruth = ALONG_X, **effects: floa
     return tips(walk(VirtualRobot(truth, effects), states)) - tips(walk(VirtualRobot(truth), states))
 
 
-def loop(readings: list[Reading]) -> float:
+def loop(readings: list[VirtualReading]) -> float:
     """Largest gap in x between the way up and the way down at the same pressure, mm."""
     x = tips(readings)[:, 0]
     return float(np.abs(x - x[::-1]).max())
@@ -50,7 +50,7 @@ EVERYWHERE = [
 
 
 @cache
-def baseline() -> list[Reading]:
+def baseline() -> list[VirtualReading]:
     return walk(VirtualRobot(RobotTruth(), seed=5), EVERYWHERE)
 
 

@@ -15,10 +15,10 @@ import rtde_receive
 
 import timing
 from sim_fakes.ur import backdoor
-from sim_fakes.ur.controller import Controller, Runtime
+from sim_fakes.ur.controller import FakeController, Runtime
 from sim_fakes.ur.process import free_host
 from sim_fakes.ur.script import DONE, READY
-from sim_fakes.ur.server import Address, Server
+from sim_fakes.ur.server import Address, UrServer
 from sim_fakes.ur.wire import Hub
 
 SERVED: dict[str, Hub] = {}
@@ -62,7 +62,7 @@ class UrThread:
     ) -> None:
         self.host = host = host or free_host()
         a, b, c, d = (int(number) for number in version.split("."))
-        self.server = Server(Controller((a, b, c, d), speed, seed), host, timing.now(), dashboard)
+        self.server = UrServer(FakeController((a, b, c, d), speed, seed), host, timing.now(), dashboard)
         self._loop = _Loop()
         self._ready = timing.Event()
         self._pose_to = pose_to

@@ -4,8 +4,6 @@ import contextlib
 from collections.abc import Callable
 from typing import Any
 
-import pytest
-
 import timing
 from drivers.errors import InstrumentError
 from sim_fakes.plant import Plant
@@ -66,8 +64,3 @@ def answered(call: Callable[[], Any], within: float = 30.0) -> Any:
             return call()
         except InstrumentError:
             assert timing.now() < deadline
-
-
-def of_speed(speed: float) -> pytest.MarkDecorator:
-    """Mark of tests whose bench has a clock of this speed."""
-    return pytest.mark.parametrize("bench", [speed], indirect=True, ids=[""])

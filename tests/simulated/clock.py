@@ -18,7 +18,7 @@ from types import TracebackType
 from typing import Any, ClassVar, Self, cast
 
 from lab.guard.child import new_process
-from sim_fakes.lines import PtyLine
+from sim_fakes.pty_fake import PtyLine
 from sim_fakes.ur.process import UrProcess
 from timing import Host, Thread, live_in, readable_now
 

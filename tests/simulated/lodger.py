@@ -8,9 +8,9 @@ from typing import Any
 
 import timing
 from lab.guard.child import new_process
-from lab.priority import Place
+from lab.priority import Priority
 
-HOLDERS = {"lab.guard.process", "lab.guard.hosted", "lab.rig.hosted_stream"}
+HOLDERS = {"lab.guard.process", "lab.guard.hosted"}
 """Modules whose processes hold instruments."""
 
 
@@ -38,7 +38,7 @@ class Lodger:
         """Nothing: a thread ends when its pipes do."""
 
 
-def started(module: str, passed: Sequence[int], more: Sequence[str], place: Place, streams: Any) -> Any:
+def started(module: str, passed: Sequence[int], more: Sequence[str], place: Priority, streams: Any) -> Any:
     """Stands in for `lab.guard.child.new_process`."""
     if module in HOLDERS:
         return Lodger(module, [os.dup(one) for one in passed])

@@ -37,7 +37,7 @@ serial.serial_for_url = _opened
 
 
 class MemoryLine:
-    """Stands in for `sim_fakes.lines.PtyLine`; its methods do the same."""
+    """Stands in for `sim_fakes.pty_fake.PtyLine`; its methods do the same."""
 
     def __init__(self, name: str) -> None:
         # another process has lines of its own, and one rig must not be taken for the other

@@ -14,19 +14,7 @@ from numpy.typing import NDArray
 
 from .equilibrium import Field
 from .frames import turn
-from .robot import (
-    AREA,
-    DENSITY,
-    GRAVITY,
-    MODULUS,
-    NOMINAL_VACUUM,
-    SECOND,
-    SHEAR,
-    SPINE_AREA,
-    SPINE_LENGTHS,
-    SPINE_MODULI,
-    Lanes,
-)
+from .robot import AREA, DENSITY, GRAVITY, MODULUS, NOMINAL_VACUUM, SECOND, SHEAR, SPINE_AREA, SPINE_LENGTHS, SPINE_MODULI, Lanes
 
 Array = NDArray[np.float64]
 

@@ -2,7 +2,7 @@
 
 A form's scale is set so that it moves the tip by about as many mm as the catalogue's effect does at its plausible size: rms over
 the base sweep of the paper's robot (seven spine lengths, 0 to 250 kPa and back) with an area factor of 1.6, taken from
-`lab.signatures` once. Blends keep 0 to 1, and no scale was moved by more than 2.5 from what the lab would call plausible.
+`lab effects` once. Blends keep 0 to 1, and no scale was moved by more than 2.5 from what the lab would call plausible.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from . import actuation, boundary, loads, seen, silicone, spine
+from . import actuation, loads, seen, silicone, spine
 from .body import ORDER as BODY
 from .gas import ORDER as CHAMBERS
 from .outside import Cause
@@ -102,11 +102,11 @@ FORMS: dict[str, dict[str, tuple[Change, float]]] = {
                     "stiffening": (loads.tether_stiffening, 0.3)},
     "contact": {"hertz": (loads.contact_hertz, 350), "slanted": (loads.contact_slanted, 630),
                 "foam": (loads.contact_foam, 650)},
-    "base_tilt": {"lever": (boundary.tilt_about_a_lever, 0.022),
-                  "corner": (boundary.tilt_about_a_corner, 0.026),
-                  "below": (boundary.tilt_below, 0.029)},
-    "base_compliance": {"with_shift": (boundary.give_with_shift, 0.025), "hinge": (boundary.give_hinge, 0.027),
-                        "play": (boundary.give_with_play, 0.041)},
+    "base_tilt": {"lever": (loads.tilt_about_a_lever, 0.022),
+                  "corner": (loads.tilt_about_a_corner, 0.026),
+                  "below": (loads.tilt_below, 0.029)},
+    "base_compliance": {"with_shift": (loads.give_with_shift, 0.025), "hinge": (loads.give_hinge, 0.027),
+                        "play": (loads.give_with_play, 0.041)},
     "frame_misalignment": {"middle": (seen.turned_about_the_middle, 0.034),
                            "ceiling": (seen.turned_about_the_ceiling, 0.022),
                            "stretched": (seen.turned_and_stretched, 0.025)},

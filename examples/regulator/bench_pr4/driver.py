@@ -7,7 +7,6 @@ from collections.abc import Sequence
 
 from pydantic import Field, model_validator
 
-from drivers.chambers import ChamberMap
 from drivers.configs import RegulatorsConfig
 from drivers.errors import BadReply, DeviceFault, InstrumentError, NoReply, NotReady, Unreachable, WrongDevice
 from drivers.interfaces import Identity, PressureSample
@@ -28,7 +27,6 @@ class Config(RegulatorsConfig):
 
     @model_validator(mode="after")
     def _wired(self) -> Config:
-        ChamberMap(self.chambers)
         if len(self.chambers) > 4:
             raise ValueError(f"chambers: {len(self.chambers)} channels, the box has four")
         return self

@@ -139,10 +139,7 @@ SPECS = (
         stage="measurement",
         equation="P = P_read + (dP/dt) d in states read while ramping; dP/dt < 0 on the unload branch; share r of it, not below "
         "ambient, where a ramp begins and ends",
-        parameters=(
-            Parameter("delay", "s", 0.4, -3.0, 3.0),
-            Parameter("rest", "1", 0.5, 0.0, 1.0, role="shape"),
-        ),
+        parameters=(Parameter("delay", "s", 0.4, -3.0, 3.0), Parameter("rest", "1", 0.5, 0.0, 1.0, role="shape")),
         law=Law(before=_time_offset),
         citation="kinematics of two clocks",
         seen_best_in="states read while ramping: the sign flips on the unload branch; grows with the ramp rate",

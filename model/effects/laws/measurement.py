@@ -8,10 +8,9 @@ import numpy as np
 
 from model.effects.quantities import Quantities
 from model.effects.readings import Readings
-from model.effects.rotations import rolled
 from model.effects.shows import pushes
 from model.effects.spec import EffectSpec, Law, Parameter, Values
-from model.rotation import to_base
+from model.rotation import rolled, to_base
 
 TURN = math.radians(1.5) / math.sqrt(3)
 

@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from model.effects.quantities import Quantities
-from model.effects.rotations import rolled
 from model.effects.shows import by_chambers
 from model.effects.spec import EffectSpec, Law, Parameter, Values
+from model.rotation import rolled
 
 OBSTACLE = 0.175
 """Robot lengths from the axis at which an obstacle is looked for first."""

@@ -11,11 +11,7 @@ Quaternion = tuple[float, float, float, float]
 @inline
 def cross(a: Vector, b: Vector) -> Vector:
     """a x b."""
-    return (
-        fused(a[1], b[2], -(a[2] * b[1])),
-        fused(a[2], b[0], -(a[0] * b[2])),
-        fused(a[0], b[1], -(a[1] * b[0])),
-    )
+    return (fused(a[1], b[2], -(a[2] * b[1])), fused(a[2], b[0], -(a[0] * b[2])), fused(a[0], b[1], -(a[1] * b[0])))
 
 
 @inline

@@ -82,8 +82,7 @@ def weighed_rows(rows: list[Six], change: Six) -> Vector:
     x, y, z = rows[0], rows[1], rows[2]
     turn, shift = change.turn, change.shift
     return add(
-        (dot(x.turn, turn), dot(y.turn, turn), dot(z.turn, turn)),
-        (dot(x.shift, shift), dot(y.shift, shift), dot(z.shift, shift)),
+        (dot(x.turn, turn), dot(y.turn, turn), dot(z.turn, turn)), (dot(x.shift, shift), dot(y.shift, shift), dot(z.shift, shift))
     )
 
 
@@ -111,12 +110,7 @@ def write_result(rod: Rod, springs: int, out: Array, row: int) -> None:
 
 @kernel
 def solve_direct(
-    rods: Array,
-    springs: int,
-    settings: tuple[float, float, bool],
-    steps: Counts,
-    memory: Array,
-    out: Array,
+    rods: Array, springs: int, settings: tuple[float, float, bool], steps: Counts, memory: Array, out: Array
 ) -> None:
     """Solve every row of `rods` (see `columns`) and write a row of `out` (see `solution`).
 

@@ -225,10 +225,7 @@ def gather_section(rods: Array, row: int, o: int, section: Section) -> None:
     section.inv_bend = (1.0 / x, 1.0 / y, 1.0 / z)
     x, y, z = three(rods, row, o + columns.STRETCH)
     section.inv_stretch = (1.0 / x, 1.0 / y, 1.0 / z)
-    section.u_rest, section.v_rest = (
-        three(rods, row, o + columns.REST_CURVATURE),
-        three(rods, row, o + columns.REST_STRAIN),
-    )
+    section.u_rest, section.v_rest = (three(rods, row, o + columns.REST_CURVATURE), three(rods, row, o + columns.REST_STRAIN))
     section.load = three(rods, row, o + columns.LOAD)
     section.u_rest_norm = math.sqrt(dot(section.u_rest, section.u_rest))
     for k in range(TERMS):

@@ -24,8 +24,7 @@ from model.rods.fast.compiler import inline, routine
 from model.rods.fast.equations import Section, Soft, State, slope, state_along, strains
 from model.rods.fast.group import Group, Point, Rod, Spring, each_rod, section_of
 from model.rods.fast.lanes import LANES
-from model.rods.fast.runge_kutta import step
-from model.rods.fast.stages import Stage, keep_stage, stage_of
+from model.rods.fast.runge_kutta import Stage, keep_stage, stage_of, step
 
 WHOLE = 1.0
 """`dead` of a pass: the share of the dead loads that acts."""

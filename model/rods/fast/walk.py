@@ -56,14 +56,7 @@ def write_station(rod: Rod, section: Section, solved: Array, row: int, out: Arra
 
 
 @kernel
-def walk(
-    rods: Array,
-    springs: int,
-    grid: tuple[float, Counts],
-    solved: Array,
-    arcs: Array,
-    out: Array,
-) -> None:
+def walk(rods: Array, springs: int, grid: tuple[float, Counts], solved: Array, arcs: Array, out: Array) -> None:
     """Fill `out` (n, k, WIDTH), columns `AT_*`, at k arcs (n, k) m from the base of each rod, under its whole dead load.
 
     From the tip to the base, element by element, z from 1 at the tip's end of each to 0. `grid` are divisions and fixed steps (n

@@ -102,11 +102,7 @@ def collect_rises(walk: Walk, z: float, dz: float) -> None:
     """T on what a rest curvature rises by."""
     (share, h), work = step_of(walk, dz), walk.column.work
     _, _, first, second, third = over_stages(more_rises, (z, share, NOTHING, NOTHING, NOTHING), walk)
-    work.rise1, work.rise2, work.rise3 = (
-        along(work.rise1, h, first),
-        along(work.rise2, h, second),
-        along(work.rise3, h, third),
-    )
+    work.rise1, work.rise2, work.rise3 = (along(work.rise1, h, first), along(work.rise2, h, second), along(work.rise3, h, third))
 
 
 @inline
@@ -133,12 +129,7 @@ def more_terms(sums: tuple[Vector, Vector], walk: Walk, i: int, weight: float, s
 @inline
 def collect_terms(walk: Walk, z: float, dz: float) -> None:
     """T on the hyperelastic terms, and on the stiffnesses that they change: bending and axial."""
-    h, work, (x, y, _), axial = (
-        step_of(walk, dz)[1],
-        walk.column.work,
-        walk.section.inv_bend,
-        walk.section.inv_stretch[2],
-    )
+    h, work, (x, y, _), axial = (step_of(walk, dz)[1], walk.column.work, walk.section.inv_bend, walk.section.inv_stretch[2])
     stiff, series = over_stages(more_terms, (NOTHING, NOTHING), walk)
     work.bend = along(work.bend, -h, (x * x * stiff[0], y * y * stiff[1], 0.0))
     work.stretch = along(work.stretch, -h, (0.0, 0.0, axial * axial * stiff[2]))

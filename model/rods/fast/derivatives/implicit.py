@@ -105,14 +105,7 @@ class Room(NamedTuple):
 
 
 @kernel
-def differentiate(
-    rods: Array,
-    springs: int,
-    grid: tuple[float, Counts],
-    asked: Asked,
-    solved: Array,
-    out: Array,
-) -> None:
+def differentiate(rods: Array, springs: int, grid: tuple[float, Counts], asked: Asked, solved: Array, out: Array) -> None:
     """d outputs / d parameter (n, k, outputs) for the directions of `asked`, at the solutions `solved`; `grid` are divisions
     and fixed steps (n or 0 rows)."""
     directions, arcs, _, strained = asked

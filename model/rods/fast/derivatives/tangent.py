@@ -29,8 +29,7 @@ from model.rods.fast.compiler import inline
 from model.rods.fast.equations import Section
 from model.rods.fast.group import Rod
 from model.rods.fast.lanes import LANES, Record, copy_lanes, record
-from model.rods.fast.runge_kutta import STAGES, step
-from model.rods.fast.stages import Softening, Stage
+from model.rods.fast.runge_kutta import STAGES, Softening, Stage, step
 
 Array = NDArray[np.float64]
 NOTHING = (0.0, 0.0, 0.0)

@@ -116,41 +116,6 @@ class Range:
         self.line.close()
 
 
-class Ageless(Range):
-    """Gives the last sample for ever."""
-
-    def old(self, age: float) -> bool:
-        return False
-
-
-class Trusting(Range):
-    """Takes whoever answers."""
-
-    def who(self, answer: bytes) -> None:
-        """Not checked."""
-
-
-class Guessing(Range):
-    """Makes a number of every answer."""
-
-    def distance(self, answer: bytes) -> float:
-        return float(re.sub(rb"[^0-9.]", b"", answer) or 0) * 1e-3
-
-
-class Crashing(Range):
-    """Does not expect a damaged answer."""
-
-    def distance(self, answer: bytes) -> float:
-        return float(answer[2:9]) * 1e-3
-
-
-class Holding(Range):
-    """Keeps the port after close."""
-
-    def release(self) -> None:
-        """Nothing."""
-
-
 class Sharing(Range):
     """Keeps a port after close that others may open too."""
 
@@ -160,13 +125,6 @@ class Sharing(Range):
         identity = super().open()
         self.held = serial.serial_for_url(self.config.port, BAUD)
         return identity
-
-
-class HostTime(Range):
-    """Stamps with the host's time."""
-
-    def now(self) -> float:
-        return time.time()
 
 
 class Checked(Range):
@@ -182,36 +140,18 @@ class Checked(Range):
         return True
 
 
-class Unchecked(Checked):
-    """Does not verify the checksums of the stream."""
-
-    def verifies(self) -> bool:
-        return self.thread is None
+def _driver(right: type[Range], **wrong: Any) -> Driver:
+    """The driver, with some of its methods replaced."""
+    return Driver("sensor", Config, type("Wrong", (right,), wrong), quantities={"distance": "m"})
 
 
-class Credulous(Checked):
-    """Does not verify the checksums while it is opened."""
-
-    def verifies(self) -> bool:
-        return self.thread is not None
-
-
-class Uncounted(Checked):
-    """Does not count what it refuses."""
-
-    @property
-    def lost(self) -> int:
-        return 0
-
-    @lost.setter
-    def lost(self, count: int) -> None:
-        """Nothing."""
-
-
-def _driver(make: type[Range]) -> Driver:
-    return Driver("sensor", Config, make, quantities={"distance": "m"})
-
-
-RIGHT, AGELESS, TRUSTING, GUESSING = map(_driver, (Range, Ageless, Trusting, Guessing))
-CRASHING, HOLDING, SHARING, HOST_TIME = map(_driver, (Crashing, Holding, Sharing, HostTime))
-CHECKED, UNCHECKED, CREDULOUS, UNCOUNTED = map(_driver, (Checked, Unchecked, Credulous, Uncounted))
+RIGHT, CHECKED, SHARING = map(_driver, (Range, Checked, Sharing))
+AGELESS = _driver(Range, old=lambda self, age: False)
+TRUSTING = _driver(Range, who=lambda self, answer: None)
+GUESSING = _driver(Range, distance=lambda self, answer: float(re.sub(rb"[^0-9.]", b"", answer) or 0) * 1e-3)
+CRASHING = _driver(Range, distance=lambda self, answer: float(answer[2:9]) * 1e-3)
+HOLDING = _driver(Range, release=lambda self: None)
+HOST_TIME = _driver(Range, now=lambda self: time.time())
+UNCHECKED = _driver(Checked, verifies=lambda self: self.thread is None)
+CREDULOUS = _driver(Checked, verifies=lambda self: self.thread is not None)
+UNCOUNTED = _driver(Checked, lost=property(lambda self: 0, lambda self, count: None))

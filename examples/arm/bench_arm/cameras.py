@@ -33,14 +33,7 @@ class BenchCameras(LineStream):
         x, y, z, qw, qx, qy, qz, *more = (float(word) for word in words[3:])
         markers = tuple((more[i], more[i + 1], more[i + 2]) for i in range(0, len(more), 3))
         return BodySample(
-            self._clock.now(),
-            float(words[0]),
-            int(words[1]),
-            (x, y, z),
-            (qw, qx, qy, qz),
-            0.0,
-            words[2] == "1",
-            markers,
+            self._clock.now(), float(words[0]), int(words[1]), (x, y, z), (qw, qx, qy, qz), 0.0, words[2] == "1", markers
         )
 
     def usable(self, sample: BodySample) -> bool:

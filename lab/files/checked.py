@@ -1,4 +1,10 @@
-"""What is kept beside rig.yaml: when the rig last passed `lab check --move`, and which recording its run writes."""
+"""What is kept beside rig.yaml: when the rig last passed `lab check --move`, with which USB adapters, and which recording its run
+writes.
+
+Port names go to adapters in the order in which they are plugged in, so that two of them may come back exchanged. The check,
+which shows that each instrument does what it is told, keeps the adapters of instruments that have no serial number of their
+own; the guard refuses others.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +18,58 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from drivers.configs import PORTS
+from drivers.errors import WrongDevice
+from drivers.interfaces import Identity
+from drivers.line_quality import adapter
 from recordings.bounded import read_bounded
 from recordings.own_files import replaced
 
-from ..files.adapters import KEY, place
-from ..files.config import ConfigError
-from ..files.rig_file import RigFile
+from .config import ConfigError
+from .rig_file import RigFile, addresses
+
+KEY = "adapters"
+"""In the file of the last check."""
+
+
+def place(rig_path: Path) -> Path:
+    """Return where the last check of a rig is kept."""
+    return rig_path.with_suffix(".checked")
+
+
+def adapters_now(rig: RigFile, identities: Mapping[str, Identity]) -> dict[str, str]:
+    """Return the adapter at each port, by the port, of the instruments that were opened and have no serial number."""
+    nameless = {name for name, identity in identities.items() if not identity.serial}
+    ports = [text for name, key, text in addresses(rig.instruments) if name in nameless and key in PORTS]
+    return {port: text for port in ports if (text := adapter(port))}
+
+
+class Adapters:
+    """The adapters that one rig's ports must have: those of its last check, and those of this session."""
+
+    def __init__(self, rig: RigFile) -> None:
+        self._rig = rig
+        self._known: dict[str, str] = {}
+        try:
+            kept = json.loads(place(rig.path).read_text(encoding="utf-8"))[KEY] if rig.path is not None else {}
+            self._known = {port: text for port, text in kept.items() if isinstance(text, str)}
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            pass  # never checked, or by an earlier version
+
+    def check(self, name: str) -> None:
+        """Raise WrongDevice when another adapter than before is at a port of this instrument; nothing is sent."""
+        for port in (text for of, key, text in addresses(self._rig.instruments) if of == name and key in PORTS):
+            if (before := self._known.get(port)) and (now := adapter(port)) and now != before:
+                raise WrongDevice(
+                    name,
+                    f"at {port} is the USB adapter {now}, needed {before} as before: adapters have exchanged their names, and "
+                    "this instrument cannot tell; unplug them and put them back, or write their /dev/serial/by-id names in "
+                    "rig.yaml; after a change of adapters run lab check --move",
+                )
+
+    def learn(self, name: str, identity: Identity) -> None:
+        """Note the adapters of an instrument that was opened."""
+        self._known = adapters_now(self._rig, {name: identity}) | self._known
 
 
 @dataclass(frozen=True)
@@ -52,7 +104,7 @@ def digest(rig: RigFile) -> str:
 
 
 def keep(rig_path: Path, rig: RigFile, seen: Sequence[Moved], adapters: Mapping[str, str] | None = None) -> None:
-    """Keep a check of today, with the adapters found (see `files.adapters`); one that was not passed removes an older one."""
+    """Keep a check of today, with the adapters found (see `adapters_now`); one that was not passed removes an older one."""
     path = place(rig_path)
     if not all(moved.ok for moved in seen):
         path.unlink(missing_ok=True)

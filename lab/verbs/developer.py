@@ -1,0 +1,133 @@
+"""`lab schema` and `lab completion`: what editors and shells need to complete files, verbs and options."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import shtab
+from pydantic import BaseModel
+
+from model.effects import CATALOGUE
+from model.robot import Robot
+
+from ..files.all_protocols import found_protocols, protocol_keys
+from ..files.campaign_file import CampaignFile
+from ..files.config import ConfigError
+from ..files.rig_file import RigFile
+from ..imports.map_file import Map
+from ..options import Result, Verb, option
+from .fakes import effect_names
+
+DRAFT = "https://json-schema.org/draft/2020-12/schema"
+
+
+def schema(name: str) -> Result:
+    """The schema of a file, or of a protocol's file; raises ConfigError for another name."""
+    protocols = found_protocols()
+    models: dict[str, type[BaseModel]] = {
+        "rig": RigFile,
+        "robot": Robot,
+        "map": Map,
+        "campaign": CampaignFile,
+        **{n: p.parameters for n, p in protocols.usable.items()},
+    }
+    if name in protocols.broken:
+        raise ConfigError(f"schema {name}: {protocols.broken[name]}")
+    if name not in models:
+        raise ConfigError(f"schema {name}: must be one of {', '.join(models)}")
+    document = _with_units(models[name].model_json_schema())
+    if name in protocols.usable:
+        document["properties"] = {"protocol": {"const": name}, **document.get("properties", {})}
+    return Result({"$schema": DRAFT, **document})
+
+
+def _with_units(node: Any) -> Any:
+    """The same, where each number that has a unit may also be text, such as 250 kPa."""
+    if isinstance(node, list):
+        return [_with_units(item) for item in node]
+    if not isinstance(node, Mapping):
+        return node
+    inner = {key: _with_units(value) for key, value in node.items()}
+    return _or_text(inner) if inner.get("unit") else inner
+
+
+NUMBERS = ("type", "minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum")
+
+
+def _or_text(field: dict[str, Any]) -> dict[str, Any]:
+    """A field with a unit: each number in it may be text."""
+    if field.get("type") == "number":
+        number = {key: field.pop(key) for key in NUMBERS if key in field}
+        return {**field, "anyOf": [number, {"type": "string"}]}
+    for key in ("items", "additionalProperties"):
+        if isinstance(field.get(key), dict):
+            field[key] = _or_text(field[key])
+    for key in ("anyOf", "oneOf", "prefixItems"):
+        if isinstance(field.get(key), list):
+            field[key] = [_or_text(item) if isinstance(item, dict) else item for item in field[key]]
+    return field
+
+
+SHELLS = ("bash", "zsh")
+FOLDERS = ("folder",)
+"""Arguments, by their name, that are folders."""
+
+FUNCTIONS = {
+    "bash": """
+_lab_protocol() { compgen -W "%s" -- "$1"; compgen -f -X '!*.py' -- "$1"; compgen -f -X '!*.yaml' -- "$1"; compgen -d -- "$1"; }
+_lab_set() { compgen -W "%s" -S = -- "$1"; }
+""",
+    "zsh": """
+_lab_protocol() { _alternative "protocols:protocol:(%s)" 'files:file:_files -g "*.(py|yaml)"' }
+_lab_set() { compadd -S = -- %s }
+""",
+}
+"""What is offered for a protocol (a name or a file) and for a key of `--set`, by the destination of the argument."""
+
+
+def completion(shell: str, top: argparse.ArgumentParser) -> Result:
+    """Print the completion of `top` for a shell."""
+    protocols = found_protocols().usable
+    keys = {key.name for p in protocols.values() for key in protocol_keys(p.parameters, {})}
+    words = {"with_effects": list(CATALOGUE), "effect": list(effect_names())}
+    for action in arguments(top):
+        if action.dest in words:
+            action.choices = words[action.dest]
+        elif action.dest in ("protocol", "set"):
+            action.complete = {shell: f"_lab_{action.dest}"}  # type: ignore[attr-defined]
+        elif action.type is not None and getattr(action.type, "__name__", "") == "Path":
+            action.complete = shtab.DIRECTORY if action.dest in FOLDERS else shtab.FILE  # type: ignore[attr-defined]
+    functions = FUNCTIONS[shell] % (" ".join(protocols), " ".join(sorted(keys)))
+    sys.stdout.write(shtab.complete(top, shell, preamble=functions) + "\n")
+    return Result()
+
+
+def arguments(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
+    """Every argument of a parser and of its verbs."""
+    for action in parser._actions:  # noqa: SLF001 - argparse has no other list of them
+        if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
+            for inner in action.choices.values():
+                yield from arguments(inner)
+        else:
+            yield action
+
+
+VERBS = (
+    Verb(
+        "schema",
+        lambda a: schema(a.file),
+        options=(option("file", metavar="rig|robot|map|campaign|PROTOCOL"),),
+        examples=("lab schema rig > rig.schema.json", "lab schema bending"),
+        page="docs/howto/command.md",
+    ),
+    Verb(
+        "completion",
+        lambda a: completion(a.shell, a.parser()),
+        options=(option("shell", choices=SHELLS),),
+        examples=("lab completion bash > completions/lab", "lab completion zsh > completions/_lab"),
+        page="docs/howto/command.md",
+    ),
+)
