@@ -90,8 +90,8 @@ EDIT_FEWEST = 6
 EDIT_REFINED, EDIT_FOLLOWED = 6, 3
 """Edits fitted to convergence, and those that others are tried beside."""
 WALLS_GAIN, ON_WALLS = 0.3, 0.9
-"""Share of the rms with thrust on the cap below which the side walls take it, and share on the walls from which they take all of it:
-less is no convention but an effect."""
+"""Share of the rms with thrust on the cap below which the side walls take it, and share on the walls from which they take all of
+it: less is no convention but an effect."""
 
 # ------------------------------------------------------------------ search: what is followed
 FIT_TOLERATED_SIZE, FIT_DISCREPANCY_SIZE = 0.1, 0.25
