@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy.special import logsumexp
 
 from model.effects.spec import Stage
 
@@ -22,15 +21,15 @@ from ..inference.candidate import Candidate
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, Executor
 from ..inference.fit import Fit, fit
-from ..inference.posterior import UNKNOWN, EffectPosterior, log_weight, posterior, with_unknown
+from ..inference.posterior import EffectPosterior, posterior, with_unknown
 from ..inference.prepare import Prepared
 from ..inference.problem import Problem
 from ..inference.search import Search
-from ..judgement import COMPARED_DISCREPANCY, LAW_ERRORS, REDUCIBLE_RATIO, RIVAL_PROBABILITY, STAGE_GAIN
+from ..judgement import COMPARED_DISCREPANCY, REDUCIBLE_RATIO, RIVAL_PROBABILITY, STAGE_GAIN
 from .distinguishability import Distinguishability, distinguishability
 from .shrink import rms
 from .size import sizes
-from .verdict import Decision, decide
+from .verdict import Decision, decide, without_nothing
 
 
 @dataclass(frozen=True)
@@ -140,9 +139,9 @@ def attribute(p: Prepared, stages: Mapping[str, Stage], begun: Begun) -> Attribu
     (among,) = begun.relatives()
     odds = odds_outside(w.search.tried, among, total_gain(of_stages), misfit.excess_scatter, len(p.problem.parameters.ids))
     ranked = with_unknown(w.known, found[NONE], odds)
-    decision = without_nothing(
-        decide(ranked, not lacking(p.states), w.budget.nothing_stands_out), p, w.budget, best, ranked.probability(NONE)
-    )
+    decision = decide(ranked, not lacking(p.states), w.budget.nothing_stands_out)
+    lowest = {e: w.budget.interval(e, 0.025)[0] / p.noise_floor for e in decision.effects}
+    decision = without_nothing(decision, sizes(p, best), lowest, ranked.probability(NONE))
     answered = best if decision.verdict == "effect" else leading
     decision = replace(
         decision,
@@ -161,34 +160,6 @@ def attribute(p: Prepared, stages: Mapping[str, Stage], begun: Begun) -> Attribu
         budget=w.budget,
         stage_errors=of_stages,
     )
-
-
-def without_nothing(d: Decision, p: Prepared, b: Budget, best: Candidate, none: float) -> Decision:
-    """The decision without effects whose size is zero within its error and which may carry less than the noise floor; none, of
-    probability `none` so far, where no other is named."""
-    known = [s for s in sizes(p, best) if s.role == "size"]
-    sized = {s.effect for s in known if s.certain} | ({*d.effects} - {s.effect for s in known})
-    named = tuple(e for e in d.effects if e in sized or b.interval(e, 0.025)[0] > p.noise_floor)
-    if named == d.effects:
-        return d
-    nothing = min(d.probability + none, 1 - d.outside)
-    return replace(d, effects=named) if named else Decision("none", (), nothing, d.outside, too_small=d.effects)
-
-
-def named_by_other_laws(f: Attribution) -> tuple[str, ...]:
-    """Effects that would lead in place of what is named, if laws were wrong by another of the shares `LAW_ERRORS`."""
-    named, scores = {*f.decision.effects}, dict[tuple[Hypothesis, int], float]()
-    for h, c in f.posterior.candidates.items():
-        if h not in (NONE, UNKNOWN):
-            by_law = logsumexp(c.weighed.log_terms, axis=(0, 1)) - c.fit.predicted_decrease
-            each = np.broadcast_to(by_law - np.log(len(LAW_ERRORS) / len(by_law)), LAW_ERRORS.shape).tolist()
-            scores |= {(h, k): log_weight(h, z, len(f.prepared.problem.parameters.ids)) for k, z in enumerate(each)}
-    others: list[str] = []
-    for k in {k for _, k in scores}:
-        leading = max((h for h, j in scores if j == k), key=lambda h: scores[h, k])
-        if not named & {*leading} and any(named & {*h} for h, _ in scores):
-            others += leading
-    return tuple(dict.fromkeys(others))
 
 
 def _stage_errors(p: Prepared, c: Candidate, stages: Mapping[str, Stage]) -> tuple[StageError, ...]:

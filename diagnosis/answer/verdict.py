@@ -69,6 +69,17 @@ def decide(posterior: EffectPosterior, enough: bool, nothing_stands_out: float =
     return Decision("effect", named, probability, outside)
 
 
+def without_nothing(d: Decision, known: Sequence[Size], lowest: Mapping[str, float], none: float) -> Decision:
+    """The decision without effects whose size is zero within its error and which may carry less than a noise floor; none, of
+    probability `none` so far, where no other is named. `lowest`: noise floors that each carries at least, with 97.5 %."""
+    certain = {s.effect for s in known if s.role == "size" and s.certain} | ({*d.effects} - {s.effect for s in known})
+    named = tuple(e for e in d.effects if e in certain or lowest[e] > judgement.LEAST_NAMED_FLOORS)
+    if named == d.effects:
+        return d
+    nothing = min(d.probability + none, 1 - d.outside)
+    return replace(d, effects=named) if named else Decision("none", (), nothing, d.outside, too_small=d.effects)
+
+
 def rivals(d: Decision, posterior: EffectPosterior) -> tuple[str, ...]:
     """Effects of the 95 % set that are not named, most probable first; only where an effect is named and not sure."""
     if d.verdict != "effect" or d.probability >= judgement.CAUSE_PROBABILITY:

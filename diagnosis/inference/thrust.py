@@ -17,7 +17,7 @@ from model.stated import Stated
 
 from ..data.campaign import Campaign, spread_over
 from ..findings import Finding, finding
-from ..judgement import FIRST_GAIN, FIT_DISCREPANCY_SIZE, ON_WALLS
+from ..judgement import FIT_DISCREPANCY_SIZE, ON_WALLS, WALLS_GAIN
 from .fit import fit
 from .prepare import prepare
 from .reading_noise import USUAL
@@ -64,7 +64,7 @@ def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> S
     start = parameters.mean.copy()
     start[names[f"{THRUST}.share"]] = 1.0
     walls, theta = fitted((THRUST, *others), starts.recalibrated(start))
-    if walls > FIRST_GAIN * cap or theta[names[f"{THRUST}.share"]] < ON_WALLS:
+    if walls > WALLS_GAIN * cap or theta[names[f"{THRUST}.share"]] < ON_WALLS:
         return None
     shapes = {name: float(theta[names[f"{THRUST}.{name}"]]) for name in ("borne", "growth")}
     stated = {name: Stated(value=value, unit="1") for name, value in {"share": 1.0, **shapes}.items()}
