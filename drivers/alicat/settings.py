@@ -1,4 +1,4 @@
-"""The persistent settings of an Alicat unit on which promises of safety rest: what each must be, and how it is put right.
+"""The unit of measure and the persistent settings of an Alicat unit on which promises of safety rest, and how they are put right.
 
 A unit keeps them without power; panel, other programs and the maker's software change them. Each is known from a firmware on;
 a unit that does not answer a query in its form does not have that setting.
@@ -22,7 +22,7 @@ TRIAL_SHARE = 0.25
 
 
 class Measure:
-    """Keep `unit.pa` true: readings are Pa in any unit of the display."""
+    """Keep `unit.pa` true: readings are Pa in any unit of the display, which no data frame names and a panel may change."""
 
     def __init__(self, name: str, unit: AlicatUnit, stated: str | None, full_scale: float) -> None:
         """`stated`: the unit of measure in rig.yaml; `full_scale` there, Pa."""

@@ -1,4 +1,4 @@
-"""The FT 300-S's data stream: bytes in, wrenches out, and how much was lost on the way.
+"""The FT 300-S's data stream: bytes in, wrenches out, how much was lost on the way, and whether the sensor is at rest.
 
 A frame has 16 bytes: 20 4E, six little-endian int16 (force in N/100, moment in N m/1000), and a Modbus CRC-16 over
 those 14 bytes, low byte first. The two leading bytes may also occur inside the data, so only a right CRC makes a frame.
@@ -126,7 +126,8 @@ PARTS = 10
 def unrest(readings: Sequence[Vector6]) -> str:
     """Return the axis that changed most, by how much, and the limit in words; empty for a sensor at rest.
 
-    `readings`: consecutive raw readings, N and N m. One reading alone cannot be judged.
+    Each axis is judged by its scatter (a tool that vibrates), by its trend (a load that comes on, a sensor that warms up), and by
+    the means of its parts (a step, a slow swing). `readings`: consecutive raw readings, N and N m; one alone cannot be judged.
     """
     worst, text = 1.0, ""
     for (axis, unit), noise, values in zip(AXES, NOISE, zip(*readings, strict=True), strict=True):

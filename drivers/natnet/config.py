@@ -19,7 +19,7 @@ class NotOne(ValueError):
     """A name that no body has, or a name or number that several have; the message says what to do."""
 
 
-def found(names: Sequence[str], told: Definitions) -> dict[str, int]:
+def body_numbers(names: Sequence[str], told: Definitions) -> dict[str, int]:
     """Numbers of the bodies with these names. Bodies of other names may be as they like."""
     ids: dict[str, int] = {}
     for name in names:

@@ -23,9 +23,7 @@ from ..errors import DeviceFault, NotReady, StaleReading, Unreachable, WrongDevi
 from ..interfaces import BodySample, Identity, Sink
 from ..registry import Driver
 from . import packets
-from .config import Config as Config
-from .config import NotOne, found, remedy, usable
-from .config import Transform as Transform
+from .config import Config, NotOne, body_numbers, remedy, usable
 from .packets import Cursor, Definitions, MocapFrame, ServerInfo, Unreadable
 from .wire import NatNetServer
 
@@ -44,7 +42,7 @@ class _Held:
 
 
 class Order:
-    """Sorts one server's frames."""
+    """Frames in the order in which they were sent, each once; what never came is counted as lost."""
 
     def __init__(self) -> None:
         self.lost = 0
@@ -384,7 +382,7 @@ class NatNetMocap:
             self._tell(part, f"{part}; it is ignored", kind=part.partition(" at byte")[0])
         doubt = ""
         try:
-            self._ids = found(self._names, told)
+            self._ids = body_numbers(self._names, told)
         except NotOne as e:
             doubt = str(e)
         with self._lock:
