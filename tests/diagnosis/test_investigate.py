@@ -11,7 +11,7 @@ from diagnosis.answer.experiments import columns
 from diagnosis.answer.result import Diagnosis, Proposal
 from diagnosis.diagnose import Examined, Options, examine
 from diagnosis.investigate import Foretold, NotDone, Round, bits_gained, investigate, settled
-from diagnosis.judgement import CERTAIN
+from diagnosis.judgement import CERTAIN, DOUBTED_PROBABILITY
 from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
 from model.effects.scales import scales
@@ -91,7 +91,7 @@ def test_the_cause_becomes_clear_and_every_prediction_was_there_before() -> None
     laboratory = Made(start)
     found = investigate(start, laboratory, OPTIONS, 120.0, 2, rounds.append)
     assert not settled(rounds[0].diagnosis) and len(laboratory.asked) >= 1
-    assert found.answer.attribute.effects == (CAUSE_PROBABILITY,) and found.answer.attribute.probability > 0.8
+    assert found.answer.attribute.effects == (CAUSE_PROBABILITY,) and found.answer.attribute.probability >= DOUBTED_PROBABILITY
     for r, foretold in zip(found.rounds, laboratory.asked, strict=False):
         assert r.foretold is foretold and foretold.proposal in r.diagnosis.next_experiment
         states = len(columns(foretold.proposal.protocol, 9, ())["trial"])
