@@ -32,8 +32,8 @@ from .arrays import Array
 from .criticism.gaussian import Gaussian
 from .data.campaign import Campaign
 from .data.case import CaseLike, states
-from .data.chamber_sides import ORDER, contradicted
-from .data.first_calibration import calibrate_first
+from .edits.order import ORDER, contradicted
+from .edits.search import edit_first
 from .errors import BadCase
 from .findings import Finding
 from .fit_residual import DIGITS, learn_residual
@@ -42,7 +42,7 @@ from .inference.evidence import KNOWN, weigh
 from .inference.executor import Progress, no_progress, one_thread
 from .inference.linear import Linear
 from .inference.prepare import AREA, Prepared, prepare
-from .inference.problem import Parameters
+from .inference.problem import FitParameters
 from .inference.reading_noise import with_vented_at_zero
 from .inference.search import Search
 from .inference.thrust import settle_thrust
@@ -139,7 +139,7 @@ def fit_effects(
     robot = case.robot.model_copy(update={"effects": kept, **nothing})
     settled = settle_thrust(robot, own, catalogue)
     # leaves a robot with effects as it is
-    first = calibrate_first(robot if settled is None else settled.robot, own, named)
+    first = edit_first(robot if settled is None else settled.robot, own, named)
     robot, own = first.robot, first.states
     # an order that was found is part of the robot now, as is thrust on the walls
     found_before = tuple(id for id in named if id in robot.effects)
@@ -262,7 +262,7 @@ def _lasting(p: Prepared, named: Sequence[str]) -> dict[str, int]:
     }
 
 
-def _model_errors(c: Candidate, linear: Linear, parameters: Parameters) -> tuple[float, float]:
+def _model_errors(c: Candidate, linear: Linear, parameters: FitParameters) -> tuple[float, float]:
     """Posterior rms of the model-form error (share) and of the discrepancy (units of `Linear.discrepancy`), on a grid of both."""
     grid = replace(
         KNOWN.part(c.with_tolerances),

@@ -127,17 +127,17 @@ PARAMETERS = Bending
 
 
 @dataclass(frozen=True)
-class Level:
+class SweepLevel:
     """One state of a sweep: pressure of the group (Pa) and how it is reached."""
 
     pressure: float
     branch: Branch
 
 
-def levels(p: Bending) -> list[Level]:
+def levels(p: Bending) -> list[SweepLevel]:
     """The states of one sweep in the order they are visited."""
-    up = [Level(x, "load") for x in ([0.0] if p.zero_state else []) + p.pressures]
-    down = [Level(x, "unload") for x in p.pressures[-2::-1] + ([0.0] if p.zero_state else [])]
+    up = [SweepLevel(x, "load") for x in ([0.0] if p.zero_state else []) + p.pressures]
+    down = [SweepLevel(x, "unload") for x in p.pressures[-2::-1] + ([0.0] if p.zero_state else [])]
     return up + (down if p.unload else [])
 
 
@@ -188,7 +188,7 @@ def plan(p: Bending, name: str = "bending") -> Plan:
 NEEDS = ("pressure", "spine", "valve", "gauge", "mocap")
 
 
-def _holds(p: Bending, level: Level) -> list[float]:
+def _holds(p: Bending, level: SweepLevel) -> list[float]:
     """Planned s from the ramp's end to each reading of a level."""
     if p.reading == "hold":
         return p.hold_times
@@ -238,14 +238,14 @@ def _rules(p: Bending) -> list[Settled | Window]:
     return [settled(p.settle)]
 
 
-def _read_on_the_fly(p: Bending, shapes: Shapes, walk: Walk, left: list[Level], branch: Branch) -> None:
+def _read_on_the_fly(p: Bending, shapes: Shapes, walk: Walk, left: list[SweepLevel], branch: Branch) -> None:
     """One ramp past all levels of a branch; each is read where the measured pressure crosses it."""
     walk.bench.check_stop()
     back = partial(walk.come_back, branch, _chambers(p, max(p.pressures)))
     through_pauses(walk.bench, partial(_pass, p, shapes, walk, left), back)
 
 
-def _pass(p: Bending, shapes: Shapes, walk: Walk, left: list[Level]) -> None:
+def _pass(p: Bending, shapes: Shapes, walk: Walk, left: list[SweepLevel]) -> None:
     """One ramp to the last level; takes those that were read off the list."""
     rising = left[0].branch == "load"
     end = left[-1].pressure
@@ -264,7 +264,7 @@ def _pass(p: Bending, shapes: Shapes, walk: Walk, left: list[Level]) -> None:
         walk.trials.step_done()
 
 
-def _judge(shapes: Shapes, walk: Walk, level: Level, row: TrialRow) -> None:
+def _judge(shapes: Shapes, walk: Walk, level: SweepLevel, row: TrialRow) -> None:
     """Raises Suspended where a state's shape shows that the jammed spine has gone soft, once a trial."""
     if walk.bench.jammed is not None and shapes.take(level.branch, level.pressure, row) and not shapes.asked:
         shapes.asked = True

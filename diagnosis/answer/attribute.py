@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy.special import logsumexp
 
 from model.effects.spec import Stage
 
@@ -17,20 +16,20 @@ from ..criticism.outside import Related, alike, odds_outside, related
 from ..criticism.stage_errors import Dependence, StageError, smooth_functions, stage_errors, total_gain
 from ..data.case import lacking
 from ..data.levels import SPINE_GAP
-from ..inference.budget import Budget, Part, budget, by_what_is_carried, parts
+from ..inference.budget import Budget, BudgetPart, budget, by_what_is_carried, parts
 from ..inference.candidate import Candidate
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, Executor
 from ..inference.fit import Fit, fit
-from ..inference.posterior import UNKNOWN, Posterior, log_weight, posterior, with_unknown
+from ..inference.posterior import EffectPosterior, posterior, with_unknown
 from ..inference.prepare import Prepared
 from ..inference.problem import Problem
 from ..inference.search import Search
-from ..judgement import COMPARED_DISCREPANCY, LAW_ERRORS, REDUCIBLE_RATIO, RIVAL_PROBABILITY, STAGE_GAIN
+from ..judgement import COMPARED_DISCREPANCY, REDUCIBLE_RATIO, RIVAL_PROBABILITY, STAGE_GAIN
 from .distinguishability import Distinguishability, distinguishability
 from .shrink import rms
 from .size import sizes
-from .verdict import Decision, decide
+from .verdict import Decision, decide, without_nothing
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ class Attribution:
     """What was found: probabilities of all hypotheses, the fits that stand for them, and how far to trust them."""
 
     prepared: Prepared
-    posterior: Posterior
+    posterior: EffectPosterior
     none: Candidate
     best: Candidate
     """Stands for what is named: the hypothesis of just that, or the most probable that holds it."""
@@ -83,13 +82,13 @@ class Attribution:
 
 
 @dataclass(frozen=True)
-class Weighed:
+class WeighedCauses:
     """Hypotheses of the catalogue, ranked twice: `whole` by their evidence, `known` by what their effects carry of the gap (see
     `inference.budget`), which is the answer once something outside the catalogue is weighed too."""
 
     search: Search
-    whole: Posterior
-    known: Posterior
+    whole: EffectPosterior
+    known: EffectPosterior
     budget: Budget
     leading: Candidate
     """The first of `whole`, with all derivatives."""
@@ -97,21 +96,21 @@ class Weighed:
     """The first of `known`, with all derivatives."""
 
 
-def weighed(problem: Problem, where: Sequence[Part], executor: Executor) -> Weighed:
+def weighed(problem: Problem, where: Sequence[BudgetPart], executor: Executor) -> WeighedCauses:
     """Search the hypotheses of a problem and rank them; `where` effects carry the gap."""
     search = Search(problem, executor=executor)
     whole = posterior(search.run(), len(problem.parameters.ids))
     carried = budget(problem, where, search.tried)
     known = by_what_is_carried(carried, whole)
     leading, best = search.leading_and_answer(*(k.candidates[k.ranking[0][0]] for k in (whole, known)))
-    return Weighed(search, whole, known, carried, leading, best)
+    return WeighedCauses(search, whole, known, carried, leading, best)
 
 
 @dataclass(frozen=True)
 class Begun:
     """What leads in one campaign, while relatives of it are fitted beside this process."""
 
-    weighed: Weighed
+    weighed: WeighedCauses
     calibrated: Fit
     """The baseline: area factor and tolerances fitted, no effect."""
     relatives: Callable[[], list[tuple[Related, ...]]]
@@ -140,9 +139,9 @@ def attribute(p: Prepared, stages: Mapping[str, Stage], begun: Begun) -> Attribu
     (among,) = begun.relatives()
     odds = odds_outside(w.search.tried, among, total_gain(of_stages), misfit.excess_scatter, len(p.problem.parameters.ids))
     ranked = with_unknown(w.known, found[NONE], odds)
-    decision = without_nothing(
-        decide(ranked, not lacking(p.states), w.budget.nothing_stands_out), p, w.budget, best, ranked.probability(NONE)
-    )
+    decision = decide(ranked, not lacking(p.states), w.budget.nothing_stands_out)
+    lowest = {e: w.budget.interval(e, 0.025)[0] / p.noise_floor for e in decision.effects}
+    decision = without_nothing(decision, sizes(p, best), lowest, ranked.probability(NONE))
     answered = best if decision.verdict == "effect" else leading
     decision = replace(
         decision,
@@ -161,34 +160,6 @@ def attribute(p: Prepared, stages: Mapping[str, Stage], begun: Begun) -> Attribu
         budget=w.budget,
         stage_errors=of_stages,
     )
-
-
-def without_nothing(d: Decision, p: Prepared, b: Budget, best: Candidate, none: float) -> Decision:
-    """The decision without effects whose size is zero within its error and which may carry less than the noise floor; none, of
-    probability `none` so far, where no other is named."""
-    known = [s for s in sizes(p, best) if s.role == "size"]
-    sized = {s.effect for s in known if s.certain} | ({*d.effects} - {s.effect for s in known})
-    named = tuple(e for e in d.effects if e in sized or b.interval(e, 0.025)[0] > p.noise_floor)
-    if named == d.effects:
-        return d
-    nothing = min(d.probability + none, 1 - d.outside)
-    return replace(d, effects=named) if named else Decision("none", (), nothing, d.outside, too_small=d.effects)
-
-
-def named_by_other_laws(f: Attribution) -> tuple[str, ...]:
-    """Effects that would lead in place of what is named, if laws were wrong by another of the shares `LAW_ERRORS`."""
-    named, scores = {*f.decision.effects}, dict[tuple[Hypothesis, int], float]()
-    for h, c in f.posterior.candidates.items():
-        if h not in (NONE, UNKNOWN):
-            by_law = logsumexp(c.weighed.log_terms, axis=(0, 1)) - c.fit.predicted_decrease
-            each = np.broadcast_to(by_law - np.log(len(LAW_ERRORS) / len(by_law)), LAW_ERRORS.shape).tolist()
-            scores |= {(h, k): log_weight(h, z, len(f.prepared.problem.parameters.ids)) for k, z in enumerate(each)}
-    others: list[str] = []
-    for k in {k for _, k in scores}:
-        leading = max((h for h, j in scores if j == k), key=lambda h: scores[h, k])
-        if not named & {*leading} and any(named & {*h} for h, _ in scores):
-            others += leading
-    return tuple(dict.fromkeys(others))
 
 
 def _stage_errors(p: Prepared, c: Candidate, stages: Mapping[str, Stage]) -> tuple[StageError, ...]:
@@ -212,7 +183,7 @@ def calibrated(p: Prepared) -> Fit:
 
 
 def _distinguishability(
-    p: Prepared, found: Mapping[Hypothesis, Candidate], ranked: Posterior, best: Candidate
+    p: Prepared, found: Mapping[Hypothesis, Candidate], ranked: EffectPosterior, best: Candidate
 ) -> Distinguishability:
     """Separations of all single effects: at the fitted size where an effect is probable, else at its plausible scale."""
     parameters = p.problem.parameters

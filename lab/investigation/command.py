@@ -23,7 +23,7 @@ from diagnosis.answer.sentences import hypothesis_name
 from diagnosis.diagnose import Options
 from diagnosis.inference.executor import Executor
 from diagnosis.inference.posterior import UNKNOWN
-from diagnosis.investigate import Foretold, Investigation, Judged, NotDone, Round, investigate
+from diagnosis.investigate import Foretold, Investigation, NotDone, Round, Tested, investigate
 from drivers.errors import InstrumentError
 from protocols.errors import ProtocolError, Stopped
 from recordings.errors import RecordingError
@@ -136,7 +136,7 @@ def _experiment(section: PageSection, r: Round) -> None:
                   [_judged(j, r) for j in r.judged])  # fmt: skip
 
 
-def _judged(j: Judged, r: Round) -> list[str]:
+def _judged(j: Tested, r: Round) -> list[str]:
     before = next((x.probability for x in r.diagnosis.attribute.ranking if x.effects == j.effects), 0.0)
     chance = f"{j.p_value:.2g}{' (failed)' if j.failed else ''}"
     return [hypothesis(j.effects, r.diagnosis), f"{before:.2f}", f"{j.rms_mm:.2f}", chance, f"{j.bits + 0.0:.1f}"]

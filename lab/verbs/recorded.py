@@ -18,7 +18,7 @@ from rich.table import Table as Sheet
 from recordings.campaign.info import Info
 from recordings.campaign.info import info as summary
 from recordings.campaign.labels import split
-from recordings.campaign.replay import Comparison, replay_states
+from recordings.campaign.replay import ReplayComparison, replay_states
 from recordings.campaign.replay import compare as hold_against
 from recordings.campaign.shelf import RecordedRun
 from recordings.campaign.shelf import runs as recorded
@@ -149,7 +149,7 @@ def said(request: Request) -> str:
     return f"{request.kind} {'done, ' if request.done else ''}asked for by {request.by}"
 
 
-def replayed(file: Path) -> tuple[Comparison, str]:
+def replayed(file: Path) -> tuple[ReplayComparison, str]:
     """Conclude every state of a recording again; the comparison with the live rows, and a digest of the rows."""
     recording = Recording.open(file)
     states = replay_states(recording)

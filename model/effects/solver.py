@@ -31,7 +31,7 @@ PARTS = (2, 6)
 
 
 @dataclass(frozen=True)
-class Solved:
+class SolvedRods:
     """Equilibria of n rows."""
 
     layout: at.Layout
@@ -57,10 +57,10 @@ class Solved:
         """(n,) see `Solution.converged`."""
         return self.solution.converged
 
-    def take(self, keep: slice) -> Solved:
+    def take(self, keep: slice) -> SolvedRods:
         """Some of the rows, of which no more is asked than tip and markers."""
         part = self.solution.take(keep)
-        return Solved(self.layout, self.rows[keep], self.arcs, self.steps[keep], part, self.result[keep], False)
+        return SolvedRods(self.layout, self.rows[keep], self.arcs, self.steps[keep], part, self.result[keep], False)
 
 
 def integration_steps(layout: at.Layout, rows: Array) -> Steps:
@@ -78,13 +78,13 @@ def solve(
     rows: Array,
     arcs: Array,
     steps: Steps,
-    start: Solved | None = None,
+    start: SolvedRods | None = None,
     inside: bool = True,
     trial: bool = False,
     plain: bool = False,
     whole: bool = False,
-    followed: Solved | None = None,
-) -> Solved:
+    followed: SolvedRods | None = None,
+) -> SolvedRods:
     """Solve rows (n, layout.width); `arcs` (k,) m get positions, `start` are rows nearby.
 
     With `start`, a `trial` gives up rods whose load would have to be followed from zero, `whole` all that remain once one has no
@@ -97,20 +97,20 @@ def solve(
     result = np.full((len(rows), at.MARKERS + 3 * len(arcs)), np.nan)
     result[:, at.TIP : at.TIP + 3] = solution.tip
     result[:, at.ORIENTATION : at.ORIENTATION + 4] = solution.orientation
-    solved = Solved(layout, rows, arcs, steps, solution, result, False)
+    solved = SolvedRods(layout, rows, arcs, steps, solution, result, False)
     if inside or len(arcs):
         _fill_stations(solved, rods, inside)
     return replace(solved, inside=inside)
 
 
-def look_inside(solved: Solved) -> Solved:
+def look_inside(solved: SolvedRods) -> SolvedRods:
     """The same, with what is within the rods."""
     found = replace(solved, result=solved.result.copy(), inside=True)
     _fill_stations(found, sprung_rods(found.layout, found.rows), True)
     return found
 
 
-def _fill_stations(solved: Solved, rods: rod.Rods, inside: bool) -> None:
+def _fill_stations(solved: SolvedRods, rods: rod.Rods, inside: bool) -> None:
     """Fill the results that are not at the tip, in one pass."""
     layout, result = solved.layout, solved.result
     places = _places(layout, rods, solved.arcs, inside)
@@ -130,7 +130,7 @@ def _fill_stations(solved: Solved, rods: rod.Rods, inside: bool) -> None:
 
 
 def _solve_from(
-    layout: at.Layout, rows: Array, steps: Steps, start: Solved, trial: bool, whole: bool, followed: Solved | None
+    layout: at.Layout, rows: Array, steps: Steps, start: SolvedRods, trial: bool, whole: bool, followed: SolvedRods | None
 ) -> rod.Solution:
     """Solve from a close solution, else from others that were followed, from nothing, through rods between, or as loads grow."""
     rods = sprung_rods(layout, rows)
@@ -161,7 +161,7 @@ def _solve_from(
 
 
 def _all_or_none(
-    found: rod.Solution, rods: rod.Rods, steps: Steps, unsolved: NDArray[np.intp], start: Solved, followed: Solved | None
+    found: rod.Solution, rods: rod.Rods, steps: Steps, unsolved: NDArray[np.intp], start: SolvedRods, followed: SolvedRods | None
 ) -> NDArray[np.intp]:
     """Follow the loads of rods until one has no equilibrium that had one at the start; returns those that are then not solved."""
     # what had none the last time comes first
@@ -194,7 +194,7 @@ def _put(into: rod.Solution, rows: NDArray[np.intp], found: rod.Solution) -> NDA
     return rows[_unsolved(found)]
 
 
-def differentiate(solved: Solved, directions: Array) -> Array:
+def differentiate(solved: SolvedRods, directions: Array) -> Array:
     """(n, a, motions) derivatives of the results along `directions` (a, layout.width) of the rows.
 
     Motions are the shift and the turn (rad) of the tip, the shift of each marker and, inside, the turns of base and spine's end
@@ -210,7 +210,7 @@ def differentiate(solved: Solved, directions: Array) -> Array:
     return np.concatenate([d.tip, d.rotation, marked, *within], axis=-1)
 
 
-def nudged(solved: Solved, step: float) -> Array:
+def nudged(solved: SolvedRods, step: float) -> Array:
     """(1 + motions, n, columns) the results, and the same a step along each motion of `differentiate`."""
     shifts = [at.TIP, at.TIP + 1, at.TIP + 2]
     markers = list(range(at.MARKERS, solved.result.shape[1]))

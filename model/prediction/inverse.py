@@ -41,7 +41,7 @@ DAMPING = 1e-2
 
 
 @dataclass(frozen=True)
-class Limits:
+class ReachLimits:
     """What may be asked of the robot."""
 
     max_pressure: float
@@ -76,7 +76,7 @@ def limits_of(
     groups: Sequence[Sequence[int]] | None = None,
     max_pressure: float | None = None,
     spine: tuple[float, float] | None = None,
-) -> Limits:
+) -> ReachLimits:
     """The robot's limits, or narrower ones; raises `BadCondition` for groups that its chambers do not make up.
 
     `groups`: chambers that share a regulator, each by itself unless given; chambers in none stay vented. `spine`: lengths
@@ -104,13 +104,13 @@ def limits_of(
         raise BadCondition(
             f"spine length: {low:g} .. {high:g} m, must lie between 0 and {robot.length if robot.spine is not None else 0.0:g} m"
         )
-    return Limits(highest, chamber_groups, (low, high))
+    return ReachLimits(highest, chamber_groups, (low, high))
 
 
 def inverse(
     at: Predictor,
     targets: ArrayLike,
-    limits: Limits,
+    limits: ReachLimits,
     weights: ArrayLike | None = None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Reached:
@@ -128,7 +128,7 @@ def inverse(
     weight = np.where(free, 0.0, 1.0 if weights is None else np.broadcast_to(np.asarray(weights, float), wanted.shape))
     if (weight < 0).any() or (weight.max(axis=1) <= 0).any():
         raise BadCondition("weights: must not be negative, and one of each row above 0")
-    search = _Search(at, limits, np.where(free, 0.0, wanted), weight)
+    search = _InverseSearch(at, limits, np.where(free, 0.0, wanted), weight)
     u = search.run(progress)
     pressures, lengths = search.inputs(u)
     prediction = at(pressures, lengths, intervals=True)
@@ -136,10 +136,10 @@ def inverse(
     return Reached(pressures, lengths, miss, prediction)
 
 
-class _Search:
+class _InverseSearch:
     """Targets and the scaled inputs u within 0 .. 1: the groups' pressures, then the spine's length."""
 
-    def __init__(self, at: Predictor, limits: Limits, wanted: Array, weight: Array) -> None:
+    def __init__(self, at: Predictor, limits: ReachLimits, wanted: Array, weight: Array) -> None:
         self._at, self._limits, self._wanted, self._weight = at, limits, wanted, weight
         count = len(at.robot.actuators.azimuths_deg)
         self._member = np.zeros((len(limits.groups), count))

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from model.condition import HOLD, NOMINAL_VACUUM, RATE, States, conditions
 from model.effects.catalogue import CATALOGUE
-from model.effects.forward import Change, ForwardModel
+from model.effects.forward import ForwardModel, InputChange
 from model.effects.spec import EffectSpec
 from model.errors import BadCondition
 from model.prediction.residual import LearntResidual, residual_of
@@ -191,7 +191,7 @@ def predicted(
     return Prediction(r.tip[0] + missed, r.orientation[0], r.markers[0], **fields)
 
 
-def _changes(states: States, together: bool, each: bool) -> Change:
+def _changes(states: States, together: bool, each: bool) -> InputChange:
     """Of the pressure of all chambers in use, where `together`; of each chamber, then of the spine's length, where `each`."""
     n, chambers = states.pressure.shape
     by = np.concatenate([[PRESSURE_STEP] * (together + each * chambers), [LENGTH_STEP] * each])
@@ -201,7 +201,7 @@ def _changes(states: States, together: bool, each: bool) -> Change:
     if each:
         pressure[range(len(by) - chambers - 1, len(by) - 1), :, range(chambers)] = PRESSURE_STEP
         length[-1] = LENGTH_STEP
-    return Change(pressure, length, by)
+    return InputChange(pressure, length, by)
 
 
 def _without(forward: ForwardModel, id: str) -> Array:

@@ -16,7 +16,7 @@ from mcap.records import Attachment, Channel, Header, Metadata, Schema
 
 from ..bounded import regular
 from ..errors import Damaged, NotARecording
-from .budget import PER_CHANNEL, PER_TEXT, SMALLEST_CHUNK, Budget, Cost, largest_chunk
+from .budget import PER_CHANNEL, PER_TEXT, SMALLEST_CHUNK, Cost, ReadingBudget, largest_chunk
 from .chunks import HEAD, Chunk, McapRecord
 
 RUN = 2**20
@@ -62,7 +62,7 @@ class Contents:
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.budget = Budget(self.name, self.size)
+        self.budget = ReadingBudget(self.name, self.size)
         self._seen: set[int] = set()
         """Of definitions: one that is repeated costs nothing."""
         self.indexed: Chunk | None = None

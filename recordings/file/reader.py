@@ -19,7 +19,7 @@ from .. import events
 from ..errors import Damaged, Foreign, MissingStream, NotARecording, Truncated
 from ..events import EVENTS, EventType
 from ..messages import SCHEMA_VERSION, STREAMS, MessageType, is_stream
-from .budget import Budget, Cost
+from .budget import Cost, ReadingBudget
 from .chunks import Messages
 from .contents import Contents, mapped
 from .records import Hole, gathered, holes, index, inside, records
@@ -56,7 +56,7 @@ class Recording:
         """What `salvaged` left out, and why; None of a recording of which everything is read."""
         self._loaded: set[int] = set()
         """Channels whose messages were read."""
-        self._budget = Budget(str(path), len(data))
+        self._budget = ReadingBudget(str(path), len(data))
         self._samples: dict[int, list[NDArray[np.void]] | None] = {}
         """Of channels of ours, batch by batch; None where some message has another layout."""
         self._payloads: dict[int, list[bytes]] = {}

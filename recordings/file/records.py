@@ -24,7 +24,7 @@ import numpy as np
 from mcap.opcode import Opcode
 
 from ..errors import Damaged, NotARecording, Oversized, RecordingError
-from .budget import Budget
+from .budget import ReadingBudget
 from .chunks import HEAD, UNPARSABLE, Chunk, McapRecord, Messages, scan, unpacked
 from .contents import Contents
 
@@ -188,7 +188,7 @@ def gathered(data: memoryview, contents: Contents) -> Iterator[Messages]:
 
     Chunks are unpacked by threads, one batch ahead of what is handed out.
     """
-    budget = Budget(contents.name, len(data))
+    budget = ReadingBudget(contents.name, len(data))
     ends = accumulate(chunk.size for chunk in contents.chunks)
     # bytes unpacked at a time; small enough for the allocator to use the same memory again
     groups = groupby(zip(contents.chunks, ends, strict=True), lambda pair: pair[1] // (4 * 2**20))
@@ -202,7 +202,7 @@ def gathered(data: memoryview, contents: Contents) -> Iterator[Messages]:
                 yield _joined(chunks, [raw.result() for raw in raws], budget)
 
 
-def _joined(batch: list[Chunk], raws: list[bytes], budget: Budget) -> Messages:
+def _joined(batch: list[Chunk], raws: list[bytes], budget: ReadingBudget) -> Messages:
     starts, base = [], 0
     for chunk, raw in zip(batch, raws, strict=True):
         messages, _, error = scan(raw, budget)

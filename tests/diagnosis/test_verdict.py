@@ -27,10 +27,13 @@ from diagnosis.answer.result import (
 )
 from diagnosis.answer.sentences import Facts, beyond_tolerance, changed_by, stands_for, statement, stiffness_sentence
 from diagnosis.answer.size import Size
-from diagnosis.answer.verdict import conclude, decide, doubted, doubts, rivals
+from diagnosis.answer.verdict import conclude, decide, doubted, doubts, rivals, without_nothing
 from diagnosis.criticism.stage_errors import StageError
 from diagnosis.findings import finding
-from diagnosis.inference.posterior import Posterior
+from diagnosis.inference.candidate import Candidate
+from diagnosis.inference.evidence import GridPoint, Weighed
+from diagnosis.inference.fit import Fit
+from diagnosis.inference.posterior import EffectPosterior, leading_by_law
 from diagnosis.judgement import BENCHMARK
 from lab.files.config import load
 from lab.files.robot_file import paper_robot
@@ -50,13 +53,13 @@ HEADS = (
 )  # fmt: skip
 
 
-def weighed(**p: float) -> Posterior:
+def weighed(**p: float) -> EffectPosterior:
     """Hypotheses by name, "none" for none."""
     ranking = sorted(p.items(), key=lambda x: -x[1])
-    return Posterior(tuple((() if name == "none" else (name,), value) for name, value in ranking), {})
+    return EffectPosterior(tuple((() if name == "none" else (name,), value) for name, value in ranking), {})
 
 
-def facts(posterior: Posterior, enough: bool = True, gap: bool = True, asking: tuple[StageError, ...] = MATERIAL) -> Facts:
+def facts(posterior: EffectPosterior, enough: bool = True, gap: bool = True, asking: tuple[StageError, ...] = MATERIAL) -> Facts:
     d = decide(posterior, enough)
     budget = tuple(c for c in BUDGET if c.role != "named" or c.effect in d.effects)
     conclusion = conclude(d, gap, asking)
@@ -194,7 +197,7 @@ def test_a_cause_that_an_area_factor_by_length_hides_is_said_to_be_hidden() -> N
     ("posterior", "enough", "gap", "asking"),
     list(itertools.product((SURE, OPEN, ALONE, STRANGE, OUTSIDE, NONE), (True, False), (True, False), (MATERIAL, BOTH, ()))),
 )
-def test_no_two_sentences_contradict(posterior: Posterior, enough: bool, gap: bool, asking: tuple[StageError, ...]) -> None:
+def test_no_two_sentences_contradict(posterior: EffectPosterior, enough: bool, gap: bool, asking: tuple[StageError, ...]) -> None:
     for share in (None, -0.4, 0.0, 0.3, 0.6, 0.98):
         after = 3.0 if share is None else 3.0 * (1 - share)
         shrunk = Shrink("leave one spine length out", 3.0, after, 0.5, share, None, ())
@@ -456,3 +459,22 @@ def test_both_fit_whichever_they_are() -> None:
         )
         said = tied(effect, sizes, 0.59, other, 0.57, found)
         assert len(said.split()) <= 20 and said.endswith("(p = 0.59, 0.57)."), said
+
+
+def test_a_size_that_is_zero_within_its_error_is_not_named() -> None:
+    unsure = Size("base_tilt.x", "rad", 0.001, 0.001, 0.002, -0.2, 0.2, -0.002, 0.004, True)
+    found, large = decide(SURE, True), {"base_tilt": 1.4}
+    assert without_nothing(found, [replace(unsure, mean=0.02)], {"base_tilt": 0.3}, 0.025) == found
+    assert without_nothing(found, [unsure], large, 0.025) == found == without_nothing(found, [], {"base_tilt": 0.3}, 0.025)
+    none = without_nothing(found, [unsure], {"base_tilt": 0.3}, 0.025)
+    assert (none.verdict, none.effects, none.too_small) == ("none", (), ("base_tilt",)) and none.probability == 0.995
+
+
+def test_another_error_of_the_laws_may_make_another_hypothesis_lead() -> None:
+    def candidate(effect: str, *by_law: float) -> Candidate:
+        weighed = Weighed(0.0, np.array([[by_law]]), *(np.zeros(0),) * 4)
+        fit = Fit(np.zeros(0), np.zeros(0), None, 0.0, 0.0)
+        return Candidate((effect,), weighed, fit, GridPoint(0.0, 0.0, 0.1), False)
+
+    exact, wrong, geometry = candidate("a", 9.0, 5.0, 1.0), candidate("b", 1.0, 4.0, 8.0), candidate("c", 7.0)
+    assert leading_by_law([exact, wrong, geometry], 3) == [("a",), ("c",), ("b",)]
