@@ -8,19 +8,20 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from model.robot import Robot
 from recordings.errors import BadTable
 from recordings.table_file import checked, lacks
 from recordings.trials import ORIENTATION, REQUIRED, TEXTS, Table, column_order, unit_of
 
-from ..files.config import ConfigError, Source, check
+from ..files.config import ConfigError, FileTable, Source, check
 from .formats import of_data_frame
 from .headings import heading, own_column, unit_named
 from .joining import of_rows_in_turn
-from .map_file import Map, demand_units
-from .quantities import quantities_of
-from .series import FRAME, Series, cleaned, numbers, texts
+from .map_file import Column, Map, demand_units
+from .quantities import File, in_si, quantities_of, translated
+from .series import FRAME, Series, cleaned, name_of
 from .table import conclude
 
 if TYPE_CHECKING:
@@ -34,8 +35,8 @@ def trials_of(frame: DataFrame, robot: Robot, columns: Mapping[str, Any] | None 
     """The states of a DataFrame, with what was left out or taken for granted in `Table.warnings`; raises ConfigError.
 
     `columns`: column of trials.csv -> heading, "heading [unit]", or an entry of map.yaml; other columns go by their names.
-    `keys`: further keys of map.yaml. A frame with all columns that trials.csv requires is taken as it is; else trials, steps,
-    repeats and branches are worked out as those of a file.
+    `keys`: further keys of map.yaml. A frame with all columns that trials.csv requires is taken as it is; else, and by further
+    keys, trials, steps, repeats and branches are worked out as those of a file.
     """
     columns = {} if columns is None else columns
     if not isinstance(columns, Mapping):
@@ -45,11 +46,12 @@ def trials_of(frame: DataFrame, robot: Robot, columns: Mapping[str, Any] | None 
     words = _table(keys, "source").get("missing", ())
     missing = tuple(words) if isinstance(words, list | tuple) else ()
     series = of_data_frame(frame, missing)
-    if not columns and not keys and set(REQUIRED) <= set(series.names):
-        return _as_it_is(series)
-    series = of_rows_in_turn(cleaned(series, missing))
     columns = {name: _entry(series, entry) for name, entry in columns.items()}
-    wanted = check(Source(CALL, _with_own_names(series, {**keys, "columns": columns}), {}), Map)
+    own = _own_names(series) | columns
+    if not keys and set(REQUIRED) <= own.keys():
+        return _as_it_is(series, check(Source(CALL, {"columns": own}, {}), _Columns).columns, robot)
+    series = of_rows_in_turn(cleaned(series, missing))
+    wanted = check(Source(CALL, _as_map({**keys, "columns": columns}, own), {}), Map)
     demand_units(wanted, robot.actuators.words, f"{CALL}: ")
     quantities = quantities_of(series, wanted, robot.actuators.words)
     made = conclude([(series, quantities, wanted)], wanted, robot, [*series.notes, *quantities.notes])
@@ -57,23 +59,29 @@ def trials_of(frame: DataFrame, robot: Robot, columns: Mapping[str, Any] | None 
     return replace(made.table, warnings=tuple(re.sub(f"^{FRAME}[:,] ", "", text) for text in doubts))
 
 
-def _as_it_is(series: Series) -> Table:
-    """The table of columns that bear the names of trials.csv, in SI, without rows that lack a value."""
-    known = {name: column for name, column in series.columns.items() if column_order(name) is not None}
-    ignored = tuple(name for name in series.names if name not in known)
-    for name, column in known.items():
-        if name in TEXTS:
-            known[name] = texts(series, name, name)
-        else:
-            values = numbers(series, name, name) if name in {**series.numbers, **series.words} else np.full(len(column), np.nan)
-            known[name] = np.where(np.isfinite(values), values, np.nan)
-    lacking = lacks(known)
+class _Columns(FileTable):
+    """Where the columns of trials.csv come from."""
+
+    columns: dict[str, Column]
+
+
+def _as_it_is(series: Series, columns: Mapping[str, Column], robot: Robot) -> Table:
+    """The table of these columns, without rows that lack a value."""
+    if wrong := [name for name in columns if column_order(name) is None]:
+        raise ConfigError(f"{CALL}: columns.{wrong[0]}: is no column of trials.csv")
+    file, values = File(series, robot.actuators.words), dict[str, NDArray[Any]]()
+    for name, column in columns.items():
+        values[name] = translated(series, name, column, ()) if name in TEXTS else in_si(file, name, column)
+    values = {name: v if name in TEXTS else np.where(np.isfinite(v), v, np.nan) for name, v in values.items()}
+    lacking = lacks(values)
     kept = np.flatnonzero([not why for why in lacking])
     if not len(kept):
         raise ConfigError(f"{FRAME}, {series.place(0)}: {lacking[0]}")
+    used = {name_of(series, column.column, f"columns.{name}") for name, column in columns.items()}
+    ignored = tuple(name for name in series.names if name not in used)
     try:
-        columns = {name: column[kept] for name, column in known.items()}
-        table = checked(columns, lambda row: f"{FRAME}, {series.place(int(kept[row]))}", ignored)
+        usable = {name: column[kept] for name, column in values.items()}
+        table = checked(usable, lambda row: f"{FRAME}, {series.place(int(kept[row]))}", ignored)
     except BadTable as e:
         raise ConfigError(str(e)) from e
     left_out = [(series.place(row), why) for row, why in enumerate(lacking) if why]
@@ -98,17 +106,27 @@ def _entry(series: Series, entry: Any) -> Any:
     return {"column": stated[1], "unit": (unit_named(stated[2]) or ("", stated[2]))[1]}
 
 
-def _with_own_names(series: Series, keys: dict[str, Any]) -> dict[str, Any]:
-    """Keys of a map, and those columns that bear names of trials.csv; in SI where the frame states no unit."""
-    columns, trials = dict(keys["columns"]), _table(keys, "trials")
-    given = {*columns, *_table(keys, "constants"), "step"}
-    given |= {"trial"} if trials.get("begin") == "state" or "change" in trials else set()
-    given |= {f"{body if body != 'tip' else ''}{axis}" for body in _table(keys, "points") for axis in "xyz"}
-    for name in series.names:
+def _own_names(series: Series) -> dict[str, Any]:
+    """Entries for the columns that bear names of trials.csv; in SI where the frame states no unit."""
+    out: dict[str, Any] = {}
+    for name in (*series.numbers, *series.words):
         stated = heading(name, series.units.get(name, ""))
-        own = own_column(stated)
-        if own is None or own in given or own in ORIENTATION or (name not in series.numbers and name not in series.words):
-            continue
-        columns[own] = {"column": name} | ({} if stated.unit or own in TEXTS else {"unit": unit_of(own)})
-    turned = "orientation" in keys or not set(ORIENTATION) <= set(series.names)
-    return {**keys, "columns": columns} | ({} if turned else {"orientation": {"columns": list(ORIENTATION), "order": "wxyz"}})
+        if (own := own_column(stated)) is not None:
+            out.setdefault(own, {"column": name} | ({} if stated.unit or own in TEXTS else {"unit": unit_of(own)}))
+    return out
+
+
+def _as_map(keys: dict[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
+    """Keys of a map, with those columns `own` that no key describes otherwise."""
+    trials, points = _table(keys, "trials"), _table(keys, "points")
+    described = {
+        *_table(keys, "constants"),
+        "step",
+        *ORIENTATION,
+        *(f"{body if body != 'tip' else ''}{a}" for body in points for a in "xyz"),
+    }
+    described |= {"trial"} if trials.get("begin") == "state" or "change" in trials else set()
+    columns = {name: entry for name, entry in own.items() if name in keys["columns"] or name not in described}
+    turned = "orientation" in keys or not set(ORIENTATION) <= own.keys()
+    turn = {} if turned else {"orientation": {"columns": [own[name]["column"] for name in ORIENTATION], "order": "wxyz"}}
+    return {**keys, "columns": columns, **turn}

@@ -71,7 +71,7 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
             g.doubt("columns.x", f"no heading names a tip; {' / '.join(tips[0].columns)} move most")
     bases = [t for t in bases if t not in tips] or _still(g, series, [t for t in found if t not in tips], tips[0])
     rest = _at_rest(g, series, robot)
-    said = {c: _said(series, c) for t in (*tips, *bases) for c in t.columns}
+    said = {c: unit_in(series, c, KINDS["m"]) for t in (*tips, *bases) for c in t.columns}
     common = said[tips[0].columns[0]]
     tip = np.mean([_xyz(series, t, rest, common) for t in tips], axis=0)
     base = np.mean([_xyz(series, t, rest, common) for t in bases], axis=0) if bases else np.zeros(3)
@@ -115,7 +115,7 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
         g.say(f"points.m{k}.of", [list(t.columns)], "in the order in which they move, least next to the base")
         if bases:
             g.say(f"points.m{k}.against", [list(b.columns) for b in bases], "as the tip")
-        if not _said(series, t.columns[0]):
+        if not unit_in(series, t.columns[0], KINDS["m"]):
             g.say(f"points.m{k}.unit", unit, "as the tip")
     if len(along) > 1:
         g.doubt("points.m1", f"{len(along)} places for the markers of robot.yaml: check which is which")
@@ -150,15 +150,10 @@ def _whole(found: Sequence[Triple]) -> list[Triple]:
     return [t for t in found if not any(w.startswith("marker") for w in t.words)] or list(found)
 
 
-def _said(series: Series, column: str) -> str:
-    """The unit of length that the file states of a column; empty where it states none."""
-    return unit_in(series, column, KINDS["m"])
-
-
 def _xyz(series: Series, t: Triple, rest: NDArray[np.bool_] | None = None, unit: str = "") -> Array:
     """(n, 3) of the file's numbers, without rows in which nothing was seen; in `unit` where the file states others."""
     length = KINDS["m"]
-    factors = [length[said] / length[unit] if unit and (said := _said(series, c)) else 1.0 for c in t.columns]
+    factors = [length[said] / length[unit] if unit and (said := unit_in(series, c, KINDS["m"])) else 1.0 for c in t.columns]
     found = np.column_stack([series.numbers[c] * f for c, f in zip(t.columns, factors, strict=True)])
     return np.where(unseen(found, rest)[:, None], np.nan, found)
 

@@ -13,6 +13,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from recordings.trials import present
+
 from ..files.config import ConfigError
 from ..files.units import KINDS
 from .clock import EPOCH, HALF_HOUR, LARGEST_CHANGE, period, seconds, timeline, unit_of_steps
@@ -157,7 +159,7 @@ def joined(lead: Stream, others: Sequence[Stream]) -> Series:
             else:
                 columns[own] = at_times(lead.t, times, np.asarray(values[order], np.float64), oldest)
             if before is not None and before.dtype.kind == values.dtype.kind:
-                columns[own] = np.where(_holds(columns[own]), columns[own], before)
+                columns[own] = np.where(present(columns[own]), columns[own], before)
             added.add(own)
             if unit := other.series.units.get(name):
                 units[own] = unit
@@ -169,14 +171,9 @@ def joined(lead: Stream, others: Sequence[Stream]) -> Series:
     return replace(lead.series, columns=columns, units=units, common_units=common, notes=tuple(notes))
 
 
-def _holds(values: Array | Texts) -> NDArray[np.bool_]:
-    """(n,) cells that are not missing."""
-    return np.asarray(values != "" if values.dtype.kind == "U" else np.isfinite(np.asarray(values, np.float64)))
-
-
 def _counts_rows(values: Array | Texts) -> bool:
     """Whether a column only counts."""
-    return values.dtype.kind == "f" and bool((np.diff(np.asarray(values[_holds(values)], np.float64)) >= 0).all())
+    return values.dtype.kind == "f" and bool((np.diff(np.asarray(values[present(values)], np.float64)) >= 0).all())
 
 
 def _overlap(a: Stream, b: Stream) -> float:

@@ -50,7 +50,7 @@ def read_matlab(path: Path, source: Source) -> Series:
     from scipy.io import loadmat, whosmat
 
     data = read_bounded(path, LARGEST, ConfigError)
-    if _is_hdf5(data):
+    if data.startswith(MAGIC) or data.startswith(MAGIC, USER_BLOCK):
         found, others = _read_hdf5(path, data)
         objects, notes = _objects(path, others)
         return columns_of(path, {**found, **objects}, source, "MATLAB 7.3", notes)
@@ -178,11 +178,6 @@ def _cells(matrix: memoryview, order: Order) -> int:
 
 # ------------------------------------------------------------------ MATLAB 7.3
 # A variable is a dataset with the attribute MATLAB_class, its dimensions in reverse order; a structure is a group of its fields.
-def _is_hdf5(data: bytes) -> bool:
-    """Whether a file is HDF5, at its begin or behind MATLAB's user block."""
-    return data.startswith(MAGIC) or data[USER_BLOCK : USER_BLOCK + len(MAGIC)] == MAGIC
-
-
 def _read_hdf5(path: Path, data: bytes) -> tuple[Mapping[str, Any], list[str]]:
     """Arrays by name, a structure's fields as NAME.FIELD, and names of further variables; raises ConfigError."""
     library = package("h5py", path)
@@ -225,14 +220,10 @@ def _variables(library: Any, file: Any) -> tuple[dict[str, Any], list[int]]:
             and not one.attrs.get(EMPTY, 0)
             and SPARSE not in one.parent.attrs
             and one.dtype.kind in "fiub"
-            and _text(one.attrs[CLASS]) != "char"
+            and str(one.attrs[CLASS]) not in ("char", "b'char'")
             and DECODE not in one.attrs
         ):
             found[name.replace("/", ".")] = one
 
     file.visititems(visited)
     return found, sizes
-
-
-def _text(value: Any) -> str:
-    return value.decode("ascii", "replace") if isinstance(value, bytes) else str(value)

@@ -84,7 +84,7 @@ class Quantities:
 
 
 @dataclass
-class _File:
+class File:
     """One file while its map is applied."""
 
     series: Series
@@ -119,10 +119,10 @@ class _File:
 
 def quantities_of(series: Series, wanted: Map, drive: Words) -> Quantities:
     """Read a file by its map, of a robot driven as `drive` says; raises ConfigError naming the column that is missing."""
-    file, constants = _File(series, drive), quantities(wanted.constants, drive)
+    file, constants = File(series, drive), quantities(wanted.constants, drive)
     notes = file.notes
-    values = {n: _number(file, n, c) for n, c in wanted.columns.items() if n not in TEXTS}
-    words = {n: _words(series, n, c, wanted.source.missing) for n, c in wanted.columns.items() if n in TEXTS}
+    values = {n: in_si(file, n, c) for n, c in wanted.columns.items() if n not in TEXTS}
+    words = {n: translated(series, n, c, wanted.source.missing) for n, c in wanted.columns.items() if n in TEXTS}
     frame = wanted.frame.matrix
     n = len(series)
     chambers = _chambers(values, constants)
@@ -174,7 +174,7 @@ def _time(series: Series, wanted: Map) -> Array:
     return np.arange(len(series), dtype=np.float64)
 
 
-def _number(file: _File, name: str, column: Column) -> Array:
+def in_si(file: File, name: str, column: Column) -> Array:
     found, unit = file.numbers(column, name, f"columns.{name}")
     one = file.factors[f"columns.{name}"]
     if name == "t":
@@ -190,7 +190,7 @@ def _number(file: _File, name: str, column: Column) -> Array:
     return found - AMBIENT if column.zero == "absolute" else found
 
 
-def _contradict(file: _File, own: str, name: str, unit: str, place: str, scale: float = 1.0) -> None:
+def _contradict(file: File, own: str, name: str, unit: str, place: str, scale: float = 1.0) -> None:
     """Note a column of which the file says another unit than the map does, which translates it by no `scale`."""
     units = units_for(name, file.drive)
     said = unit_in(file.series, own, units)
@@ -206,7 +206,7 @@ def _contradict(file: _File, own: str, name: str, unit: str, place: str, scale: 
         file.contradicted.setdefault(text, {})[own] = place
 
 
-def _mixed_units(file: _File, wanted: Map, *groups: Sequence[str]) -> Iterator[str]:
+def _mixed_units(file: File, wanted: Map, *groups: Sequence[str]) -> Iterator[str]:
     """About columns of one kind that the map reads in several units, where the file does not say so."""
     for names in groups:
         given = {n: wanted.columns[n] for n in names if n in wanted.columns}
@@ -216,7 +216,7 @@ def _mixed_units(file: _File, wanted: Map, *groups: Sequence[str]) -> Iterator[s
             yield f"columns {', '.join(given)} are read in {', '.join(u or 'SI' for u in units)}, and the file does not say so"
 
 
-def _words(series: Series, name: str, column: Column, missing: Sequence[str | float]) -> NDArray[np.str_]:
+def translated(series: Series, name: str, column: Column, missing: Sequence[str | float]) -> NDArray[np.str_]:
     """Translated words; empty where they are missing."""
     place = f"columns.{name}"
     own = name_of(series, column.column, place)
@@ -252,7 +252,7 @@ def _chambers(values: Mapping[str, Array], constants: Mapping[str, Any]) -> list
     return found
 
 
-def _xyz(file: _File, point: Point, unit: str, place: str) -> Array:
+def _xyz(file: File, point: Point, unit: str, place: str) -> Array:
     """(n, 3) m of a marker, each column by its own unit."""
     names: Sequence[Name] = axes_of(file.series, point, place) if isinstance(point, str) else point
     shown = point if isinstance(point, str) else " / ".join(map(str, point))
@@ -260,13 +260,13 @@ def _xyz(file: _File, point: Point, unit: str, place: str) -> Array:
     return file.places(np.column_stack(columns), f"marker {shown} ({place})")
 
 
-def _base(file: _File, wanted: Map) -> Array:
+def _base(file: File, wanted: Map) -> Array:
     """(3,) m in the recorded axes: the place of the base that `columns` subtract from x, y, z as a number."""
     zeros = {a: c.zero * c.scale * file.factors[f"columns.{a}"] for a, c in wanted.columns.items() if isinstance(c.zero, float)}
     return np.array([zeros.get(axis, 0.0) for axis in "xyz"])
 
 
-def _place(file: _File, name: str, points: Points) -> Array:
+def _place(file: File, name: str, points: Points) -> Array:
     place = f"points.{name}"
 
     def middle(of: Sequence[Point]) -> Array:
@@ -275,7 +275,7 @@ def _place(file: _File, name: str, points: Points) -> Array:
     return middle(points.of) - (middle(points.against) if points.against else 0.0)
 
 
-def _marker(file: _File, wanted: Map, values: dict[str, Array], name: str) -> Array:
+def _marker(file: File, wanted: Map, values: dict[str, Array], name: str) -> Array:
     if name in wanted.points:
         place = _place(file, name, wanted.points[name])
         return place if wanted.points[name].against else place - _base(file, wanted)
@@ -285,7 +285,7 @@ def _marker(file: _File, wanted: Map, values: dict[str, Array], name: str) -> Ar
     return file.places(np.column_stack([values.pop(f"{name}{a}") for a in "xyz"]), f"marker {name}")
 
 
-def _turn(file: _File, wanted: Map, frame: Array) -> tuple[Rotation | None, NDArray[np.bool_]]:
+def _turn(file: File, wanted: Map, frame: Array) -> tuple[Rotation | None, NDArray[np.bool_]]:
     """Rotations in the robot's axes."""
     if wanted.orientation is not None:
         made, there = stated(file.series, wanted.orientation)
@@ -351,7 +351,7 @@ def stated(series: Series, given: Orientation) -> tuple[Rotation, NDArray[np.boo
     return Rotation.from_euler(given.order.split()[1], kept, degrees=unit == "deg"), there
 
 
-def _fitted(file: _File, points: Points) -> tuple[Rotation, NDArray[np.bool_]]:
+def _fitted(file: File, points: Points) -> tuple[Rotation, NDArray[np.bool_]]:
     """From the first row with all markers to each other one."""
     every = np.stack([_xyz(file, p, points.unit, "points.tip") for p in points.of], axis=1)
     there = np.asarray(np.isfinite(every).all(axis=(1, 2)), bool)

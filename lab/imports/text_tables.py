@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.bounded import read_bounded
+from recordings.trials import present
 
 from ..files.config import ConfigError
 from .columns import Judged, is_missing, judge, looks_like_value, number
@@ -113,7 +114,7 @@ def _tables(records: list[Record]) -> Iterator[list[Record]]:
         if records[i].line == records[i - 1].line + 1 or not _is_data(records[i - 1]) or _is_data(records[i]):
             continue
         first = next((k for k in range(i, len(records)) if _is_data(records[k])), len(records))
-        heads = [r.text.strip() for r in records[i:first] if sum(map(_is_word, _any_cells(r.text))) > 1]
+        heads = [r.text.strip() for r in records[i:first] if sum(not looks_like_value(c) for c in _any_cells(r.text)) > 1]
         known = {r.text.strip() for r in records[begin:i]} if heads else set()
         if first + 1 < len(records) and _is_data(records[first + 1]) and heads and not known & set(heads[-1:]):
             yield records[begin:i]
@@ -130,10 +131,6 @@ def _is_data(record: Record) -> bool:
     cells = _any_cells(record.text)
     values = sum(map(looks_like_value, cells))
     return not record.comment and values > 1 and values > len(cells) / 2
-
-
-def _is_word(cell: str) -> bool:
-    return not looks_like_value(cell)
 
 
 def _times_of_frames(found: Mapping[str, Judged], above: Sequence[Record]) -> dict[str, Judged]:
@@ -413,10 +410,6 @@ def _columns(kept: pd.DataFrame, head: Head, source: Source, separator: str) -> 
         name: judge(kept[k], source.missing, source.decimal, comma_splits=not told, commas=commas)
         for k, name in enumerate(head.names)
     }
-    while len(judged) > 1 and (name := next(reversed(judged))) not in head.stated and _is_empty(judged[name].values):
+    while len(judged) > 1 and (name := next(reversed(judged))) not in head.stated and not present(judged[name].values).any():
         del judged[name]
     return judged
-
-
-def _is_empty(values: NDArray[np.float64] | NDArray[np.str_]) -> bool:
-    return not (np.isfinite(values).any() if values.dtype.kind == "f" else (values != "").any())
