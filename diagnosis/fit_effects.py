@@ -42,7 +42,7 @@ from .inference.evidence import KNOWN, weigh
 from .inference.executor import Progress, no_progress, one_thread
 from .inference.linear import Linear
 from .inference.prepare import AREA, Prepared, prepare
-from .inference.problem import Parameters
+from .inference.problem import FitParameters
 from .inference.reading_noise import with_vented_at_zero
 from .inference.search import Search
 from .inference.thrust import settle_thrust
@@ -262,7 +262,7 @@ def _lasting(p: Prepared, named: Sequence[str]) -> dict[str, int]:
     }
 
 
-def _model_errors(c: Candidate, linear: Linear, parameters: Parameters) -> tuple[float, float]:
+def _model_errors(c: Candidate, linear: Linear, parameters: FitParameters) -> tuple[float, float]:
     """Posterior rms of the model-form error (share) and of the discrepancy (units of `Linear.discrepancy`), on a grid of both."""
     grid = replace(
         KNOWN.part(c.with_tolerances),

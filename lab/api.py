@@ -22,7 +22,7 @@ with what to do.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -45,8 +45,8 @@ from recordings.file.reader import Recording
 
 from .calibration import Calibration, calibrate
 from .comparison import Comparison, comparison
-from .files.config import ConfigError, load
-from .files.inputs import Case, read_case
+from .files.config import ConfigError, check, load, read_yaml
+from .files.inputs import Case, case_of, read_case
 from .files.own_effects import catalogue, stated_by
 from .files.rig_file import load_rig
 from .rig.assembly import Rig
@@ -64,7 +64,7 @@ def load_robot(path: Place) -> Robot:
     return load(Path(path), Robot)
 
 
-def case(*inputs: Place, robot: Place | None = None) -> Case:
+def case(*inputs: Any, robot: Place | Robot | None = None, columns: Mapping[str, Any] | None = None, **keys: Any) -> Case:
     """Recordings (.mcap) and case folders as one: `case.robot`, and `case.table` with a row a state.
 
     `robot`: a robot.yaml instead of the one in the input. Raises ConfigError, RecordingError.
@@ -72,8 +72,38 @@ def case(*inputs: Place, robot: Place | None = None) -> Case:
     >>> measured = case("campaign")
     >>> len(measured.table), measured.table["x"].shape
     (18, (18,))
+
+    Or a pandas DataFrame and its robot: `case(frame, robot)`. `columns`: column of trials.csv -> heading, `"P_left [bar]"` for a
+    column `P_left`, or entry of map.yaml; others go by their names, in SI. `keys`: further keys of map.yaml.
+    `case.table.warnings` says what was left out.
     """
+    if inputs and not isinstance(inputs[0], str | Path):
+        return _case_of_frame(*inputs, robot=robot, columns=columns, keys=keys)
+    if not inputs:
+        raise ConfigError("case: nothing is given; give recordings, a case folder, or a DataFrame and its robot")
+    if columns or keys or isinstance(robot, Robot):
+        raise ConfigError(
+            "case: columns, further keys and a Robot go with a DataFrame; give the path of robot.yaml, or lab import"
+        )
     return read_case([Path(place) for place in inputs], None if robot is None else Path(robot))
+
+
+def _case_of_frame(
+    frame: Any, *others: Any, robot: Place | Robot | None, columns: Mapping[str, Any] | None, keys: Mapping[str, Any]
+) -> Case:
+    """The case of a DataFrame; raises ConfigError."""
+    from .imports.frame import trials_of  # with pandas
+
+    if not hasattr(frame, "iloc") or not hasattr(frame, "columns"):
+        raise ConfigError(f"case: {type(frame).__name__} is neither the path of a recording or a case folder nor a DataFrame")
+    robots = [*others, *([] if robot is None else [robot])]
+    if len(robots) != 1:
+        raise ConfigError(f"case: a DataFrame needs one robot, {len(robots)} are given; write lab.case(frame, 'robot.yaml')")
+    name, text = "robot", ""
+    if not isinstance(robots[0], Robot):
+        source = read_yaml(Path(robots[0]))
+        robots, name, text = [check(source, Robot)], source.name, source.text.decode()
+    return case_of(robots[0], [("DataFrame", trials_of(frame, robots[0], columns, **keys))], name, text)
 
 
 def read(path: Place, truncated: bool = False) -> Recording:

@@ -15,7 +15,7 @@ import numpy as np
 from ..arrays import Array
 from ..data.levels import SPINE_GAP, levels
 from ..inference.prepare import AREA, Prepared
-from ..inference.problem import Parameters
+from ..inference.problem import FitParameters
 from ..inference.stiffness_trials import StiffnessTrials
 from ..judgement import BENCHMARK, TIED
 from .attribute import Attribution
@@ -157,7 +157,7 @@ def _confounding(p: Prepared) -> dict[str, dict[str, float]]:
     return {"one": _absorbed(parameters, slope, area), "per_length": _absorbed(parameters, slope, per_length)}
 
 
-def _absorbed(parameters: Parameters, slope: Array, calibration: Array) -> dict[str, float]:
+def _absorbed(parameters: FitParameters, slope: Array, calibration: Array) -> dict[str, float]:
     """Share 1 - |e - P e|^2 / |e|^2 of each effect; 1 for an effect that moves no tip.
 
     e is the effect's displacement of the tips at its plausible scale, P the projection onto the columns of `calibration` (n, c);

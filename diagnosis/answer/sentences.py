@@ -18,7 +18,7 @@ from ..criticism.relatives import RELATIVES
 from ..criticism.stage_errors import StageError
 from ..findings import Finding, finding
 from ..inference.posterior import UNKNOWN
-from ..inference.problem import Parameters
+from ..inference.problem import FitParameters
 from .headline import LEAST_STATED, for_people, percent, stated
 from .result import Alike, Calibration, Carries, Conclusion, FittedRobot, Locate, Ranked, Shrink, Simulator, Waterfall
 from .shrink import share_closed
@@ -282,8 +282,8 @@ def _by_calibration(f: Facts, otherwise: str, rest: str = "") -> str:
     )
 
 
-def beyond_tolerance(p: Parameters, moved: Mapping[int, float], robot: Robot) -> Iterator[Finding]:
-    """One finding on the numbers of robot.yaml that a fit moves beyond their tolerances (`Parameters.tense`)."""
+def beyond_tolerance(p: FitParameters, moved: Mapping[int, float], robot: Robot) -> Iterator[Finding]:
+    """One finding on the numbers of robot.yaml that a fit moves beyond their tolerances (`FitParameters.tense`)."""
     by_stiffness = robot.bending_stiffness is not None
     each = []
     for i, value in moved.items():

@@ -21,7 +21,7 @@ from .. import judgement
 from ..criticism.stage_errors import StageError
 from ..findings import Finding, finding
 from ..inference.evidence import NONE
-from ..inference.posterior import UNKNOWN, Posterior
+from ..inference.posterior import UNKNOWN, EffectPosterior
 from .result import Carries, Conclusion, FittedRobot, Shrink, Verdict
 from .shrink import share_closed
 from .size import Size
@@ -52,7 +52,7 @@ class Decision:
         return self.probability / (1 - self.outside)
 
 
-def decide(posterior: Posterior, enough: bool, nothing_stands_out: float = 0.0) -> Decision:
+def decide(posterior: EffectPosterior, enough: bool, nothing_stands_out: float = 0.0) -> Decision:
     """Effect, none or unknown; with too little data (`enough` false) nothing is named however well it fits.
 
     `nothing_stands_out`: probability, within the catalogue, that no effect carries `OUTSTANDING_FLOORS`.
@@ -80,7 +80,7 @@ def without_nothing(d: Decision, known: Sequence[Size], lowest: Mapping[str, flo
     return replace(d, effects=named) if named else Decision("none", (), nothing, d.outside, too_small=d.effects)
 
 
-def rivals(d: Decision, posterior: Posterior) -> tuple[str, ...]:
+def rivals(d: Decision, posterior: EffectPosterior) -> tuple[str, ...]:
     """Effects of the 95 % set that are not named, most probable first; only where an effect is named and not sure."""
     if d.verdict != "effect" or d.probability >= judgement.CAUSE_PROBABILITY:
         return ()

@@ -25,7 +25,7 @@ UNKNOWN: Hypothesis = ("unknown",)
 
 
 @dataclass(frozen=True)
-class Posterior:
+class EffectPosterior:
     """Probabilities of all hypotheses weighed, most probable first."""
 
     ranking: tuple[tuple[Hypothesis, float], ...]
@@ -86,22 +86,22 @@ def leading_by_law(candidates: Iterable[Candidate], effects: int) -> list[Hypoth
     return [max(shares, key=lambda h: log_weight(h, shares[h][k], effects)) for k in range(len(LAW_ERRORS)) if shares]
 
 
-def posterior(candidates: Sequence[Candidate], effects: int) -> Posterior:
+def posterior(candidates: Sequence[Candidate], effects: int) -> EffectPosterior:
     """Probabilities within a catalogue of `effects` effects."""
     share = shares(candidates, effects)
     order = np.argsort(-share, kind="stable")
-    return Posterior(
+    return EffectPosterior(
         ranking=tuple((candidates[i].named, float(share[i])) for i in order),
         candidates={c.named: c for c in candidates},
     )
 
 
-def with_unknown(known: Posterior, unknown: Candidate, odds: float) -> Posterior:
+def with_unknown(known: EffectPosterior, unknown: Candidate, odds: float) -> EffectPosterior:
     """The same with a cause outside the catalogue beside it, with its odds against all that are known."""
     probability = odds / (1 + odds)
     ranking = [(named, p * (1 - probability)) for named, p in known.ranking]
     ranking.append((UNKNOWN, probability))
-    return Posterior(
+    return EffectPosterior(
         ranking=tuple(sorted(ranking, key=lambda entry: -entry[1])),
         candidates={**known.candidates, UNKNOWN: unknown},
     )

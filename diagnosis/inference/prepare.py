@@ -30,7 +30,7 @@ from ..judgement import DISCREPANCY_UNIT_RANGE, LEAST_NAMED_FLOORS, LEAST_NAMED_
 from .discrepancy import bases, settings
 from .labels import Labels
 from .on_baseline import SHARE, OnBaseline, on_baseline
-from .problem import Forward, MaskedForward, Parameters, Problem
+from .problem import FitForward, FitParameters, MaskedForward, Problem
 from .reading_noise import floor_of, noise_of, pressure_response, with_vented_at_zero
 from .stiffness_trials import StiffnessTrials, stiffness_trials
 
@@ -145,7 +145,7 @@ def prepare(
     effects = leave_out(robot, states, observable_effects(robot, design, catalogue))
     on_simulator = on_baseline(robot, design, table, effects, baseline) if baseline is not None else None
     forward = on_simulator.forward if on_simulator is not None else ForwardModel(robot, design, area, effects, sized=sized)
-    whole: Forward = on_simulator or forward
+    whole: FitForward = on_simulator or forward
     predicted, slope = whole.linearise(np.zeros(len(forward.parameters)))
     if states.pushed.all():
         whole = forward = ForwardModel(robot, design, area, _effective(forward, slope), sized=sized)
@@ -204,10 +204,10 @@ def possible(forward: ForwardModel, robot: Robot) -> tuple[ParameterInfo, ...]:
     return tuple(replace(i, low=max(i.low, -hanging)) if i.name == PAYLOAD else i for i in forward.parameters)
 
 
-def parameters(infos: tuple[ParameterInfo, ...]) -> Parameters:
+def parameters(infos: tuple[ParameterInfo, ...]) -> FitParameters:
     """The forward model's table as the diagnosis sees it."""
     own = tuple(replace(p, group="calibration") if p.name == SHARE else p for p in infos)
-    return Parameters(own, np.array([p.sd for p in own]))
+    return FitParameters(own, np.array([p.sd for p in own]))
 
 
 def _labels(forward: ForwardModel, states: Campaign, kept: Mask) -> Labels:
@@ -219,7 +219,7 @@ def _labels(forward: ForwardModel, states: Campaign, kept: Mask) -> Labels:
     return Labels(row, channel, kind, axis, states.trial[row], states.kind[row])
 
 
-def least_sizes(made: Parameters, labels: Labels, slope: Array, floor: float) -> tuple[float, ...]:
+def least_sizes(made: FitParameters, labels: Labels, slope: Array, floor: float) -> tuple[float, ...]:
     """Size of each parameter, as a share of its scale, at which it carries `LEAST_NAMED_FLOORS` noise floors (m) of the tip
     beyond the calibration, to first order at zero; never more than `LEAST_NAMED_SIZE`."""
     tips = labels.kind == 0

@@ -19,7 +19,7 @@ from ..data.noise import Lasting, Noise, blocks
 from ..data.noise_components import PRESSURE, NoiseComponents, Repeated, Scatter, reading_rms
 from ..data.noise_estimate import estimate_noise
 from .labels import Labels
-from .problem import Parameters
+from .problem import FitParameters
 from .stiffness_trials import PUSH_SOURCES, StiffnessTrials
 
 TIP = ("x", "y", "z")
@@ -178,7 +178,7 @@ def resting(states: Campaign) -> Mask:
     return ~(states.trials.get("hold") <= 0)
 
 
-def pressure_response(forward: ForwardModel, states: Campaign, made: Parameters, slope: Array) -> Array:
+def pressure_response(forward: ForwardModel, states: Campaign, made: FitParameters, slope: Array) -> Array:
     """(n, r) d(value)/d(pressure reading) of each of r regulators, per Pa; 0 where none is inflated, or no equilibrium is found,
     whose values are left out anyway.
 

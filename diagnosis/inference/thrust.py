@@ -30,7 +30,7 @@ MOST_STATES, ROUNDS = 60, 30
 
 
 @dataclass(frozen=True)
-class Settled:
+class SettledThrust:
     """The robot with thrust on its side walls, and rms (m) of the tip with it on the cap and on the walls."""
 
     robot: Robot
@@ -43,7 +43,7 @@ class Settled:
         return finding("thrust_settled", self.robot.actuators.words, walls_mm=1e3 * self.walls, cap_mm=1e3 * self.cap)
 
 
-def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> Settled | None:
+def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> SettledThrust | None:
     """Thrust on the side walls where robot.yaml says nothing of it and the data ask for it; `effects` are to be weighed."""
     with_tip = states.take(~states.pushed)
     if THRUST not in effects or robot.chambers is None or robot.thrust or THRUST in robot.effects or not len(with_tip):
@@ -69,4 +69,4 @@ def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> S
     shapes = {name: float(theta[names[f"{THRUST}.{name}"]]) for name in ("borne", "growth")}
     stated = {name: Stated(value=value, unit="1") for name, value in {"share": 1.0, **shapes}.items()}
     made = robot.model_copy(update={"thrust": "walls", "effects": {**robot.effects, THRUST: stated}})
-    return Settled(made, cap, walls)
+    return SettledThrust(made, cap, walls)

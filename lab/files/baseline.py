@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from diagnosis.data.baseline import Baseline
 from diagnosis.data.plausible import require_plausible
-from diagnosis.errors import DiagnosisError
 from model.condition import conditions
 from model.effects.nominal import TOLERANCES
 from model.effects.spec import EffectSpec
@@ -127,10 +126,7 @@ def _demand_plausible(name: str, made: Baseline, case: Case) -> None:
     measured = {n: c for n, c in case.table.values.items() if n[0] not in "mq"}
     predicted = dict(zip("xyz", made.tip.T, strict=True)) | {f"p{i}": p for i, p in enumerate(made.pressure.T, 1)}
     states = replace(case.table, values=measured | predicted).take(np.asarray(np.isfinite(made.tip).all(axis=1)))
-    try:
-        require_plausible(case.robot, states, name)
-    except DiagnosisError as e:
-        raise ConfigError(str(e)) from e
+    require_plausible(case.robot, states, name)
 
 
 def simulator(name: str, robot: Robot) -> tuple[str, Forward]:

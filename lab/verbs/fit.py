@@ -66,11 +66,8 @@ def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None, replace
             ["the effects in robot.yaml are left out, as this calibrates the model without any; to keep them: "
              f"--with {','.join(case.robot.effects)}"]
         )  # fmt: skip
-    try:
-        with Screen("calibrating") as screen:
-            result = calibrate(Case(case.robot.plain, case.table), screen.step)
-    except (DiagnosisError, ModelError) as e:
-        raise ConfigError(str(e)) from e
+    with Screen("calibrating") as screen:
+        result = calibrate(Case(case.robot.plain, case.table), screen.step)
     if folder is not None:
         with whole(folder, OWN, replace, inputs) as place:
             write_robot(result.robot, place / "robot.yaml", case.robot_text)
@@ -294,8 +291,8 @@ def drawn(robot: Robot, catalogue: Mapping[str, EffectSpec], n: int, seed: int) 
     names, covariance = robot.joint_uncertainty()
     if not names:
         raise ConfigError(f"robot {robot.name!r}: nothing of it is uncertain, so there is nothing to draw; see `lab fit --with`")
-    stated, known = robot.stated, {**TOLERANCES, **stated_effects(robot, catalogue)}
-    bounds = {f"{id}.{p.name}": (p.low, p.high) for id, spec in known.items() for p in spec.parameters}
+    stated, effects = robot.stated, {**TOLERANCES, **stated_effects(robot, catalogue)}
+    bounds = {f"{id}.{p.name}": (p.low, p.high) for id, spec in effects.items() for p in spec.parameters}
     limits = np.array([bounds.get(name, (LEAST_AREA, MOST_AREA)) for name in names], float)
     factor = robot.area_factor
     area = factor if isinstance(factor, float) else 0.0

@@ -39,13 +39,13 @@ def stated_effects(robot: Robot, catalogue: Mapping[str, EffectSpec] = CATALOGUE
 
 
 def _problems(key: str, table: Table, known: Mapping[str, EffectSpec]) -> Iterable[str]:
-    for id, own in table.items():
+    for id, stated_values in table.items():
         if id not in known:
             own_effect = "; if it is an effect of your own, install its package or give its file with --effects"
             yield f"{key}.{id}: is not known, {nearest(id, known)}{own_effect if key == 'effects' else ''}"
             continue
         parameters = {p.name: p for p in known[id].parameters}
-        for name, stated in own.items():
+        for name, stated in stated_values.items():
             place = f"{key}.{id}.{name}"
             p = parameters.get(name)
             if p is None:

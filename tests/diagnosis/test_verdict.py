@@ -33,7 +33,7 @@ from diagnosis.findings import finding
 from diagnosis.inference.candidate import Candidate
 from diagnosis.inference.evidence import GridPoint, Weighed
 from diagnosis.inference.fit import Fit
-from diagnosis.inference.posterior import Posterior, leading_by_law
+from diagnosis.inference.posterior import EffectPosterior, leading_by_law
 from diagnosis.judgement import BENCHMARK
 from lab.files.config import load
 from lab.files.robot_file import paper_robot
@@ -53,13 +53,13 @@ HEADS = (
 )  # fmt: skip
 
 
-def weighed(**p: float) -> Posterior:
+def weighed(**p: float) -> EffectPosterior:
     """Hypotheses by name, "none" for none."""
     ranking = sorted(p.items(), key=lambda x: -x[1])
-    return Posterior(tuple((() if name == "none" else (name,), value) for name, value in ranking), {})
+    return EffectPosterior(tuple((() if name == "none" else (name,), value) for name, value in ranking), {})
 
 
-def facts(posterior: Posterior, enough: bool = True, gap: bool = True, asking: tuple[StageError, ...] = MATERIAL) -> Facts:
+def facts(posterior: EffectPosterior, enough: bool = True, gap: bool = True, asking: tuple[StageError, ...] = MATERIAL) -> Facts:
     d = decide(posterior, enough)
     budget = tuple(c for c in BUDGET if c.role != "named" or c.effect in d.effects)
     conclusion = conclude(d, gap, asking)
@@ -197,7 +197,7 @@ def test_a_cause_that_an_area_factor_by_length_hides_is_said_to_be_hidden() -> N
     ("posterior", "enough", "gap", "asking"),
     list(itertools.product((SURE, OPEN, ALONE, STRANGE, OUTSIDE, NONE), (True, False), (True, False), (MATERIAL, BOTH, ()))),
 )
-def test_no_two_sentences_contradict(posterior: Posterior, enough: bool, gap: bool, asking: tuple[StageError, ...]) -> None:
+def test_no_two_sentences_contradict(posterior: EffectPosterior, enough: bool, gap: bool, asking: tuple[StageError, ...]) -> None:
     for share in (None, -0.4, 0.0, 0.3, 0.6, 0.98):
         after = 3.0 if share is None else 3.0 * (1 - share)
         shrunk = Shrink("leave one spine length out", 3.0, after, 0.5, share, None, ())
