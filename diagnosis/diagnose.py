@@ -33,8 +33,8 @@ from .answer.verdict import doubted, doubts
 from .answer.waterfall import Unseen, UnseenStates
 from .data.baseline import Baseline
 from .data.case import CaseLike, lacking, states
-from .data.chamber_sides import ORDER
-from .data.first_calibration import FirstCalibration, calibrate_first
+from .edits.order import ORDER
+from .edits.search import Edited, edit_first
 from .errors import BadCase
 from .findings import Finding, finding
 from .fit_effects import fit_described
@@ -67,7 +67,7 @@ class Examined:
 
     diagnosis: Diagnosis
     rivals: Rivals
-    first: FirstCalibration
+    first: Edited
 
 
 def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
@@ -98,7 +98,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     predicted = wanted.baseline.take(own.row) if wanted.baseline is not None else None
     settled = settle_thrust(case.robot, own, wanted.catalogue) if predicted is None else None
     robot = case.robot if settled is None else settled.robot
-    first = calibrate_first(robot, own, wanted.catalogue) if predicted is None else FirstCalibration(robot, own)
+    first = edit_first(robot, own, wanted.catalogue) if predicted is None else Edited(robot, own)
     try:
         prepared = prepare(first.robot, first.states, catalogue=wanted.catalogue, baseline=predicted)
     except np.linalg.LinAlgError as error:
@@ -141,7 +141,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     if named:
         why = tuple(doubts(named, size, carried, held_out.shrink, fitted, where.noise_floor_mm, as_good, by_law))
         found = replace(found, decision=doubted(found.decision, why, len(alone)))
-    unsure = bool(far or first.adjusted or tense)
+    unsure = bool(far or first.numbers or tense)
     which = assemble.attribute_section(found, where.significant, held_out.rms_mm, why, fitted, unsure)
     facts = sentences.Facts(
         found.decision, which.conclusion, where, carried, held_out.shrink, held_out.waterfall,
@@ -152,10 +152,10 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     text = sentences.statement(facts)
     if first.changes:
         shown["first_calibration"] = first.detail()
-        text = f"Calibrated first: {'; '.join(map(str, first.changes))}. {'Beyond that: ' if first.order else ''}{text}"
+        text = f"Calibrated first: {'; '.join(map(str, first.changes))}. {'Beyond that: ' if first.with_order else ''}{text}"
     if "stiffness" in shown and where.of == "tip":
         text += f" {sentences.stiffness_sentence(shown['stiffness'], found.decision)}"
-    if first.order:
+    if first.with_order:
         which = assemble.beside(which, ORDER, first.robot)
     if settled is not None and which.verdict == "none":
         which, text = assemble.beside(which, THRUST, first.robot), f"{settled.finding}. Beyond that: {text}"
@@ -171,7 +171,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         *([finding("residual_ignored")] if case.robot.residual is not None else ()),
     )
     changed = first.named or sentences.changed_by(facts)
-    beyond = any(a.at_bound for a in (*first.adjusted, *([scale] if scale is not None else ())))
+    beyond = first.at_bound or (scale is not None and scale.at_bound)
     by_calibration = sentences.closed_by_calibration(facts)
     closed = None if held_out.shrink is None else held_out.shrink.share_closed
     answer = Diagnosis(
@@ -187,14 +187,15 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         waterfall=held_out.waterfall,
         calibration=scale,
         fitted=fitted,
-        headline=headline(
+        headline=first.headline
+        or headline(
             which, wanted.catalogue, words, facts.missing, by_calibration, closed, changed, beyond, bool(alone), first.robot
         ),
     )
     return Examined(answer, rivals, first)
 
 
-def confirmed(f: Attribution, first: FirstCalibration, catalogue: Mapping[str, EffectSpec]) -> FittedRobot:
+def confirmed(f: Attribution, first: Edited, catalogue: Mapping[str, EffectSpec]) -> FittedRobot:
     """The robot with what is named alone, fitted by the code of `lab fit --with` from where the diagnosis found it and from its
     own starts."""
     p, theta = f.prepared, f.prepared.common(f.best.fit.theta)

@@ -44,9 +44,9 @@ def finding(code: str, words: Words = Chambers.words, /, **values: Any) -> Findi
 TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
     "critical": {
         "refitted_first": (
-            "robot.yaml is too far from these data, so these values were refitted first (rms {before_mm:.2f} mm at best, "
-            "{after_mm:.2f} mm with them, outliers down-weighted): {changes}. The answer is about the robot with these "
-            "values; check them: until then no cause is certain"
+            "robot.yaml or the table is too far from the model, so this was changed first (rms {before_mm:.2f} mm at best, "
+            "{after_mm:.2f} mm with it, outliers down-weighted): {changes}. The answer is about the robot and the table with "
+            "these changes; check them: until then no cause is certain"
         ),
         "beyond_tolerance": (
             "values of robot.yaml beyond their tolerance (one standard deviation in brackets): {numbers}: re-measure these "
@@ -129,11 +129,44 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "robot.yaml does not say what takes the thrust of the {actuators}: with the side walls {walls_mm:.2f} mm rms remain "
             "calibrated, with the tip's cap {cap_mm:.2f} mm, so the walls take it here; state `thrust: walls`"
         ),
-        "refitted": "{name} {found:.4g} {unit} instead of {given:.4g} {unit}",
-        "refitted_or": "{name} {found:.4g} {unit} instead of {given:.4g} {unit}, or {rather} wrong by as much",
+        "refitted": "{name} {found:.4g} {unit} instead of {given:.4g} {unit} (p = {p:.2f}){rather}",
         "refitted_to_limit": (
-            "{name} {found:.4g} {unit} instead of {given:.4g} {unit}, the limit of the fit: another number is wrong too"
+            "{name} {found:.4g} {unit} instead of {given:.4g} {unit} (p = {p:.2f}), the limit of the fit: another number is "
+            "wrong too{rather}"
         ),
+        "length_differs": (
+            "length {found:.4g} {unit} instead of {given:.4g} {unit} (p = {p:.2f}): measure it without {pressure}, from the base "
+            "to the tracked point, and correct length in robot.yaml{rather}"
+        ),
+        "gravity_elsewhere": (
+            "gravity {found} instead of {given} m/s^2 (p = {p:.2f}): correct gravity in robot.yaml; it points down in the base "
+            "frame{rather}"
+        ),
+        "base_tilted": (
+            "the base is tilted by {about} (p = {p:.2f}): robot.yaml says gravity {given}, as of a base that is not; level it, "
+            "or state the tilt in robot.yaml (effects, base_tilt){rather}"
+        ),
+        "frame_turned": ("the cameras' frame is turned by {angle:.0f} deg about {about} (p = {p:.2f}): correct {line}{rather}"),
+        "frame_mirrored": (
+            "the cameras' frame is a mirror image of the base's (p = {p:.2f}): correct the sign of a column, or two columns "
+            "that are exchanged, and {line}{rather}"
+        ),
+        "frame_moved": (
+            "the cameras' frame moved by {mm:.1f} mm at trial {trial} (p = {p:.2f}): take {by} off the tips from that trial on, "
+            "or make two cases{rather}"
+        ),
+        "actuators_exchanged": (
+            "{actuators} {first} and {second} are exchanged (p = {p:.2f}): exchange p{first} and p{second} in the table or in "
+            "map.yaml, or these two of azimuths_deg in robot.yaml{rather}"
+        ),
+        "actuator_dead": (
+            "{actuator} {number} gets no {pressure} (p = {p:.2f}): check that it is connected, and column p{number}{rather}"
+        ),
+        "column_in_unit": (
+            "column p{number} must be {factor:.4g} times as large (p = {p:.2f}): it looks like {looks}; correct its unit in "
+            "map.yaml, or its scale{rather}"
+        ),
+        "pressures_absolute": ("the {pressures} are absolute (p = {p:.2f}): take {ambient:.6g} Pa off all of them{rather}"),
         "reordered": "{actuators} 1 to {count} hold the {pressures} of {order} ({effect})",
         "number_above": "{name} {by:.3g} {unit} above robot.yaml ({sd:.3g} {sd_unit})",
         "number_below": "{name} {by:.3g} {unit} below robot.yaml ({sd:.3g} {sd_unit})",

@@ -32,8 +32,8 @@ from .arrays import Array
 from .criticism.gaussian import Gaussian
 from .data.campaign import Campaign
 from .data.case import CaseLike, states
-from .data.chamber_sides import ORDER, contradicted
-from .data.first_calibration import calibrate_first
+from .edits.order import ORDER, contradicted
+from .edits.search import edit_first
 from .errors import BadCase
 from .findings import Finding
 from .fit_residual import DIGITS, learn_residual
@@ -139,7 +139,7 @@ def fit_effects(
     robot = case.robot.model_copy(update={"effects": kept, **nothing})
     settled = settle_thrust(robot, own, catalogue)
     # leaves a robot with effects as it is
-    first = calibrate_first(robot if settled is None else settled.robot, own, named)
+    first = edit_first(robot if settled is None else settled.robot, own, named)
     robot, own = first.robot, first.states
     # an order that was found is part of the robot now, as is thrust on the walls
     found_before = tuple(id for id in named if id in robot.effects)

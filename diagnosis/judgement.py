@@ -60,31 +60,38 @@ LASTING_SHARE, LASTING_LOGIT_SD = 0.3, 1.5
 MEMORY_S, MEMORY_LOG_SD, LONGEST_MEMORY_S = 20.0, 1.0, 600.0
 """Time over which lasting errors are forgotten, prior standard deviation of its logarithm, and the longest: beyond is drift."""
 
-# ------------------------------------------------------------------ calibration before the diagnosis
-FIRST_SD = np.array([10.0, np.log(2), np.radians(30), np.radians(3), np.radians(3), 0.05, 0.05, 0.05])
-"""Prior standard deviations of the first calibration: logarithms of area factor and modulus, rad of azimuth and of gravity's
-direction, robot lengths of the origin."""
-FIRST_USUAL = np.array([np.log(20), np.log(1.6), np.radians(12), np.radians(4), np.radians(4), 0.03, 0.03, 0.03])
+# ------------------------------------------------------------------ edits before the diagnosis
+EDIT_SD = np.array([10.0, np.log(2), np.radians(30), np.radians(3), np.radians(3), 0.05, 0.05, 0.05])
+"""Prior standard deviations of the calibration beside an edit: logarithms of area factor and modulus, rad of azimuth and of
+gravity's direction, robot lengths of the origin."""
+EDIT_USUAL = np.array([np.log(20), np.log(1.6), np.radians(12), np.radians(4), np.radians(4), 0.03, 0.03, 0.03])
 """Bounds within which the diagnosis' own fit converges; only numbers beyond them are taken over."""
-FIRST_WIDEST = np.array([np.log(20), np.log(20), np.radians(180), np.radians(25), np.radians(25), 0.3, 0.3, 0.3])
-"""Bounds of the wide fit."""
-FIRST_NEAR_BOUND, FIRST_AT_BOUND = 0.75, 0.98
-"""Shares of a bound: above the first the wide fit is tried, above the second the answer says that another number is wrong too."""
-FIRST_LOSS_SCALE = 0.01
-"""Scale of the robust loss, robot lengths."""
-FIRST_GAIN = 0.3
-"""Share of the robust rms below which numbers are taken over. Laws of another form can look like a modulus or an origin, but do
-not reduce the gap this far. Chosen on the practice robots."""
-FIRST_PAYLOADS, FIRST_WEIGHTS = (0.15, 0.3, 0.6, 1.2, 2.4), (0.6, 1.6, 2.5)
-"""Body masses hung on the tip, and factors on gravity, that are tried in place of numbers far off."""
-FIRST_AS_GOOD = 1.2
-"""Times the robust rms of numbers far off below which a weight is preferred: one cause against several."""
-UPSIDE_DOWN_GAIN = 0.5
-"""Share of what an upright robot leaves below which the robot counts as hanging upside down."""
-ON_WALLS = 0.9
-"""Share of the thrust on the side walls from which they take all of it: less is no convention but an effect."""
-FIRST_CONVERGED = 3e-3
-"""Robot lengths of robust rms below which no other pose is tried."""
+EDIT_USUAL_GAIN = 1.8
+"""Factor of one chamber's pressure within which it is an effect: areas differ."""
+EDIT_LEAST_TILT = 5.0
+"""Degrees of a base or a frame within which the diagnosis names it as an effect."""
+EDIT_NEAR_BOUND, EDIT_AT_BOUND = 0.75, 0.98
+"""Shares of a bound: above the first edits are tried, above the second the answer says that another number is wrong too."""
+EDIT_LOSS_SCALE = 0.01
+"""Scale of the robust loss, robot lengths, and the robust rms from which edits are tried."""
+EDIT_REPEATED = 4e-3
+"""Robust rms of repeats, robot lengths, from which edits are tried: far more than cameras and re-grown spines scatter."""
+EDIT_MODEL_ERROR, EDIT_NOISE = 1.5e-3, 1e-3
+"""Robot lengths of robust rms that no edit is asked to go below: models and repeats are no better."""
+EDIT_CONDITIONS, EDIT_REPEATS = 7, 14
+"""Conditions and repeats that count at most in the evidence of edits. Seven: an edit with a prior of a hundredth is sure where it
+leaves less than 0.3 of the rms. Laws of another form can look like a modulus or an origin, but do not reduce the gap this far."""
+EDIT_NONE = 0.5
+"""Prior share of descriptions that need no edit."""
+EDIT_STATED = 0.05
+"""Probability from which another edit is stated beside the one that is made."""
+EDIT_FEWEST = 6
+"""States with a tip from which edits are tried."""
+EDIT_REFINED, EDIT_FOLLOWED = 6, 3
+"""Edits fitted to convergence, and those that others are tried beside."""
+WALLS_GAIN, ON_WALLS = 0.3, 0.9
+"""Share of the rms with thrust on the cap below which the side walls take it, and share on the walls from which they take all of
+it: less is no convention but an effect."""
 
 # ------------------------------------------------------------------ search: what is followed
 FIT_TOLERATED_SIZE, FIT_DISCREPANCY_SIZE = 0.1, 0.25

@@ -1,23 +1,7 @@
 """The names behind `import lab`: what a person uses from Python, in a notebook or a script of their own.
 
-    import lab
-
-    robot = lab.load_robot("robot.yaml")
-    tips = lab.predict(robot, [[60e3, 0, 0], [80e3, 0, 0]])        # (2, 3) m
-    case = lab.case("runs/bending-20261121-101500.mcap")           # recordings, or a folder with robot.yaml and trials.csv
-    case.table["x"], case.table.columns                            # numpy columns by name
-    fitted = lab.fit(case)                                         # moduli and area factors with their intervals
-    gap = lab.compare(lab.Case(fitted.robot, case.table))          # tips measured and predicted
-    answer = lab.diagnose(case)                                    # answer.statement, answer.attribute.ranking, ...
-    known = lab.fit_with(case, *answer.attribute.effects).robot    # the robot with its cause, for robot.yaml
-    lab.predictor(known)(pressures, spine_length, intervals=True)  # (n, chambers) Pa, (n,) m
-    lab.inverse(known, [[-0.05, 0.02, 0.38]]).pressures            # for a wanted tip, m
-
-    with lab.open_rig("rig.yaml") as rig:                          # instruments, or fakes: lab fakes --rig rig.yaml
-        lab.run(rig, "bending", pressures=[60e3, 80e3], out="runs")
-
-Everything is in SI units. Errors are those of the command: `ConfigError`, `RecordingError`, `InstrumentError` and so on, each
-with what to do.
+The package `lab` says how to begin. Everything is in SI units. Errors are those of the command: `ConfigError`,
+`RecordingError`, `InstrumentError` and so on, each with what to do.
 """
 
 from __future__ import annotations
@@ -138,8 +122,8 @@ def predict(
     n = len(p)
     mass = robot.tip_mass if tip_mass is None else tip_mass
     lengths = np.broadcast_to(np.asarray(spine_length, float), (n,))
-    found = solve(rods_of(robot, conditions(robot, lengths, p, np.full(n, mass), np.full(n, roll))), FINE)
-    return np.where(found.converged[:, None], found.tip, np.nan)
+    solved = solve(rods_of(robot, conditions(robot, lengths, p, np.full(n, mass), np.full(n, roll))), FINE)
+    return np.where(solved.converged[:, None], solved.tip, np.nan)
 
 
 def predictor(robot: Robot) -> Predictor:

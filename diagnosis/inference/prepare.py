@@ -23,8 +23,8 @@ from model.robot import Robot
 from ..arrays import Array, Mask
 from ..data.baseline import Baseline
 from ..data.campaign import Campaign
-from ..data.chamber_sides import leave_out
 from ..data.noise_components import NoiseComponents
+from ..edits.order import leave_out
 from ..errors import BadCase
 from ..judgement import DISCREPANCY_UNIT_RANGE, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE, LEAST_NOISE_FLOOR
 from .discrepancy import bases, settings
@@ -61,7 +61,7 @@ class Prepared:
     baseline: OnBaseline | None = None
     """What takes the rod's place as a baseline; None: nothing does."""
     described: tuple[Robot, Campaign] | None = None
-    """Robot and states as they were given, where `robot` and `states` were calibrated first (`data.first_calibration`)."""
+    """Robot and states as they were given, where `robot` and `states` were calibrated first (`edits.search`)."""
 
     @property
     def pushes_only(self) -> bool:

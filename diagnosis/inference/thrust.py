@@ -16,8 +16,9 @@ from model.robot import THRUST, Robot
 from model.stated import Stated
 
 from ..data.campaign import Campaign, spread_over
+from ..errors import BadCase
 from ..findings import Finding, finding
-from ..judgement import FIRST_GAIN, FIT_DISCREPANCY_SIZE, ON_WALLS
+from ..judgement import FIT_DISCREPANCY_SIZE, ON_WALLS, WALLS_GAIN
 from .fit import fit
 from .prepare import prepare
 from .reading_noise import USUAL
@@ -49,7 +50,10 @@ def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> S
     if THRUST not in effects or robot.chambers is None or robot.thrust or THRUST in robot.effects or not len(with_tip):
         return None
     seen = with_tip.take(np.isin(np.arange(len(with_tip)), spread_over(len(with_tip), MOST_STATES)))
-    p = prepare(robot, seen, catalogue={e: CATALOGUE[e] for e in (THRUST, *BESIDE)}, noise_components=USUAL)
+    try:
+        p = prepare(robot, seen, catalogue={e: CATALOGUE[e] for e in (THRUST, *BESIDE)}, noise_components=USUAL)
+    except (BadCase, np.linalg.LinAlgError):  # too far from the data to compare conventions
+        return None
     parameters, starts = p.problem.parameters, Starts(p.problem)
     others = tuple(e for e in BESIDE if e in parameters.ids)
 
@@ -64,7 +68,7 @@ def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> S
     start = parameters.mean.copy()
     start[names[f"{THRUST}.share"]] = 1.0
     walls, theta = fitted((THRUST, *others), starts.recalibrated(start))
-    if walls > FIRST_GAIN * cap or theta[names[f"{THRUST}.share"]] < ON_WALLS:
+    if walls > WALLS_GAIN * cap or theta[names[f"{THRUST}.share"]] < ON_WALLS:
         return None
     shapes = {name: float(theta[names[f"{THRUST}.{name}"]]) for name in ("borne", "growth")}
     stated = {name: Stated(value=value, unit="1") for name, value in {"share": 1.0, **shapes}.items()}

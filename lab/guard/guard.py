@@ -90,10 +90,10 @@ class Guard:
             arm = self.own.drivers["arm"]
             self.under_force = UnderForce(arm, self.rig.limits, self._begin_motion, self._say_waiting, self.land)
             self.own.drivers["arm"] = self.under_force
-        own = self.own
-        self.settings = DriverSettings(own.drivers)
+        owned = self.own
+        self.settings = DriverSettings(owned.drivers)
         self.adapters = Adapters(rig)
-        instruments = LandingDrivers(own.drivers, own.opened, self.open, own.busy.__contains__, own.lost)
+        instruments = LandingDrivers(owned.drivers, owned.opened, self.open, owned.busy.__contains__, owned.lost)
         self.landing = Landing(self.rig.safe, instruments, self.rig.clock.speed, self._confirmed_late)
         self.running = True
         """It polls its instruments."""
@@ -154,14 +154,14 @@ class Guard:
     # -- commands
     def do(self, name: str, method: str, args: tuple[Any, ...]) -> Any:
         """One command of the program."""
-        own: dict[str, Callable[[], Any]] = {
+        of_guard: dict[str, Callable[[], Any]] = {
             "make_safe": lambda: self.make_safe("requested by the program", self.rig.safe.keep_vacuum),
             "pause": lambda: self.make_safe("pause", keep_vacuum=True),
             "resume": self.resume,
             "unlock": self.unlock,
         }
         if not name:
-            return own[method]()
+            return of_guard[method]()
         if method == "open":
             self.adapters.check(name)  # here and not in `open`: a landing vents and stops whatever is there
             identity = self.open(name)

@@ -149,7 +149,7 @@ class Landing:
         stop, is_safe = self._ways(name)
         closed = name not in self._rig.opened
         deadline = timing.now() + (reach if closed else self._within)
-        taken, overtook, again_at = False, True, 0.0
+        accepted, overtook, again_at = False, True, 0.0
         while not attempts.ended.is_set():
             confirmed = False
             try:
@@ -159,13 +159,13 @@ class Landing:
                         stop()
                     finally:
                         attempts.sent.set()
-                    taken, overtook = True, before
+                    accepted, overtook = True, before
                 if closed and self._is_open(name):
                     closed, deadline = False, timing.now() + self._within
                 confirmed, text = is_safe()
             except Exception as e:  # noqa: BLE001 - whatever one driver does must not keep the others from stopping
                 failed = "cannot be reached" if not self._is_open(name) else "did not accept the stop"
-                text = str(e) if taken else f"{failed}: {e}"
+                text = str(e) if accepted else f"{failed}: {e}"
                 if isinstance(e, LOST) and name != "arm":
                     self._rig.lost.add(name)
             if overtook and confirmed:

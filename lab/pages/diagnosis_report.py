@@ -141,16 +141,16 @@ def gap_numbers(d: Diagnosis) -> list[tuple[str, str, str]]:
     digits = 2 if d.locate.of == "tip" else 3
     how = "unseen states"
     if d.waterfall is None:
-        found, how = [(CALIBRATED, d.locate.gap_rmse_mm)], "in-sample"
+        rows, how = [(CALIBRATED, d.locate.gap_rmse_mm)], "in-sample"
     else:
-        found = [(GIVEN, d.waterfall.given_mm), (CALIBRATED, d.waterfall.steps[0].left_mm)]
+        rows = [(GIVEN, d.waterfall.given_mm), (CALIBRATED, d.waterfall.steps[0].left_mm)]
         if d.shrink is not None and d.attribute.verdict == "effect":
-            found.append((WITH_CAUSE, d.shrink.after_mm))
+            rows.append((WITH_CAUSE, d.shrink.after_mm))
     robot = [] if d.fitted is None else [("the robot of lab fit --with", f"{d.fitted.left_mm:.{digits}f} mm", "rms, in-sample")]
     floor = ("noise floor", f"{d.locate.noise_floor_mm:.{digits}f} mm", "repeats of a state")
     alone = closed_alone(d.waterfall, d.shrink)
-    told = {} if alone is None else {WITH_CAUSE: f", and tolerances of other effects; the cause alone closes {percent(alone)} %"}
-    return [*((name, f"{mm:.{digits}f} mm", f"rms, {how}{told.get(name, '')}") for name, mm in found), *robot, floor]
+    more = {} if alone is None else {WITH_CAUSE: f", and tolerances of other effects; the cause alone closes {percent(alone)} %"}
+    return [*((name, f"{mm:.{digits}f} mm", f"rms, {how}{more.get(name, '')}") for name, mm in rows), *robot, floor]
 
 
 def explained(d: Diagnosis) -> str:

@@ -11,7 +11,6 @@ from diagnosis.data.campaign import settings, spread_over
 from diagnosis.data.case import finite
 from diagnosis.data.plausible import contradicting_attitudes, weight_ratio
 from diagnosis.data.plausible_pressures import Pressures
-from diagnosis.judgement import UPSIDE_DOWN_GAIN
 from model.condition import States
 from model.effects import ForwardModel
 from model.errors import BadCondition
@@ -32,6 +31,8 @@ AREAS = (1.0, 0.7, 1.4, 0.5, 2.0)
 """Factors on the area factor with which each direction may fit."""
 FAR = 0.25
 """Robot lengths from where the model stands at rest beyond which a tip is asked about."""
+UPSIDE_DOWN_GAIN = 0.5
+"""Share of what the direction stated leaves below which another one is asked about."""
 ABOVE = 1.5
 """Times max_pressure beyond which a pressure is asked about; regulators overshoot by less."""
 MOST = 60

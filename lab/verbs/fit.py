@@ -21,7 +21,6 @@ from diagnosis.fit_effects import Fitted, fit_effects
 from model.calibration import AreaFit
 from model.effects.nominal import TOLERANCES, stated_effects
 from model.effects.spec import EffectSpec
-from model.errors import BadEffect, ModelError
 from model.estimate import Estimate
 from model.robot import Robot
 from recordings.own_files import folder_in, replaced
@@ -95,25 +94,20 @@ def fit_with(
         demand_free(folder, OWN, replace, inputs)
     case = read_case(inputs, robot)
     note(case.table.warnings)
-    known, left_out = catalogue(case.robot, asked.file)
+    effects, left_out = catalogue(case.robot, asked.file)
     note(left_out)
     diagnosed = _diagnosed(inputs)
     start = {} if diagnosed is None else {name: v.value for name, v in diagnosed.parameters.items()}
-    try:
-        with Screen("fitting") as screen:
-            found = fit_effects(case, asked.effects, known, screen.step, asked.residual, start)
-    except BadEffect:
-        raise
-    except (DiagnosisError, ModelError) as e:
-        raise ConfigError(str(e)) from e
-    note((*map(str, found.findings), *([] if diagnosed is None else disagreement(found, diagnosed))))
+    with Screen("fitting") as screen:
+        fitted = fit_effects(case, asked.effects, effects, screen.step, asked.residual, start)
+    note((*map(str, fitted.findings), *([] if diagnosed is None else disagreement(fitted, diagnosed))))
     written: list[Path] = []
     if folder is not None:
         with whole(folder, OWN, replace, inputs) as place:
-            write_robot(found.robot, place / "robot.yaml", case.robot_text)
+            write_robot(fitted.robot, place / "robot.yaml", case.robot_text)
             written.append(folder / "robot.yaml")
             if asked.samples:
-                names, values, robots = drawn(found.robot, known, asked.samples, asked.seed)
+                names, values, robots = drawn(fitted.robot, effects, asked.samples, asked.seed)
                 samples = write_samples(names, values, robots, folder_in(place, "samples"), case.robot_text)
                 with Screen("writing robots") as screen:
                     for k, _ in enumerate(samples, 1):
@@ -121,11 +115,11 @@ def fit_with(
                 written.append(folder / "samples" / "samples.csv")
 
     def show() -> None:
-        out.print(effects_sheet(found))
-        for line in (*residual_lines(found), *(f"written: {path}" for path in written)):
+        out.print(effects_sheet(fitted))
+        for line in (*residual_lines(fitted), *(f"written: {path}" for path in written)):
             out.print(line)
 
-    return Result({**found.as_dict(), "files": [str(path) for path in written]}, show)
+    return Result({**fitted.as_dict(), "files": [str(path) for path in written]}, show)
 
 
 def _diagnosed(inputs: Sequence[Path]) -> FittedRobot | None:

@@ -11,6 +11,7 @@ import pytest
 from commands import Cli
 from diagnosed_case import EULER, ROBOT, campaign, folder
 
+from diagnosis.errors import BadCase
 from lab.files.baseline import from_simulator, from_table, simulator
 from lab.files.config import ConfigError
 from lab.files.inputs import Case, read_case
@@ -93,7 +94,7 @@ def test_what_cannot_be_matched_is_told(case: Case, tmp_path: Path, rows: list[d
 
 
 def test_a_prediction_in_millimetres_is_refused(case: Case, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="mm"):
+    with pytest.raises(BadCase, match="mm"):
         from_table(written(tmp_path / "p.csv", by_step(case, scale=1e3)), case)
 
 

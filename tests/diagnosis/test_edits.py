@@ -1,4 +1,4 @@
-"""Numbers of robot.yaml that are far off are calibrated before the diagnosis, and told; others stay."""
+"""Mistakes in robot.yaml or the table that make the rod far worse are named before the diagnosis; a right description stays."""
 
 from dataclasses import replace
 from typing import Any
@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.data import first_calibration
-from diagnosis.data.first_calibration import _Misfit, calibrate_first
 from diagnosis.diagnose import Options, diagnose
+from diagnosis.edits import listed
+from diagnosis.edits.misfit import Sample, _Problem
+from diagnosis.edits.search import edit_first
 from diagnosis.fit_effects import fit_effects
 from model.condition import conditions
 from model.effects.catalogue import CATALOGUE
@@ -47,34 +48,38 @@ def case() -> Measured:
 
 def test_a_robot_near_its_data_stays_as_it_is(case: Measured) -> None:
     own, _ = states(case)
-    found = calibrate_first(ROBOT, own)
-    assert found.robot is ROBOT and found.states is own and not found.adjusted
-    for told in (softer(ROBOT, 0.8), softer(ROBOT, 1.4)):
-        assert calibrate_first(told, own).robot is told
+    first = edit_first(ROBOT, own)
+    assert first.robot is ROBOT and first.states is own and not first.changes
+    for described in (softer(ROBOT, 0.8), softer(ROBOT, 1.4)):
+        assert edit_first(described, own).robot is described
 
 
 @pytest.mark.parametrize(
-    ("told", "name", "found"),
+    ("described", "name", "found"),
     [
         (softer(ROBOT, 2.4), "youngs_modulus", ROBOT.youngs_modulus / 1e3),
         (turned(ROBOT, -90), "azimuth of the first chamber", ROBOT.chambers.azimuths_deg[0]),
     ],
     ids=["a modulus of another silicone", "chambers counted from another one"],
 )
-def test_what_is_far_off_is_found_and_told(case: Measured, told: Robot, name: str, found: float) -> None:
-    first = calibrate_first(told, states(case)[0])
-    assert [a.name for a in first.adjusted] == [name] and not first.adjusted[0].at_bound
-    assert first.adjusted[0].found == pytest.approx(found, rel=0.1, abs=6)
+def test_what_is_far_off_is_found_and_named(case: Measured, described: Robot, name: str, found: float) -> None:
+    first = edit_first(described, states(case)[0])
+    (change,) = first.changes
+    assert change.code == "refitted" and change.values["name"] == name
+    assert change.values["found"] == pytest.approx(found, rel=0.1, abs=6)
     assert first.after < 0.3 * first.before and name in first.concerns[0].text
 
 
-def test_the_slope_of_what_is_left_is_its_slope(case: Measured) -> None:
+def test_the_slope_of_the_misfit_is_its_slope(case: Measured) -> None:
     own, _ = states(case)
-    misfit = _Misfit(ROBOT, own)
-    theta = np.array([0.1, -0.2, 0.3, 0.05, -0.04, 0.02, -0.01, 0.03])
-    steps = 1e-6 * np.eye(8)
-    said = np.column_stack([(misfit.residual(theta + h) - misfit.residual(theta - h)) / 2e-6 for h in steps])
-    assert misfit.slope(theta) == pytest.approx(said, rel=1e-4, abs=1e-4)
+    sample = Sample.of(ROBOT, own)
+    edits = tuple(e for e in listed.every_edit(sample, sample.fitted((), [np.zeros(8)], 1)) if e.kind in ("length", "tilt"))
+    problem, every = _Problem(sample, edits), np.ones(11, bool)
+    theta = np.array([0.1, -0.2, 0.3, 0.05, -0.04, 0.02, -0.01, 0.03, 0.2, -0.1, 0.05])
+    steps = 1e-6 * np.eye(11)
+    tips = [(problem.missed(theta + h) - problem.missed(theta - h)).ravel() / 2e-6 / (0.01 * ROBOT.length) for h in steps]
+    assert problem.missed(theta).shape == (len(sample.table), 3)
+    assert problem.slope(theta, every)[: len(tips[0])] == pytest.approx(np.stack(tips, axis=1), rel=1e-4, abs=1e-3)
 
 
 def by_groups(case: Measured, told: Robot) -> Measured:
@@ -91,16 +96,17 @@ def by_groups(case: Measured, told: Robot) -> Measured:
 
 def test_a_robot_that_stands_upside_down_is_found(case: Measured) -> None:
     told = by_groups(case, ROBOT.model_copy(update={"gravity": (0.0, 0.0, -9.81)}))
-    first = calibrate_first(told.robot, states(told)[0])
-    assert [(a.name, a.given, a.found) for a in first.adjusted] == [("gravity z", -9.81, 9.81)]
+    first = edit_first(told.robot, states(told)[0])
+    (change,) = first.changes
+    assert change.code == "gravity_elsewhere" and change.values["found"] == "[0, 0, 9.81]"
 
 
 def test_chambers_counted_the_other_way_round_are_found(case: Measured) -> None:
     azimuths = tuple(-a for a in ROBOT.chambers.azimuths_deg)
     mirrored = ROBOT.chambers.model_copy(update={"azimuths_deg": azimuths})
     told = by_groups(case, ROBOT.model_copy(update={"chambers": mirrored}))
-    first = calibrate_first(told.robot, states(told)[0])
-    assert len(first.adjusted) == 1 and "the other way round" in first.adjusted[0].name
+    first = edit_first(told.robot, states(told)[0])
+    assert len(first.changes) == 1 and "the other way round" in first.changes[0].text
     assert first.robot.chambers.azimuths_deg == pytest.approx(ROBOT.chambers.azimuths_deg, abs=0.5)
 
 
@@ -115,12 +121,12 @@ def exchanged(case: Measured, place: int) -> Measured:
 @pytest.mark.parametrize("place", [0, *(pytest.param(k, marks=pytest.mark.long) for k in (1, 2))])
 def test_chambers_in_another_order_are_an_effect_of_the_robot_where_it_is_weighed(case: Measured, place: int) -> None:
     told = exchanged(case, place)
-    first = calibrate_first(told.robot, states(told)[0], ("chamber_order",))
-    assert first.robot.effects["chamber_order"]["which"].value == place - 2 and not first.adjusted
+    first = edit_first(told.robot, states(told)[0], ("chamber_order",))
+    assert first.robot.effects["chamber_order"]["which"].value == place - 2 and not first.numbers
     assert "hold the pressures of" in first.concerns[0].text and first.changes[0].values["effect"] == "chamber_order"
     assert first.robot.chambers == ROBOT.chambers
-    as_azimuth = calibrate_first(told.robot, states(told)[0])
-    assert not as_azimuth.order and as_azimuth.adjusted
+    as_azimuth = edit_first(told.robot, states(told)[0])
+    assert not as_azimuth.with_order and as_azimuth.numbers
 
 
 def test_chambers_in_another_order_are_named_and_those_in_order_are_no_hypothesis(case: Measured) -> None:
@@ -143,17 +149,17 @@ def test_an_order_that_was_found_is_written_into_the_robot(case: Measured) -> No
 
 
 def test_an_origin_elsewhere_is_taken_off_all_positions(case: Measured) -> None:
-    first = calibrate_first(ROBOT, states(moved(case, (0.03, 0.0, -0.02)))[0])
-    assert first.shift == pytest.approx((0.03, 0.0, -0.02), abs=5e-3)
+    first = edit_first(ROBOT, states(moved(case, (0.03, 0.0, -0.02)))[0])
     assert first.states.tip == pytest.approx(states(case)[0].tip, abs=5e-3)
-    assert {a.name for a in first.adjusted} == {"origin of the tip's x", "origin of the tip's z"}
+    assert {c.values["name"] for c in first.changes} == {"origin of the tip's x", "origin of the tip's z"}
+    assert first.moved(states(moved(case, (0.03, 0.0, -0.02)))[0]).tip == pytest.approx(first.states.tip)
 
 
 @pytest.mark.parametrize("factor", [0.07, *(pytest.param(f, marks=pytest.mark.long) for f in (0.2, 6.0))])
 def test_a_modulus_of_another_unit_is_found_even_where_no_rod_stands(case: Measured, factor: float) -> None:
-    first = calibrate_first(softer(ROBOT, factor), states(case)[0])
-    (found,) = first.adjusted
-    assert found.name == "youngs_modulus" and not found.at_bound
+    first = edit_first(softer(ROBOT, factor), states(case)[0])
+    (change,) = first.changes
+    assert change.code == "refitted" and change.values["name"] == "youngs_modulus"
     assert first.robot.youngs_modulus == pytest.approx(ROBOT.youngs_modulus, rel=0.15)
 
 
@@ -194,6 +200,6 @@ def test_a_payload_on_an_arm_across_gravity_is_no_modulus(monkeypatch: pytest.Mo
     tip = solve(rods_of(arm, replace(at, tip_mass=at.tip_mass + 0.03)), FINE).trusted().tip
     seen = tuple(replace(r, tip=tuple(t)) for r, t in zip(rows, tip.tolist(), strict=True))
     own = states(Measured(arm, Table.of(seen)))[0]
-    assert calibrate_first(arm, own).robot is arm
-    monkeypatch.setattr(first_calibration, "_weight_explains", lambda robot, own, most: False)
-    assert calibrate_first(arm, own).adjusted
+    assert edit_first(arm, own).robot is arm
+    monkeypatch.setattr(listed, "_left_to_the_diagnosis", lambda robot: iter(()))
+    assert edit_first(arm, own).changes

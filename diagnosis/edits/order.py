@@ -12,8 +12,8 @@ from model.effects.spec import EffectSpec
 from model.robot import Robot
 from model.stated import Stated
 
+from ..data.campaign import Campaign
 from ..findings import Finding, finding
-from .campaign import Campaign
 
 ORDER = "chamber_order"
 """The effect that exchanges chambers."""
@@ -41,7 +41,7 @@ def contradicted(robot: Robot, states: Campaign) -> bool:
     return bool(np.mean(along < ELSEWHERE) > ENOUGH)
 
 
-def exchanged(robot: Robot, azimuths_deg: Sequence[float]) -> int | None:
+def place_of(robot: Robot, azimuths_deg: Sequence[float]) -> int | None:
     """Which order that the effect knows makes the robot's chambers act at these azimuths; None where none does."""
     given = np.array(robot.actuators.azimuths_deg)
     for place, order in enumerate(orders(given.tolist())):

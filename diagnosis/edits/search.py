@@ -1,0 +1,221 @@
+"""Which edits of robot.yaml and table make the rod far better: tried alone and in pairs, before anything is diagnosed.
+
+The diagnosis is local: around a description that is far off, each of its hypotheses is wrong. So the edits of the list are
+weighed against the robot as described, and those that are probable are made first. What the diagnosis names itself (a weight, a
+chamber a little weaker, a drift) competes, and where it does as well, nothing is changed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import softmax
+
+from model.robot import Robot
+from recordings.trials import Table, pressure_columns
+
+from .. import judgement
+from ..arrays import Array
+from ..data.campaign import Campaign
+from ..findings import Finding, finding
+from .edit import AZIMUTH, Edit, calibrated
+from .listed import every_edit
+from .misfit import AREAS, Fit, Sample
+from .order import can_name_order, place_of, reordered, with_order
+
+
+@dataclass(frozen=True)
+class Edited:
+    """The robot and the states around which a diagnosis is made, and what was changed."""
+
+    robot: Robot
+    states: Campaign
+    changes: tuple[Finding, ...] = ()
+    before: float = 0.0
+    after: float = 0.0
+    """m, robust rms of the tip within `EDIT_USUAL`, and with the edits."""
+    fit: Fit | None = None
+    """None where nothing was changed."""
+    with_order: bool = False
+    """Whether chambers connected in another order are now an effect of the robot."""
+
+    @property
+    def concerns(self) -> list[Finding]:
+        """What a person has to know and to check; nothing where nothing was changed."""
+        before_mm, after_mm = self.before * 1e3, self.after * 1e3
+        changes = list(self.changes)
+        return [finding("refitted_first", before_mm=before_mm, after_mm=after_mm, changes=changes)] if changes else []
+
+    @property
+    def numbers(self) -> tuple[Finding, ...]:
+        """The changes that are no effect of the robot."""
+        return tuple(c for c in self.changes if c.code != "reordered")
+
+    @property
+    def named(self) -> str:
+        """What was changed, or how many things, in a few words; empty where nothing was."""
+        names = [str(c.values["short"]) for c in self.numbers]
+        return f"{len(names)} numbers of robot.yaml" if len(names) > 1 else "".join(names)
+
+    @property
+    def headline(self) -> str:
+        """The mistake that is no number of robot.yaml, in a line; empty where there is none."""
+        first = next((c for c in self.changes if not c.code.startswith(("refitted", "reordered"))), None)
+        return "" if first is None else f"{first.text[0].upper()}{first.text[1:].partition(':')[0]}."
+
+    @property
+    def at_bound(self) -> bool:
+        """Whether a number reached the limit of its fit, so that another one is wrong too."""
+        return any(c.code == "refitted_to_limit" for c in self.changes)
+
+    def detail(self) -> dict[str, object]:
+        """For the answer's JSON."""
+        adjusted = [{"code": c.code, **c.values, "at_bound": c.code == "refitted_to_limit"} for c in self.numbers]
+        numbers = {"before_mm": self.before * 1e3, "after_mm": self.after * 1e3, "adjusted": adjusted}
+        order = next((c.text for c in self.changes if c.code == "reordered"), None)
+        return numbers | ({} if order is None else {"order": order})
+
+    def moved(self, states: Campaign) -> Campaign:
+        """Other states with the same edits, but for those of one campaign alone."""
+        if self.fit is None:
+            return states
+        _, table = calibrated(self.robot, states.trials, _beyond_usual(self.fit))
+        for edit, own in zip(self.fit.edits, self.fit.own, strict=True):
+            if not (edit.of_this_campaign or edit.left or (self.with_order and edit.kind == "order")):
+                _, table = edit.apply(self.robot, table, own)
+        return replace(states, trials=table)
+
+
+def edit_first(robot: Robot, states: Campaign, effects: Collection[str] = ()) -> Edited:
+    """Make the edits that are far better; a robot that is near its data, or has effects of its own, comes back as it is.
+
+    `effects`: those that are weighed afterwards. Where the one that exchanges chambers is among them and they were inflated
+    on several sides, another order that it knows is taken for that, as an effect of the robot.
+    """
+    unchanged, with_tip = Edited(robot, states), states.take(~states.pushed)
+    if robot.effects or robot.tolerances or len(with_tip) < judgement.EDIT_FEWEST:
+        return unchanged
+    sample = Sample.of(robot, with_tip)
+    near = sample.fitted((), ((np.eye(8)[0] * area) for area in AREAS), 10)
+    near = replace(near, log_posterior=near.log_posterior + float(np.log(judgement.EDIT_NONE)))
+    between, within = sample.between_and_within(near.missed)
+    usual = not (np.abs(near.theta) > judgement.EDIT_NEAR_BOUND * judgement.EDIT_USUAL)[1:].any()
+    close = between < judgement.EDIT_LOSS_SCALE * robot.length and within < _repeated(robot)
+    perfect = between < max(judgement.EDIT_MODEL_ERROR * robot.length, within)
+    if close and (usual or perfect):
+        return unchanged
+    fits = [near, *_weighed(sample, every_edit(sample, near), near, pairs=not close)]
+    judged = Judged(robot, fits, softmax([f.log_posterior for f in fits]))
+    return unchanged if judged.chosen is None else _made(robot, states, sample, judged, judged.chosen, effects)
+
+
+def _weighed(sample: Sample, edits: list[Edit], near: Fit, pairs: bool) -> list[Fit]:
+    """Fits of single edits, and of `pairs` with the best ones where none of them is enough."""
+
+    def tried(before: Fit, kinds: Collection[str]) -> list[Fit]:
+        sets = [(*before.edits, edit) for edit in edits if edit.kind not in kinds]
+        fits = [sample.fitted(each, sample.starts(each, before), 1, alone=True) for each in sets]
+        best = _best_of_kinds(fits)[: judgement.EDIT_REFINED]
+        return [*(sample.fitted(f.edits, [f.x], 5) for f in best), *(f for f in fits if not any(f is b for b in best))]
+
+    alone = tried(near, ())
+    best = _best_of_kinds(alone)
+    between, within = sample.between_and_within(best[0].missed)
+    enough = between < max(judgement.EDIT_MODEL_ERROR * sample.robot.length, within) and within < _repeated(sample.robot)
+    if enough or not pairs:
+        return alone
+    return [*alone, *(f for first in best[: judgement.EDIT_FOLLOWED] for f in tried(first, {first.edits[0].kind}))]
+
+
+def _best_of_kinds(fits: list[Fit]) -> list[Fit]:
+    """The best fit whose last edit is of each kind, the best first."""
+    ordered = sorted(fits, key=lambda f: -f.log_posterior)
+    return [f for i, f in enumerate(ordered) if f.edits[-1].kind not in {g.edits[-1].kind for g in ordered[:i]}]
+
+
+def _repeated(robot: Robot) -> float:
+    """m, robust rms of repeats from which edits are tried."""
+    return judgement.EDIT_REPEATED * robot.length
+
+
+def _beyond_usual(fit: Fit) -> Array:
+    """(8,) the calibration without what the diagnosis can describe itself; the area factor goes with the others."""
+    widened = np.zeros(8, bool)
+    for edit in fit.edits:
+        widened[[*edit.widens]] = True
+    theta = np.where(widened & (np.abs(fit.theta) > judgement.EDIT_USUAL), fit.theta, 0.0)
+    theta[0] = fit.theta[0]
+    return theta
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Fits of all edits and pairs that were tried, and the probability of each."""
+
+    robot: Robot
+    fits: list[Fit]
+    weight: Array
+
+    def probability(self, kind: str) -> float:
+        """Of a mistake of a kind."""
+        return float(sum(w for w, f in zip(self.weight, self.fits, strict=True) if kind in self._kinds(f)))
+
+    def _kinds(self, fit: Fit) -> set[str]:
+        return {edit.kind for edit, _ in mistakes(self.robot, fit)}
+
+    @property
+    def chosen(self) -> Fit | None:
+        """The most probable fit; None where it holds no mistake, or it is not certain that there is one."""
+        best = self.fits[int(np.argmax(self.weight))]
+        of_mistakes = float(sum(w for w, f in zip(self.weight, self.fits, strict=True) if self._kinds(f)))
+        return best if of_mistakes >= judgement.CAUSE_PROBABILITY and self._kinds(best) else None
+
+    def rather(self, kind: str) -> str:
+        """What else may be wrong in place of a mistake of a kind, for the end of its sentence."""
+        others: dict[str, tuple[float, str]] = {}
+        for k in np.argsort(-self.weight):
+            fit, p = self.fits[k], float(self.weight[k])
+            if p >= judgement.EDIT_STATED and kind not in self._kinds(fit):
+                for edit, own in mistakes(self.robot, fit):
+                    others.setdefault(edit.kind, (p, str(edit.says(self.robot, fit.theta, own, p, "")[0])))
+        return "".join(f"; or {text}" for _, text in sorted(others.values(), reverse=True))
+
+
+def mistakes(robot: Robot, fit: Fit) -> list[tuple[Edit, Array]]:
+    """The edits of a fit that change something, and their parameters."""
+    pairs = zip(fit.edits, fit.own, strict=True)
+    return [(edit, own) for edit, own in pairs if not edit.left and edit.says(robot, fit.theta, own, 0.0, "")]
+
+
+def _made(robot: Robot, states: Campaign, sample: Sample, judged: Judged, fit: Fit, effects: Collection[str]) -> Edited:
+    """Robot and states with the edits of a fit."""
+    theta = _beyond_usual(fit)
+    place = _place(robot, fit, theta) if can_name_order(robot, states, effects) else None
+    if place is not None:
+        theta[AZIMUTH] = 0.0
+    made, table = calibrated(robot, states.trials, theta)
+    changes: list[Finding] = []
+    for edit, own in mistakes(robot, fit):
+        if place is None or edit.kind != "order":
+            made, table = edit.apply(made, table, own)
+            changes += edit.says(robot, fit.theta, own, judged.probability(edit.kind), judged.rather(edit.kind))
+    if place is not None:
+        changes.insert(0, reordered(robot, place))
+        made = with_order(made, place)
+    before, after = (sample.rms(f.missed) for f in (judged.fits[0], fit))
+    return Edited(made, replace(states, trials=table), tuple(changes), before, after, fit, place is not None)
+
+
+def _place(robot: Robot, fit: Fit, theta: Array) -> int | None:
+    """Which order that the effect knows has the chambers act as in a fit; None where none does."""
+    edit = next((e for e in fit.edits if e.kind == "order"), None)
+    if edit is None:
+        return None
+    columns = pressure_columns(len(robot.actuators.azimuths_deg))
+    numbered = Table({name: np.array([float(k)]) for k, name in enumerate(columns)})
+    made, read = edit.apply(*calibrated(robot, numbered, theta * (np.arange(8) == AZIMUTH)), np.zeros(len(edit.bounds)))
+    acting = np.empty(len(columns))
+    acting[read.pressures[0].astype(np.int64)] = made.actuators.azimuths_deg
+    return place_of(robot, acting.tolist())
