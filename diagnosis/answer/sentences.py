@@ -220,7 +220,7 @@ def alike_in_words(a: Alike, names: Mapping[str, str], ids: bool = False) -> str
 def _alike(f: Facts) -> str:
     """What else would do what a calibrated area factor does that closes most of the gap, and the experiment that tells."""
     c = f.calibration
-    if c is None or f.simulator is not None or closed_by_calibration(f) is None:
+    if c is None or f.simulator is not None or closed_by_calibration(f) is None or (f.fitted is not None and not c.alike):
         return ""
     each = [f"{alike_in_words(a, f.names, ids=True)} ({a.left_mm:.2f} mm remain)" for a in c.alike]
     others = ", ".join([*each, f"the gain of the {f.words.pressures}, a radius of robot.yaml"])
@@ -416,8 +416,8 @@ def _robot(f: Facts) -> str:
         return ""
     command = f"lab fit --with {','.join(f.fitted.effects)}"
     return (
-        f"The robot with it and nothing else{_factor(f)}, as `{command}` writes it, misses the tip by {f.fitted.left_mm:.2f} mm "
-        f"(in-sample; {f.fitted.calibrated_mm:.2f} mm without it)."
+        f"The robot with it, one {f.words.area_factor}{_factor(f)} and nothing else, as `{command}` writes it, misses the tip by "
+        f"{f.fitted.left_mm:.2f} mm (in-sample; {f.fitted.calibrated_mm:.2f} mm without it)."
     )
 
 

@@ -79,7 +79,7 @@ def shares(candidates: Sequence[Candidate], effects: int) -> Array:
 
 def leading_by_law(candidates: Iterable[Candidate], effects: int) -> list[Hypothesis]:
     """The most probable hypothesis that names an effect if laws are wrong by each of the shares `LAW_ERRORS`."""
-    named = {c.named: c for c in candidates if c.named}
+    named = {c.named: c for c in candidates if c.named and hypothesis_prior(c.named, effects) > 0}
     by_law = {h: logsumexp(c.weighed.log_terms, axis=(0, 1)) - c.fit.predicted_decrease for h, c in named.items()}
     # without an error of laws there is one term for all of them
     shares = {h: np.broadcast_to(z - log(len(LAW_ERRORS) / len(z)), LAW_ERRORS.shape).tolist() for h, z in by_law.items()}

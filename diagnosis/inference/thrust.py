@@ -16,6 +16,7 @@ from model.robot import THRUST, Robot
 from model.stated import Stated
 
 from ..data.campaign import Campaign, spread_over
+from ..errors import BadCase
 from ..findings import Finding, finding
 from ..judgement import FIT_DISCREPANCY_SIZE, ON_WALLS, WALLS_GAIN
 from .fit import fit
@@ -49,7 +50,10 @@ def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> S
     if THRUST not in effects or robot.chambers is None or robot.thrust or THRUST in robot.effects or not len(with_tip):
         return None
     seen = with_tip.take(np.isin(np.arange(len(with_tip)), spread_over(len(with_tip), MOST_STATES)))
-    p = prepare(robot, seen, catalogue={e: CATALOGUE[e] for e in (THRUST, *BESIDE)}, noise_components=USUAL)
+    try:
+        p = prepare(robot, seen, catalogue={e: CATALOGUE[e] for e in (THRUST, *BESIDE)}, noise_components=USUAL)
+    except (BadCase, np.linalg.LinAlgError):  # too far from the data to compare conventions
+        return None
     parameters, starts = p.problem.parameters, Starts(p.problem)
     others = tuple(e for e in BESIDE if e in parameters.ids)
 

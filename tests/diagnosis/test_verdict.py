@@ -477,4 +477,6 @@ def test_another_error_of_the_laws_may_make_another_hypothesis_lead() -> None:
         return Candidate((effect,), weighed, fit, GridPoint(0.0, 0.0, 0.1), False)
 
     exact, wrong, geometry = candidate("a", 9.0, 5.0, 1.0), candidate("b", 1.0, 4.0, 8.0), candidate("c", 7.0)
-    assert leading_by_law([exact, wrong, geometry], 3) == [("a",), ("c",), ("b",)]
+    four = replace(exact, named=("a", "b", "c", "d"))  # no hypothesis names as many
+    assert leading_by_law([exact, wrong, geometry, four], 4) == [("a",), ("c",), ("b",)]
+    assert leading_by_law([], 4) == []

@@ -2,6 +2,8 @@
 
 import csv
 import re
+import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +58,20 @@ def test_compare_and_fit_know_the_robots_effects(case: Path, robot: Path, cli: C
     assert 1e3 * cli("compare", case, "--robot", robot, "--json").json["rmse"] == pytest.approx(fitted["fitted_mm"], rel=1e-3)
     done = cli("fit", case, "--robot", robot, "--json")
     assert "--with chamber_azimuth" in done.flat_err and "area_factor" in done.out
+
+
+def test_a_fit_says_where_the_diagnosis_of_its_case_disagrees(case: Path, tmp_path: Path, cli: Cli) -> None:
+    copied = Path(shutil.copytree(case, tmp_path / "case"))
+    few = {effect: CATALOGUE[effect] for effect in (EFFECT, "base_tilt")}
+    found = diagnose(read_case([case]), Options(quantify=False, experiments=False, catalogue=few))
+    (copied / "diagnosis.json").write_text(found.to_json())
+    assert found.fitted is not None and found.fitted.effects == (EFFECT,)
+    assert "diagnosis.json" not in cli("fit", copied, "--with", EFFECT).flat
+    other = cli("fit", copied, "--with", "base_tilt").flat
+    assert f"diagnosis.json names {EFFECT}, which leaves {found.fitted.left_mm:.2f} mm; with base_tilt" in other
+    changed = replace(found, fitted=replace(found.fitted, left_mm=2 * found.fitted.left_mm))
+    (copied / "diagnosis.json").write_text(changed.to_json())
+    assert "have changed since; diagnose the case again" in cli("fit", copied, "--with", EFFECT).flat
 
 
 def test_what_the_model_still_misses_is_learnt_for_predictions(case: Path, tmp_path: Path, cli: Cli) -> None:
