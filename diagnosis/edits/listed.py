@@ -284,6 +284,18 @@ def _of_columns(sample: Sample) -> Iterator[Edit]:
     if robot.chambers is not None and 75e3 < low < 107e3:
         yield Edit("zero", 0.03, partial(_ambient_says, low), partial(_ambient, low))
 
+    roll = np.abs(sample.table.get("roll_deg", 0.0))
+    if 0 < roll.max() < 2 * np.pi + 0.01:
+        yield Edit("roll", 0.03, _roll_says, _roll)
+
+
+def _roll(robot: Robot, table: Table, own: Array) -> Edited:
+    return robot, table.replaced({"roll_deg": np.degrees(table.get("roll_deg", 0.0))})
+
+
+def _roll_says(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
+    return [finding("roll_in_rad", short="column roll_deg", p=p, rather=rather)]
+
 
 def _order(order: list[int], robot: Robot, table: Table, own: Array) -> Edited:
     return robot, with_pressures(table, table.pressures[:, order])

@@ -12,7 +12,7 @@ errors of the model are the same whenever a condition is repeated, and smooth ov
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -140,15 +140,16 @@ class Sample:
         prior = sum(float(np.log(edit.prior)) for edit in edits)
         return Fit(edits, theta, own, missed, prior + self.log_evidence(missed, count))
 
-    def starts(self, edits: tuple[Edit, ...], near: Fit) -> list[Array]:
-        """Where a fit of edits may begin: where `near`, a fit of all but the last, is, and as described."""
-        last, out = edits[-1], []
-        for values in last.starts:
-            for theta in (near.theta, np.zeros(len(CALIBRATION))):
+    def starts(self, edits: tuple[Edit, ...], near: Fit) -> Iterator[list[Array]]:
+        """Where fits of edits may begin: beside the calibration of `near`, a fit of all but the last, and as described."""
+        last = edits[-1]
+        for theta in (near.theta, np.zeros(len(CALIBRATION))):
+            out = []
+            for values in last.starts:
                 made = theta.copy()
                 made[[*last.widens]] = values[: len(last.widens)]
                 out.append(np.concatenate([made, *near.own, values[len(last.widens) :]]))
-        return out
+            yield out
 
 
 class _Problem:
